@@ -1,0 +1,167 @@
+"""Why no number can be given.
+
+An error means that no number can be given; a flag (:class:`fusion.recording.QualityFlag`) means a number
+with a caveat; anything else that is raised is a bug. An error carries a fixed code and facts, never a
+sentence: the sentences live in the wording files of ``app/report/wording``.
+
+    FusionError
+      UnreadableFile
+        UnknownFormat   what the bytes are is not a recording (wrong type, wrong name, epochs, no gyroscope)
+        DamagedFile     it was a recording once (cut, corrupt, unsafe archive)
+      UnusableRecording it can be read, but no angle can be trusted (too short, dead axis, wrong scale)
+"""
+
+from typing import ClassVar
+
+Fact = str | int | float
+
+
+class FusionError(Exception):
+    """No number can be given; ``code`` says why and ``facts`` fill the sentence.
+
+    The facts ``line``, ``byte`` and ``clock``, where present, are the place in the file.
+    """
+
+    code: ClassVar[str]
+
+    def __init__(self, **facts: Fact) -> None:
+        super().__init__(self.code, facts)
+        self.facts = facts
+
+
+class UnreadableFile(FusionError):
+    """The bytes do not give samples."""
+
+    code = "E-UNREADABLE"
+
+
+class UnknownFormat(UnreadableFile):
+    """The bytes are something other than a recording with acceleration and angular rate."""
+
+    code = "E-TYPE"
+
+
+class EmptyFile(UnknownFormat):
+    """The file has no byte."""
+
+    code = "E-EMPTY"
+
+
+class WrongExtension(UnknownFormat):
+    """The name says one format, the content another. Facts: ext, kind, right."""
+
+    code = "E-EXT"
+
+
+class OldDevice(UnknownFormat):
+    """A GT3X of the generation without a gyroscope."""
+
+    code = "E-GT3X-OLD"
+
+
+class NoGyroscope(UnknownFormat):
+    """Acceleration only: elevation in motion cannot be told from acceleration."""
+
+    code = "E-NO-GYRO"
+
+
+class EpochFile(UnknownFormat):
+    """Counts or epochs instead of raw samples. Facts: sec."""
+
+    code = "E-EPOCH"
+
+
+class UnknownColumns(UnknownFormat):
+    """A table whose columns are not recognised. Facts: list."""
+
+    code = "E-COLS"
+
+
+class AmbiguousDecimal(UnknownFormat):
+    """The comma is both separator and decimal mark. Facts: line."""
+
+    code = "E-DECIMAL"
+
+
+class DamagedFile(UnreadableFile):
+    """It was a recording once."""
+
+    code = "E-CORRUPT"
+
+
+class TruncatedArchive(DamagedFile):
+    """The archive has lost its index. Facts: n (bytes)."""
+
+    code = "E-ZIP-TRUNC"
+
+
+class CorruptArchive(DamagedFile):
+    """A member fails its integrity check. Facts: member."""
+
+    code = "E-ZIP-CRC"
+
+
+class UnsafeArchive(DamagedFile):
+    """The archive is refused before it can do harm. Facts: reason."""
+
+    code = "E-ZIP-UNSAFE"
+
+
+class MissingMember(DamagedFile):
+    """A part of the archive is missing. Facts: member."""
+
+    code = "E-GT3X-PART"
+
+
+class UnreadableRows(DamagedFile):
+    """More than 5 % of the lines cannot be read. Facts: k, line."""
+
+    code = "E-ROW"
+
+
+class CutByExcel(DamagedFile):
+    """Exactly as many rows as Excel can hold."""
+
+    code = "E-EXCEL-CUT"
+
+
+class UnusableRecording(FusionError):
+    """Samples, but none whose angle could be trusted."""
+
+    code = "E-UNUSABLE"
+
+
+class UnknownRate(UnusableRecording):
+    """The sampling rate cannot be determined. Facts: h (header), m (measured)."""
+
+    code = "E-RATE"
+
+
+class UnusableTime(UnusableRecording):
+    """No usable time. Facts: why."""
+
+    code = "E-TIME"
+
+
+class WrongScale(UnusableRecording):
+    """At rest the accelerometer does not read 1 g. Facts: g."""
+
+    code = "E-SCALE"
+
+
+class TooShort(UnusableRecording):
+    """Less than 10 s could be analysed. Facts: s."""
+
+    code = "E-SHORT"
+
+
+class DeadSensor(UnusableRecording):
+    """A channel never changes its value. Facts: sensor, axis."""
+
+    code = "E-DEAD"
+
+
+class UnusableCalibration(UnusableRecording):
+    """The calibration window asked for is not usable. Facts: why, start_s, end_s."""
+
+    code = "E-CALIBRATION"

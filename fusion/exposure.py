@@ -1,0 +1,143 @@
+"""How much the arm was raised: time in bins, percentiles, repetitions, episodes, peaks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """95 % range of a figure."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationBin:
+    """Time with ``lower_deg <= elevation < upper_deg`` (the last bin is closed)."""
+
+    lower_deg: float
+    upper_deg: float
+    duration_s: float
+    percent: float
+    interval: Interval | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TimeAbove:
+    """Time with ``elevation >= threshold_deg``."""
+
+    threshold_deg: float
+    duration_s: float
+    percent: float
+    interval: Interval | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Entries:
+    """Repetitions: rises above a threshold, with 10 deg of hysteresis about it."""
+
+    threshold_deg: float
+    count: int
+    per_hour: float
+
+
+@dataclass(frozen=True, slots=True)
+class Episodes:
+    """Sustained stays above a threshold; None where there was none.
+
+    ``longest_start_s`` (seconds from the recording's first sample) says when the longest began.
+    """
+
+    threshold_deg: float
+    count: int
+    longest_s: float | None
+    median_s: float | None
+    longest_start_s: float | None
+    censored: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cycles:
+    """Rainflow ranges (ASTM E1049); a half cycle counts 0.5. ``upper_deg`` None is unbounded."""
+
+    lower_deg: float
+    upper_deg: float | None
+    count: float
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """Time-weighted percentiles and mean of one kind of speed, deg/s."""
+
+    p10_dps: float
+    p50_dps: float
+    p90_dps: float
+    p99_dps: float
+    mean_dps: float
+
+
+@dataclass(frozen=True, slots=True)
+class PeakWindow:
+    """The window of ``length_s`` with the largest share of time above 60 deg; None where none qualifies."""
+
+    length_s: int
+    start_s: float | None
+    percent_above_60: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Eva:
+    """Exposure variation analysis: percent of time by angle class (rows) and duration class (columns)."""
+
+    angle_edges_deg: tuple[float, ...]
+    duration_edges_s: tuple[float | None, ...]
+    percent: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PartExposure:
+    """The main figures of one part of the day: a clock hour or a period of the diary."""
+
+    label: str
+    start_s: float
+    end_s: float
+    analysed_s: float
+    percentiles_deg: dict[int, float]
+    percent_above: dict[int, float]
+    entries_above_60_per_h: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MinuteProfile:
+    """The day in minutes, for the timeline: shapes (m,); NaN where a minute holds no analysed time."""
+
+    start_s: NDArray[np.float64]
+    p10_deg: NDArray[np.float64]
+    p50_deg: NDArray[np.float64]
+    p90_deg: NDArray[np.float64]
+    analysed_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposure:
+    """All figures of one recording."""
+
+    analysed_s: float
+    bins: tuple[ElevationBin, ...]
+    time_above: tuple[TimeAbove, ...]
+    percentiles_deg: dict[int, float]
+    entries: tuple[Entries, ...]
+    cycles: tuple[Cycles, ...]
+    episodes: tuple[Episodes, ...]
+    velocity_dps: dict[str, Velocity | None]
+    elevation_p99_deg: float
+    peak_windows: tuple[PeakWindow, ...]
+    eva: Eva
+    by_hour: tuple[PartExposure, ...]
+    by_period: tuple[PartExposure, ...]
+    minutes: MinuteProfile
+    histogram_s: NDArray[np.float64]
+    """Shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180, the artefact all shares derive from."""

@@ -1,0 +1,27 @@
+"""How far the numbers can be trusted: what was left out, where the time went, the verdict."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fusion.recording import QualityFlag
+
+Verdict = Literal["good", "caution", "poor"]
+
+
+@dataclass(frozen=True, slots=True)
+class TimeAccount:
+    """Every microsecond of the recording: analysed + missing + excluded = recorded, exactly."""
+
+    recorded_us: int
+    analysed_us: int
+    missing_us: int
+    excluded_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """The verdict, the codes of the flags that decided it, and all flags, the gravest first."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    flags: tuple[QualityFlag, ...]

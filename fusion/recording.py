@@ -1,0 +1,130 @@
+"""What the sensor wrote: even runs of samples, what lies between them, and the caveats of reading."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MICROSECONDS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class QualityFlag:
+    """A caveat on the numbers: one line of the data-quality box.
+
+    ``first_s`` and ``last_s`` are seconds from the first sample, None where the caveat has no place.
+    """
+
+    code: str
+    count: int = 1
+    seconds: float = 0.0
+    first_s: float | None = None
+    last_s: float | None = None
+    facts: Mapping[str, str | int | float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of the recording; integer microseconds from its first sample, so that sums are exact."""
+
+    start_us: int
+    duration_us: int
+    reason: str = ""
+
+    @property
+    def end_us(self) -> int:
+        """First microsecond after the stretch."""
+        return self.start_us + self.duration_us
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """An unbroken, evenly sampled run.
+
+    Attributes
+    ----------
+    start_us
+        Time of the first sample, microseconds from the recording's first sample.
+    rate_hz
+        Fitted to the true stamps (never the nominal rate where stamps exist).
+    acc_g, gyr_dps
+        Shape (n, 3), float32, one right-handed frame, g and deg/s.
+    bridged
+        Row ranges [first, stop) that were put in by linear interpolation over a hole of at most 50 ms.
+        They exist for the filters only: their time is missing and they are not valid.
+    """
+
+    start_us: int
+    rate_hz: float
+    acc_g: NDArray[np.float32]
+    gyr_dps: NDArray[np.float32]
+    bridged: tuple[tuple[int, int], ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.acc_g)
+
+    @property
+    def duration_us(self) -> int:
+        """Rows times the sample period."""
+        return round(len(self) * MICROSECONDS / self.rate_hz)
+
+    @property
+    def end_us(self) -> int:
+        """One period after the last sample."""
+        return self.start_us + self.duration_us
+
+    @property
+    def start_s(self) -> float:
+        """Seconds from the recording's first sample."""
+        return self.start_us / MICROSECONDS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """What a file says: segments in time order, and what was known to be absent between them.
+
+    Attributes
+    ----------
+    device
+        "gt9x", "lsm9ds1", "mvn", "dot", "angles" or "other".
+    sha256
+        Of the file's bytes, hexadecimal.
+    start
+        The device's clock at the first sample, never converted. Aware where the file tells its offset from
+        UTC, naive where it does not, None where there is no clock.
+    time_zone
+        As the file tells it ("UTC-05:00"), or None.
+    duration_us
+        From the first stamp to the last plus one period.
+    excluded
+        Time the device itself says it did not measure on the arm (reason "docked" or "asleep").
+    flags
+        Caveats found while reading.
+    understood
+        What the reader took the file for, for people: layout, columns, units, nominal rate.
+    acc_range_g, gyr_range_dps
+        Full scale, for the clipping check; None where the file does not tell.
+    """
+
+    device: str
+    sha256: str
+    start: datetime | None
+    time_zone: str | None
+    duration_us: int
+    segments: tuple[Segment, ...]
+    excluded: tuple[Span, ...] = ()
+    flags: tuple[QualityFlag, ...] = ()
+    understood: Mapping[str, str] = field(default_factory=dict)
+    serial_hash: str | None = None
+    acc_range_g: float | None = None
+    gyr_range_dps: float | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """The rate of the longest segment."""
+        return max(self.segments, key=len).rate_hz
