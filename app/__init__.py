@@ -1,1 +1,1 @@
-"""."""
+"""Who asked, where it is kept and how it is shown."""

@@ -6,6 +6,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.errors import UnusableCalibration
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection, calibrate_accelerometer
+from fusion.sensor_errors.bias_track import GyroBias
+from fusion.sensor_errors.gyro_bias import estimate_gyro_bias
+from fusion.sensor_errors.runs import view_segment
+from fusion.sensor_errors.stillness import (
+    QuarterSeconds,
+    QuietTable,
+    find_still_moments,
+    reduce_run,
+    summarise_windows,
+)
+
 Pose = Literal["n-pose", "side-lean", "two-point"]
 Vector = NDArray[np.float64]
 
@@ -45,3 +59,299 @@ class Calibration:
     still: StillPeriod
     arm_axis: Vector
     second: StillPeriod | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRules:
+    """What counts as still, and as too much motion to calibrate on.
+
+    The first block is EXPOSURE.md A15: at least ``length_s`` with the acceleration's standard deviation
+    (largest axis) under ``quiet_acc_sd_g`` and its mean within ``one_g_within`` of 1 g.
+    ``quiet_gyro_sd_dps`` is ours: it keeps out a turn about the vertical, which the accelerometer cannot
+    see. The second block refuses windows; the third orders proposals.
+    """
+
+    length_s: float = 5.0
+    quiet_acc_sd_g: float = 0.01
+    quiet_gyro_sd_dps: float = 3.0
+    one_g_within: float = 0.10
+
+    fallback_s: float = 2.0
+    shortest_window_s: float = 1.0
+    refuse_acc_sd_g: float = 0.05
+    refuse_gyro_sd_dps: float = 15.0
+    refuse_from_one_g: float = 0.20
+
+    longest_proposal_s: float = 10.0
+    same_direction_deg: float = 20.0
+    good_score: float = 0.5
+    good_agreement: float = 0.25
+    early_s: float = 600.0
+
+
+GT9X_RULES = CalibrationRules(one_g_within=0.05)
+OTHER_RULES = CalibrationRules()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedSamples:
+    """A recording together with its calibration: a type of its own, so that raw samples cannot be fused by
+    mistake.
+
+    The samples are not copied. ``bias`` is the gyroscope's bias through the whole recording, shared by all
+    segments; ``flags`` holds the caveats of calibrating (W-NO-STILL).
+    """
+
+    recording: Recording
+    calibration: Calibration
+    bias: GyroBias
+    accelerometer: AccelerometerCorrection
+    flags: tuple[QualityFlag, ...] = ()
+
+
+def calibrate(
+    recording: Recording, pose: Pose, windows_s: tuple[tuple[float, float], ...] = ()
+) -> CalibratedSamples:
+    """Tie the sensor to the arm by a pose held still.
+
+    Parameters
+    ----------
+    windows_s
+        (start, end) in seconds from the recording's first sample: one, or none to take the best proposal; for
+        `two-point` two, hanging then level.
+
+    The arm axis is the direction of gravity in the still window (`n-pose`, `side-lean`), or for `two-point`
+    the direction in the plane of both gravity directions that shares their departure from 90 deg equally
+    between them.
+
+    Raises
+    ------
+    UnusableCalibration
+        Facts ``why`` ("count", "outside", "short", "hole", "moving", "gravity", "angle", "none"),
+        ``start_s``, ``end_s``.
+    """
+    flags: tuple[QualityFlag, ...] = ()
+    blocks = _reduce(recording)
+    stills = find_still_moments(blocks)
+    correction = calibrate_accelerometer(stills)
+    if pose == "two-point":
+        hanging, level = _measure_pair(recording, windows_s)
+        axis = share_between(correction.apply(hanging.gravity_g), correction.apply(level.gravity_g))
+        calibration = Calibration(pose, hanging, axis, level)
+    else:
+        still = _choose_still(recording, windows_s, blocks)
+        flags = () if windows_s else flag_unquiet(still)
+        calibration = Calibration(pose, still, _unit(correction.apply(still.gravity_g)))
+    bias = estimate_gyro_bias([view_segment(segment) for segment in recording.segments], stills)
+    return CalibratedSamples(recording, calibration, bias, correction, flags)
+
+
+def find_still_period(recording: Recording) -> StillPeriod:
+    """The best proposal; where nothing is quiet for 5 s, the best 2 s (see ``flag_unquiet``).
+
+    Raises
+    ------
+    UnusableCalibration
+        ``why`` "none": no 2 s in one piece; "moving": even the best 2 s move too much.
+    """
+    return _find_still(recording, _reduce(recording))
+
+
+def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPeriod, ...]:
+    """Quiet stretches of 5 to 10 s that could be the calibration pose, the likeliest first.
+
+    The order is by the product of three factors. Good enough: the score, where it is under a half. Early: halved
+    after ten minutes. Seen again: how much of the recording's still time has the same direction of gravity
+    within 20 deg, where that is under a quarter of the commonest direction's; this puts behind a sensor that lay
+    on a desk before it was strapped on. Each stretch of stillness counts for at most 10 s, so that an hour on
+    a desk does not outvote a day of standing.
+    """
+    return _propose(recording, _reduce(recording), most)
+
+
+def score_still_period(
+    duration_s: float, acc_sd_g: float, gravity_g: Vector, rules: CalibrationRules = OTHER_RULES
+) -> float:
+    """Grade a still period, 0 to 1: the product of how still, how near 1 g and how long.
+
+    Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a
+    half at the limit, not below 0. Long: ``duration / 5 s``, at most 1.
+    """
+    still = 1.0 / (1.0 + (acc_sd_g / rules.quiet_acc_sd_g) ** 2)
+    near = max(0.0, 1.0 - abs(float(np.linalg.norm(gravity_g)) - 1.0) / (2.0 * rules.one_g_within))
+    return still * near * min(1.0, duration_s / rules.length_s)
+
+
+def rules_for(device: str) -> CalibrationRules:
+    """An LSM9DS1 (and anything unknown) may read 0.10 g off at rest, a GT9X 0.05 g."""
+    return GT9X_RULES if device == "gt9x" else OTHER_RULES
+
+
+def share_between(hanging_g: Vector, level_g: Vector) -> Vector:
+    """Arm axis for the two-point pose.
+
+    With ``gamma`` the angle between both gravity directions, the axis lies in their plane, turned from the
+    hanging direction towards the level one by ``(gamma - 90 deg) / 2``: hanging then reads ``|gamma - 90| /
+    2`` and level ``90 + (gamma - 90) / 2``, the least-squares answer when both poses are trusted alike.
+    """
+    first, second = _unit(hanging_g), _unit(level_g)
+    across = _unit(second - (first @ second) * first)
+    turn = (_angle_rad(first, second) - np.pi / 2.0) / 2.0
+    return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
+
+
+def flag_unquiet(still: StillPeriod) -> tuple[QualityFlag, ...]:
+    """W-NO-STILL where a proposal had to make do with less than 5 s."""
+    if still.duration_s >= OTHER_RULES.length_s - 0.5:
+        return ()
+    end_s = still.start_s + still.duration_s
+    return (QualityFlag("W-NO-STILL", 1, still.duration_s, still.start_s, end_s, {"score": still.score}),)
+
+
+def _reduce(recording: Recording) -> list[QuarterSeconds]:
+    return [reduce_run(view_segment(segment)) for segment in recording.segments]
+
+
+def _choose_still(
+    recording: Recording, windows_s: tuple[tuple[float, float], ...], blocks: list[QuarterSeconds]
+) -> StillPeriod:
+    if len(windows_s) > 1:
+        raise UnusableCalibration(why="count", start_s=windows_s[0][0], end_s=windows_s[-1][1])
+    return _measure_asked(recording, windows_s[0]) if windows_s else _find_still(recording, blocks)
+
+
+def _find_still(recording: Recording, blocks: list[QuarterSeconds]) -> StillPeriod:
+    proposals = _propose(recording, blocks, most=1)
+    return proposals[0] if proposals else _find_best_moment(recording, blocks)
+
+
+def _propose(recording: Recording, blocks: list[QuarterSeconds], most: int) -> tuple[StillPeriod, ...]:
+    rules = rules_for(recording.device)
+    stretches = _join_stretches(_quiet_windows(blocks, rules), rules)
+    if not stretches:
+        return ()
+    stills = [_measure(recording, start_s, end_s, rules) for start_s, end_s in stretches]
+    order = np.argsort(-_rank(stills, rules), kind="stable")[:most]
+    return tuple(stills[index] for index in order)
+
+
+def _measure_pair(
+    recording: Recording, windows_s: tuple[tuple[float, float], ...]
+) -> tuple[StillPeriod, StillPeriod]:
+    if len(windows_s) != 2:
+        raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
+    hanging, level = (_measure_asked(recording, window) for window in windows_s)
+    if not np.pi / 3.0 <= _angle_rad(hanging.gravity_g, level.gravity_g) <= 2.0 * np.pi / 3.0:
+        raise UnusableCalibration(why="angle", start_s=windows_s[1][0], end_s=windows_s[1][1])
+    return hanging, level
+
+
+def _measure_asked(recording: Recording, window_s: tuple[float, float]) -> StillPeriod:
+    """Measure a window that a person asked for, or say why not."""
+    start_s, end_s = window_s
+    rules = rules_for(recording.device)
+    why = _object_to(recording, start_s, end_s, rules)
+    if why:
+        raise UnusableCalibration(why=why, start_s=start_s, end_s=end_s)
+    still = _measure(recording, start_s, end_s, rules)
+    _refuse_motion(recording, still, rules)
+    return still
+
+
+def _object_to(recording: Recording, start_s: float, end_s: float, rules: CalibrationRules) -> str:
+    if start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1 or not np.isfinite(end_s - start_s):
+        return "outside"
+    if end_s - start_s < rules.shortest_window_s - 1e-9:
+        return "short"
+    return "" if _segment_around(recording, start_s, end_s) else "hole"
+
+
+def _refuse_motion(recording: Recording, still: StillPeriod, rules: CalibrationRules) -> None:
+    acc, gyr = _cut(recording, still.start_s, still.start_s + still.duration_s)
+    why = ""
+    if acc.std(axis=0).max() > rules.refuse_acc_sd_g or gyr.std(axis=0).max() > rules.refuse_gyro_sd_dps:
+        why = "moving"
+    elif abs(float(np.linalg.norm(still.gravity_g)) - 1.0) > rules.refuse_from_one_g:
+        why = "gravity"
+    if why:
+        raise UnusableCalibration(why=why, start_s=still.start_s, end_s=still.start_s + still.duration_s)
+
+
+def _segment_around(recording: Recording, start_s: float, end_s: float) -> Segment | None:
+    for segment in recording.segments:
+        slack_s = 1.5 / segment.rate_hz
+        if segment.start_s - slack_s <= start_s and end_s <= segment.end_us / MICROSECONDS + slack_s:
+            return segment
+    return None
+
+
+def _cut(recording: Recording, start_s: float, end_s: float) -> tuple[Vector, Vector]:
+    segment = _segment_around(recording, start_s, end_s)
+    if segment is None:
+        raise UnusableCalibration(why="hole", start_s=start_s, end_s=end_s)
+    first = max(0, round((start_s - segment.start_s) * segment.rate_hz))
+    stop = max(first + 1, round((end_s - segment.start_s) * segment.rate_hz))
+    rows = slice(first, stop)
+    return segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64)
+
+
+def _measure(recording: Recording, start_s: float, end_s: float, rules: CalibrationRules) -> StillPeriod:
+    acc, gyr = _cut(recording, start_s, end_s)
+    gravity = acc.mean(axis=0)
+    score = score_still_period(end_s - start_s, float(acc.std(axis=0).max()), gravity, rules)
+    return StillPeriod(start_s, end_s - start_s, gravity, gyr.mean(axis=0), score)
+
+
+def _quiet_windows(blocks: list[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
+    table = summarise_windows(blocks, rules.length_s)
+    off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
+    return table.select(
+        (table.acc_sd_g < rules.quiet_acc_sd_g)
+        & (table.gyro_sd_dps < rules.quiet_gyro_sd_dps)
+        & (off < rules.one_g_within)
+    )
+
+
+def _join_stretches(table: QuietTable, rules: CalibrationRules) -> list[tuple[float, float]]:
+    """Overlapping quiet windows are one stretch; of a long one the first 10 s stand for it."""
+    if len(table) == 0:
+        return []
+    breaks = np.flatnonzero(np.diff(table.start_s) > table.duration_s) + 1
+    starts = table.start_s[np.concatenate([[0], breaks])]
+    ends = table.start_s[np.concatenate([breaks - 1, [len(table) - 1]])] + table.duration_s
+    return [
+        (float(start), float(min(end, start + rules.longest_proposal_s)))
+        for start, end in zip(starts, ends, strict=True)
+    ]
+
+
+def _rank(stills: list[StillPeriod], rules: CalibrationRules) -> Vector:
+    direction = np.array([_unit(still.gravity_g) for still in stills])
+    near = direction @ direction.T >= np.cos(np.radians(rules.same_direction_deg))
+    agreement = near @ np.array([still.duration_s for still in stills])
+    early = 1.0 / (1.0 + np.array([still.start_s for still in stills]) / rules.early_s)
+    score = np.array([still.score for still in stills])
+    good = np.minimum(1.0, score / rules.good_score)
+    agreed = np.minimum(1.0, agreement / (rules.good_agreement * agreement.max()))
+    return np.asarray(good * early * agreed)
+
+
+def _find_best_moment(recording: Recording, blocks: list[QuarterSeconds]) -> StillPeriod:
+    rules = rules_for(recording.device)
+    table = summarise_windows(blocks, rules.fallback_s)
+    if len(table) == 0:
+        raise UnusableCalibration(why="none", start_s=0.0, end_s=recording.duration_us / MICROSECONDS)
+    off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
+    best = int(np.argmin(table.acc_sd_g + 0.01 * table.gyro_sd_dps + off))
+    start_s = float(table.start_s[best])
+    still = _measure(recording, start_s, start_s + table.duration_s, rules)
+    _refuse_motion(recording, still, rules)
+    return still
+
+
+def _unit(vector: Vector) -> Vector:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _angle_rad(first: Vector, second: Vector) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))

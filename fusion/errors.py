@@ -165,3 +165,9 @@ class UnusableCalibration(UnusableRecording):
     """The calibration window asked for is not usable. Facts: why, start_s, end_s."""
 
     code = "E-CALIBRATION"
+
+
+class WrongAngle(UnusableRecording):
+    """An elevation outside 0 to 180 deg. Facts: value, line."""
+
+    code = "E-ANGLE"

@@ -1,6 +1,6 @@
-"""How much the arm was raised: time in bins, percentiles, repetitions, episodes, peaks."""
+"""The figures of one recording, as frozen values; what each means stands with the function that makes it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,4 +140,8 @@ class Exposure:
     by_period: tuple[PartExposure, ...]
     minutes: MinuteProfile
     histogram_s: NDArray[np.float64]
-    """Shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180, the artefact all shares derive from."""
+    """Shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180; all shares derive from them."""
+    metric_filter_hz: float | None = 5.0
+    """Corner of the low-pass all figures were taken behind; None where the series was too slow to filter."""
+    intervals: dict[str, Interval] = field(default_factory=dict)
+    """By column name, for figures without an interval of their own; empty where that is not known."""

@@ -1,4 +1,4 @@
-"""How far the numbers can be trusted: what was left out, where the time went, the verdict."""
+"""Where the time went and how far the numbers can be trusted, as frozen values."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,0 +1,128 @@
+"""What stands before every route: who may ask, how patiently we listen, what browsers may do with it."""
+
+import time
+from collections.abc import Callable, Mapping
+from urllib.parse import urlsplit
+
+import anyio
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.errors import AppError, ForeignHostName, ForeignOrigin, SlowUpload
+
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
+
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; sandbox"
+
+SECURITY_HEADERS: Mapping[str, str] = {
+    "Content-Security-Policy": PAGE_POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+AnswerRefusal = Callable[[Request, AppError], Response]
+
+
+class Guard:
+    """Refuse strangers, leave slow senders, and set the security headers on every answer."""
+
+    def __init__(
+        self, app: ASGIApp, answer: AnswerRefusal, min_rate_bytes_per_s: float, patience_s: float
+    ) -> None:
+        self._app, self._answer = app, answer
+        self._min_rate_bytes_per_s, self._patience_s = min_rate_bytes_per_s, patience_s
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Stand before the application."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request, sealed = Request(scope), _seal_answers(send)
+        try:
+            check_caller(request.method, request.headers)
+        except AppError as refusal:
+            await self._answer(request, refusal)(scope, receive, sealed)
+            return
+        watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s)
+        await self._app(scope, watch.receive, sealed)
+
+
+def check_caller(method: str, headers: Headers) -> None:
+    """Refuse a name that is not ours (DNS rebinding), and changes asked for by another site.
+
+    Raises
+    ------
+    ForeignHostName, ForeignOrigin
+    """
+    host = headers.get("host", "")
+    if _read_host_name(host) not in LOOPBACK_NAMES:
+        raise ForeignHostName(host=host[:100])
+    if method in SAFE_METHODS:
+        return
+    origin = headers.get("origin")
+    if origin is not None and urlsplit(origin).netloc != host:
+        raise ForeignOrigin
+    if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+        raise ForeignOrigin
+
+
+def _read_host_name(host: str) -> str:
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _seal_answers(send: Send) -> Send:
+    """Add the headers that the route has not set itself."""
+
+    async def sealed(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in SECURITY_HEADERS.items():
+                headers.setdefault(name, value)
+        await send(message)
+
+    return sealed
+
+
+class _BodyWatch:
+    """Adds up how long we waited for the body; time that we spent ourselves does not count."""
+
+    def __init__(self, receive: Receive, min_rate_bytes_per_s: float, patience_s: float) -> None:
+        self._receive = receive
+        self._min_rate_bytes_per_s, self._patience_s = min_rate_bytes_per_s, patience_s
+        self._waited_s, self._got_bytes, self._more = 0.0, 0, True
+
+    async def receive(self) -> Message:
+        """Give the next message, or lose patience."""
+        if not self._more:
+            return await self._receive()
+        began_s = time.monotonic()
+        with anyio.move_on_after(self._patience_s) as scope:
+            message = await self._receive()
+        if scope.cancelled_caught:
+            raise SlowUpload
+        self._waited_s += time.monotonic() - began_s
+        self._got_bytes += len(message.get("body", b""))
+        self._more = message.get("more_body", False)
+        self._check_rate()
+        return message
+
+    def _check_rate(self) -> None:
+        """Judge by windows as long as our patience, so that a good start does not excuse a standstill."""
+        if self._waited_s < self._patience_s:
+            return
+        if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
+            raise SlowUpload
+        self._waited_s, self._got_bytes = 0.0, 0

@@ -1,0 +1,113 @@
+"""Refusals as ``application/problem+json`` (RFC 9457), in the language asked for."""
+
+import logging
+import secrets
+from collections.abc import Mapping
+from typing import Any
+
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from app.api.parameters import AnalyzeParameters
+from app.api.services import choose_language
+from app.errors import (
+    AppError,
+    BadParameter,
+    InternalError,
+    NotHere,
+    WrongVerb,
+    find_outcome_of_code,
+)
+from app.report.messages import describe_problem
+from app.report.wording import Language
+from fusion.errors import Fact, FusionError
+
+logger = logging.getLogger(__name__)
+
+
+class ProblemView(BaseModel):
+    """Why something was refused: ``code`` never changes, the sentences follow the language."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    code: str
+    fix: str
+    where: dict[str, Fact] | None
+    retryable: bool
+    instance: str | None = None
+
+
+PROBLEM_RESPONSES: dict[int | str, dict[str, Any]] = {
+    "4XX": {
+        "description": "Refused; the problem says why and what to do.",
+        "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/ProblemView"}}},
+    }
+}
+
+
+def view_problem(code: str, facts: Mapping[str, Fact], language: Language, instance: str) -> ProblemView:
+    """Put a refusal into words."""
+    words, outcome = describe_problem(code, facts, language), find_outcome_of_code(code)
+    place = {name: facts[name] for name in ("line", "byte", "clock") if name in facts}
+    return ProblemView(
+        type=f"/api/v1/problems/{code}",
+        title=words.title,
+        status=outcome.status,
+        detail=words.detail,
+        code=code,
+        fix=words.fix,
+        where=place or None,
+        retryable=outcome.retryable,
+        instance=instance,
+    )
+
+
+def answer_refusal(request: Request, error: FusionError | AppError) -> JSONResponse:
+    """Answer with the problem and its status."""
+    language = choose_language(request)
+    view = view_problem(error.code, error.facts, language, request.url.path)
+    headers = {"Content-Language": language, "Vary": "Accept-Language"}
+    if request.method not in ("GET", "HEAD"):
+        headers["Connection"] = "close"  # there may be a body that nobody will read
+    if view.retryable and view.status in (409, 503, 507):
+        headers["Retry-After"] = "5"
+    return JSONResponse(
+        view.model_dump(), view.status, headers=headers, media_type="application/problem+json"
+    )
+
+
+def name_refusal(error: Exception) -> FusionError | AppError:
+    """Give the framework's own errors, and bugs, one of our codes."""
+    if isinstance(error, FusionError | AppError):
+        return error
+    if isinstance(error, RequestValidationError):
+        return _name_bad_parameter(error.errors()[0])
+    if isinstance(error, HTTPException) and error.status_code == 405:
+        return WrongVerb(allowed=(error.headers or {}).get("Allow", ""))
+    if isinstance(error, HTTPException) and error.status_code == 404:
+        return NotHere()
+    reference = secrets.token_hex(4)
+    logger.error("bug, reference %s", reference, exc_info=error)
+    return InternalError(reference=reference)
+
+
+def _name_bad_parameter(error: Mapping[str, Any]) -> BadParameter:
+    name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
+    return BadParameter(name=name[:60], value=str(error.get("input", ""))[:60], allowed=_say_allowed(error))
+
+
+def _say_allowed(error: Mapping[str, Any]) -> str:
+    """Say what would be right, in signs that need no language."""
+    limits = error.get("ctx") or {}
+    if error["type"] == "extra_forbidden":
+        return ", ".join(AnalyzeParameters.model_fields)
+    if "expected" in limits:
+        return str(limits["expected"]).replace("'", "").replace(" or ", ", ")
+    signs = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<", "max_length": "≤"}
+    bounds = [f"{sign} {limits[name]}" for name, sign in signs.items() if name in limits]
+    return ", ".join(bounds) or {"float_parsing": "0.0", "int_parsing": "0"}.get(str(error["type"]), "")

@@ -1,0 +1,82 @@
+"""What comes out of the API, typed for the people who read the OpenAPI document."""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from app.api.problems import ProblemView, view_problem
+from app.jobs.job import Job
+from app.report.wording import Language
+from app.workflow import ReportRequest
+
+RESULT_NAMES = ("results.json", "report.html", "report.pdf", "elevation.parquet", "summary.csv")
+
+
+class AnalysisView(BaseModel):
+    """An analysis: where it is, why it failed if it did, and where its files are."""
+
+    id: str
+    recording_id: str
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    stage: str | None
+    progress: float
+    attempts: int
+    file_name: str
+    size_bytes: int
+    sha256: str
+    settings: dict[str, Any]
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    links: dict[str, str]
+    problem: ProblemView | None = None
+
+
+class AnalysisList(BaseModel):
+    """The newest analyses."""
+
+    items: list[AnalysisView]
+
+
+class VersionView(BaseModel):
+    """Which software answers."""
+
+    name: str
+    version: str
+    revision: str
+
+
+def view_analysis(job: Job, language: Language) -> AnalysisView:
+    """Show a job."""
+    view = AnalysisView(
+        id=job.id,
+        recording_id=job.recording_id,
+        state=job.state.value,
+        stage=job.stage,
+        progress=round(job.progress, 3),
+        attempts=job.attempts,
+        file_name=job.file_name,
+        size_bytes=job.size_bytes,
+        sha256=job.sha256,
+        settings=_view_settings(job.request),
+        created_at=job.created_at.isoformat(),
+        started_at=job.started_at.isoformat() if job.started_at else None,
+        ended_at=job.ended_at.isoformat() if job.ended_at else None,
+        links=dict(list_links(job.id)),
+    )
+    if job.problem_code is not None:
+        view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])
+    return view
+
+
+def list_links(analysis_id: str) -> Mapping[str, str]:
+    """Say where an analysis and its files are."""
+    own = f"/api/v1/analyses/{analysis_id}"
+    files = {name.replace(".", "_"): f"{own}/{name}" for name in RESULT_NAMES}
+    return {"self": own, "cancel": f"{own}/cancel", "page": f"/analyses/{analysis_id}", **files}
+
+
+def _view_settings(request: ReportRequest) -> dict[str, Any]:
+    names = ("subject", "side", "method", "pose", "calibration_windows_s", "rate_hz")
+    return {name: getattr(request, name) for name in names}

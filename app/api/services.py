@@ -1,0 +1,58 @@
+"""What every route works with, put together once in :mod:`app.main`."""
+
+from dataclasses import dataclass
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from app.jobs.store import JobStore
+from app.report.wording import Language
+from app.settings import Settings
+from app.storage import Storage
+
+LANGUAGE_COOKIE = "acromion_lang"
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """The database, the folder and the settings of this server."""
+
+    store: JobStore
+    storage: Storage
+    settings: Settings
+
+
+def find_services(request: Request) -> Services:
+    """Give the services of the application that answers."""
+    return cast("Services", request.app.state.services)
+
+
+def choose_language(request: Request) -> Language:
+    """Choose French or English: ``?lang=``, else the choice made on the page, else the browser's wish."""
+    chosen = request.query_params.get("lang") or request.cookies.get(LANGUAGE_COOKIE)
+    if chosen in ("en", "fr"):
+        return "fr" if chosen == "fr" else "en"
+    return _prefer(request.headers.get("accept-language", ""))
+
+
+def _prefer(header: str) -> Language:
+    """Read ``Accept-Language`` (RFC 9110, 12.5.4); English where neither is asked for."""
+    weights = {"en": 0.0, "fr": 0.0}
+    for part in header.split(","):
+        tag, _, parameters = part.strip().partition(";")
+        language = tag.strip().lower().partition("-")[0]
+        if language in weights:
+            weights[language] = max(weights[language], _read_weight(parameters))
+    return "fr" if weights["fr"] > weights["en"] else "en"
+
+
+def _read_weight(parameters: str) -> float:
+    name, _, value = parameters.strip().partition("=")
+    try:
+        return float(value) if name.strip() == "q" else 1.0
+    except ValueError:
+        return 0.0
+
+
+UsedServices = Annotated[Services, Depends(find_services)]
+UsedLanguage = Annotated[Language, Depends(choose_language)]

@@ -1,0 +1,217 @@
+"""What can go wrong around the science, and the one table from an error's class to its outcome.
+
+    AppError
+      BadParameter     what was asked for cannot be (422)
+      UploadRefused    the bytes were not taken: FileTooLarge 413, DiskFull 507, SlowUpload 408
+      NotHere          no such page, recording or analysis (404)
+      NotFinished      the analysis has not ended yet (409)
+      NoSuchFile       the analysis ended without this file (404)
+      NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
+      ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken
+      AttemptFailed    the analysis was stopped: Crashed, OutOfMemory, OutOfTime, InternalError
+
+As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
+
+from fusion.errors import Fact, FusionError
+
+
+class AppError(Exception):
+    """``code`` says why and ``facts`` fill the sentence."""
+
+    code: ClassVar[str]
+
+    def __init__(self, **facts: Fact) -> None:
+        super().__init__(self.code, facts)
+        self.facts = facts
+
+
+class BadParameter(AppError):
+    """A value that cannot be. Facts: name, value, allowed."""
+
+    code = "E-PARAMETER"
+
+
+class UploadRefused(AppError):
+    """The bytes were not taken."""
+
+    code = "E-UPLOAD"
+
+
+class FileTooLarge(UploadRefused):
+    """More bytes than allowed. Facts: n, max (GB)."""
+
+    code = "E-BIG"
+
+
+class DiskFull(UploadRefused):
+    """Too little space is left to take a recording."""
+
+    code = "E-DISK"
+
+
+class SlowUpload(UploadRefused):
+    """The bytes came too slowly."""
+
+    code = "E-SLOW"
+
+
+class BrokenUpload(UploadRefused):
+    """Fewer bytes came than were announced."""
+
+    code = "E-CUT-UPLOAD"
+
+
+class NotHere(AppError):
+    """No such page, recording or analysis."""
+
+    code = "E-NOT-FOUND"
+
+
+class NoSuchFile(NotHere):
+    """The analysis ended without this file. Facts: name."""
+
+    code = "E-NO-FILE"
+
+
+class NotFinished(AppError):
+    """The analysis has not ended yet. Facts: state."""
+
+    code = "E-NOT-FINISHED"
+
+
+class NotAllowed(AppError):
+    """Not for this caller."""
+
+    code = "E-NOT-ALLOWED"
+
+
+class ForeignOrigin(NotAllowed):
+    """Another web site asks for a change."""
+
+    code = "E-ORIGIN"
+
+
+class ForeignHostName(NotAllowed):
+    """The request names a host that this server is not. Facts: host."""
+
+    code = "E-HOST-NAME"
+
+
+class WrongVerb(NotAllowed):
+    """The address does not know this method. Facts: method."""
+
+    code = "E-METHOD"
+
+
+class ServerRefused(AppError):
+    """The server cannot start like this."""
+
+    code = "E-SERVER"
+
+
+class ForeignAddress(ServerRefused):
+    """Only loopback is served until accounts exist. Facts: host."""
+
+    code = "E-HOST"
+
+
+class PortTaken(ServerRefused):
+    """Another program listens there. Facts: host, port."""
+
+    code = "E-PORT"
+
+
+class FolderTaken(ServerRefused):
+    """Another server works in this data folder. Facts: folder."""
+
+    code = "E-FOLDER-IN-USE"
+
+
+class AttemptFailed(AppError):
+    """The analysis was stopped."""
+
+    code = "E-STOPPED"
+
+
+class Crashed(AttemptFailed):
+    """The analysis died as often as is allowed. Facts: attempts."""
+
+    code = "E-CRASHED"
+
+
+class OutOfMemory(AttemptFailed):
+    """The analysis needs more memory than allowed. Facts: max (GB)."""
+
+    code = "E-MEMORY"
+
+
+class OutOfTime(AttemptFailed):
+    """The analysis takes longer than allowed. Facts: s."""
+
+    code = "E-TIMEOUT"
+
+
+class InternalError(AttemptFailed):
+    """A bug; the traceback is in the log under this reference. Facts: reference."""
+
+    code = "E-INTERNAL"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """HTTP status, exit code of the command line, and whether trying again may help."""
+
+    status: int
+    exit_code: int
+    retryable: bool = False
+
+
+OUTCOMES: Mapping[type[Exception], Outcome] = {
+    FusionError: Outcome(422, 3),
+    BadParameter: Outcome(422, 2),
+    UploadRefused: Outcome(400, 3, retryable=True),
+    FileTooLarge: Outcome(413, 3),
+    DiskFull: Outcome(507, 3, retryable=True),
+    SlowUpload: Outcome(408, 3, retryable=True),
+    NotHere: Outcome(404, 3),
+    NotFinished: Outcome(409, 3, retryable=True),
+    NotAllowed: Outcome(403, 2),
+    ForeignHostName: Outcome(421, 2),
+    WrongVerb: Outcome(405, 2),
+    ServerRefused: Outcome(503, 2),
+    AttemptFailed: Outcome(500, 3),
+    Crashed: Outcome(422, 3, retryable=True),
+    OutOfMemory: Outcome(422, 3),
+    OutOfTime: Outcome(422, 3),
+    InternalError: Outcome(500, 3, retryable=True),
+}
+
+
+Refusal = TypeVar("Refusal", bound=Exception)
+
+
+def find_outcome(error: type[Exception]) -> Outcome:
+    """Look the class up, or else its nearest ancestor; a class of nobody's is a bug."""
+    return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), OUTCOMES[InternalError])
+
+
+def find_outcome_of_code(code: str) -> Outcome:
+    """Do the same for the code of a refusal that was written down earlier."""
+    named = {kind.code: kind for kind in list_refusals()}
+    return find_outcome(named.get(code, InternalError))
+
+
+def list_refusals() -> tuple[type[FusionError] | type[AppError], ...]:
+    """Every class of refusal that has a code, the science's and the shell's."""
+    return (*_descend(FusionError), *_descend(AppError))
+
+
+def _descend(root: type[Refusal]) -> Iterator[type[Refusal]]:
+    for kind in root.__subclasses__():
+        yield kind
+        yield from _descend(kind)

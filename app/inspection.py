@@ -1,0 +1,89 @@
+"""What a file is, for `acromion inspect` and the page: nothing is analysed."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from app.report.messages import describe_flag
+from app.report.numbers import format_exact, format_long_duration, format_number
+from app.report.subject import clean_text
+from app.report.wording import Language, Words, fill, load_wording
+from fusion.calibration import propose_still_periods
+from fusion.readers import read_recording
+from fusion.readers.inspection import inspect_recording
+from fusion.recording import QualityFlag
+
+_MOST_LINES = 10
+
+
+def inspect_file(path: Path, rate_hz: float | None = None) -> dict[str, Any]:
+    """Read the file and say what was understood, with proposals for the calibration window.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        When it is not a recording.
+    """
+    with path.open("rb") as file:
+        recording = read_recording(file, file_name=path.name, rate_hz=rate_hz)
+    proposals = [
+        {
+            "start_s": round(p.start_s, 3),
+            "duration_s": round(p.duration_s, 3),
+            "score": round(p.score, 3),
+        }
+        for p in propose_still_periods(recording)
+    ]
+    understood: dict[str, Any] = inspect_recording(recording)
+    return {"file": path.name} | understood | {"calibration_proposals": proposals}
+
+
+def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
+    """Write the facts as lines for people."""
+    words = load_wording(language, "run")["inspection"]
+    rows = [
+        (words["device"], load_wording(language)["device"].get(facts["device"], facts["device"])),
+        (words["start"], facts["start"] or words["no_clock"]),
+        (words["rate"], f"{format_number(facts['rate_hz'], 3, language)} Hz"),
+        (words["recorded"], format_long_duration(facts["recorded_s"])),
+        (words["segments"], str(facts["segments"])),
+        *((f"  {name}", clean_text(str(value))) for name, value in facts["understood"].items()),
+        (words["gaps"], _join((_tell_gap(gap, words, language) for gap in facts["gaps"]), words)),
+        (words["warnings"], _join((_tell_warning(w, language) for w in facts["warnings"]), words)),
+        (
+            words["proposals"],
+            _join((_tell_proposal(p, words, language) for p in facts["calibration_proposals"]), words),
+        ),
+    ]
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def _join(lines: Iterable[str], words: Words) -> str:
+    every = list(lines)
+    shown = every[:_MOST_LINES]
+    if len(every) > _MOST_LINES:
+        shown.append(fill(words["more"], {"n": str(len(every) - _MOST_LINES)}))
+    return "; ".join(shown) or str(words["none"])
+
+
+def _tell_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
+    facts = {
+        "length": format_exact(gap["length_s"], language),
+        "start": format_exact(gap["start_s"], language),
+    }
+    return fill(words["gap"], facts)
+
+
+def _tell_warning(warning: Mapping[str, Any], language: Language) -> str:
+    flag = QualityFlag(warning["code"], warning["count"], facts=warning.get("facts", {}))
+    return f"{flag.code} {describe_flag(flag, language).title} ({flag.count})"
+
+
+def _tell_proposal(proposal: Mapping[str, float], words: Words, language: Language) -> str:
+    facts = {
+        "start": format_number(proposal["start_s"], 1, language),
+        "end": format_number(proposal["start_s"] + proposal["duration_s"], 1, language),
+        "score": format_number(proposal["score"], 2, language),
+    }
+    return fill(words["proposal"], facts)

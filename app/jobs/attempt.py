@@ -1,0 +1,207 @@
+"""One attempt at a job, in a process of its own: limited, and harmless when it dies."""
+
+import json
+import logging
+import multiprocessing
+import os
+import secrets
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
+from app.storage import ResultFile, seal_folder
+from app.workflow import OnStage, ReportRequest, Stage
+from fusion.errors import Fact, FusionError
+
+if sys.platform != "win32":
+    import resource
+
+MakeReport = Callable[[Path, ReportRequest, Path, OnStage], object]
+OnProgress = Callable[[str | None, float], bool]
+
+TICK_S = 0.2
+MESSAGE_BYTES = 1 << 20
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What one attempt may use."""
+
+    memory_bytes: int
+    wall_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What one attempt has to do: from this file, by this request, into this folder."""
+
+    log: Path
+    request: ReportRequest
+    out: Path
+    make_report: MakeReport
+    limits: Limits
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The files are made, and durable."""
+
+    files: tuple[ResultFile, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """No report can be made of this file; trying again would end alike."""
+
+    code: str
+    facts: Mapping[str, Fact]
+
+
+@dataclass(frozen=True, slots=True)
+class Died:
+    """The process ended without a word (killed, crashed)."""
+
+    exit_code: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """We ended it, for its result is no longer wanted."""
+
+
+Outcome = Finished | Refused | Died | Stopped
+
+
+def warm_up() -> None:
+    """Have the fork server import the science now, so that the first job need not wait for it."""
+    if _choose_context().get_start_method() == "forkserver":
+        forkserver.ensure_running()
+
+
+def run_attempt(task: Task, on_progress: OnProgress) -> Outcome:
+    """Do the task in a child process and wait for it.
+
+    ``on_progress`` is called several times a second with the stage and the fraction done; when it answers
+    False the child is killed.
+    """
+    context = _choose_context()
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=_work, args=(task, theirs), daemon=True)
+    child.start()
+    theirs.close()
+    try:
+        return _follow(child, ours, task.limits, on_progress)
+    finally:
+        child.kill()
+        child.join()
+        ours.close()
+
+
+def _choose_context() -> Any:
+    """Prefer the fork server: it has imported the science already, and it has no threads of ours."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["app.workflow"])
+    return context
+
+
+def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: OnProgress) -> Outcome:
+    stage: str | None = None
+    fraction, end_s = 0.0, time.monotonic() + limits.wall_s
+    while time.monotonic() < end_s:
+        try:
+            message = json.loads(pipe.recv_bytes(MESSAGE_BYTES)) if pipe.poll(TICK_S) else {}
+        except (EOFError, OSError):
+            child.join(5)
+            return Died(child.exitcode)
+        if "stage" in message:
+            stage, fraction = message["stage"], message["fraction"]
+        elif message:
+            return _read_outcome(message)
+        if not on_progress(stage, fraction):
+            return Stopped()
+    return _refuse(OutOfTime(s=round(limits.wall_s)))
+
+
+def _read_outcome(message: dict[str, Any]) -> Outcome:
+    """Understand the child's last word. It is JSON: a child that read hostile bytes is not believed more."""
+    if "files" in message:
+        return Finished(tuple(ResultFile(*file) for file in message["files"]))
+    return Refused(message["code"], message["facts"])
+
+
+def _work(task: Task, pipe: Connection) -> None:
+    """Be the child process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for our worker, who ends us
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    _limit_self(task.limits)
+    result = _try_task(task, partial(_tell_stage, pipe))
+    if isinstance(result, Finished):
+        files = [(file.name, file.sha256, file.size_bytes) for file in result.files]
+        _tell(pipe, {"files": files})
+    else:
+        _tell(pipe, {"code": result.code, "facts": dict(result.facts)})
+    pipe.close()
+
+
+def _try_task(task: Task, on_stage: OnStage) -> Finished | Refused:
+    try:
+        task.make_report(task.log, task.request, task.out, on_stage)
+        return Finished(seal_folder(task.out))
+    except FusionError as refusal:
+        return Refused(refusal.code, refusal.facts)
+    except MemoryError:
+        return _refuse(OutOfMemory(max=round(task.limits.memory_bytes / 1e9, 1)))
+    except Exception:  # the one place where a bug becomes a failed job
+        reference = secrets.token_hex(4)
+        logger.exception("analysis failed, reference %s", reference)
+        return _refuse(InternalError(reference=reference))
+
+
+def _refuse(error: AttemptFailed) -> Refused:
+    return Refused(error.code, error.facts)
+
+
+def _tell_stage(pipe: Connection, stage: Stage, fraction: float) -> None:
+    _tell(pipe, {"stage": stage, "fraction": fraction})
+
+
+def _tell(pipe: Connection, message: Mapping[str, object]) -> None:
+    pipe.send_bytes(json.dumps(message).encode())
+
+
+def _leave_with_parent() -> None:
+    """Wait for the worker's end, and do not outlive it."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+def _limit_self(limits: Limits) -> None:
+    """Ask the system to hold us to the limits, should our worker not be able to."""
+    if sys.platform == "win32":
+        return
+    cpu_s = round(limits.wall_s * (os.cpu_count() or 1)) + 1
+    _lower_limit(resource.RLIMIT_AS, limits.memory_bytes)
+    _lower_limit(resource.RLIMIT_CPU, cpu_s)
+    _lower_limit(resource.RLIMIT_CORE, 0)
+
+
+def _lower_limit(which: int, value: int) -> None:
+    _, hard = resource.getrlimit(which)
+    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+    resource.setrlimit(which, (value, value))

@@ -1,0 +1,159 @@
+"""The worker: takes a job, has it done by a child process, publishes what came of it, takes the next."""
+
+import argparse
+import logging
+import os
+import signal
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy.exc import OperationalError
+
+from app.errors import Crashed
+from app.jobs.attempt import Died, Finished, Limits, MakeReport, Outcome, Refused, Task, run_attempt, warm_up
+from app.jobs.job import Job
+from app.jobs.lease import LeaseWatch, identify_self
+from app.jobs.store import JobStore
+from app.settings import Settings
+from app.storage import Storage
+from app.workflow import make_report
+
+IDLE_S = 0.25
+TROUBLE_S = 2.0
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Everything a worker works with."""
+
+    store: JobStore
+    storage: Storage
+    settings: Settings
+    watch: LeaseWatch
+    stopping: threading.Event
+    make_report: MakeReport = make_report
+
+
+def open_bench(settings: Settings, make: MakeReport = make_report) -> Bench:
+    """Open database and folder for one worker."""
+    storage = Storage(settings.data_dir)
+    storage.prepare()
+    watch = LeaseWatch(identify_self(), settings.lease_s)
+    return Bench(JobStore(settings.database_url), storage, settings, watch, threading.Event(), make)
+
+
+def run_next(bench: Bench) -> bool:
+    """Do one job, from claim to published report; False when nothing waits."""
+    reclaim_abandoned(bench)
+    job = bench.store.claim(bench.watch.me)
+    if job is None or job.token is None:
+        return False
+    started_s = time.monotonic()
+    outcome = _attempt(bench, job, job.token)
+    _publish(bench, job, job.token, outcome)
+    seconds = time.monotonic() - started_s
+    logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
+    return True
+
+
+def reclaim_abandoned(bench: Bench) -> None:
+    """Put back the jobs of dead workers; give up those that have killed too many."""
+    for claim in bench.watch.find_abandoned(bench.store.list_claims()):
+        logger.warning("%s: its worker is gone (attempt %d)", claim.analysis_id, claim.attempts)
+        _release_after_death(bench, claim.analysis_id, claim.token, claim.attempts)
+        bench.storage.drop_attempt(claim.analysis_id, claim.token)
+
+
+def run_worker(settings: Settings, make: MakeReport = make_report, parent_pid: int | None = None) -> None:
+    """Do jobs until asked to stop (SIGTERM, SIGINT) or, between two jobs, until the parent is gone."""
+    bench = open_bench(settings, make)
+    warm_up()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: bench.stopping.set())
+    while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
+        if not _run_next_patiently(bench):
+            bench.stopping.wait(IDLE_S)
+    bench.store.close()
+
+
+def _run_next_patiently(bench: Bench) -> bool:
+    """Outlast a database that does not answer; the row stays the truth meanwhile."""
+    try:
+        return run_next(bench)
+    except OperationalError:
+        logger.exception("the database does not answer; trying again")
+        bench.stopping.wait(TROUBLE_S)
+        return False
+
+
+def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
+    out = bench.storage.open_attempt(job.id, token)
+    limits = choose_limits(bench.settings, job.size_bytes)
+    task = Task(bench.storage.recording(job.recording_id), job.request, out, bench.make_report, limits)
+    return run_attempt(task, _Heart(bench, job.id, token).beat)
+
+
+def choose_limits(settings: Settings, size_bytes: int) -> Limits:
+    """Give a large file more time."""
+    wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
+    return Limits(settings.memory_limit_bytes, wall_s)
+
+
+def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
+    kept = False
+    if isinstance(outcome, Finished):
+        kept = bench.store.finish(job.id, token, outcome.files)
+    elif isinstance(outcome, Refused):
+        bench.store.fail(job.id, token, outcome.code, outcome.facts)
+    elif isinstance(outcome, Died):
+        logger.warning("%s: the analysis died (exit code %s)", job.id, outcome.exit_code)
+        _release_after_death(bench, job.id, token, job.attempts)
+    else:
+        bench.store.release(job.id, token, forgiven=True)
+    if not kept:
+        bench.storage.drop_attempt(job.id, token)
+
+
+def _release_after_death(bench: Bench, analysis_id: str, token: str, attempts: int) -> None:
+    if attempts < bench.settings.max_attempts:
+        bench.store.release(analysis_id, token)
+    else:
+        crashed = Crashed(attempts=attempts)
+        bench.store.fail(analysis_id, token, crashed.code, crashed.facts)
+
+
+class _Heart:
+    """Beats for one attempt: writes when there is news or the heartbeat is due, else only looks."""
+
+    def __init__(self, bench: Bench, analysis_id: str, token: str) -> None:
+        self._bench, self._analysis_id, self._token = bench, analysis_id, token
+        self._written: tuple[str | None, float] = (None, 0.0)
+        self._due_s = 0.0
+
+    def beat(self, stage: str | None, fraction: float) -> bool:
+        """Say that we live; False when the job was cancelled or taken, or we are to stop."""
+        if self._bench.stopping.is_set():
+            return False
+        now_s, news = time.monotonic(), (stage, fraction)
+        if news == self._written and now_s < self._due_s:
+            return self._bench.store.owns(self._analysis_id, self._token)
+        self._written, self._due_s = news, now_s + self._bench.settings.heartbeat_s
+        return self._bench.store.beat(self._analysis_id, self._token, stage, fraction)
+
+
+def main() -> None:
+    """Enter from ``python -m app.jobs.worker``; everything else comes from ``ACROMION_*``."""
+    parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
+    parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
+    parser.add_argument("--parent", type=int, help="end when this process is gone")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    run_worker(Settings(data_dir=arguments.data), parent_pid=arguments.parent)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,213 @@
+"""What stands behind the first page: hours, all figures, quality, time, method, provenance."""
+
+from collections.abc import Iterable
+
+from app.report.charts import build_hours, is_drawable
+from app.report.clock import Clock
+from app.report.day import name_reason
+from app.report.measures import list_measures
+from app.report.messages import describe_flag
+from app.report.numbers import (
+    NONE,
+    format_angle,
+    format_duration,
+    format_exact,
+    format_long_duration,
+    format_number,
+    format_percent,
+    format_rate,
+)
+from app.report.parts import Pair, Section, Table
+from app.report.results import SCHEMA, find_rate_hz, identify_report
+from app.report.subject import ReportSubject, clean_text
+from app.report.wording import Words, fill
+from fusion.calibration import StillPeriod
+from fusion.exposure import PartExposure
+from fusion.pipeline import Analysis
+from fusion.recording import MICROSECONDS, QualityFlag
+
+
+def build_sections(
+    analysis: Analysis, subject: ReportSubject, clock: Clock, words: Words
+) -> tuple[Section, ...]:
+    """Build the chapters in reading order; an empty one is left out."""
+    sections = (
+        _build_parts(analysis, clock, words),
+        Section(
+            "figures",
+            words["section"]["figures"],
+            tables=list_measures(analysis.exposure, clock, words),
+        ),
+        _build_quality(analysis, clock, words),
+        _build_method(analysis, clock, words),
+        _build_provenance(analysis, subject, clock, words),
+    )
+    return tuple(section for section in sections if section.pairs or section.tables)
+
+
+# ------------------------------------------------------------------ by hour and by period
+
+
+def _build_parts(analysis: Analysis, clock: Clock, words: Words) -> Section:
+    exposure = analysis.exposure
+    hours = [(_name_hour(part, clock), part) for part in exposure.by_hour]
+    periods = [(clean_text(part.label), part) for part in exposure.by_period]
+    tables = [
+        _tabulate_parts(parts, words["part"][caption], clock, words)
+        for parts, caption in ((hours, "by_hour"), (periods, "by_period"))
+        if parts
+    ]
+    figures = (build_hours(hours, words, clock.language),) if any(is_drawable(p) for _, p in hours) else ()
+    return Section("hours", words["section"]["hours"], figures=figures, tables=tuple(tables))
+
+
+def _name_hour(part: PartExposure, clock: Clock) -> str:
+    return f"{clock.label_tick(part.start_s)}–{clock.label_tick(part.end_s)}"
+
+
+def _tabulate_parts(parts: list[tuple[str, PartExposure]], caption: str, clock: Clock, words: Words) -> Table:
+    language = clock.language
+    rows = tuple(
+        (
+            name,
+            format_duration(part.analysed_s, language),
+            *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
+            *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
+            format_rate(part.entries_above_60_per_h, language),
+        )
+        for name, part in parts
+    )
+    return Table(caption, tuple(words["part"]["columns"]), rows, note=words["part"]["note"])
+
+
+# ------------------------------------------------------------------ quality and time
+
+
+def _build_quality(analysis: Analysis, clock: Clock, words: Words) -> Section:
+    tables = [_tabulate_flags(analysis.quality.flags, clock, words), _tabulate_time(analysis, clock, words)]
+    return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
+
+
+def _tabulate_flags(flags: Iterable[QualityFlag], clock: Clock, words: Words) -> Table:
+    rows = []
+    for flag in flags:
+        caveat = describe_flag(flag, clock.language)
+        told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
+        places = (_tell_place(at, clock) for at in (flag.first_s, flag.last_s))
+        count = format_number(flag.count, 0, clock.language)
+        lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
+        rows.append((flag.code, told, count, lasted, *places))
+    entry = words["quality"]
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True)
+
+
+def _tell_place(seconds: float | None, clock: Clock) -> str:
+    return NONE if seconds is None else clock.tell(seconds, with_seconds=True)
+
+
+def _tabulate_time(analysis: Analysis, clock: Clock, words: Words) -> Table:
+    """Show that analysed, missing and excluded add up to what was recorded, to the microsecond."""
+    time, entry = analysis.time, words["time"]
+    amounts = [
+        (entry["analysed"], time.analysed_us),
+        (entry["missing"], time.missing_us),
+        (entry["excluded"], time.excluded_us),
+        (entry["recorded"], time.recorded_us),
+    ]
+    rows = [
+        (
+            name,
+            format_long_duration(amount_us / MICROSECONDS),
+            format_exact(amount_us / MICROSECONDS, clock.language),
+            format_percent(100 * amount_us / max(time.recorded_us, 1), clock.language),
+        )
+        for name, amount_us in amounts
+    ]
+    note = fill(entry["note"], {"reasons": _tell_reasons(analysis, clock, words)})
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
+
+
+def _tell_reasons(analysis: Analysis, clock: Clock, words: Words) -> str:
+    """Name each reason for leaving time out and how long its stretches lasted."""
+    totals: dict[str, int] = {}
+    for span in analysis.exclusions:
+        totals[span.reason] = totals.get(span.reason, 0) + span.duration_us
+    told = (
+        f"{name_reason(reason, words)} ({format_duration(us / MICROSECONDS, clock.language)})"
+        for reason, us in totals.items()
+    )
+    return ", ".join(told)
+
+
+# ------------------------------------------------------------------ method and provenance
+
+
+def _build_method(analysis: Analysis, clock: Clock, words: Words) -> Section:
+    method, entry = analysis.elevation.method, words["method"]
+    if method is None:
+        ready = Pair(entry["name"], entry["ready_angles"])
+        return Section("method", words["section"]["method"], tuple(entry["paragraphs"]), pairs=(ready,))
+    told = entry["names"].get(method.name, method.name)
+    pairs = (
+        Pair(entry["name"], f"{told} ({method.name})"),
+        Pair(entry["version"], method.version),
+        *_describe_calibration(analysis, clock, words),
+    )
+    rows = tuple((name, f"{value:g}") for name, value in method.parameters.items())
+    table = Table(entry["parameters"], tuple(entry["columns"]), rows)
+    return Section(
+        "method",
+        words["section"]["method"],
+        tuple(entry["paragraphs"]),
+        pairs=pairs,
+        tables=(table,) if rows else (),
+    )
+
+
+def _describe_calibration(analysis: Analysis, clock: Clock, words: Words) -> tuple[Pair, ...]:
+    calibration, entry = analysis.calibration, words["calibration"]
+    if calibration is None:
+        return ()
+    bias = (f"{format_number(value, 3, clock.language)}" for value in calibration.still.gyro_bias_dps)
+    score = format_number(calibration.still.score, 2, clock.language)
+    chosen = "asked" if analysis.settings.calibration_windows_s else "proposed"
+    pairs = [
+        Pair(entry["pose"], words["pose"][calibration.pose]),
+        Pair(entry["window"], _tell_still(calibration.still, clock, words)),
+        Pair(entry["chosen"], entry[chosen]),
+        Pair(entry["score"], score),
+        Pair(entry["bias"], fill(entry["bias_value"], {"values": " ; ".join(bias)})),
+    ]
+    if calibration.second is not None:
+        pairs.insert(2, Pair(entry["second"], _tell_still(calibration.second, clock, words)))
+    return tuple(pairs)
+
+
+def _tell_still(still: StillPeriod, clock: Clock, words: Words) -> str:
+    facts = {
+        "time": clock.tell(still.start_s, with_seconds=True),
+        "second": format_number(still.start_s, 2, clock.language),
+        "length": format_duration(still.duration_s, clock.language),
+    }
+    return fill(words["calibration"]["place"], facts)
+
+
+def _build_provenance(analysis: Analysis, subject: ReportSubject, clock: Clock, words: Words) -> Section:
+    recording, entry = analysis.recording, words["provenance"]
+    unknown = words["label"]["not_given"]
+    start = recording.start.isoformat(sep=" ") if recording.start else unknown
+    rate = format_number(find_rate_hz(analysis), 3, clock.language)
+    pairs = (
+        Pair(entry["file"], clean_text(subject.file_name) or unknown),
+        Pair(entry["sha256"], recording.sha256, code=True),
+        Pair(entry["device"], words["device"].get(recording.device, words["device"]["other"])),
+        Pair(entry["serial"], recording.serial_hash or unknown, code=bool(recording.serial_hash)),
+        Pair(entry["rate"], f"{rate}\u202fHz"),
+        Pair(entry["start"], start),
+        Pair(entry["zone"], clean_text(recording.time_zone or "") or unknown),
+        Pair(entry["version"], f"Acromion {subject.software.version}"),
+        Pair(entry["revision"], subject.software.revision, code=True),
+        Pair(entry["schema"], SCHEMA, code=True),
+        Pair(entry["report_id"], identify_report(analysis, subject), code=True),
+    )
+    return Section("provenance", words["section"]["provenance"], pairs=pairs)

@@ -1,0 +1,129 @@
+"""The charts of a report with their words and the tables behind them."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import isfinite, nan
+
+from app.report.clock import Clock
+from app.report.day import Day, draw_up_day
+from app.report.figures import HourRow, Slice, draw_bar, draw_hours
+from app.report.numbers import format_angle, format_duration, format_percent
+from app.report.parts import Figure, Table
+from app.report.svg import NARROW, WIDE
+from app.report.timeline import DayLabels, draw_day
+from app.report.wording import Language, Words, fill
+from fusion.exposure import Exposure, PartExposure
+from fusion.pipeline import Analysis
+
+SHOWN_EDGES_DEG = (0, 30, 60, 90, 120, 180)
+"""The stored bins are finer; the page shows five classes that hold whole bins and the three guide lines."""
+
+
+def build_bar(exposure: Exposure, words: Words, language: Language) -> Figure:
+    """Build the stacked bar of time in five elevation classes."""
+    slices = _slice_exposure(exposure, language)
+    entry = words["bar"]
+    told = "; ".join(f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
+    described = fill(entry["alternative"], {"list": told})
+    title = (entry["title"], described)
+    rows = tuple((s.range_label, s.duration_label, s.percent_label) for s in slices)
+    return Figure(
+        title=entry["title"],
+        alternative=described,
+        wide=draw_bar(slices, title, WIDE),
+        narrow=draw_bar(slices, title, NARROW),
+        table=Table(entry["title"], tuple(entry["columns"]), rows),
+    )
+
+
+def _slice_exposure(exposure: Exposure, language: Language) -> list[Slice]:
+    slices = []
+    for low, high in pairwise(SHOWN_EDGES_DEG):
+        inside = [b for b in exposure.bins if low <= b.lower_deg and b.upper_deg <= high]
+        percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
+        label = f"{low}–{high}°"
+        told = format_duration(duration_s, language), format_percent(percent, language)
+        slices.append(Slice(percent, label, *told))
+    return slices
+
+
+def build_day(analysis: Analysis, clock: Clock, words: Words) -> Figure:
+    """Build the timeline of the day."""
+    day = draw_up_day(analysis, clock, words)
+    labels = _label_day(analysis, day, words)
+    return Figure(
+        title=labels.title,
+        alternative=labels.description,
+        wide=draw_day(day, labels, WIDE),
+        narrow=draw_day(day, labels, NARROW),
+        table=_tabulate_day(day, words),
+    )
+
+
+def _label_day(analysis: Analysis, day: Day, words: Words) -> DayLabels:
+    entry, clock = words["day"], day.clock
+    percent = next((w.percent_above_60 for w in analysis.exposure.peak_windows if w.length_s == 900), None)
+    worst = fill(entry["worst"], {"percent": format_percent(percent, clock.language)})
+    facts = {
+        "start": clock.tell(0),
+        "end": clock.tell(day.duration_s),
+        "p10": format_angle(analysis.exposure.percentiles_deg.get(10), clock.language),
+        "p50": format_angle(analysis.exposure.percentiles_deg.get(50), clock.language),
+        "p90": format_angle(analysis.exposure.percentiles_deg.get(90), clock.language),
+        "marks": "; ".join(f"{m.label}, {clock.tell(m.start_s)}–{clock.tell(m.end_s)}" for m in day.marks),
+    }
+    return DayLabels(
+        title=entry["title"],
+        description=fill(entry["alternative"], facts),
+        band=entry["band"],
+        median=entry["median"],
+        left_out=entry["left_out"],
+        missing=entry["missing"],
+        worst=worst,
+    )
+
+
+def _tabulate_day(day: Day, words: Words) -> Table:
+    entry, language = words["day"], day.clock.language
+    rows = tuple(
+        (
+            day.clock.tell(band.start_s),
+            format_angle(band.low_deg, language),
+            format_angle(band.middle_deg, language),
+            format_angle(band.high_deg, language),
+        )
+        for run in day.runs
+        for band in run
+    )
+    return Table(entry["title"], tuple(entry["columns"]), rows, note=entry["table_note"])
+
+
+def build_hours(parts: Sequence[tuple[str, PartExposure]], words: Words, language: Language) -> Figure:
+    """Build one stacked bar for each hour."""
+    rows = [_stack_part(name, part, language) for name, part in parts if is_drawable(part)]
+    entry = words["hours"]
+    told = "; ".join(f"{row.name}, {row.label}" for row in rows)
+    title = (entry["title"], fill(entry["alternative"], {"list": told}))
+    classes = ("0–30°", "30–60°", "60–90°", "90–180°")
+    return Figure(
+        title=entry["title"],
+        alternative=title[1],
+        wide=draw_hours(rows, classes, title, WIDE),
+        narrow=draw_hours(rows, classes, title, NARROW),
+        table=Table(entry["title"], (entry["column"], *classes), _tabulate_hours(rows, language)),
+    )
+
+
+def _tabulate_hours(rows: Sequence[HourRow], language: Language) -> tuple[tuple[str, ...], ...]:
+    return tuple((row.name, *(format_percent(share, language) for share in row.percent)) for row in rows)
+
+
+def is_drawable(part: PartExposure) -> bool:
+    """Tell whether an hour holds analysed time and its three shares."""
+    return part.analysed_s > 0 and all(isfinite(part.percent_above.get(c, nan)) for c in (30, 60, 90))
+
+
+def _stack_part(name: str, part: PartExposure, language: Language) -> HourRow:
+    above = part.percent_above
+    shares = (100 - above[30], above[30] - above[60], above[60] - above[90], above[90])
+    return HourRow(name, shares, format_percent(above[60], language))

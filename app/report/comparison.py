@@ -1,0 +1,98 @@
+"""Published values beside the measured ones, and why not where they cannot be compared.
+
+Only references whose value was read in its source (EXPOSURE.md A10) stand here. The velocity proposal was
+made from accelerometers: it is compared with ``generalised_accelerometer`` alone, for a fused velocity
+reads two to four times lower and would reassure falsely (Fan et al. 2021).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from app.report.figures import Scale, draw_scale
+from app.report.numbers import NARROW, format_number, format_percent
+from app.report.parts import Reference
+from app.report.wording import Language, Words, fill
+from fusion.exposure import Exposure
+from fusion.pipeline import Analysis
+from fusion.recording import MICROSECONDS
+
+WORKING_DAY_S = 4 * 3600
+"""Least analysed time that is compared with a value for a whole working day (EXPOSURE.md A15)."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """A reference's key in the wording, its limits, and what was measured; None: not computed."""
+
+    key: str
+    unit: str
+    end: float
+    low: float | None
+    high: float
+    value: float | None
+
+
+def compare_with_references(analysis: Analysis, words: Words, language: Language) -> tuple[Reference, ...]:
+    """Set the measured figures beside each reference."""
+    reason = _find_reason(analysis)
+    return tuple(_compare(item, reason, words, language) for item in _measure(analysis.exposure))
+
+
+def _measure(exposure: Exposure) -> tuple[_Measured, ...]:
+    above = {t.threshold_deg: t.percent for t in exposure.time_above}
+    velocity = exposure.velocity_dps.get("generalised_accelerometer")
+    p99 = exposure.elevation_p99_deg
+    return (
+        _Measured("above_30", "percent", 100, None, 50, above.get(30)),
+        _Measured("above_60", "percent", 40, None, 10, above.get(60)),
+        _Measured("velocity", "dps", 180, None, 60, velocity.p50_dps if velocity else None),
+        _Measured("p99", "deg", 180, 49, 124, p99),
+    )
+
+
+def _find_reason(analysis: Analysis) -> str:
+    """Say why nothing at all can be compared; empty where it can."""
+    if analysis.time.analysed_us < WORKING_DAY_S * MICROSECONDS:
+        return "short"
+    return "poor" if analysis.quality.verdict == "poor" else ""
+
+
+def _compare(item: _Measured, reason: str, words: Words, language: Language) -> Reference:
+    entry, common = words["reference"][item.key], words["comparison"]
+    if item.value is None:
+        reason = "not_computed"
+    if reason:
+        why = common["reason"][f"{reason}_{item.key}" if reason == "not_computed" else reason]
+        statement = fill(common["does_not_apply"], {"reason": why})
+        return Reference(entry["name"], entry["source"], statement, "", "")
+    facts = _tell_values(item, language)
+    statement = fill(entry["statement"], facts)
+    return Reference(entry["name"], entry["source"], statement, statement, _draw(item, entry, facts, words))
+
+
+def _tell_values(item: _Measured, language: Language) -> dict[str, str]:
+    """Write the measured value with our decimals and the published one as it was published."""
+    value = _tell_published(item.value, item.unit, language)
+    if item.unit == "percent":
+        value = format_percent(item.value, language)
+    low = _tell_published(item.low, item.unit, language) if item.low is not None else ""
+    return {"value": value, "high": _tell_published(item.high, item.unit, language), "low": low}
+
+
+def _tell_published(value: float | None, unit: str, language: Language) -> str:
+    sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s"}[unit]
+    return f"{format_number(value, 0, language)}{sign}"
+
+
+def _draw(item: _Measured, entry: Mapping[str, str], facts: Mapping[str, str], words: Words) -> str:
+    scale = Scale(
+        key=f"ref-{item.key.replace('_', '-')}",
+        words=(entry["name"], fill(entry["statement"], facts)),
+        end=max(item.end, (item.value or 0) * 1.1) if item.unit != "deg" else item.end,
+        low=item.low,
+        high=item.high,
+        high_label=fill(words["comparison"][f"mark_{item.unit}"], facts),
+        measured=item.value or 0.0,
+        measured_label=facts["value"],
+    )
+    return draw_scale(scale)

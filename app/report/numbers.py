@@ -1,0 +1,107 @@
+"""Numbers, durations, clock times and dates as English and French readers write them.
+
+Both languages group thousands with a narrow no-break space and put one before the per cent sign
+(ISO 80000-1); French has the decimal comma and "10 h 42".
+"""
+
+import math
+from datetime import date, datetime
+
+from app.report.wording import Language, load_wording
+
+NARROW = "\u202f"
+NONE = "–"
+MINUTE_S = 60
+HOUR_S = 3600
+SHORT_S = 600
+
+
+def format_number(value: float | None, decimals: int, language: Language) -> str:
+    """Round and write; an en dash where there is no value."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    text = f"{value:,.{decimals}f}".replace("-", "−")
+    if not text.strip("−0.,"):
+        text = text.lstrip("−")
+    whole, _, fraction = text.partition(".")
+    mark = "," if language == "fr" else "."
+    return whole.replace(",", NARROW) + (mark + fraction if fraction else "")
+
+
+def format_exact(value: float, language: Language) -> str:
+    """Write up to six decimals, without the closing zeros, so that sums can be checked by hand."""
+    mark = "," if language == "fr" else "."
+    text = format_number(value, 6, language).rstrip("0")
+    return text.removesuffix(mark)
+
+
+def format_percent(value: float | None, language: Language) -> str:
+    """One decimal, always."""
+    text = format_number(value, 1, language)
+    return text if text == NONE else f"{text}{NARROW}%"
+
+
+def format_angle(value: float | None, language: Language, decimals: int = 0) -> str:
+    """Degrees; the sign follows without a space in both languages."""
+    text = format_number(value, decimals, language)
+    return text if text == NONE else f"{text}°"
+
+
+def format_rate(value: float | None, language: Language) -> str:
+    """Per hour: whole from 10 on, one decimal below."""
+    decimals = 0 if value is None or value >= 9.95 else 1
+    return format_number(value, decimals, language)
+
+
+def format_duration(seconds: float | None, language: Language) -> str:
+    """Say how long in the two units that matter: "6 h 48 min", "31 min", "2 min 59 s", "4.2 s"."""
+    if seconds is None or not math.isfinite(seconds):
+        return NONE
+    if round(seconds, 1) < 10:
+        decimals = 0 if round(seconds, 1) % 1 == 0 else 1
+        return f"{format_number(seconds, decimals, language)}{NARROW}s"
+    if round(seconds) < SHORT_S:
+        minutes, rest = divmod(round(seconds), MINUTE_S)
+        return _join_units((minutes, "min"), (rest, "s"))
+    hours, minutes = divmod(round(seconds / MINUTE_S), 60)
+    return _join_units((hours, "h"), (minutes, "min"))
+
+
+def format_long_duration(seconds: float) -> str:
+    """Say how long to the second, whatever the length: "6 h 48 min 12 s"."""
+    hours, rest = divmod(round(seconds), HOUR_S)
+    minutes, rest = divmod(rest, MINUTE_S)
+    return _join_units((hours, "h"), (minutes, "min"), (rest, "s"))
+
+
+def format_clock(moment: datetime, language: Language, *, with_seconds: bool = False) -> str:
+    """Write a clock time: "10:42" or "10 h 42"."""
+    if language == "en":
+        return moment.strftime("%H:%M:%S" if with_seconds else "%H:%M")
+    text = f"{moment.hour}{NARROW}h{NARROW}{moment.minute:02d}"
+    return f"{text}{NARROW}min{NARROW}{moment.second:02d}{NARROW}s" if with_seconds else text
+
+
+def format_hour(moment: datetime, language: Language) -> str:
+    """Write a clock time for an axis, short where it is a whole hour in French: "8 h"."""
+    if language == "fr" and moment.minute == 0:
+        return f"{moment.hour}{NARROW}h"
+    return format_clock(moment, language)
+
+
+def format_elapsed(seconds: float) -> str:
+    """Write time since the first sample: "1:02:05"."""
+    hours, rest = divmod(round(seconds), HOUR_S)
+    return f"{hours}:{rest // MINUTE_S:02d}:{rest % MINUTE_S:02d}"
+
+
+def format_date(day: date, language: Language) -> str:
+    """Write a date that cannot be misread: "3 March 2026", "3 mars 2026"."""
+    month = load_wording(language)["months"][day.month - 1]
+    number = "1er" if language == "fr" and day.day == 1 else str(day.day)
+    return f"{number}\u00a0{month}\u00a0{day.year}"
+
+
+def _join_units(*parts: tuple[int, str]) -> str:
+    shown = [f"{count}{NARROW}{unit}" for count, unit in parts if count]
+    return "\u00a0".join(shown) or f"0{NARROW}{parts[-1][1]}"

@@ -1,0 +1,261 @@
+"""``results.json``: every figure of an analysis under the names outsiders rely on (CONTRACT §2)."""
+
+import hashlib
+import json
+import math
+from typing import Any
+
+from app.report.clock import Clock
+from app.report.subject import ReportSubject
+from fusion.calibration import Calibration, StillPeriod
+from fusion.elevation import Method
+from fusion.exposure import Eva, Exposure, Interval, PartExposure, Velocity
+from fusion.pipeline import Analysis
+from fusion.quality import TimeAccount
+from fusion.recording import MICROSECONDS, QualityFlag
+
+SCHEMA = "acromion.results/1"
+VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
+_DECIMALS = 6
+
+
+def build_results(analysis: Analysis, subject: ReportSubject) -> dict[str, object]:
+    """Lay the analysis out in the order of the contract; NaN and infinity become None."""
+    clock = Clock(analysis.recording.start)
+    results: dict[str, object] = {
+        "schema": SCHEMA,
+        "recording": _describe_recording(analysis, subject),
+        "time": _describe_time(analysis.time),
+        "calibration": _describe_calibration(analysis.calibration),
+        "method": _describe_method(analysis.elevation.method),
+        "exposure": _describe_exposure(analysis.exposure, clock),
+        "quality": {
+            "verdict": analysis.quality.verdict,
+            "warnings": [_describe_warning(flag, clock) for flag in analysis.quality.flags],
+        },
+        "software": {"version": subject.software.version, "revision": subject.software.revision},
+    }
+    rounded: dict[str, object] = _round_all(results)
+    return rounded
+
+
+def encode_results(analysis: Analysis, subject: ReportSubject) -> bytes:
+    """Write :func:`build_results` as UTF-8 JSON: the same analysis gives the same bytes."""
+    text = json.dumps(build_results(analysis, subject), ensure_ascii=False, indent=2, allow_nan=False)
+    return text.encode("utf-8") + b"\n"
+
+
+def identify_report(analysis: Analysis, subject: ReportSubject) -> str:
+    """Name the report by a hash of input, settings and engine version: 16 hexadecimal digits."""
+    settings = analysis.settings
+    said = {
+        "input": analysis.recording.sha256,
+        "method": settings.method,
+        "pose": settings.pose,
+        "calibration_windows_s": settings.calibration_windows_s,
+        "estimator": _describe_method(analysis.elevation.method),
+        "side": subject.side,
+        "subject": subject.subject,
+        "version": subject.software.version,
+    }
+    text = json.dumps(_round_all(said), sort_keys=True)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
+
+
+def find_rate_hz(analysis: Analysis) -> float:
+    """Give the sampling rate; that of the longest angle run where there are no samples."""
+    if analysis.recording.segments:
+        return analysis.recording.rate_hz
+    return max(analysis.elevation.segments, key=len).rate_hz
+
+
+def _describe_recording(analysis: Analysis, subject: ReportSubject) -> dict[str, object]:
+    recording = analysis.recording
+    return {
+        "sha256": recording.sha256,
+        "file_name": subject.file_name,
+        "device": recording.device,
+        "serial_hash": recording.serial_hash,
+        "start": recording.start.isoformat() if recording.start else None,
+        "time_zone": recording.time_zone,
+        "rate_hz": find_rate_hz(analysis),
+        "side": subject.side,
+        "subject": subject.subject,
+    }
+
+
+def _describe_time(time: TimeAccount) -> dict[str, object]:
+    return {
+        "recorded_s": time.recorded_us / MICROSECONDS,
+        "analysed_s": time.analysed_us / MICROSECONDS,
+        "missing_s": time.missing_us / MICROSECONDS,
+        "excluded_s": time.excluded_us / MICROSECONDS,
+    }
+
+
+def _describe_calibration(calibration: Calibration | None) -> dict[str, object] | None:
+    if calibration is None:
+        return None
+    still = calibration.still
+    return {
+        "pose": calibration.pose,
+        "start_s": still.start_s,
+        "duration_s": still.duration_s,
+        "score": still.score,
+        "gyro_bias_dps": still.gyro_bias_dps.tolist(),
+        "second": _describe_second(calibration.second),
+    }
+
+
+def _describe_second(still: StillPeriod | None) -> dict[str, object] | None:
+    return {"start_s": still.start_s, "duration_s": still.duration_s} if still else None
+
+
+def _describe_method(method: Method | None) -> dict[str, object] | None:
+    if method is None:
+        return None
+    return {"name": method.name, "version": method.version, "parameters": dict(method.parameters)}
+
+
+def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
+    return {
+        **_describe_distribution(exposure),
+        **_describe_repetition(exposure),
+        "velocity_dps": {kind: _describe_velocity(exposure.velocity_dps.get(kind)) for kind in VELOCITIES},
+        "peak": _describe_peak(exposure, clock),
+        "eva": _describe_eva(exposure.eva),
+        "by_hour": [_describe_part(part) for part in exposure.by_hour],
+        "by_period": [_describe_part(part) for part in exposure.by_period],
+        "intervals": {name: [i.low, i.high] for name, i in sorted(exposure.intervals.items())},
+    }
+
+
+def _describe_distribution(exposure: Exposure) -> dict[str, object]:
+    return {
+        "bins": [
+            {
+                "lower_deg": b.lower_deg,
+                "upper_deg": b.upper_deg,
+                "duration_s": b.duration_s,
+                "percent": b.percent,
+                **_describe_interval(b.interval),
+            }
+            for b in exposure.bins
+        ],
+        "time_above": [
+            {
+                "threshold_deg": t.threshold_deg,
+                "duration_s": t.duration_s,
+                "percent": t.percent,
+                **_describe_interval(t.interval),
+            }
+            for t in exposure.time_above
+        ],
+        "percentiles_deg": {str(p): value for p, value in exposure.percentiles_deg.items()},
+    }
+
+
+def _describe_interval(interval: Interval | None) -> dict[str, object]:
+    if interval is None:
+        return {"low": None, "high": None}
+    return {"low": interval.low, "high": interval.high}
+
+
+def _describe_repetition(exposure: Exposure) -> dict[str, object]:
+    return {
+        "entries": [
+            {"threshold_deg": e.threshold_deg, "count": e.count, "per_hour": e.per_hour}
+            for e in exposure.entries
+        ],
+        "cycles": [
+            {"lower_deg": c.lower_deg, "upper_deg": c.upper_deg, "count": c.count} for c in exposure.cycles
+        ],
+        "episodes": [
+            {
+                "threshold_deg": e.threshold_deg,
+                "count": e.count,
+                "longest_s": e.longest_s,
+                "median_s": e.median_s,
+            }
+            for e in exposure.episodes
+        ],
+    }
+
+
+def _describe_velocity(velocity: Velocity | None) -> dict[str, object] | None:
+    if velocity is None:
+        return None
+    return {
+        "10": velocity.p10_dps,
+        "50": velocity.p50_dps,
+        "90": velocity.p90_dps,
+        "99": velocity.p99_dps,
+        "mean": velocity.mean_dps,
+    }
+
+
+def _describe_peak(exposure: Exposure, clock: Clock) -> dict[str, object]:
+    return {
+        "elevation_p99_deg": exposure.elevation_p99_deg,
+        "windows": [
+            {
+                "length_s": window.length_s,
+                "start": _tell_iso(window.start_s, clock),
+                "start_s": window.start_s,
+                "percent_above_60": window.percent_above_60,
+            }
+            for window in exposure.peak_windows
+        ],
+    }
+
+
+def _describe_eva(eva: Eva) -> dict[str, object]:
+    return {
+        "angle_edges_deg": list(eva.angle_edges_deg),
+        "duration_edges_s": list(eva.duration_edges_s),
+        "percent": eva.percent.tolist(),
+    }
+
+
+def _describe_part(part: PartExposure) -> dict[str, object]:
+    return {
+        "label": part.label,
+        "start_s": part.start_s,
+        "end_s": part.end_s,
+        "analysed_s": part.analysed_s,
+        **{f"elevation_p{p}_deg": value for p, value in part.percentiles_deg.items()},
+        **{f"time_above_{c}_percent": value for c, value in part.percent_above.items()},
+        "entries_above_60_per_h": part.entries_above_60_per_h,
+    }
+
+
+def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
+    """``first`` and ``last``: ISO clock time; without a clock, ISO duration from the first sample."""
+    return {
+        "code": flag.code,
+        "count": flag.count,
+        "seconds": flag.seconds,
+        "first": _tell_place(flag.first_s, clock),
+        "last": _tell_place(flag.last_s, clock),
+    }
+
+
+def _tell_place(seconds: float | None, clock: Clock) -> str | None:
+    if seconds is None or clock.start is not None:
+        return _tell_iso(seconds, clock)
+    return f"PT{round(seconds, _DECIMALS):g}S"
+
+
+def _tell_iso(seconds: float | None, clock: Clock) -> str | None:
+    moment = None if seconds is None else clock.at(seconds)
+    return moment.isoformat() if moment else None
+
+
+def _round_all(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _round_all(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_round_all(inner) for inner in value]
+    if isinstance(value, float):
+        return round(float(value), _DECIMALS) + 0.0 if math.isfinite(value) else None
+    return value

@@ -1,0 +1,228 @@
+"""One row for each recording: the table researchers open first, and the dictionary that explains it."""
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+Results = Mapping[str, Any]
+Cell = str | int | float | None
+Row = dict[str, Cell]
+
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\x00")
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of ``summary.csv``: its name (with the unit), where its value stands, what it means."""
+
+    name: str
+    find: Callable[[Results], Cell]
+    english: str
+    french: str
+
+
+def _above(threshold_deg: int, key: str) -> Callable[[Results], Cell]:
+    return lambda results: _at_threshold(results["exposure"]["time_above"], threshold_deg)[key]
+
+
+def _entries(threshold_deg: int, key: str) -> Callable[[Results], Cell]:
+    return lambda results: _at_threshold(results["exposure"]["entries"], threshold_deg)[key]
+
+
+def _at_threshold(rows: list[dict[str, Any]], threshold_deg: int) -> dict[str, Any]:
+    return next(row for row in rows if row["threshold_deg"] == threshold_deg)
+
+
+def _percentile(p: str) -> Callable[[Results], Cell]:
+    return lambda results: results["exposure"]["percentiles_deg"][p]
+
+
+def _window(length_s: int) -> Callable[[Results], Cell]:
+    def find(results: Results) -> Cell:
+        windows = results["exposure"]["peak"]["windows"]
+        share: Cell = next(w["percent_above_60"] for w in windows if w["length_s"] == length_s)
+        return share
+
+    return find
+
+
+def _speed(kind: str, p: str) -> Callable[[Results], Cell]:
+    def find(results: Results) -> Cell:
+        speeds = results["exposure"]["velocity_dps"][kind]
+        value: Cell = speeds[p] if speeds else None
+        return value
+
+    return find
+
+
+def _bin_columns() -> tuple[Column, ...]:
+    edges = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)
+    return tuple(
+        Column(
+            f"time_{low}_{high}_percent",
+            lambda results, i=i: results["exposure"]["bins"][i]["percent"],  # type: ignore[misc]
+            f"share of analysed time from {low} to {high} deg",
+            f"part du temps analysé de {low} à {high} degrés",
+        )
+        for i, (low, high) in enumerate(pairwise(edges))
+    )
+
+
+def _threshold_columns() -> tuple[Column, ...]:
+    return tuple(
+        column
+        for c in (30, 60, 90)
+        for column in (
+            Column(
+                f"time_above_{c}_percent",
+                _above(c, "percent"),
+                f"share of analysed time at or above {c} deg",
+                f"part du temps analysé à {c} degrés ou plus",
+            ),
+            Column(
+                f"time_above_{c}_s",
+                _above(c, "duration_s"),
+                f"time at or above {c} deg, seconds",
+                f"temps à {c} degrés ou plus, en secondes",
+            ),
+            Column(
+                f"entries_above_{c}_per_h",
+                _entries(c, "per_hour"),
+                f"rises above {c} deg per hour of analysed time (hysteresis 10 deg)",
+                f"montées au-dessus de {c} degrés par heure analysée (hystérésis 10 degrés)",
+            ),
+        )
+    )
+
+
+def _percentile_columns() -> tuple[Column, ...]:
+    return tuple(
+        Column(
+            f"elevation_p{p}_deg",
+            _percentile(str(p)),
+            f"{p}th percentile of elevation",
+            f"{p}e centile de l'élévation",
+        )
+        for p in (1, 5, 10, 25, 50, 75, 90, 95, 99)
+    )
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("file_name", lambda r: r["recording"]["file_name"], "name of the file", "nom du fichier"),
+    Column("subject", lambda r: r["recording"]["subject"], "subject code", "code du sujet"),
+    Column("side", lambda r: r["recording"]["side"], "left or right arm", "bras gauche ou droit"),
+    Column("device", lambda r: r["recording"]["device"], "kind of sensor", "type de capteur"),
+    Column(
+        "start",
+        lambda r: r["recording"]["start"],
+        "device clock at the first sample",
+        "horloge de l'appareil au premier échantillon",
+    ),
+    Column("rate_hz", lambda r: r["recording"]["rate_hz"], "true sampling rate", "fréquence réelle"),
+    Column("recorded_s", lambda r: r["time"]["recorded_s"], "recorded time", "temps enregistré"),
+    Column("analysed_s", lambda r: r["time"]["analysed_s"], "analysed time", "temps analysé"),
+    Column("missing_s", lambda r: r["time"]["missing_s"], "missing time", "temps manquant"),
+    Column("excluded_s", lambda r: r["time"]["excluded_s"], "excluded time", "temps exclu"),
+    *_bin_columns(),
+    *_threshold_columns(),
+    *_percentile_columns(),
+    Column(
+        "inclination_velocity_p50_dps",
+        _speed("inclination", "50"),
+        "median speed of the elevation angle",
+        "vitesse médiane de l'angle d'élévation",
+    ),
+    Column(
+        "worst_15_min_above_60_percent",
+        _window(900),
+        "share of time above 60 deg in the most loaded 15 minutes",
+        "part du temps au-dessus de 60 degrés dans les 15 minutes les plus sollicitantes",
+    ),
+    Column(
+        "verdict",
+        lambda r: r["quality"]["verdict"],
+        "data quality: good, caution or poor",
+        "qualité des données : good (bonne), caution (prudence) ou poor (faible)",
+    ),
+    Column(
+        "warnings",
+        lambda r: " ".join(w["code"] for w in r["quality"]["warnings"]),
+        "codes of the warnings",
+        "codes des avertissements",
+    ),
+    Column("sha256", lambda r: r["recording"]["sha256"], "SHA-256 of the file", "SHA-256 du fichier"),
+    Column(
+        "error_code",
+        lambda _r: None,
+        "why there is no result; empty when there is one",
+        "pourquoi il n'y a pas de résultat ; vide sinon",
+    ),
+)
+
+
+def summarise_results(results: Results) -> Row:
+    """Give the row of one analysed recording."""
+    return {column.name: column.find(results) for column in COLUMNS}
+
+
+def summarise_failure(file_name: str, subject: str, code: str) -> Row:
+    """Give the row of a recording without result: only what is known."""
+    empty: Row = dict.fromkeys(column.name for column in COLUMNS)
+    return empty | {"file_name": file_name, "subject": subject, "error_code": code}
+
+
+PERIOD_COLUMNS = [
+    "file_name",
+    "subject",
+    "kind",
+    "label",
+    "start_s",
+    "end_s",
+    "analysed_s",
+    "elevation_p10_deg",
+    "elevation_p50_deg",
+    "elevation_p90_deg",
+    "time_above_30_percent",
+    "time_above_60_percent",
+    "time_above_90_percent",
+    "entries_above_60_per_h",
+]
+"""Of ``periods.csv``: one row for each clock hour (kind "hour") and each period of the diary ("period")."""
+
+
+def list_periods(results: Results) -> list[Row]:
+    """Give the rows of ``periods.csv`` for one recording."""
+    who = {"file_name": results["recording"]["file_name"], "subject": results["recording"]["subject"]}
+    kinds = (("hour", "by_hour"), ("period", "by_period"))
+    return [{**who, "kind": kind, **part} for kind, key in kinds for part in results["exposure"][key]]
+
+
+def encode_summary(rows: Iterable[Row]) -> bytes:
+    """Write rows as CSV (UTF-8, comma, decimal point); text cells cannot become formulas."""
+    return encode_table([column.name for column in COLUMNS], rows)
+
+
+def encode_dictionary() -> bytes:
+    """Write what each column means, in English and French."""
+    rows: list[Row] = [{"column": c.name, "english": c.english, "french": c.french} for c in COLUMNS]
+    return encode_table(["column", "english", "french"], rows)
+
+
+def encode_table(names: list[str], rows: Iterable[Row]) -> bytes:
+    """Write a table as CSV bytes; empty is "not computable"."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for row in rows:
+        writer.writerow([_guard_cell(row.get(name)) for name in names])
+    return text.getvalue().encode("utf-8")
+
+
+def _guard_cell(value: Cell) -> Cell:
+    """Put an apostrophe before text that a spreadsheet would run."""
+    if isinstance(value, str) and value.startswith(_FORMULA_STARTS):
+        return "'" + value
+    return "" if value is None else value

@@ -1,0 +1,66 @@
+"""The few strokes our charts are made of. Text is always escaped; numbers are cut to a tenth."""
+
+from html import escape as escape_text
+
+INK = "#1c2833"
+SOFT = "#4a5763"
+RULE = "#c3cad1"
+PAPER = "#ffffff"
+RAMP = ("#deebf7", "#9ecae1", "#3a81b8", "#0b4a8a", "#071f45")
+"""Single-hue, light to dark: elevation, low to high."""
+
+ORANGE = "#d55e00"
+"""Okabe-Ito vermillion: what is pointed at."""
+
+WIDE = 680.0
+NARROW = 330.0
+"""Widths of a drawing for paper and wide screens, and for a telephone."""
+
+FONT = "Inter, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
+
+
+def number(value: float) -> str:
+    """Write a coordinate."""
+    return f"{value:.1f}".rstrip("0").rstrip(".") if value % 1 else str(int(value))
+
+
+def rect(x: float, y: float, width: float, height: float, attributes: str) -> str:
+    """Draw a rectangle."""
+    place = f'x="{number(x)}" y="{number(y)}" width="{number(width)}" height="{number(height)}"'
+    return f"<rect {place} {attributes}/>"
+
+
+def line(x1: float, y1: float, x2: float, y2: float, attributes: str) -> str:
+    """Draw a line."""
+    place = f'x1="{number(x1)}" y1="{number(y1)}" x2="{number(x2)}" y2="{number(y2)}"'
+    return f"<line {place} {attributes}/>"
+
+
+def path(commands: str, attributes: str) -> str:
+    """Draw a path."""
+    return f'<path d="{commands}" {attributes}/>'
+
+
+def text(x: float, y: float, words: str, kind: str = "soft", anchor: str = "start") -> str:
+    """Write words; ``kind`` is "soft", "ink", "strong" or "light" (on a dark ground)."""
+    fill = {"soft": SOFT, "ink": INK, "strong": INK, "light": PAPER, "accent": "#a84a00"}[kind]
+    weight = ' font-weight="600"' if kind in {"strong", "accent"} else ""
+    place = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
+    return f'<text class="{kind}" {place} fill="{fill}"{weight}>{escape_text(words)}</text>'
+
+
+def picture(width: float, height: float, key: str, words: tuple[str, str], body: list[str]) -> str:
+    """Frame the strokes as one SVG with a title and a description for those who do not see it."""
+    title, description = (escape_text(part) for part in words)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {number(width)} {number(height)}" '
+        f'role="img" aria-labelledby="{key}-t {key}-d" font-family="{FONT}" font-size="11">'
+        f'<title id="{key}-t">{title}</title><desc id="{key}-d">{description}</desc>'
+        + "".join(body)
+        + "</svg>"
+    )
+
+
+def estimate_width(words: str, size: float = 11) -> float:
+    """Guess how wide words will be; generous, so that labels never touch."""
+    return len(words) * size * 0.58

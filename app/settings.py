@@ -1,0 +1,62 @@
+"""What the person who runs Acromion may decide about the machine (never about the numbers)."""
+
+from functools import cached_property
+from pathlib import Path
+
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+GIB = 1 << 30
+
+
+class Settings(BaseSettings):
+    """Settings of the server and its workers; each may be given as ``ACROMION_<NAME>``.
+
+    Attributes
+    ----------
+    data_dir
+        Folder that holds the database, the recordings and the reports.
+    host, port
+        Where the server listens. Only loopback is served until accounts exist; port 0 takes a free one.
+    workers
+        Worker processes that ``serve`` keeps alive.
+    max_upload_bytes, min_free_bytes
+        Largest recording taken; free space below which no upload is taken.
+    lease_s, heartbeat_s
+        A worker that has not beaten for ``lease_s`` has lost its job.
+    max_attempts
+        Deaths after which a recording is given up.
+    memory_limit_bytes
+        Address space of one analysis (numba and BLAS map far more than they touch).
+    wall_limit_s, wall_limit_s_per_gb
+        Longest time for one analysis: the larger of the first and the second times the file's size.
+    min_body_rate_bytes_per_s, body_patience_s, header_patience_s
+        A client that sends more slowly than this, for longer than this, is sent away.
+    """
+
+    model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
+
+    data_dir: Path = Path("acromion-data")
+    host: str = "127.0.0.1"
+    port: int = 8080
+    workers: int = 1
+    max_upload_bytes: int = 4 * GIB
+    min_free_bytes: int = 2 * GIB
+    lease_s: float = 30.0
+    heartbeat_s: float = 3.0
+    max_attempts: int = 3
+    memory_limit_bytes: int = 6 * GIB
+    wall_limit_s: float = 600.0
+    wall_limit_s_per_gb: float = 1200.0
+    min_body_rate_bytes_per_s: float = 10_000.0
+    body_patience_s: float = 30.0
+    header_patience_s: float = 10.0
+
+    @cached_property
+    def database_url(self) -> str:
+        """Where the job rows are."""
+        return f"sqlite:///{self.data_dir / 'acromion.sqlite3'}"
+
+    def as_environment(self) -> dict[str, str]:
+        """Give every setting that was chosen, as a worker process reads it."""
+        chosen = {name: getattr(self, name) for name in self.model_fields_set}
+        return {f"ACROMION_{name.upper()}": str(value) for name, value in chosen.items()}

@@ -1,0 +1,36 @@
+"""Which software made a report: its version, and a fingerprint of the very code that ran."""
+
+import hashlib
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[1]
+
+
+@cache
+def software_version() -> str:
+    """Give the installed version, or "0" when run from a bare checkout."""
+    try:
+        return version("acromion")
+    except PackageNotFoundError:
+        return "0"
+
+
+@cache
+def software_revision() -> str:
+    """Fingerprint the code that decides on numbers and report: 12 hexadecimal digits.
+
+    A hash of the source files instead of a version-control revision: it is the same in a checkout, a wheel
+    and a container, and it cannot disagree with what ran.
+    """
+    digest = hashlib.sha256()
+    for path in _source_files():
+        digest.update(path.relative_to(_ROOT).as_posix().encode())
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:12]
+
+
+def _source_files() -> list[Path]:
+    folders = ("fusion", "app/report")
+    return sorted(path for folder in folders for path in (_ROOT / folder).rglob("*.py"))

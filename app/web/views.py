@@ -1,0 +1,196 @@
+"""From a job to what a page shows of it: words and numbers only, so that the templates need not think."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from app.jobs.job import Job, JobState
+from app.report.messages import Problem, describe_problem
+from app.report.numbers import (
+    format_angle,
+    format_duration,
+    format_number,
+    format_percent,
+)
+from app.report.wording import Language, Words, fill, load_wording
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemBox:
+    """A refusal in words, with its code and the text that "copy details" copies."""
+
+    words: Problem
+    code: str
+    copy_text: str
+
+
+@dataclass(frozen=True, slots=True)
+class JobRow:
+    """One recording in the list. ``version`` changes whenever anything shown changes."""
+
+    id: str
+    name: str
+    meta: tuple[str, ...]
+    state: str
+    state_word: str
+    stage_word: str
+    percent: int
+    duration: str
+    is_over: bool
+    problem: ProblemBox | None
+    announcement: str
+    version: str
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """A label and its value."""
+
+    label: str
+    value: str
+
+
+def show_row(job: Job, language: Language, now: datetime) -> JobRow:
+    """Show a job in the list."""
+    words = load_wording(language, "page")
+    state_word = str(words["state"][job.state.value])
+    percent = round(100 * job.progress)
+    duration = _tell_duration(job, words, language, now)
+    return JobRow(
+        id=job.id,
+        name=job.file_name,
+        meta=_tell_meta(job, words, language),
+        state=job.state.value,
+        state_word=state_word,
+        stage_word=str(words["stage"][job.stage or "starting"]),
+        percent=percent,
+        duration=duration,
+        is_over=job.is_over,
+        problem=show_problem(job, language),
+        announcement=fill(words["row"]["announce"], {"name": job.file_name, "state": state_word}),
+        version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
+    )
+
+
+def show_problem(job: Job, language: Language) -> ProblemBox | None:
+    """Say why a job failed; None when it did not."""
+    if job.problem_code is None:
+        return None
+    words = describe_problem(job.problem_code, job.problem_facts, language)
+    lines = (job.problem_code, words.title, words.detail, words.fix, words.where or "", job.id)
+    return ProblemBox(words, job.problem_code, "\n".join(filter(None, lines)))
+
+
+def show_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, ...]:
+    """Choose the main figures of ``results.json``, written as the report writes them."""
+    words = load_wording(language, "page")
+    exposure, time = results["exposure"], results["time"]
+    above = {row["threshold_deg"]: row["percent"] for row in exposure["time_above"]}
+    count = {row["threshold_deg"]: row["count"] for row in exposure["entries"]}
+    recorded = {"recorded": format_duration(time["recorded_s"], language)}
+    percentiles = exposure["percentiles_deg"]
+    values = {
+        "above_60": format_percent(above[60], language),
+        "above_90": format_percent(above[90], language),
+        "entries": format_number(count[60], 0, language),
+        "median": format_angle(percentiles["50"], language),
+        "p90": format_angle(percentiles["90"], language),
+        "analysed": format_duration(time["analysed_s"], language),
+    }
+    return tuple(Fact(fill(words["figure"][name], recorded), value) for name, value in values.items())
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor")."""
+
+    figures: tuple[Fact, ...]
+    verdict: str
+    verdict_word: str
+
+
+def show_answer(results: Mapping[str, Any], language: Language) -> Answer:
+    """Show the main figures and the verdict on the data."""
+    verdict = str(results["quality"]["verdict"])
+    word = str(load_wording(language, "page")["verdict"][verdict])
+    return Answer(show_figures(results, language), verdict, word)
+
+
+def show_settings(job: Job, language: Language) -> tuple[Fact, ...]:
+    """List what was asked and of which file."""
+    words = load_wording(language, "page")["analysis"]
+    request = job.request
+    sides = load_wording(language, "page")["drop"]
+    values = {
+        "side": sides[f"side_{request.side}"] if request.side else words["none"],
+        "subject": request.subject or words["none"],
+        "method": words["method_name"][request.method],
+        "pose": words["pose_name"][request.pose],
+        "windows": _tell_windows(job, words, language),
+        "added": tell_time(job.created_at),
+        "size": format_size(job.size_bytes, language),
+        "sha256": job.sha256,
+        "id": job.id,
+    }
+    return tuple(Fact(str(words[name]), str(value)) for name, value in values.items())
+
+
+def format_size(size_bytes: int, language: Language) -> str:
+    """Write a size as people read it: "12.3 MB", "12,3 Mo"."""
+    units = load_wording(language, "page")["decimal_units"]
+    power = min(3, max(0, (len(str(size_bytes)) - 1) // 3))
+    decimals = 1 if power >= 2 else 0
+    return f"{format_number(size_bytes / 1000**power, decimals, language)}\u00a0{units[power]}"
+
+
+def tell_time(moment: datetime) -> str:
+    """Write a time that cannot be misread, on this computer's clock."""
+    return moment.astimezone().strftime("%Y-%m-%d %H:%M")
+
+
+def read_results(body: bytes) -> Mapping[str, Any]:
+    """Read a stored ``results.json``."""
+    results: Mapping[str, Any] = json.loads(body)
+    return results
+
+
+def _tell_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
+    request = job.request
+    subject = fill(words["row"]["subject"], {"subject": request.subject}) if request.subject else ""
+    side = str(words["row"][request.side]) if request.side else ""
+    meta = (subject, side, format_size(job.size_bytes, language), tell_time(job.created_at))
+    return tuple(filter(None, meta))
+
+
+def _tell_duration(job: Job, words: Words, language: Language, now: datetime) -> str:
+    if job.started_at is None or job.state in (JobState.QUEUED, JobState.CANCELLED):
+        return ""
+    seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
+    key = "took" if job.ended_at else "running_for"
+    shown = seconds if job.ended_at else float(int(seconds))
+    return fill(words["row"][key], {"duration": format_duration(shown, language)})
+
+
+def _tell_windows(job: Job, words: Words, language: Language) -> str:
+    windows = job.request.calibration_windows_s
+    if not windows:
+        return str(words["windows_proposed"])
+    pairs = (
+        {"start": format_number(start_s, 1, language), "end": format_number(end_s, 1, language)}
+        for start_s, end_s in windows
+    )
+    return "; ".join(fill(words["window"], pair) for pair in pairs)
+
+
+def count_done(rows: tuple[JobRow, ...], language: Language) -> str:
+    """Say how many of the recordings shown are done."""
+    words = load_wording(language, "page")["list"]
+    done = sum(row.is_over for row in rows)
+    return fill(words["summary"], {"done": str(done), "all": str(len(rows))})
+
+
+def now_utc() -> datetime:
+    """Give the time at which a page is shown."""
+    return datetime.now(UTC)

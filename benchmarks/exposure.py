@@ -1,0 +1,67 @@
+"""What all figures of exposure cost: time and memory above the angles, for 1 to 24 h.
+
+python -m benchmarks.exposure
+"""
+
+import resource
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from fusion.elevation import Elevation, ElevationSegment
+from fusion.exposure import summarise_exposure
+from fusion.recording import Recording, Segment
+
+SHIFTS = ((1, 100), (2, 100), (4, 100), (8, 100), (24, 100), (8, 500))
+MEBIBYTE = 1024
+BLOCK_ROWS = 20_000  # little beside what is measured
+ROUNDS = 3
+
+
+def make_shift(rows: int, rate_hz: float) -> tuple[Elevation, Recording]:
+    """Make a shift of swings, its vertical and its samples, block by block to keep memory flat."""
+    angle, valid = np.empty(rows, np.float32), np.ones(rows, np.bool_)
+    vertical, rates = np.empty((rows, 3), np.float32), np.empty((rows, 3), np.float32)
+    random = np.random.default_rng(0)
+    for first in range(0, rows, BLOCK_ROWS):
+        block = slice(first, min(first + BLOCK_ROWS, rows))
+        time_s = np.arange(block.start, block.stop) / rate_hz
+        swing = 30 * np.sin(2 * np.pi * 0.03 * time_s) + 15 * np.sin(2 * np.pi * 0.7 * time_s)
+        angle[block] = 45 + swing + random.normal(0, 0.3, len(time_s))
+        radians = np.radians(angle[block])
+        vertical[block] = np.stack([np.sin(radians), np.zeros_like(radians), np.cos(radians)], axis=1)
+        rates[block] = 40 * vertical[block]
+    samples = Segment(0, rate_hz, vertical, rates)
+    recording = Recording("other", "", None, None, samples.duration_us, (samples,))
+    return Elevation((ElevationSegment(0, rate_hz, angle, valid, vertical),), None), recording
+
+
+def measure(hours: float, rate_hz: float) -> None:
+    warm, warm_recording = make_shift(5000, rate_hz)
+    summarise_exposure(warm, None, warm_recording, np.zeros(3))
+    elevation, recording = make_shift(round(hours * 3600 * rate_hz), rate_hz)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    seconds = min(measure_once(elevation, recording) for _ in range(ROUNDS))
+    above = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / MEBIBYTE
+    rows = len(elevation.segments[0])
+    print(f"{hours:>4} h at {rate_hz:g} Hz {rows:>11,} rows {seconds:6.3f} s {above:6.1f} MiB above input")
+
+
+def measure_once(elevation: Elevation, recording: Recording) -> float:
+    started = time.perf_counter()
+    summarise_exposure(elevation, None, recording, np.zeros(3))
+    return time.perf_counter() - started
+
+
+def main() -> None:
+    if len(sys.argv) == 3:
+        measure(float(sys.argv[1]), float(sys.argv[2]))
+        return
+    for hours, rate_hz in SHIFTS:  # each in a process of its own, so that the peak of memory is its own
+        subprocess.run([sys.executable, "-m", "benchmarks.exposure", str(hours), str(rate_hz)], check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""What the arm did: from the bytes of a recording to elevation and exposure.
+
+The public names are loaded when first asked for, so that a program which only needs the errors or the
+value types does not pay for the compiler.
+"""
+
+import importlib
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fusion.errors import FusionError as FusionError
+    from fusion.orientation import estimate_vertical as estimate_vertical
+    from fusion.pipeline import Analysis as Analysis
+    from fusion.pipeline import AnalysisSettings as AnalysisSettings
+    from fusion.pipeline import analyse as analyse
+    from fusion.readers import read_recording as read_recording
+    from fusion.recording import Recording as Recording
+
+_HOMES = {
+    "Analysis": "fusion.pipeline",
+    "AnalysisSettings": "fusion.pipeline",
+    "FusionError": "fusion.errors",
+    "Recording": "fusion.recording",
+    "analyse": "fusion.pipeline",
+    "estimate_vertical": "fusion.orientation",
+    "read_recording": "fusion.readers",
+}
+
+__all__ = [
+    "Analysis",
+    "AnalysisSettings",
+    "FusionError",
+    "Recording",
+    "analyse",
+    "estimate_vertical",
+    "read_recording",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'fusion' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def _writable_cache() -> Path | None:
+    """Find a folder of our own for compiled code; a shared one could be planted by another user."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
+    for folder in (Path(base).expanduser() / "acromion", Path(tempfile.gettempdir()) / _private_name()):
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK) and _is_ours(folder):
+            return folder
+    return None
+
+
+def _private_name() -> str:
+    return f"acromion-{os.getuid()}" if hasattr(os, "getuid") else "acromion"
+
+
+def _is_ours(folder: Path) -> bool:
+    return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
+
+
+def _place_compiled_code() -> None:
+    """Point numba at a writable folder, so that a read-only installation works and stays fast."""
+    if "NUMBA_CACHE_DIR" not in os.environ and (folder := _writable_cache()):
+        os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+_place_compiled_code()

@@ -1,0 +1,255 @@
+"""A ready angle series: a CSV with the columns ``time_s`` and ``elevation_deg``, empty where missing.
+
+Nothing is filled: a hole is a step of more than 1.5 sample periods (CONTRACT.md §5 "Hole"). Up to 50 ms it is
+bridged for the filter only, and the bridge is not valid; longer, the segment ends.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import compute as pc
+from pyarrow import csv
+
+from fusion.elevation import Elevation, ElevationSegment
+from fusion.errors import (
+    EmptyFile,
+    TooShort,
+    UnknownColumns,
+    UnknownFormat,
+    UnreadableRows,
+    UnusableTime,
+    WrongAngle,
+)
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+
+COLUMNS = ("time_s", "elevation_deg")
+LONGEST_BRIDGE_S = 0.05
+HOLE_PERIODS = 1.5
+ANGLE_TOLERANCE_DEG = 0.5
+LONGEST_S = 366 * 86400.0
+BLOCK_BYTES = 1 << 20
+MOST_UNREADABLE = 0.05
+NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
+MISSING = ["", "NaN", "nan", "NA", "null"]
+
+FloatVector = NDArray[np.float64]
+IntVector = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """The table, shape (n,): NaN where an angle is empty or no number; ``line`` is the place in the file."""
+
+    time_s: FloatVector
+    elevation_deg: FloatVector
+    line: IntVector
+    dropped: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Series:
+    """The rows that hold an angle, shape (n,), and the stamps of the first and the last row of all."""
+
+    time_s: FloatVector
+    elevation_deg: FloatVector
+    first_s: float
+    last_s: float
+
+
+def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
+    """Read a ready angle series, given as an open binary file that can be rewound.
+
+    The recording's segments carry start and rate but no samples: shape (0, 3).
+
+    Raises
+    ------
+    UnknownFormat
+        Not a text table, or without the two columns.
+    UnreadableRows
+        More than 5 % of the rows without a time or with something that is not a number.
+    UnusableTime
+        Stamps that do not rise, or are too few to tell a rate.
+    WrongAngle
+        An elevation more than 0.5 deg outside 0 to 180.
+    TooShort
+        No angle at all.
+    """
+    sha256 = _hash(file)
+    rows = _read_rows(file)
+    series = _take_angles(rows)
+    period_s = _measure_period(series.time_s)
+    segments = _split_at_holes(series, period_s)
+    duration_us = round((series.last_s - series.first_s + period_s) * MICROSECONDS)
+    recording = Recording(
+        device="angles",
+        sha256=sha256,
+        start=None,
+        time_zone=None,
+        duration_us=duration_us,
+        segments=tuple(_empty_segment(segment) for segment in segments),
+        flags=(*_flag_dropped(rows), *_flag_missing(segments, duration_us)),
+        understood={"layout": "angles", "columns": ", ".join(COLUMNS), "rate_hz": f"{1.0 / period_s:.6g}"},
+    )
+    return recording, Elevation(segments, None)
+
+
+def _hash(file: BinaryIO) -> str:
+    digest = hashlib.sha256()
+    while block := file.read(BLOCK_BYTES):
+        digest.update(block)
+    file.seek(0)
+    return digest.hexdigest()
+
+
+def _read_rows(file: BinaryIO) -> _Rows:
+    """Give the rows that have a time."""
+    start = file.read(4096)
+    file.seek(0)
+    if not start.strip():
+        raise EmptyFile
+    if b"\0" in start:
+        raise UnknownFormat(kind="binary")
+    header = start.decode("utf-8-sig", "replace").splitlines()[0]
+    names = [name.strip().strip('"') for name in header.split(",")]
+    if not set(COLUMNS) <= set(names):
+        raise UnknownColumns(list=header[:200])
+    return _parse(file, names)
+
+
+def _parse(file: BinaryIO, names: list[str]) -> _Rows:
+    """Read fast; where a value is no number, once more as text, and count what cannot be read."""
+    try:
+        table, broken = _parse_columns(file, names, pa.float64())
+    except pa.ArrowInvalid:
+        file.seek(0)
+        table, broken = _parse_columns(file, names, pa.string())
+        unreadable = pc.invert(pc.match_substring_regex(table["elevation_deg"], NUMBER))
+        broken += int(pc.sum(unreadable).as_py() or 0)
+    time_s, elevation_deg = (_to_numbers(table[name]) for name in COLUMNS)
+    return _drop_timeless(_Rows(time_s, elevation_deg, np.arange(2, table.num_rows + 2)), broken)
+
+
+def _parse_columns(file: BinaryIO, names: list[str], kind: pa.DataType) -> tuple[pa.Table, int]:
+    """Give the two columns and how many lines had too many or too few values."""
+    broken: list[int | None] = []
+
+    def skip_row(row: csv.InvalidRow) -> str:
+        broken.append(row.number)
+        return "skip"
+
+    table = csv.read_csv(
+        file,
+        csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
+        csv.ParseOptions(invalid_row_handler=skip_row),
+        csv.ConvertOptions(
+            column_types=dict.fromkeys(COLUMNS, kind),
+            include_columns=list(COLUMNS),
+            null_values=MISSING,
+            strings_can_be_null=True,
+        ),
+    )
+    return table, len(broken)
+
+
+def _to_numbers(column: pa.ChunkedArray) -> FloatVector:
+    if column.type == pa.string():
+        readable = pc.match_substring_regex(column, NUMBER)
+        column = pc.if_else(readable, pc.utf8_trim_whitespace(column), None).cast(pa.float64())
+    return np.asarray(column.to_numpy(), np.float64)
+
+
+def _drop_timeless(rows: _Rows, broken: int) -> _Rows:
+    """Leave out rows without a time; refuse the file where more than 5 % cannot be read."""
+    timed = np.isfinite(rows.time_s)
+    dropped = broken + int(np.count_nonzero(~timed))
+    if dropped > MOST_UNREADABLE * (len(timed) + broken):
+        line = int(rows.line[~timed][0]) if not timed.all() else 2
+        raise UnreadableRows(k=dropped, line=line)
+    return _Rows(rows.time_s[timed], rows.elevation_deg[timed], rows.line[timed], dropped)
+
+
+def _take_angles(rows: _Rows) -> _Series:
+    _check_time(rows)
+    _check_angle(rows)
+    present = np.isfinite(rows.elevation_deg)
+    if not present.any():
+        raise TooShort(s=0.0)
+    angle_deg = np.clip(rows.elevation_deg[present], 0.0, 180.0)
+    return _Series(rows.time_s[present], angle_deg, float(rows.time_s[0]), float(rows.time_s[-1]))
+
+
+def _check_time(rows: _Rows) -> None:
+    if len(rows.time_s) < 2:
+        raise UnusableTime(why="rows")
+    backwards = np.flatnonzero(np.diff(rows.time_s) <= 0.0)
+    if len(backwards):
+        raise UnusableTime(why="backwards", line=int(rows.line[backwards[0] + 1]))
+    if rows.time_s[-1] - rows.time_s[0] > LONGEST_S:
+        raise UnusableTime(why="span")
+
+
+def _check_angle(rows: _Rows) -> None:
+    low, high = -ANGLE_TOLERANCE_DEG, 180.0 + ANGLE_TOLERANCE_DEG
+    wrong = np.flatnonzero((rows.elevation_deg < low) | (rows.elevation_deg > high))
+    if len(wrong):
+        raise WrongAngle(value=f"{rows.elevation_deg[wrong[0]]:g}", line=int(rows.line[wrong[0]]))
+
+
+def _measure_period(time_s: FloatVector) -> float:
+    """Give the usual step: the mean of those within 1.5 medians, so that rounded stamps average out."""
+    steps_s = np.diff(time_s)
+    if len(steps_s) == 0:
+        raise UnusableTime(why="rows")
+    return float(steps_s[steps_s <= HOLE_PERIODS * np.median(steps_s)].mean())
+
+
+def _split_at_holes(series: _Series, period_s: float) -> tuple[ElevationSegment, ...]:
+    steps_s = np.diff(series.time_s)
+    longest_s = max(HOLE_PERIODS * period_s, LONGEST_BRIDGE_S + 1e-9)
+    cuts = np.concatenate([[0], np.flatnonzero(steps_s > longest_s) + 1, [len(series.time_s)]])
+    return tuple(
+        _make_segment(series, slice(first, stop), period_s)
+        for first, stop in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True)
+    )
+
+
+def _make_segment(series: _Series, rows: slice, period_s: float) -> ElevationSegment:
+    """Lay a run on an even grid; grid rows inside a short hole are interpolated and not valid."""
+    time_s, elevation_deg = series.time_s[rows], series.elevation_deg[rows]
+    steps = np.diff(time_s)
+    places = np.concatenate([[0], np.cumsum(_count_periods(steps, period_s))])
+    count = int(places[-1]) + 1
+    rate_hz = round((count - 1) / (time_s[-1] - time_s[0]), 9) if count > 1 else 1.0 / period_s
+    valid = np.zeros(count, np.bool_)
+    valid[places] = True
+    angle = elevation_deg if len(places) == count else np.interp(np.arange(count), places, elevation_deg)
+    start_us = round((time_s[0] - series.first_s) * MICROSECONDS)
+    return ElevationSegment(start_us, float(rate_hz), angle.astype(np.float32), valid)
+
+
+def _count_periods(steps_s: FloatVector, period_s: float) -> IntVector:
+    """Give how many periods each step takes: one, unless it is a hole."""
+    periods = np.rint(steps_s / period_s).astype(np.int64)
+    return np.where(steps_s > HOLE_PERIODS * period_s, np.maximum(periods, 2), 1)
+
+
+def _empty_segment(segment: ElevationSegment) -> Segment:
+    nothing = np.empty((0, 3), np.float32)
+    return Segment(segment.start_us, segment.rate_hz, nothing, nothing)
+
+
+def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> tuple[QualityFlag, ...]:
+    """Flag what is missing between the first and the last stamp."""
+    present_us = sum(int(segment.valid.sum()) * MICROSECONDS / segment.rate_hz for segment in segments)
+    missing_s = (duration_us - present_us) / MICROSECONDS
+    if missing_s < 0.5 / segments[0].rate_hz:
+        return ()
+    return (QualityFlag("W-GAP", max(len(segments) - 1, 1), round(missing_s, 6)),)
+
+
+def _flag_dropped(rows: _Rows) -> tuple[QualityFlag, ...]:
+    return (QualityFlag("W-ROWS-DROPPED", rows.dropped),) if rows.dropped else ()

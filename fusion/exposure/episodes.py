@@ -1,0 +1,120 @@
+"""Repetitions and sustained stays above a threshold (EXPOSURE.md A4 and A5, CONTRACT.md §5).
+
+Both come from one Schmitt trigger with 10 deg of hysteresis: above once the angle passes c + 5, below once it
+passes c - 5. A run of valid rows that starts above c + 5 starts "above": a stay, but no repetition.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.rows import IntArray
+from fusion.exposure.types import Entries, Episodes
+from fusion.recording import MICROSECONDS
+
+HALF_HYSTERESIS_DEG = 5.0
+MERGED_GAP_S = 0.5
+SHORTEST_S = 0.5
+USUAL_STAYS = 4096
+START, STOP, COUNTED, CENSORED, RUN = range(5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stays:
+    """What one threshold saw in one segment.
+
+    ``entry_us``, shape (k,), are the times of the repetitions; ``start_s``, ``duration_s`` and ``censored``,
+    shape (e,), are the episodes after merging and dropping.
+    """
+
+    entry_us: IntArray
+    start_s: NDArray[np.float64]
+    duration_s: NDArray[np.float64]
+    censored: NDArray[np.bool_]
+
+
+def find_stays(angle: MetricAngle, threshold_deg: float) -> Stays:
+    """Find the repetitions and episodes of one segment above one threshold."""
+    crossings = _find_crossings(angle, threshold_deg)
+    entries = crossings[crossings[:, COUNTED] == 1, START]
+    start, stop, censored = _merge_and_drop(crossings, angle.rate_hz)
+    return Stays(
+        angle.start_us + np.rint(entries * (MICROSECONDS / angle.rate_hz)).astype(np.int64),
+        angle.start_us / MICROSECONDS + start / angle.rate_hz,
+        (stop - start) / angle.rate_hz,
+        censored,
+    )
+
+
+def _find_crossings(angle: MetricAngle, threshold_deg: float) -> IntArray:
+    enter_deg, leave_deg = threshold_deg + HALF_HYSTERESIS_DEG, threshold_deg - HALF_HYSTERESIS_DEG
+    stays = np.empty((USUAL_STAYS, 5), np.int64)
+    count = scan_stays(angle.elevation_deg, angle.valid, enter_deg, leave_deg, stays)
+    if count > len(stays):
+        stays = np.empty((count, 5), np.int64)
+        scan_stays(angle.elevation_deg, angle.valid, enter_deg, leave_deg, stays)
+    return stays[:count]
+
+
+@njit(cache=True, nogil=True)
+def scan_stays(angle_deg, valid, enter_deg, leave_deg, stays):  # type: ignore[no-untyped-def]
+    """Run the trigger; write as many stays as there is room for; return how many there are.
+
+    A stay is (first row, row after the last, counted as entry, censored, number of its valid run).
+    """
+    count, run, start, counted, inside = 0, 0, -1, 0, False
+    for i in range(len(angle_deg) + 1):
+        valid_row = i < len(angle_deg) and valid[i]
+        if start >= 0 and (not valid_row or angle_deg[i] < leave_deg):
+            if count < len(stays):
+                stays[count] = (start, i, counted, 0 if valid_row else 1, run)
+            count, start = count + 1, -1
+        elif start < 0 and valid_row and angle_deg[i] > enter_deg:
+            start, counted = i, 1 if inside else 0
+        if inside and not valid_row:
+            run += 1
+        inside = valid_row
+    return count
+
+
+def _merge_and_drop(stays: IntArray, rate_hz: float) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
+    """Merge stays of one valid run over gaps under 0.5 s, then drop those under 0.5 s."""
+    gap = stays[1:, START] - stays[:-1, STOP]
+    same_run = stays[1:, RUN] == stays[:-1, RUN]
+    apart = ~(same_run & _is_under(gap, MERGED_GAP_S, rate_hz))
+    first = np.concatenate([[True], apart])[: len(stays)]
+    last = np.concatenate([apart, [True]])[: len(stays)]
+    start, stop, censored = stays[first, START], stays[last, STOP], stays[last, CENSORED] == 1
+    kept = ~_is_under(stop - start, SHORTEST_S, rate_hz)
+    return start[kept], stop[kept], censored[kept]
+
+
+def _is_under(rows: IntArray, limit_s: float, rate_hz: float) -> NDArray[np.bool_]:
+    """Say which lengths are under a limit; a thousandth of a row absorbs the fit of the rate."""
+    return rows < limit_s * rate_hz - 1e-3
+
+
+def summarise_entries(threshold_deg: float, stays: list[Stays], analysed_s: float) -> Entries:
+    """Count the repetitions of all segments, per hour of analysed time."""
+    count = sum(len(segment.entry_us) for segment in stays)
+    return Entries(threshold_deg, count, count * 3600.0 / analysed_s)
+
+
+def summarise_episodes(threshold_deg: float, stays: list[Stays]) -> Episodes:
+    """Describe the episodes of all segments; of equally long ones the earliest is the longest."""
+    durations_s = np.concatenate([segment.duration_s for segment in stays])
+    if len(durations_s) == 0:
+        return Episodes(threshold_deg, 0, None, None, None, 0)
+    starts_s = np.concatenate([segment.start_s for segment in stays])
+    longest = int(np.argmax(np.round(durations_s, 6)))
+    return Episodes(
+        threshold_deg,
+        len(durations_s),
+        float(durations_s[longest]),
+        float(np.median(durations_s)),
+        float(starts_s[longest]),
+        sum(int(segment.censored.sum()) for segment in stays),
+    )

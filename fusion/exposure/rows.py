@@ -1,0 +1,70 @@
+"""Which rows of an evenly sampled run fall into a stretch of time.
+
+Row i of a run lasts from ``start + i`` periods to ``start + i + 1`` periods. One microsecond is the
+resolution of all times, so an overlap of up to one microsecond is no overlap.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.recording import MICROSECONDS, BoolArray
+
+IntArray = NDArray[np.int64]
+
+
+class EvenRun(Protocol):
+    """An unbroken, evenly sampled run of rows."""
+
+    @property
+    def start_us(self) -> int:
+        """Time of the first row."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Rows per second."""
+
+    def __len__(self) -> int: ...
+
+
+def find_end_us(run: EvenRun) -> int:
+    """Give the first microsecond after the last row's period."""
+    return run.start_us + round(len(run) * MICROSECONDS / run.rate_hz)
+
+
+def find_first_rows(run: EvenRun, times_us: IntArray) -> IntArray:
+    """Give, for each time, the first row that begins then or later (``len(run)`` if there is none)."""
+    position = (times_us - run.start_us) * (run.rate_hz / MICROSECONDS)
+    rows = np.ceil(position - run.rate_hz / MICROSECONDS)
+    return np.asarray(np.clip(rows, 0, len(run)), np.int64)
+
+
+def find_touched_rows(run: EvenRun, start_us: int, end_us: int) -> slice:
+    """Give the rows whose period overlaps [start, end)."""
+    tolerance = run.rate_hz / MICROSECONDS
+    first = np.floor((start_us - run.start_us) * (run.rate_hz / MICROSECONDS) + tolerance)
+    stop = np.ceil((end_us - run.start_us) * (run.rate_hz / MICROSECONDS) - tolerance)
+    first, stop = np.clip([first, stop], 0, len(run))
+    return slice(int(first), max(int(first), int(stop)))
+
+
+def find_touched_parts(run: EvenRun, edges_us: IntArray) -> slice:
+    """Give the parts between successive edges that hold rows of the run."""
+    first = int(np.searchsorted(edges_us, run.start_us, side="right")) - 1
+    stop = int(np.searchsorted(edges_us, find_end_us(run), side="left"))
+    return slice(max(first, 0), min(max(stop, 0), len(edges_us) - 1))
+
+
+def split_time(counts: IntArray, rate_hz: float) -> IntArray:
+    """Turn counts of rows into integer microseconds that add up to the rounded whole, exactly."""
+    ends_us = np.rint(np.cumsum(counts, dtype=np.int64) * (MICROSECONDS / rate_hz)).astype(np.int64)
+    parts_us: IntArray = np.diff(ends_us, prepend=0)
+    return parts_us
+
+
+def find_runs(mask: BoolArray) -> IntArray:
+    """Give the runs of true rows, shape (k, 2): first row and the row after the last."""
+    edges = np.diff(mask.astype(np.int8), prepend=0, append=0)
+    runs: IntArray = np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
+    return runs

@@ -1,0 +1,45 @@
+"""What the estimators ask of plain arrays."""
+
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.errors import UnusableRecording
+from fusion.recording import FloatArray
+
+
+class UnusableArrays(UnusableRecording, ValueError):
+    """The arrays cannot be fused. Facts: why ("shape", "finite", "rate", "empty")."""
+
+    code = "E-ARRAYS"
+
+
+def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Give both as float32 or float64 arrays of shape (n, 3), C order; views where no change is needed.
+
+    Raises
+    ------
+    UnusableArrays
+        Other shapes, unequal lengths, no sample, values that are not finite, or a rate that is not positive.
+    """
+    acc, gyr = _as_floats(acc_g), _as_floats(gyr_dps)
+    if acc.ndim != 2 or acc.shape[1] != 3 or acc.shape != gyr.shape:
+        raise UnusableArrays(why="shape", acc=str(acc.shape), gyr=str(gyr.shape))
+    if len(acc) == 0:
+        raise UnusableArrays(why="empty")
+    if not (isfinite(rate_hz) and rate_hz > 0.0):
+        raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
+    if not (np.isfinite(acc).all() and np.isfinite(gyr).all()):
+        raise UnusableArrays(why="finite")
+    return acc, gyr
+
+
+def _as_floats(values: object) -> FloatArray:
+    array: NDArray[np.generic] = np.asarray(values)
+    if array.dtype == np.float32:
+        return np.ascontiguousarray(array, dtype=np.float32)
+    try:
+        return np.ascontiguousarray(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise UnusableArrays(why="numbers") from error

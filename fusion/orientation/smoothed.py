@@ -1,0 +1,156 @@
+"""`smoothed`: past and future, for a recording analysed after the fact.
+
+Idea: seen in a frame that turns with the gyroscope, the vertical stands still and a person's own acceleration
+averages out over a few seconds. The acceleration is low-passed in that frame, both ways, and
+looked at from the sensor again. Only the vertical is wanted, so the frame itself is never built: the filter's
+state is a vector carried into the sensor's next position (:mod:`fusion.sensor_errors.rotation`).
+
+The weights of the two-sided mean are ``exp(-s)(cos s + sin s)`` with ``s = |t| / time_constant_s``: the
+zero-phase second-order Butterworth low-pass ``1 / (1 + (w T)^4 / 4)``, half power at ``sqrt(2) / (2 pi T)``,
+0.075 Hz for 3 s. It lets the slow error of the gyroscope's integral be corrected and holds back what the arm
+does.
+
+So slow a filter need not run at every sample: it runs at nodes (:mod:`fusion.sensor_errors.nodes`), and from
+each node the vertical is carried to the samples about it by the gyroscope alone.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.recording import FloatArray
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection
+from fusion.sensor_errors.bias_track import GyroBias, hold_bias
+from fusion.sensor_errors.nodes import GYRO_LAG_S, NODE_RATE_HZ, reduce_to_nodes, spread_from_nodes
+from fusion.sensor_errors.rotation import carry, turn_factors
+from fusion.sensor_errors.runs import SensorRun
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothedParameters:
+    """How slow the filter is, how often it runs, how late the gyroscope is.
+
+    ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.5 to 3.5 s are alike within 0.01 deg).
+    ``gyro_lag_s``: a gyroscope's internal filter is slower than the accelerometer's. The MPU-9250's register
+    map (RM-MPU-9250A-00) puts it 1.0 ms behind at every setting (41 Hz: 5.90 against 4.88 ms); BROAD's trials
+    fit best at 1.0 to 1.5 ms. Few devices tell, so half of the data sheet's figure is taken: wrong by 0.5 ms
+    either way, which at 100 deg/s is 0.05 deg.
+    """
+
+    time_constant_s: float = 3.0
+    node_rate_hz: float = NODE_RATE_HZ
+    gyro_lag_s: float = GYRO_LAG_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothedVertical:
+    """The vertical, and a simple measure of its uncertainty.
+
+    Attributes
+    ----------
+    up
+        Shape (n, 3): unit vector to the zenith, sensor frame.
+    uncertainty_deg
+        One value for each ``rows_per_value`` samples (about a second): the root mean square of the angle
+        between what the past alone and what the future alone say, times the smaller one's share in the
+        result (a half, away from the ends).
+    """
+
+    up: FloatArray
+    uncertainty_deg: NDArray[np.float64]
+    rows_per_value: int
+
+
+def smooth_vertical(
+    run: SensorRun,
+    bias: GyroBias | None = None,
+    correction: AccelerometerCorrection | None = None,
+    parameters: SmoothedParameters | None = None,
+    dtype: type[np.float32] | type[np.float64] = np.float64,
+) -> SmoothedVertical:
+    """Find the vertical at the time of each sample, and how far past and future disagree."""
+    parameters = parameters or SmoothedParameters()
+    bias = bias or hold_bias(np.zeros(3))
+    nodes = reduce_to_nodes(run, bias, parameters.node_rate_hz, parameters.gyro_lag_s, correction)
+    decay = np.exp(-(1.0 + 1.0j) * nodes.rows_per_node / (run.rate_hz * parameters.time_constant_s))
+    per_second = max(1, round(run.rate_hz / nodes.rows_per_node))
+    up = np.zeros((len(nodes.acc_g), 3))
+    disagreement = np.zeros(-(-len(up) // per_second))
+    for direction in (1, -1):
+        _sweep(nodes.acc_g, nodes.turn_rad, decay, direction, up, disagreement, per_second)
+    _finish(nodes.acc_g, up)
+    uncertainty_deg = np.degrees(np.sqrt(disagreement / per_second))
+    out = spread_from_nodes(run, nodes, up, dtype)
+    return SmoothedVertical(out, uncertainty_deg, per_second * nodes.rows_per_node)
+
+
+@njit(inline="always")
+def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
+    """Square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller one's share."""
+    first = past[0] * past[0] + past[1] * past[1] + past[2] * past[2]
+    second = future[0] * future[0] + future[1] * future[1] + future[2] * future[2]
+    both = past[0] * future[0] + past[1] * future[1] + past[2] * future[2]
+    if first * second == 0.0:
+        return 0.0
+    square = 1.0 if both < 0.0 else max(0.0, 1.0 - both * both / (first * second))
+    return square * min(first, second) / (first + second + 2.0 * np.sqrt(first * second))
+
+
+@njit(inline="always")
+def _fade(real: Any, imaginary: Any, decay: complex, acc: Any) -> Any:  # pragma: no cover
+    """One step: the complex state shrinks and turns in its own plane, the new sample comes in."""
+    keep, mix = decay.real, decay.imag
+    return (
+        (
+            keep * real[0] - mix * imaginary[0] + acc[0],
+            keep * real[1] - mix * imaginary[1] + acc[1],
+            keep * real[2] - mix * imaginary[2] + acc[2],
+        ),
+        (
+            keep * imaginary[0] + mix * real[0],
+            keep * imaginary[1] + mix * real[1],
+            keep * imaginary[2] + mix * real[2],
+        ),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _sweep(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    acc: Any, turns: Any, decay: complex, direction: int, out: Any, disagreement: Any, per_value: int
+) -> None:  # pragma: no cover
+    """Filter in one direction and add to ``out``.
+
+    The backward sweep meets in ``out`` what the forward one left, and notes how far they disagree.
+    """
+    nodes, backwards = len(acc), direction < 0
+    real, imaginary = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for step in range(nodes):
+        k = nodes - 1 - step if backwards else step
+        if step > 0:
+            if backwards:
+                turn = (-turns[k + 1, 0], -turns[k + 1, 1], -turns[k + 1, 2])
+            else:
+                turn = (turns[k, 0], turns[k, 1], turns[k, 2])
+            factors = turn_factors(turn)
+            real, imaginary = carry(real, turn, factors), carry(imaginary, turn, factors)
+        real, imaginary = _fade(real, imaginary, decay, (acc[k, 0], acc[k, 1], acc[k, 2]))
+        mean = (real[0] - imaginary[0], real[1] - imaginary[1], real[2] - imaginary[2])
+        if backwards:
+            disagreement[k // per_value] += _disagree((out[k, 0], out[k, 1], out[k, 2]), mean)
+        for axis in range(3):
+            out[k, axis] += mean[axis]
+
+
+@njit(cache=True, nogil=True)
+def _finish(acc: Any, out: Any) -> None:  # pragma: no cover
+    """Count the present node once, not twice, and scale to unit length."""
+    for k in range(len(out)):
+        x, y, z = out[k, 0] - acc[k, 0], out[k, 1] - acc[k, 1], out[k, 2] - acc[k, 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            out[k, 0], out[k, 1], out[k, 2] = x / length, y / length, z / length
+        else:
+            out[k, 0], out[k, 1], out[k, 2] = 0.0, 0.0, 1.0

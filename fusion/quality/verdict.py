@@ -1,0 +1,116 @@
+"""Good, caution or poor, and why (EXPOSURE.md A15, RELIABILITY.md §1.1)."""
+
+from collections.abc import Iterable
+
+from fusion.calibration import Calibration
+from fusion.quality.exclusions import READY_ANGLES
+from fusion.quality.types import Quality, TimeAccount, Verdict
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
+
+HOUR_S = 3600.0
+NPOSE_ERROR_DEG = 15
+VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
+NOTE, CAUTION, POOR = range(3)
+
+# Caveats that say how a file was read, or stand in words beside the figures; they do not lower the verdict.
+NOTES = frozenset(
+    {
+        "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-UPLOAD", "W-ENCODING",
+        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-PRECISION", "W-SEC-COUNT", "W-TZ",
+    }
+)  # fmt: skip
+GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-SHORT", "W-UPSIDE"})
+# Caveats that count from a share of the recorded time on.
+SHARES = {"W-GAP": 0.01, "W-UNTRUSTED": 0.01, "W-CLIP": 0.001}
+
+
+def assess_quality(
+    recording: Recording,
+    calibration: Calibration | None,
+    time: TimeAccount,
+    exclusions: tuple[Span, ...],
+    calibration_flags: tuple[QualityFlag, ...] = (),
+) -> Quality:
+    """Collect every caveat and give the verdict with the codes that decided it.
+
+    Poor: less than 2 h or half of the recording analysed, no still period, sensor upside down. Caution: less
+    than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal. A note (a
+    duplicate second, the N-pose) leaves the verdict good.
+    """
+    given = (*recording.flags, *calibration_flags)
+    told = {flag.code for flag in given}
+    own = _find_own_flags(recording, calibration, time, exclusions)
+    flags = [*given, *(flag for flag in own if flag.code not in told)]
+    flags = sorted(flags, key=lambda flag: -grade_flag(flag, time))  # stable: reading order within
+    worst = max((grade_flag(flag, time) for flag in flags), default=NOTE)
+    reasons = dict.fromkeys(flag.code for flag in flags if worst > NOTE and grade_flag(flag, time) == worst)
+    return Quality(VERDICTS[worst], tuple(reasons), tuple(flags))
+
+
+def grade_flag(flag: QualityFlag, time: TimeAccount) -> int:
+    """Say how grave a caveat is: a note, a caution, or reason enough for a poor verdict."""
+    if flag.code in SHARES:
+        return CAUTION if flag.seconds * MICROSECONDS >= SHARES[flag.code] * time.recorded_us else NOTE
+    if flag.code == "W-FEW-HOURS":
+        return POOR if flag.seconds < 2 * HOUR_S else CAUTION
+    if flag.code in GRAVE:
+        return POOR
+    return NOTE if flag.code in NOTES else CAUTION
+
+
+def _find_own_flags(
+    recording: Recording, calibration: Calibration | None, time: TimeAccount, exclusions: tuple[Span, ...]
+) -> Iterable[QualityFlag]:
+    holes = find_holes(recording)
+    yield from _flag_spans("W-GAP", holes)
+    yield from _flag_spans("W-CLIP", [span for span in exclusions if span.reason == "clipped"])
+    yield from _flag_untrusted(recording, time, holes)
+    yield from _flag_length(recording, time)
+    if calibration is not None and calibration.pose == "n-pose":
+        yield QualityFlag("W-NPOSE", facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
+
+
+def find_holes(recording: Recording) -> list[Span]:
+    """Give the stretches between segments that the device does not account for itself."""
+    if recording.device == READY_ANGLES:
+        return []  # its segments hold no samples; the reader of angles tells its holes
+    known = [(segment.start_us, segment.end_us) for segment in recording.segments]
+    known += [(span.start_us, span.end_us) for span in recording.excluded]
+    holes, reached_us = [], 0
+    for start_us, end_us in [*sorted(known), (recording.duration_us, recording.duration_us)]:
+        if start_us > reached_us + 1:  # a microsecond is rounding
+            holes.append(Span(reached_us, start_us - reached_us, "missing"))
+        reached_us = max(reached_us, end_us)
+    return holes
+
+
+def _flag_spans(code: str, spans: list[Span]) -> Iterable[QualityFlag]:
+    if spans:
+        total_us = sum(span.duration_us for span in spans)
+        first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
+        yield QualityFlag(code, len(spans), total_us / MICROSECONDS, first_s, last_s)
+
+
+def _flag_untrusted(recording: Recording, time: TimeAccount, holes: list[Span]) -> Iterable[QualityFlag]:
+    """Flag time that was recorded but whose direction the fusion did not trust."""
+    if recording.device == READY_ANGLES:
+        return
+    bridged_us = sum(
+        (stop - first) * MICROSECONDS / segment.rate_hz
+        for segment in recording.segments
+        for first, stop in segment.bridged
+    )
+    untrusted_us = time.missing_us - bridged_us - sum(span.duration_us for span in holes)
+    if untrusted_us >= MICROSECONDS:
+        yield QualityFlag("W-UNTRUSTED", seconds=untrusted_us / MICROSECONDS)
+
+
+def _flag_length(recording: Recording, time: TimeAccount) -> Iterable[QualityFlag]:
+    analysed_s = time.analysed_us / MICROSECONDS
+    share_percent = 100.0 * time.analysed_us / time.recorded_us
+    if 2 * time.analysed_us < time.recorded_us:
+        yield QualityFlag("W-LOWCOVER", seconds=analysed_s, facts={"percent": round(share_percent, 1)})
+    if analysed_s < 60.0 and recording.device != READY_ANGLES:
+        yield QualityFlag("W-SHORT", seconds=analysed_s)
+    elif analysed_s < 4 * HOUR_S:
+        yield QualityFlag("W-FEW-HOURS", seconds=analysed_s)

@@ -1,0 +1,83 @@
+"""What bytes are that no reader knows, so that the refusal can name it."""
+
+from fusion.errors import FusionError, TooShort, UnknownColumns, UnknownFormat, UnsafeArchive, WrongExtension
+from fusion.readers.columns import understand_column
+from fusion.readers.source import Source
+from fusion.readers.text_layout import DELIMITERS, SNIFFED_LINES, find_layout, split_fields
+from fusion.readers.text_stream import decode_head, find_form
+
+MAGIC = (
+    (b"%PDF-", "PDF"),
+    (b"\xd0\xcf\x11\xe0", "Excel/Word (.xls, .doc)"),
+    (b"\xff\xd8\xff", "JPEG"),
+    (b"\x89PNG", "PNG"),
+    (b"GIF8", "GIF"),
+    (b"MATLAB", "MATLAB (.mat)"),
+    (b"\x1f\x8b", "gzip"),
+    (b"Rar!", "RAR"),
+    (b"7z\xbc\xaf", "7-Zip"),
+    (b"SQLite format 3", "SQLite"),
+    (b"PAR1", "Parquet"),
+    (b"\x7fELF", "ELF"),
+    (b"MZ", "Windows (.exe)"),
+)
+TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
+
+
+def name_content(head: bytes) -> str:
+    """A short name of what the bytes are, the same in every language."""
+    for magic, name in MAGIC:
+        if head.startswith(magic):
+            return name
+    start = head[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
+    if start.startswith((b"<!doctype html", b"<html")):
+        return "HTML"
+    if start.startswith(b"<"):
+        return "XML"
+    if start.startswith((b"{", b"[")):
+        return "JSON"
+    return "binary" if b"\0" in head and not find_form(head).encoding else "text"
+
+
+def explain_refusal(source: Source) -> FusionError:
+    """The error for bytes that no reader recognised."""
+    kind = name_content(source.head)
+    if kind == "gzip":
+        return UnsafeArchive(reason="nested")
+    if kind == "text":
+        return _explain_text(source)
+    return UnknownFormat(kind=kind)
+
+
+def _explain_text(source: Source) -> FusionError:
+    if source.extension == ".gt3x":
+        return WrongExtension(ext=".gt3x", kind="text", right=".csv")
+    layout = find_layout(decode_head(source, find_form(source.head)))
+    if layout is None and names_columns(source):
+        return TooShort(s=0.0)
+    if layout is None:
+        return UnknownFormat(kind="text")
+    return UnknownColumns(list=" | ".join(layout.sample_rows[0])[:200], line=layout.first_line + 1)
+
+
+def names_columns(source: Source) -> bool:
+    """Whether a line of the head names six channels or more: a table without rows."""
+    lines = decode_head(source, find_form(source.head)).split("\n")[:SNIFFED_LINES]
+    return any(
+        sum(understand_column(field).channel in ("acc", "gyr") for field in split_fields(line, mark)) >= 6
+        for line in lines
+        for mark in DELIMITERS
+    )
+
+
+def check_extension(source: Source, *, is_archive: bool) -> None:
+    """Refuse a name that contradicts the content.
+
+    Raises
+    ------
+    WrongExtension
+    """
+    if is_archive and source.extension in TEXT_EXTENSIONS:
+        raise WrongExtension(ext=source.extension, kind=".gt3x", right=".gt3x")
+    if not is_archive and source.extension == ".gt3x":
+        raise WrongExtension(ext=".gt3x", kind="text", right=".csv")

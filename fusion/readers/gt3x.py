@@ -1,0 +1,260 @@
+"""ActiGraph GT9X Link `.gt3x` with IMU records.
+
+Sources: actigraph/GT3X-File-Format (records, schema); the time rule was measured against ActiLife 6.13.3.
+Compared to ActiLife: all n rows of a second are kept, at T + k/n, and lie on one even grid over unbroken
+seconds; ActiLife resamples every second to exactly 100 rows. Nothing is filled where records are missing.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
+from fusion.readers import gt3x_archive, gt3x_events
+from fusion.readers.gt3x_clock import Run, Seconds, Timeline, order_seconds
+from fusion.readers.gt3x_events import ACTIVITY, ACTIVITY2, EVENT, METADATA, SCHEMA, SENSOR_DATA, DeviceEvents
+from fusion.readers.gt3x_info import DeviceText, name_offset, parse_device_text, tell_start
+from fusion.readers.gt3x_log import (
+    TALLY_PLACES,
+    ScannedPiece,
+    ScanTally,
+    scan_pieces,
+    summarise_tally,
+)
+from fusion.readers.gt3x_schema import RowDecoder, make_decoder, parse_schema
+from fusion.readers.samples import SampleColumns
+from fusion.readers.source import Source
+from fusion.readers.timing import find_gaps, flag_spans, is_clock_set
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
+
+WATCHED = (ACTIVITY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
+MAX_DAMAGED_PERCENT = 5.0
+EARLY_END_S = 60.0
+
+
+def recognise(source: Source) -> bool:
+    """Whether the bytes are a zip."""
+    return gt3x_archive.is_archive(source.file, source.head)
+
+
+def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the log tells its rate)
+    """Read the IMU of a GT9X Link.
+
+    Raises
+    ------
+    fusion.errors.UnreadableFile
+        The archive is cut, corrupt or unsafe, parts are missing, there is no gyroscope, or more than 5 % of
+        the records are damaged.
+    TooShort
+        No second of samples.
+    """
+    with gt3x_archive.open_archive(source) as archive:
+        gt3x_archive.check_parts(archive)
+        text = parse_device_text(gt3x_archive.read_text(archive, "info.txt"))
+        log = decode_log(gt3x_archive.read_member(archive, "log.bin"))
+    log.refuse_unusable()
+    timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
+    return build_recording(text, log, timeline)
+
+
+@dataclass(slots=True)
+class DeviceLog:
+    """What log.bin holds, gathered piece by piece."""
+
+    columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
+    events: DeviceEvents = field(default_factory=DeviceEvents)
+    tally: NDArray[np.int64] = field(default_factory=lambda: np.zeros(TALLY_PLACES, np.int64))
+    placed: list[tuple[int, int, int, int]] = field(default_factory=list)
+    decoder: RowDecoder | None = None
+    labels: set[str] = field(default_factory=set)
+    n_bytes: int = 0
+    n_schemas: int = 0
+    n_undecoded: int = 0
+
+    @property
+    def scan(self) -> ScanTally:
+        """What the scan met."""
+        return summarise_tally(self.tally)
+
+    def seconds(self) -> Seconds:
+        """The decoded SENSOR_DATA records in the order of the file."""
+        return Seconds(*np.array(self.placed, np.int64).reshape(-1, 4).T)
+
+    def refuse_unusable(self) -> None:
+        """Raise where no sample can be trusted."""
+        scan = self.scan
+        damaged_percent = 100.0 * scan.damaged_bytes / max(1, self.n_bytes)
+        if damaged_percent > MAX_DAMAGED_PERCENT:
+            clock = datetime.fromtimestamp(scan.first_damage_unix_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
+            raise DamagedFile(p=round(damaged_percent, 1), clock=clock)
+        if self.placed:
+            return
+        if self.n_undecoded:
+            raise UnknownColumns(list=", ".join(sorted(self.labels)) or "SENSOR_SCHEMA")
+        if scan.records == 0:
+            raise TooShort(s=0.0)
+        raise NoGyroscope
+
+
+def decode_log(pieces: Iterable[bytes]) -> DeviceLog:
+    """Scan and decode log.bin in one pass over its pieces."""
+    log = DeviceLog()
+    for piece in scan_pieces(_count_bytes(pieces, log), log.tally):
+        for kind, unix_s, first, size in _watched_records(piece):
+            if kind == SENSOR_DATA:
+                _take_samples(log, piece.buffer, unix_s, first, size)
+            elif kind == SCHEMA:
+                _take_schema(log, piece.buffer[first : first + size].tobytes())
+            elif size == 1 or kind in (EVENT, METADATA):
+                log.events.note(kind, unix_s, piece.buffer[first : first + size].tobytes())
+    log.columns.trim()
+    return log
+
+
+def _count_bytes(pieces: Iterable[bytes], log: DeviceLog) -> Iterator[bytes]:
+    for piece in pieces:
+        log.n_bytes += len(piece)
+        yield piece
+
+
+def _watched_records(piece: ScannedPiece) -> list[list[int]]:
+    kinds, sizes = piece.records[:, 0], piece.records[:, 3]
+    is_watched = np.isin(kinds, WATCHED)
+    # whole seconds of the primary accelerometer are not read: only its one-byte dock events are
+    is_activity = ((kinds == ACTIVITY) | (kinds == ACTIVITY2)) & (sizes != 1)
+    chosen: list[list[int]] = piece.records[is_watched & ~is_activity].tolist()
+    return chosen
+
+
+def _take_schema(log: DeviceLog, payload: bytes) -> None:
+    schema = parse_schema(payload)
+    if schema is None or (log.decoder is not None and log.decoder.schema == schema):
+        return
+    log.labels |= {column.label for column in schema.columns if column.label}
+    log.decoder = make_decoder(schema)
+    log.n_schemas += 1
+
+
+def _take_samples(log: DeviceLog, buffer: NDArray[np.uint8], unix_s: int, first: int, size: int) -> None:
+    decoder = log.decoder
+    schema_id = int(buffer[first]) | int(buffer[first + 1]) << 8 if size >= 2 else -1
+    if decoder is None or decoder.schema.schema_id != schema_id:
+        log.n_undecoded += 1
+        return
+    n_rows, odd_bytes = divmod(size - 2, decoder.schema.row_bytes)
+    if n_rows == 0 or odd_bytes:
+        log.n_undecoded += 1
+        return
+    columns = log.columns
+    columns.make_room(n_rows)
+    rows = slice(columns.rows, columns.rows + n_rows)
+    decoder.decode(buffer, first + 2, columns.acc[rows], columns.gyr[rows])
+    log.placed.append((unix_s, columns.rows, n_rows, log.n_schemas))
+    columns.rows += n_rows
+
+
+def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Recording:
+    """Put segments, exclusions and caveats together."""
+    segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
+    excluded = find_exclusions(log, timeline)
+    duration_us = max([segments[-1].end_us, *(span.end_us for span in excluded)])
+    start = tell_start(int(timeline.seconds.unix_s[0]), text.offset_s, counts_utc=log.events.counts_utc)
+    decoder = log.decoder
+    return Recording(
+        device="gt9x",
+        sha256="",
+        start=start if is_clock_set(start) else None,
+        time_zone=None if text.offset_s is None else name_offset(text.offset_s),
+        duration_us=duration_us,
+        segments=segments,
+        excluded=excluded,
+        flags=(
+            *flag_file(text, log, timeline),
+            *timeline.flags,
+            *(() if is_clock_set(start) else (QualityFlag("W-CLOCK-UNSET"),)),
+            *flag_spans("W-SLEEP", [span for span in excluded if span.reason == "asleep"]),
+            *flag_spans("W-DOCKED", [span for span in excluded if span.reason == "docked"]),
+            *flag_spans("W-GAP", find_gaps(segments, duration_us, excluded)),
+        ),
+        understood=_describe(text, log, timeline),
+        serial_hash=text.serial_hash,
+        acc_range_g=_full_scale(decoder, 0),
+        gyr_range_dps=_full_scale(decoder, 3),
+    )
+
+
+def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment:
+    first_rows = seconds.first_row[run.first : run.stop]
+    stop_rows = first_rows + seconds.n_rows[run.first : run.stop]
+    n_rows = int(seconds.n_rows[run.first : run.stop].sum())
+    if stop_rows[-1] - first_rows[0] == n_rows:
+        acc = columns.acc[first_rows[0] : stop_rows[-1]]
+        gyr = columns.gyr[first_rows[0] : stop_rows[-1]]
+    else:
+        kept = np.concatenate([np.arange(a, b) for a, b in zip(first_rows, stop_rows, strict=True)])
+        acc, gyr = columns.acc[kept], columns.gyr[kept]
+    return Segment(run.start_s * MICROSECONDS, n_rows / (run.stop - run.first), acc, gyr)
+
+
+def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[Span, ...]:
+    """Idle sleep where nothing was measured, and seconds in the dock, from the first sample on."""
+    covered = [(run.start_s, run.end_s) for run in timeline.runs]
+    end_s = max(covered[-1][1], timeline.place_s(log.scan.last_unix_s))
+    docked = gt3x_events.merge_seconds(
+        second for second in map(timeline.place_s, log.events.docked_s) if 0 <= second < end_s
+    )
+    asleep: list[tuple[int, int]] = []
+    for start_unix_s, end_unix_s in gt3x_events.pair_sleep(log.events.sleep, log.scan.last_unix_s):
+        start_s = max(0, timeline.place_s(start_unix_s))
+        stop_s = min(end_s, timeline.place_s(end_unix_s))
+        asleep += gt3x_events.cut_out(start_s, stop_s, sorted([*covered, *docked]))
+    return gt3x_events.make_spans(docked, "docked") + gt3x_events.make_spans(asleep, "asleep")
+
+
+def flag_file(text: DeviceText, log: DeviceLog, timeline: Timeline) -> tuple[QualityFlag, ...]:
+    """Caveats that come from the records and from info.txt."""
+    scan = log.scan
+    counts = {
+        "W-CHECKSUM": scan.bad_checksums,
+        "W-RESYNC": scan.resyncs,
+        "W-ROWS-DROPPED": log.n_undecoded,
+        "W-RESETS": int(text.number("Unexpected Resets") or 0),
+        "W-ENCODING": int(text.encoding != "utf-8"),
+        "W-TZ": int("TimeZone" in text.values and text.offset_s is None),
+        "W-EARLY-END": int(_ended_early_s(text, timeline) > EARLY_END_S),
+    }
+    flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count > 0)
+    if scan.tail_bytes:
+        flags += (QualityFlag("W-TRUNC-TAIL", facts={"n": scan.tail_bytes}),)
+    return flags
+
+
+def _ended_early_s(text: DeviceText, timeline: Timeline) -> float:
+    planned_s = text.unix_s("Stop Date")
+    return 0.0 if planned_s is None else planned_s - float(timeline.seconds.unix_s[-1] + 1)
+
+
+def _full_scale(decoder: RowDecoder | None, channel: int) -> float | None:
+    channels = decoder.schema.channels() if decoder else None
+    return float(2 ** (channels[channel].bit_size - 1) / channels[channel].divisor) if channels else None
+
+
+def _describe(text: DeviceText, log: DeviceLog, timeline: Timeline) -> dict[str, str]:
+    counts = timeline.seconds.n_rows
+    usual = ", ".join(f"{n} x {k}" for n, k in zip(*np.unique(counts, return_counts=True), strict=True))
+    steps = [second.start_s - first.end_s for first, second in pairwise(timeline.runs)]
+    return {
+        "layout": "ActiGraph GT9X Link .gt3x",
+        "columns": ", ".join(sorted(log.labels)),
+        "units": "g, deg/s",
+        "rows_per_second": usual[:200],
+        "samples": str(int(counts.sum())),
+        "records": str(log.scan.records),
+        "missing_seconds": str(sum(steps)),
+        "firmware": text.values.get("Firmware", ""),
+        "clock": "UTC" if log.events.counts_utc else "local",
+    }

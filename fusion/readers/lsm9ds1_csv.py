@@ -1,0 +1,172 @@
+"""CSV of loggers built on the ST LSM9DS1, and of look-alikes whose header names the columns.
+
+A header is needed; units and time are read from it where it states them, and found from the samples where it
+does not (:mod:`fusion.physics`). A preamble of `# key: value` lines may tell device, start and ranges.
+"""
+
+from datetime import datetime
+
+import numpy as np
+
+from fusion.errors import TooShort, UnknownColumns, UnknownRate
+from fusion.readers.columns import choose_vector
+from fusion.readers.grid import Grid
+from fusion.readers.gt3x_info import name_offset
+from fusion.readers.segments import cut_counted, cut_stamped
+from fusion.readers.source import Source
+from fusion.readers.table_plan import plan_table, wrap_us
+from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, PAUSE
+from fusion.readers.text_layout import TextLayout, find_layout
+from fusion.readers.text_stream import TextForm, decode_head, find_form
+from fusion.readers.text_table import TablePlan, TableRows, read_table
+from fusion.readers.timing import datetime_at_us, hash_serial, is_clock_set
+from fusion.recording import QualityFlag, Recording
+
+ARDUINO_BURST_ROWS = 119
+ARDUINO_RATE_HZ = 119.0
+CANONICAL_HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
+
+
+def recognise(source: Source) -> bool:
+    """Whether the head is text with a header that names columns."""
+    layout = find_layout(decode_head(source, find_form(source.head)))
+    return layout is not None and layout.header is not None
+
+
+def read(source: Source, rate_hz: float | None = None) -> Recording:
+    """Read a table with a header.
+
+    Raises
+    ------
+    fusion.errors.UnreadableFile
+        Columns are missing or not understood, or the table is damaged.
+    UnknownRate
+        The layout holds no time and nobody told the rate.
+    fusion.errors.UnusableTime
+        The stamps are not those of an even sampling.
+    """
+    form = find_form(source.head)
+    layout = find_layout(decode_head(source, form))
+    if layout is None:
+        raise UnknownColumns(list="-")
+    plan = plan_table(layout)
+    rows = read_table(source, form, layout, plan)
+    if rows.columns.rows == 0:
+        raise TooShort(s=0.0)
+    first_stamp = int(rows.columns.stamps[0])
+    grid = _cut_rows(rows, plan, rate_hz)
+    return _build(layout, plan, rows, grid, (form, first_stamp))
+
+
+def _cut_rows(rows: TableRows, plan: TablePlan, rate_hz: float | None) -> Grid:
+    if plan.stamp_kind != COUNTER:
+        return cut_stamped(rows.columns, wrap_us(plan))
+    return cut_counted(rows.columns, rate_hz or find_burst_rate_hz(rows))
+
+
+def find_burst_rate_hz(rows: TableRows) -> float:
+    """The rate of a layout without time, where its form gives it away.
+
+    Arduino's example sketch for the Nano 33 BLE Sense writes bursts of 119 rows, one second of the library's
+    fixed 119 Hz, and a blank line after each.
+
+    Raises
+    ------
+    UnknownRate
+        Nothing gives it away: the person has to tell.
+    """
+    numbers = rows.columns.stamps
+    ends = np.flatnonzero(np.diff(numbers // PAUSE)) + 1
+    bursts = np.diff(np.concatenate([[0], ends]))
+    if len(bursts) >= 2 and np.all(bursts == ARDUINO_BURST_ROWS):
+        return ARDUINO_RATE_HZ
+    raise UnknownRate(h="-", m="-")
+
+
+def _build(
+    layout: TextLayout, plan: TablePlan, rows: TableRows, grid: Grid, origin: tuple[TextForm, int]
+) -> Recording:
+    form, first_stamp = origin
+    facts = layout.facts()
+    start = find_start(facts, plan, first_stamp)
+    is_set = start is not None and is_clock_set(start)
+    flags = (*rows.flags, *grid.flags)
+    if form.encoding:
+        flags += (QualityFlag("W-ENCODING"),)
+    if layout.decimal == ",":
+        flags += (QualityFlag("W-LOCALE"),)
+    if start is not None and not is_set:
+        flags += (QualityFlag("W-CLOCK-UNSET"),)
+    if plan.stamp_kind == COUNTER:
+        flags += (QualityFlag("W-RATE", facts={"rate_hz": round(1e6 / grid.period_us, 3)}),)
+    return Recording(
+        device=find_device(facts, layout),
+        sha256="",
+        start=start if is_set else None,
+        time_zone=_name_zone(start) if is_set else None,
+        duration_us=grid.duration_us,
+        segments=grid.segments,
+        flags=flags,
+        understood=_describe(layout, plan, grid, rows.columns.rows),
+        serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
+        acc_range_g=_positive(facts.get("acc_range_g")),
+        gyr_range_dps=_positive(facts.get("gyr_range_dps")),
+    )
+
+
+def find_start(facts: dict[str, str], plan: TablePlan, first_stamp_us: int) -> datetime | None:
+    """The clock at the first row: from the preamble, from a calendar column, or from an epoch; else None."""
+    text = facts.get("start", "")
+    if text:
+        try:
+            return datetime.fromisoformat(text)
+        except ValueError:
+            return None
+    if plan.stamp_kind == CALENDAR_TIME:
+        return datetime_at_us(first_stamp_us)
+    return None
+
+
+def find_device(facts: dict[str, str], layout: TextLayout) -> str:
+    """Give "lsm9ds1" where the file says so or is in our own form for such loggers."""
+    named = facts.get("device", "").lower()
+    if "lsm9ds1" in named or (not named and layout.header == CANONICAL_HEADER):
+        return "lsm9ds1"
+    return "other"
+
+
+def _name_zone(start: datetime | None) -> str | None:
+    offset = start.utcoffset() if start else None
+    return None if offset is None else name_offset(round(offset.total_seconds()))
+
+
+def _positive(text: str | None) -> float | None:
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if 0 < value < 1e6 else None
+
+
+def _describe(layout: TextLayout, plan: TablePlan, grid: Grid, n_rows: int) -> dict[str, str]:
+    acc, gyr = choose_vector(layout.columns, "acc"), choose_vector(layout.columns, "gyr")
+    assert acc is not None
+    assert gyr is not None
+    used = {*acc, *gyr}
+    kinds = {0: "row number", 1: "number", 2: "calendar"}
+    return {
+        "layout": "table with header",
+        "columns": ", ".join(column.name for column in layout.columns)[:400],
+        "ignored": ", ".join(
+            column.name
+            for k, column in enumerate(layout.columns)
+            if k not in used and column.channel == "other"
+        )[:400],
+        "acceleration_unit": layout.columns[acc[0]].unit or "",
+        "angular_rate_unit": layout.columns[gyr[0]].unit or "",
+        "time": kinds[plan.stamp_kind],
+        "time_exponent": str(plan.stamp_exponent),
+        "delimiter": {"\t": "tab", " ": "space"}.get(layout.delimiter, layout.delimiter),
+        "jitter_us": f"{grid.jitter_us:.1f}",
+        "samples": str(n_rows),
+    }

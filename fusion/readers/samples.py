@@ -1,0 +1,60 @@
+"""Samples while they are being read: columns that grow in place and are written once."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+FIRST_CAPACITY = 65_536
+
+
+class SampleColumns:
+    """Acceleration, angular rate and stamps of the rows read so far.
+
+    Attributes
+    ----------
+    acc, gyr
+        Shape (capacity, 3), float32, in the units of the file times the reader's scale.
+    stamps
+        Shape (capacity,), int64: microseconds, or row numbers where the layout has no time. Empty where the
+        reader keeps time in another way.
+    rows
+        How many of them are filled.
+    """
+
+    def __init__(self, *, has_stamps: bool = True) -> None:
+        self.rows = 0
+        self._has_stamps = has_stamps
+        self.acc: NDArray[np.float32] = np.empty((FIRST_CAPACITY, 3), np.float32)
+        self.gyr: NDArray[np.float32] = np.empty((FIRST_CAPACITY, 3), np.float32)
+        self.stamps: NDArray[np.int64] = np.empty(FIRST_CAPACITY * has_stamps, np.int64)
+
+    @property
+    def capacity(self) -> int:
+        """Rows for which there is room."""
+        return len(self.acc)
+
+    def make_room(self, rows: int) -> None:
+        """Make sure that ``rows`` more fit; grows by a quarter at least, so that the work stays linear."""
+        needed = self.rows + rows
+        if needed > self.capacity:
+            self._resize(max(needed, self.capacity + self.capacity // 4))
+
+    def reserve(self, rows: int) -> None:
+        """Take room for ``rows`` in all, which costs memory only as it is filled."""
+        if rows <= self.capacity:
+            return
+        filled = self.rows
+        acc, gyr = np.empty((rows, 3), np.float32), np.empty((rows, 3), np.float32)
+        stamps = np.empty(rows * self._has_stamps, np.int64)
+        acc[:filled], gyr[:filled] = self.acc[:filled], self.gyr[:filled]
+        stamps[:filled] = self.stamps[:filled]
+        self.acc, self.gyr, self.stamps = acc, gyr, stamps
+
+    def trim(self) -> None:
+        """Give back the room that was not used."""
+        self._resize(self.rows)
+
+    def _resize(self, capacity: int) -> None:
+        # ndarray.resize reallocates in place (mremap on Linux): no second copy of the shift in memory
+        self.acc.resize((capacity, 3), refcheck=False)
+        self.gyr.resize((capacity, 3), refcheck=False)
+        self.stamps.resize(capacity * self._has_stamps, refcheck=False)

@@ -1,0 +1,131 @@
+"""Finding out how a table is written: preamble, header, delimiter, decimal mark, columns."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fusion.errors import AmbiguousDecimal
+from fusion.readers.columns import Column, understand_column
+
+DELIMITERS = (";", "\t", ",", "|", " ")
+NUMBER = re.compile(r"\s*\"?\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*\"?\s*")
+CALENDAR = re.compile(r"\s*\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}([.,]\d+)?Z?\"?\s*")
+WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
+SNIFFED_LINES = 400
+MIN_COLUMNS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class TextLayout:
+    """How a table is written.
+
+    ``header`` is the header line as it stands, None where there is none; ``first_line`` counts lines before
+    the first row of numbers; ``preamble`` holds the lines before the header; ``sample_rows`` some rows,
+    split.
+    """
+
+    delimiter: str
+    decimal: str
+    header: str | None
+    columns: tuple[Column, ...]
+    first_line: int
+    preamble: tuple[str, ...]
+    sample_rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def n_columns(self) -> int:
+        """Fields of a row."""
+        return len(self.columns)
+
+    def facts(self) -> dict[str, str]:
+        """`key: value` and `key = value` lines of the preamble, keys in lower case."""
+        found = [
+            re.match(r"[\s#/;%\"]*([A-Za-z][\w \-]{0,40}?)\s*[:=]\s*(.+?)[,;\s\"]*$", x)
+            for x in self.preamble
+        ]
+        return {m.group(1).lower().replace(" ", "_"): m.group(2) for m in found if m}
+
+
+def split_fields(line: str, delimiter: str) -> list[str]:
+    """Fields of a line; runs of spaces are one delimiter; empty fields at the end are dropped."""
+    fields = line.split() if delimiter == " " else line.split(delimiter)
+    while len(fields) > 1 and not fields[-1].strip():
+        fields.pop()
+    return [field.strip().strip('"').strip() for field in fields]
+
+
+def is_value(field: str) -> bool:
+    """Whether a field can stand in a row of samples."""
+    return bool(NUMBER.fullmatch(field) or CALENDAR.fullmatch(field)) or field.lower() in WORD_ABSENT
+
+
+def is_row(line: str, delimiter: str) -> bool:
+    """Whether a line is a row of at least six values, not all absent."""
+    fields = split_fields(line, delimiter)
+    values = [is_value(field) for field in fields]
+    present = sum(bool(NUMBER.fullmatch(field)) for field in fields)
+    return len(fields) >= MIN_COLUMNS and all(values) and present >= len(fields) // 2
+
+
+def find_layout(head: str) -> TextLayout | None:
+    """Understand the head of a table; None where no rows of six numbers are found.
+
+    Raises
+    ------
+    AmbiguousDecimal
+        The comma is both separator and decimal mark.
+    """
+    # only newlines count as line ends, as in the kernel: str.splitlines knows many more
+    lines = [line.rstrip("\r") for line in head.split("\n")]
+    lines = (lines[:-1] if len(lines) > 1 else lines)[:SNIFFED_LINES]
+    votes = {delimiter: _count_rows(lines, delimiter) for delimiter in DELIMITERS}
+    delimiter = max(DELIMITERS, key=lambda mark: votes[mark])
+    if votes[delimiter] == 0:
+        return None
+    return _describe(lines, delimiter)
+
+
+def _count_rows(lines: Sequence[str], delimiter: str) -> int:
+    widths = Counter(len(split_fields(line, delimiter)) for line in lines if is_row(line, delimiter))
+    return max(widths.values(), default=0)
+
+
+def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
+    rows = [k for k, line in enumerate(lines) if is_row(line, delimiter)]
+    header_at = _find_header(lines, rows[0], delimiter)
+    preamble_end = rows[0] if header_at is None else header_at
+    samples = tuple(tuple(split_fields(lines[k], delimiter)) for k in rows)
+    header = None if header_at is None else lines[header_at]
+    names = split_fields(header, delimiter) if header is not None else [""] * len(samples[0])
+    if delimiter == ",":
+        _refuse_split_decimals(names, samples, rows[0] + 1, has_header=header is not None)
+    has_comma = delimiter != "," and any(re.fullmatch(r"[-+]?\d*,\d+", f) for row in samples for f in row)
+    return TextLayout(
+        delimiter=delimiter,
+        decimal="," if has_comma else ".",
+        header=header,
+        columns=tuple(understand_column(name) for name in names),
+        first_line=rows[0] if header_at is None else header_at + 1,
+        preamble=tuple(lines[:preamble_end]),
+        sample_rows=samples,
+    )
+
+
+def _find_header(lines: Sequence[str], first_row: int, delimiter: str) -> int | None:
+    for k in range(first_row - 1, max(-1, first_row - 4), -1):
+        fields = split_fields(lines[k], delimiter)
+        named = sum(understand_column(field).channel != "other" for field in fields)
+        if len(fields) >= 3 and named >= 3:
+            return k
+    return None
+
+
+def _refuse_split_decimals(
+    names: Sequence[str], samples: Sequence[Sequence[str]], line: int, *, has_header: bool
+) -> None:
+    """A row with about twice as many whole numbers as the header has names was split at its decimals."""
+    width = len(samples[0])
+    whole = all(re.fullmatch(r"[-+]?\d*", field) for row in samples[:20] for field in row)
+    if has_header and whole and 2 * len(names) - 2 <= width <= 2 * len(names) and width > len(names):
+        raise AmbiguousDecimal(line=line)

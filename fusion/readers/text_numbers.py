@@ -1,0 +1,203 @@
+"""The hot path of every text layout, in the small: one field of bytes to a number, without a string between.
+
+A number is read as an integer mantissa and a power of ten: correctly rounded for up to 15 digits, and within
+one unit in the last place of a double beyond, which is far below float32. Every piece ends with a newline,
+at which all loops stop, so none needs a bounds check.
+"""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+NEWLINE, RETURN, SPACE, QUOTE, PLUS, MINUS, ZERO, NINE = 10, 13, 32, 34, 43, 45, 48, 57
+NUMBER, MISSING, UNREADABLE = 0, 1, 2
+LONGEST_MANTISSA = 18
+
+POWERS = 10.0 ** np.arange(0, 320).clip(0, 308)
+WHOLE_POWERS = 10 ** np.arange(0, 19, dtype=np.int64)
+
+
+@njit(cache=True, nogil=True)
+def is_end(byte: int, delimiter: int) -> bool:
+    """Whether a field ends here."""
+    return byte == delimiter or byte == NEWLINE or byte == RETURN  # noqa: PLR1714 (bare compares in the kernel)
+
+
+@njit(cache=True, nogil=True)
+def skip_field(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
+    """Go to the end of the field."""
+    while not is_end(buffer[at], delimiter):
+        at += 1
+    return at
+
+
+@njit(cache=True, nogil=True)
+def skip_spaces(buffer: NDArray[np.uint8], at: int) -> int:
+    """Go over spaces."""
+    while buffer[at] == SPACE:
+        at += 1
+    return at
+
+
+@njit(cache=True, nogil=True)
+def skip_padding(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
+    """Go over spaces and quotes."""
+    while (buffer[at] == SPACE and delimiter != SPACE) or buffer[at] == QUOTE:
+        at += 1
+    return at
+
+
+@njit(cache=True, nogil=True)
+def take_digits(buffer: NDArray[np.uint8], at: int, mantissa: int) -> tuple[int, int]:
+    """Append the digits at ``at`` to the mantissa; return where they end and the new mantissa."""
+    digit = np.int64(buffer[at]) - ZERO
+    while 0 <= digit <= 9:
+        mantissa = mantissa * 10 + digit
+        at += 1
+        digit = np.int64(buffer[at]) - ZERO
+    return at, mantissa
+
+
+@njit(cache=True, nogil=True)
+def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int) -> tuple[int, int]:
+    """Mantissa and exponent of more digits than an int64 holds: the first 18 count."""
+    mantissa = np.int64(0)
+    exponent = 0
+    digits = 0
+    is_fraction = False
+    for k in range(at, stop):
+        if buffer[k] == decimal:
+            is_fraction = True
+            continue
+        if digits < LONGEST_MANTISSA:
+            mantissa = mantissa * 10 + (np.int64(buffer[k]) - ZERO)
+            digits += int(mantissa != 0)
+            exponent -= int(is_fraction)
+        else:
+            exponent += int(not is_fraction)
+    return mantissa, exponent
+
+
+@njit(cache=True, nogil=True)
+def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
+    """Read `e-05`; return (where it began, 0) where no digit follows."""
+    start = at
+    at += 1
+    is_negative = buffer[at] == MINUS
+    if is_negative or buffer[at] == PLUS:
+        at += 1
+    end, exponent = take_digits(buffer, at, np.int64(0))
+    if end == at or end - at > 4:
+        return start, 0
+    return end, -exponent if is_negative else exponent
+
+
+@njit(cache=True, nogil=True)
+def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
+    """Tell a value that is absent (empty, `-`, nan, inf, null, NA) from an unreadable one."""
+    while at < end and (buffer[at] == PLUS or buffer[at] == MINUS or buffer[at] == SPACE):
+        at += 1
+    while end > at and (buffer[end - 1] == SPACE or buffer[end - 1] == QUOTE):
+        end -= 1
+    if at == end:
+        return MISSING
+    first = buffer[at] | 32
+    last = buffer[end - 1] | 32
+    if end - at == 2 and first == 110 and last == 97:  # na
+        return MISSING
+    if end - at == 3 and ((first == 110 and last == 110) or (first == 105 and last == 102)):  # nan, inf
+        return MISSING
+    if end - at == 4 and first == 110 and last == 108:  # null
+        return MISSING
+    return UNREADABLE
+
+
+@njit(cache=True, nogil=True)
+def take_number(
+    buffer: NDArray[np.uint8], at: int, delimiter: int, decimal: int
+) -> tuple[int, int, int, int]:
+    """Read one field; return where it ends, mantissa, power of ten, and what it is."""
+    at = skip_padding(buffer, at, delimiter)
+    start = at
+    is_negative = buffer[at] == MINUS
+    if is_negative or buffer[at] == PLUS:
+        at += 1
+    first_digit = at
+    at, mantissa = take_digits(buffer, at, np.int64(0))
+    digits = at - first_digit
+    exponent = 0
+    if buffer[at] == decimal:
+        point = at + 1
+        at, mantissa = take_digits(buffer, point, mantissa)
+        exponent = point - at
+        digits -= exponent
+    if digits > LONGEST_MANTISSA:
+        mantissa, exponent = take_long_digits(buffer, first_digit, at, decimal)
+    if digits > 0 and (buffer[at] | 32) == 101:
+        at, power = take_exponent(buffer, at)
+        exponent += power
+    after = skip_padding(buffer, at, delimiter)
+    if digits > 0 and is_end(buffer[after], delimiter):
+        return after, -mantissa if is_negative else mantissa, exponent, NUMBER
+    end = skip_field(buffer, after, delimiter)
+    return end, np.int64(0), 0, classify_word(buffer, start, end)
+
+
+@njit(cache=True, nogil=True)
+def scale_decimal(mantissa: int, exponent: int) -> float:
+    """Mantissa times a power of ten."""
+    if exponent < 0:
+        return mantissa / POWERS[min(-exponent, 308)]
+    return mantissa * POWERS[min(exponent, 308)]
+
+
+@njit(cache=True, nogil=True)
+def scale_stamp(mantissa: int, exponent: int) -> int:
+    """Mantissa times a power of ten, as a whole number rounded to the nearest."""
+    if 0 <= exponent <= 18 and abs(mantissa) <= np.int64(9_000_000_000_000_000_000) // WHOLE_POWERS[exponent]:
+        return mantissa * WHOLE_POWERS[exponent]
+    if -18 <= exponent < 0:
+        unit = WHOLE_POWERS[-exponent]
+        return (mantissa + unit // 2) // unit
+    value = scale_decimal(mantissa, exponent)
+    return np.int64(value) if abs(value) < 9e18 else np.int64(0)
+
+
+@njit(cache=True, nogil=True)
+def count_days(year: int, month: int, day: int) -> int:
+    """Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, days_from_civil)."""
+    year -= int(month <= 2)
+    era = year // 400
+    year_of_era = year - era * 400
+    day_of_year = (153 * (month + (-3 if month > 2 else 9)) + 2) // 5 + day - 1
+    return era * 146_097 + year_of_era * 365 + year_of_era // 4 - year_of_era // 100 + day_of_year - 719_468
+
+
+@njit(cache=True, nogil=True)
+def take_calendar(buffer: NDArray[np.uint8], at: int, delimiter: int) -> tuple[int, int, int]:
+    """Read `2019-02-14T08:58:00.0100000`; return where it ends, microseconds since 1970, what it is."""
+    parts = np.zeros(6, np.int64)
+    at = skip_padding(buffer, at, delimiter)
+    start = at
+    for k in range(6):
+        end, parts[k] = take_digits(buffer, at, np.int64(0))
+        if end == at or end - at > 4:
+            end = skip_field(buffer, at, delimiter)
+            return end, np.int64(0), classify_word(buffer, start, end)
+        at = end + int(k < 5 and not is_end(buffer[end], delimiter))
+    fraction_us = np.int64(0)
+    if buffer[at] == 46 or (buffer[at] == 44 and delimiter != 44):
+        end, digits = take_digits(buffer, at + 1, np.int64(0))
+        fraction_us = scale_stamp(digits, 6 - (end - at - 1))
+        at = end
+    at = skip_padding(buffer, at, delimiter)
+    if buffer[at] == 90:  # Z
+        at += 1
+    is_sane = (
+        1 <= parts[1] <= 12 and 1 <= parts[2] <= 31 and parts[3] < 24 and parts[4] < 60 and parts[5] < 61
+    )
+    seconds = count_days(parts[0], parts[1], parts[2]) * 86_400 + parts[3] * 3600 + parts[4] * 60 + parts[5]
+    kind = NUMBER if is_sane and is_end(buffer[at], delimiter) else UNREADABLE
+    return skip_field(buffer, at, delimiter), seconds * 1_000_000 + fraction_us, kind

@@ -1,0 +1,55 @@
+"""What all readers say about time: gaps between segments, clocks that were never set."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+
+from fusion.recording import MICROSECONDS, QualityFlag, Segment, Span
+
+FIRST_PLAUSIBLE_YEAR = 2008
+LAST_PLAUSIBLE_YEAR = 2060
+
+
+def is_clock_set(start: datetime) -> bool:
+    """Whether a device of this kind can have been worn then."""
+    return FIRST_PLAUSIBLE_YEAR <= start.year <= LAST_PLAUSIBLE_YEAR
+
+
+def find_gaps(
+    segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
+) -> tuple[Span, ...]:
+    """Time between the segments and after the last that no exclusion explains."""
+    covered = sorted(
+        [(s.start_us, s.end_us) for s in segments] + [(span.start_us, span.end_us) for span in excluded]
+    )
+    gaps: list[Span] = []
+    reached_us = 0
+    for start_us, end_us in [*covered, (duration_us, duration_us)]:
+        if start_us > reached_us:
+            gaps.append(Span(reached_us, start_us - reached_us, "gap"))
+        reached_us = max(reached_us, end_us)
+    return tuple(gaps)
+
+
+def flag_spans(code: str, spans: Sequence[Span]) -> tuple[QualityFlag, ...]:
+    """One flag for all spans of a kind: how many, how long together, from when to when; none for none."""
+    if not spans:
+        return ()
+    total_s = sum(span.duration_us for span in spans) / MICROSECONDS
+    first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
+    return (QualityFlag(code, len(spans), total_s, first_s, last_s),)
+
+
+def datetime_at_us(unix_us: int) -> datetime | None:
+    """A naive reading of microseconds since 1970; None where no calendar has it."""
+    try:
+        return datetime.fromtimestamp(unix_us // MICROSECONDS, UTC).replace(
+            microsecond=unix_us % MICROSECONDS, tzinfo=None
+        )
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
+def hash_serial(serial: str) -> str | None:
+    """SHA-256 of a serial, first 12 hexadecimal digits: tells devices apart, names none."""
+    return hashlib.sha256(serial.strip().encode()).hexdigest()[:12] if serial.strip() else None

@@ -1,0 +1,178 @@
+"""The gyroscope's bias through the recording, from still moments and from motion together.
+
+The bias is a straight line between knots one minute apart, held together by a random walk. Two kinds of
+observation pull at it: the mean angular rate of still moments, and the window equations of
+:mod:`fusion.sensor_errors.motion_windows`. All are solved together by robust least squares (Cauchy weights).
+Still moments are told by how little the rate varies, never by its level, so an offset of tens of deg/s does
+not hide them; a steady turn mistaken for rest is outvoted by the motion windows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from fusion.sensor_errors.bias_track import GyroBias, hold_bias
+from fusion.sensor_errors.motion_windows import WindowEquations, form_equations
+from fusion.sensor_errors.nodes import Nodes, reduce_to_nodes
+from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor_errors.stillness import QuietTable, find_still_moments, reduce_run
+
+Table = NDArray[np.float64]
+BAND = 6  # three unknowns at each knot, and neighbours touch
+CAUCHY = 2.385
+
+
+@dataclass(frozen=True, slots=True)
+class BiasSettings:
+    """How the bias is sought.
+
+    ``window_s`` is the length of the motion windows, placed every ``window_every_s`` in files up to
+    ``dense_up_to_s`` and every ``window_apart_s`` in longer ones; ``wander_dps_per_root_min`` is the random
+    walk; ``still_floor_dps`` the error of a still moment however quiet. With fewer than ``least_stills``
+    still moments the search starts from nil, with windows that grow.
+    """
+
+    window_s: float = 12.0
+    window_every_s: float = 3.0
+    window_apart_s: float = 30.0
+    dense_up_to_s: float = 1200.0
+    knot_s: float = 60.0
+    wander_dps_per_root_min: float = 0.03
+    still_floor_dps: float = 0.05
+    least_stills: int = 3
+    rounds: int = 3
+
+
+def estimate_gyro_bias(
+    runs: Sequence[SensorRun],
+    stills: QuietTable | None = None,
+    settings: BiasSettings | None = None,
+) -> GyroBias:
+    """Find the bias of all runs of one recording together; ``stills`` where they are known already.
+
+    Compared to the publication: the paper subtracts the mean of one still period; this is ours, for
+    `smoothed`.
+    """
+    settings = settings or BiasSettings()
+    if stills is None:
+        stills = find_still_moments([reduce_run(run) for run in runs])
+    bias, nodes = _start(runs, stills, settings)
+    knots_s = _place_knots(runs, settings)
+    dense = sum(run.duration_s for run in runs) <= settings.dense_up_to_s
+    every_s = settings.window_every_s if dense else settings.window_apart_s
+    for _ in range(settings.rounds):
+        windows = form_equations(nodes, bias, settings.window_s, every_s)
+        bias = _solve(knots_s, bias.at(knots_s), stills, windows, settings)
+    return bias
+
+
+def _start(
+    runs: Sequence[SensorRun], stills: QuietTable, settings: BiasSettings
+) -> tuple[GyroBias, list[Nodes]]:
+    """A constant to start from, and the nodes with it taken off."""
+    if len(stills) >= settings.least_stills:
+        bias = hold_bias(np.median(stills.gyro_dps, axis=0))
+    else:
+        bias = _grow_windows([reduce_to_nodes(run, hold_bias(np.zeros(3))) for run in runs], settings)
+    return bias, [reduce_to_nodes(run, bias) for run in runs]
+
+
+def _grow_windows(nodes: Sequence[Nodes], settings: BiasSettings) -> GyroBias:
+    """From nil: windows so short that an offset of tens of deg/s barely turns them, then longer ones."""
+    bias = hold_bias(np.zeros(3))
+    total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
+    for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, settings.window_s):
+        windows = form_equations(nodes, bias, length_s, max(length_s / 2.0, total_s / 200.0))
+        if len(windows.time_s) > 0:
+            bias = hold_bias(_solve_constant(windows, bias.bias_dps[0]))
+    return bias
+
+
+def _place_knots(runs: Sequence[SensorRun], settings: BiasSettings) -> Table:
+    first_s, last_s = runs[0].start_s, runs[-1].start_s + runs[-1].duration_s
+    pieces = max(1, round((last_s - first_s) / settings.knot_s))
+    return np.linspace(first_s, last_s, pieces + 1)
+
+
+def _weigh(residual: Table) -> Table:
+    """Cauchy weights over the residuals' own scale, as inverse variances (per axis)."""
+    size = np.linalg.norm(residual, axis=1)
+    scale = max(1.2 * float(np.median(size)), 1e-4) if len(size) else 1.0
+    return np.asarray(1.0 / (scale**2 * (1.0 + (size / (CAUCHY * scale)) ** 2)))
+
+
+def _solve_constant(windows: WindowEquations, start_dps: Table) -> Table:
+    bias = start_dps
+    for _ in range(5):
+        weight = _weigh(windows.residual(bias))
+        normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
+        right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
+        bias = np.linalg.solve(normal, right)
+    return bias
+
+
+def _solve(
+    knots_s: Table, start_dps: Table, stills: QuietTable, windows: WindowEquations, settings: BiasSettings
+) -> GyroBias:
+    """One round: all observations together, weights and solution in turn."""
+    overlap = max(1.0, settings.window_s / windows.every_s)
+    bias = GyroBias(knots_s, start_dps, len(stills), len(windows.time_s))
+    in_windows, in_stills = _Hats(knots_s, windows.time_s), _Hats(knots_s, stills.middle_s)
+    for _ in range(5):
+        weight = _weigh(windows.residual(bias.at(windows.time_s))) / overlap
+        still_weight = _weigh_stills(stills, bias, settings)
+        band, right = _hold_together(knots_s, start_dps, settings)
+        squares = np.einsum("w,wij,wik->wjk", weight, windows.matrix, windows.matrix)
+        pulls = np.einsum("w,wij,wi->wj", weight, windows.matrix, windows.difference)
+        in_windows.add(band, right, squares, pulls)
+        squares = still_weight[:, None, None] * np.eye(3)
+        in_stills.add(band, right, squares, still_weight[:, None] * stills.gyro_dps)
+        values = solveh_banded(band, right, lower=True).reshape(-1, 3)
+        bias = GyroBias(knots_s, values, len(stills), len(windows.time_s))
+    return bias
+
+
+def _weigh_stills(stills: QuietTable, bias: GyroBias, settings: BiasSettings) -> Table:
+    variance = settings.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
+    off = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
+    return np.asarray(1.0 / (variance * (1.0 + off**2 / (CAUCHY**2 * variance))))
+
+
+def _hold_together(knots_s: Table, start_dps: Table, settings: BiasSettings) -> tuple[Table, Table]:
+    """Normal equations of the random walk, and a very weak pull to the start so that they can be solved."""
+    band = np.zeros((BAND, 3 * len(knots_s)))
+    stiffness = 1.0 / (settings.wander_dps_per_root_min**2 * np.maximum(np.diff(knots_s), 1.0) / 60.0)
+    per_axis = np.repeat(stiffness, 3)
+    band[0, :-3] += per_axis
+    band[0, 3:] += per_axis
+    band[3, :-3] -= per_axis
+    band[0] += 1e-4
+    return band, 1e-4 * start_dps.ravel()
+
+
+class _Hats:
+    """Shares observations at given times between the two knots about each."""
+
+    def __init__(self, knots_s: Table, time_s: Table) -> None:
+        self.left = np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, len(knots_s) - 2)
+        width_s = knots_s[self.left + 1] - knots_s[self.left]
+        self.share = np.clip((time_s - knots_s[self.left]) / width_s, 0.0, 1.0)
+
+    def add(self, band: Table, right: Table, squares: Table, pulls: Table) -> None:
+        """Add ``squares`` (w, 3, 3) to the lower band and ``pulls`` (w, 3) to the right side."""
+        here, there = 1.0 - self.share, self.share
+        for row in range(3):
+            self._collect(right, row, here * pulls[:, row])
+            self._collect(right, row + 3, there * pulls[:, row])
+            for column in range(3):
+                value = squares[:, row, column]
+                self._collect(band[3 + row - column], column, here * there * value)
+                if row >= column:
+                    self._collect(band[row - column], column, here**2 * value)
+                    self._collect(band[row - column], column + 3, there**2 * value)
+
+    def _collect(self, target: Table, offset: int, values: Table) -> None:
+        target += np.bincount(3 * self.left + offset, weights=values, minlength=len(target))

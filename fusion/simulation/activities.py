@@ -1,0 +1,216 @@
+"""What a worker does in a day, one function for each: it writes movements until its time is up.
+
+Angles and tempi are plausible, not measured: chosen so that a day comes out near published ones
+(hairdressers: median 22 deg, 6.8 % of the time above 60 deg; Wahlstrom 2010).
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from fusion.simulation.choreography import Choreography
+from fusion.simulation.motion import Channel
+
+Activity = Callable[[Choreography, float, np.random.Generator], None]
+
+HANGING = {Channel.FLEXION: 0.0, Channel.PLANE: 0.0, Channel.ELEVATION: 0.0, Channel.AXIAL: 0.0}
+
+
+def tremble(body: Choreography, duration_s: float, deg: float, chance: np.random.Generator) -> None:
+    """Breathing, sway and tremor that are always there; ``deg`` is the size of the slow part."""
+    for channel, size, slowest_hz, fastest_hz in (
+        (Channel.FLEXION, 0.8, 0.2, 0.35),
+        (Channel.ELEVATION, 1.0, 0.4, 0.9),
+        (Channel.AXIAL, 0.8, 0.5, 1.1),
+        (Channel.PLANE, 0.8, 0.4, 1.0),
+        (Channel.ELEVATION, 0.03, 8.0, 11.0),
+    ):
+        amplitude = deg * size * chance.uniform(0.5, 1.0)
+        body.sway(
+            channel, duration_s, chance.uniform(slowest_hz, fastest_hz), amplitude, chance.uniform(0.0, 6.28)
+        )
+
+
+def hold_still(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Let the arm hang or rest as still as a person can: some tenths of a deg/s."""
+    tremble(body, duration_s, 0.08, chance)
+    body.wait(duration_s)
+
+
+def stand(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Stand about with the arm hanging; now and then it shifts a little."""
+    end_s = body.time_s + duration_s
+    while body.time_s < end_s:
+        pose = {
+            Channel.FLEXION: chance.normal(1.0, 2.0),
+            Channel.PLANE: chance.uniform(-90.0, 0.0),
+            Channel.ELEVATION: chance.uniform(2.0, 12.0),
+            Channel.HEADING: body.facing_deg + chance.normal(0.0, 20.0),
+        }
+        body.go(chance.uniform(0.8, 1.5), pose)
+        hold_still(body, chance.uniform(3.0, 15.0), chance)
+
+
+def walk(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Walk about: two steps to each swing of the arm, trunk heaving with each step, turns on the way."""
+    duration_s = max(duration_s, 4.0)
+    end_s = body.time_s + duration_s
+    body.move(1.2, {**HANGING, Channel.ELEVATION: 4.0, Channel.SPEED: chance.uniform(1.0, 1.5)})
+    _step(body, duration_s, chance)
+    while body.time_s < end_s - 4.0:
+        body.move(chance.uniform(1.0, 2.0), {Channel.HEADING: body.facing_deg + chance.normal(0.0, 50.0)})
+        body.wait(min(chance.uniform(3.0, 12.0), end_s - 1.2 - body.time_s))
+    body.wait(max(0.0, end_s - 1.2 - body.time_s))
+    body.go(1.2, {Channel.SPEED: 0.0})
+
+
+def _step(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Gait: 1.7 to 1.95 steps a second; sizes in deg and m."""
+    step_hz = chance.uniform(1.7, 1.95)
+    stride_hz, phase = step_hz / 2, chance.uniform(0.0, 6.28)
+    body.sway(Channel.ELEVATION, duration_s, stride_hz, chance.uniform(10.0, 20.0), phase)
+    body.sway(Channel.AXIAL, duration_s, stride_hz, chance.uniform(3.0, 8.0), phase + 0.4)
+    body.sway(Channel.HEADING, duration_s, stride_hz, chance.uniform(3.0, 6.0), phase)
+    body.sway(Channel.FLEXION, duration_s, step_hz, chance.uniform(0.5, 1.5), phase)
+    body.sway(Channel.SWAY_LEFT, duration_s, stride_hz, chance.uniform(0.01, 0.02), phase)
+    body.sway(Channel.SWAY_FORWARD, duration_s, step_hz, chance.uniform(0.006, 0.012), phase + 1.0)
+    body.sway(Channel.SWAY_UP, duration_s, step_hz, chance.uniform(0.015, 0.025), phase)
+    body.sway(Channel.SWAY_UP, duration_s, 2 * step_hz, chance.uniform(0.001, 0.003), phase + 2.0)
+
+
+def assemble(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Work at a bench: reach, hold, small corrections."""
+    end_s = body.time_s + duration_s
+    tremble(body, duration_s, 0.4, chance)
+    while body.time_s < end_s:
+        pose = {
+            Channel.FLEXION: chance.normal(6.0, 3.0),
+            Channel.PLANE: chance.uniform(-60.0, 20.0),
+            Channel.ELEVATION: float(np.clip(chance.normal(36.0, 11.0), 12.0, 75.0)),
+            Channel.AXIAL: chance.uniform(-40.0, 30.0),
+        }
+        duration = chance.uniform(0.4, 1.1)
+        body.move(duration, pose)
+        body.wait(duration * chance.uniform(0.7, 1.0) + chance.exponential(1.5))
+
+
+def pause(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Wait for a machine: the arm rests on the bench or a rail, one place after another."""
+    end_s = body.time_s + duration_s
+    while body.time_s < end_s:
+        pose = {
+            Channel.FLEXION: chance.normal(8.0, 5.0),
+            Channel.PLANE: chance.uniform(-90.0, 30.0),
+            Channel.ELEVATION: chance.uniform(8.0, 60.0),
+            Channel.AXIAL: chance.uniform(-60.0, 60.0),
+        }
+        body.go(chance.uniform(0.8, 1.4), pose)
+        hold_still(body, chance.uniform(3.0, 12.0), chance)
+
+
+def work_overhead(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Work above the shoulder: raised for some seconds, then down to fetch a part."""
+    end_s = body.time_s + duration_s
+    tremble(body, duration_s, 0.6, chance)
+    while body.time_s < end_s:
+        raised = {
+            Channel.FLEXION: chance.normal(-3.0, 3.0),
+            Channel.PLANE: chance.uniform(-70.0, 10.0),
+            Channel.ELEVATION: chance.uniform(70.0, 135.0),
+            Channel.AXIAL: chance.uniform(-30.0, 50.0),
+        }
+        body.go(chance.uniform(0.6, 1.2), raised)
+        body.wait(chance.exponential(4.0))
+        body.go(chance.uniform(0.6, 1.2), {Channel.ELEVATION: chance.uniform(15.0, 45.0), Channel.AXIAL: 0.0})
+        body.wait(chance.exponential(2.0))
+
+
+def lift(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Bend with the arm plumb, lift, carry for some steps, put down at the height of the chest."""
+    end_s = body.time_s + duration_s
+    tremble(body, duration_s + 6.0, 0.4, chance)
+    while body.time_s < end_s:
+        bent_deg = chance.uniform(35.0, 60.0)
+        body.move(1.3, {Channel.FLEXION: bent_deg, Channel.PLANE: 0.0, Channel.ELEVATION: bent_deg + 8.0})
+        body.wait(1.3 + chance.exponential(0.6))
+        body.go(
+            1.2, {Channel.FLEXION: -3.0, Channel.ELEVATION: chance.uniform(15.0, 35.0), Channel.AXIAL: 15.0}
+        )
+        _carry(body, chance)
+        body.go(0.9, {Channel.FLEXION: 10.0, Channel.ELEVATION: chance.uniform(45.0, 85.0)})
+        body.wait(chance.exponential(0.5))
+        body.go(0.9, {Channel.FLEXION: 0.0, Channel.ELEVATION: chance.uniform(3.0, 12.0)})
+        body.wait(chance.exponential(1.0))
+
+
+def _carry(body: Choreography, chance: np.random.Generator) -> None:
+    """Some steps with the arm held."""
+    carried_s = chance.uniform(3.0, 6.0)
+    step_hz = chance.uniform(1.6, 1.8)
+    body.sway(Channel.SWAY_UP, carried_s, step_hz, 0.018, 0.0)
+    body.sway(Channel.ELEVATION, carried_s, step_hz, 1.5, 1.0)
+    body.move(1.0, {Channel.SPEED: 1.0, Channel.HEADING: body.facing_deg + chance.normal(0.0, 45.0)})
+    body.move(1.0, {Channel.SPEED: 0.0}, after_s=carried_s - 1.0)
+    body.wait(carried_s)
+
+
+def rest(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Sit with the arm on the table or in the lap; change the posture now and then."""
+    end_s = body.time_s + duration_s
+    while body.time_s < end_s:
+        pose = {
+            Channel.FLEXION: chance.normal(0.0, 8.0),
+            Channel.PLANE: chance.uniform(-50.0, 20.0),
+            Channel.ELEVATION: chance.uniform(10.0, 45.0),
+            Channel.AXIAL: chance.uniform(-30.0, 60.0),
+        }
+        body.go(chance.uniform(0.9, 1.8), pose)
+        hold_still(body, min(chance.uniform(8.0, 45.0), max(3.0, end_s - body.time_s)), chance)
+
+
+def swing(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Hammer or sweep: fast strokes up and down without a stop between them."""
+    end_s = body.time_s + duration_s
+    tremble(body, duration_s, 0.4, chance)
+    body.go(0.6, {Channel.PLANE: chance.uniform(-60.0, 0.0), Channel.FLEXION: 5.0})
+    while body.time_s < end_s:
+        half_s, low_deg = chance.uniform(0.22, 0.5), chance.uniform(10.0, 30.0)
+        top_deg = low_deg + min(90.0, 150.0 * half_s) * chance.uniform(0.7, 1.0)
+        body.move(half_s, {Channel.ELEVATION: top_deg, Channel.AXIAL: 15.0})
+        body.wait(0.9 * half_s)
+        body.move(half_s, {Channel.ELEVATION: low_deg, Channel.AXIAL: -15.0})
+        body.wait(0.9 * half_s)
+
+
+def throw(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Throw a part into a bin: wind up, fling, follow through, come to rest."""
+    end_s = body.time_s + duration_s
+    tremble(body, duration_s, 0.4, chance)
+    while body.time_s < end_s:
+        fling(body, chance.uniform(0.16, 0.24), chance)
+        body.go(0.8, {**HANGING, Channel.ELEVATION: chance.uniform(3.0, 9.0)})
+        body.wait(chance.uniform(1.0, 3.0))
+
+
+def fling(body: Choreography, fast_s: float, chance: np.random.Generator) -> None:
+    """One throw; the arm turns about itself by 100 deg in ``fast_s``."""
+    body.go(0.5, {Channel.PLANE: -80.0, Channel.ELEVATION: chance.uniform(75.0, 100.0), Channel.AXIAL: -55.0})
+    body.move(1.6 * fast_s, {Channel.PLANE: 5.0, Channel.FLEXION: 12.0})
+    body.move(fast_s, {Channel.AXIAL: 45.0}, after_s=0.5 * fast_s)
+    body.move(1.8 * fast_s, {Channel.ELEVATION: chance.uniform(45.0, 65.0)}, after_s=0.6 * fast_s)
+    body.wait(2.4 * fast_s)
+    body.move(0.7, {Channel.FLEXION: 0.0})
+
+
+ACTIVITIES: Mapping[str, Activity] = {
+    "calibration": hold_still,
+    "standing": stand,
+    "walking": walk,
+    "assembly": assemble,
+    "waiting": pause,
+    "overhead": work_overhead,
+    "lifting": lift,
+    "swinging": swing,
+    "throwing": throw,
+    "break": rest,
+}

@@ -1,0 +1,144 @@
+"""A rigid upper arm on a shoulder on a trunk: from joint motion to what an ideal sensor would feel.
+
+Frames: the room has z up; the body's x points forward, y to the left, z up; the arm's z points along the
+upper arm towards the shoulder. The chain from the room to the arm is heading (about z), trunk flexion (about
+y), then shoulder: plane, elevation and axial rotation as tilt and torsion (Bonev), that is
+Rz(plane) Ry(-elevation) Rz(axial - plane), so that an arm raised by 0 deg does not turn with its plane.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.simulation.motion import Channel
+
+FloatArray = NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+"""m/s2 of 1 g."""
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Where things are, m. The defaults are those of an adult of average height.
+
+    ``shoulder_m`` is the right shoulder seen from the point about which the trunk bends; ``sensor_m`` is the
+    sensor seen from the shoulder, on the lateral side of the distal upper arm; ``field_ut`` is the Earth's
+    magnetic field in the room (Quebec City, about: x north, z up).
+    """
+
+    shoulder_m: tuple[float, float, float] = (0.0, -0.18, 0.45)
+    sensor_m: tuple[float, float, float] = (0.0, -0.05, -0.23)
+    field_ut: tuple[float, float, float] = (16.5, 0.0, -50.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmState:
+    """What an ideal sensor aligned with the arm would read, and the truth.
+
+    Attributes
+    ----------
+    acc_g
+        Shape (n, 3): specific force, +1 g along the zenith at rest.
+    gyr_dps
+        Shape (n, 3): angular rate of the arm in its own frame.
+    field_ut
+        Shape (n, 3): the magnetic field in the arm's frame.
+    elevation_deg
+        Shape (n,): angle between the arm and gravity, 0 hanging, 180 overhead. Exact.
+    """
+
+    acc_g: FloatArray
+    gyr_dps: FloatArray
+    field_ut: FloatArray
+    elevation_deg: FloatArray
+
+
+def feel(channels: FloatArray, body: Body) -> ArmState:
+    """Derive the readings of an ideal sensor from the channels of :func:`fusion.simulation.motion.play`.
+
+    The pelvis is accelerated by walking (change of speed, speed times rate of turn) and by its sway, both in
+    the frame of the heading; the shoulder adds the trunk's turning, the sensor that of the arm.
+    """
+    count = channels.shape[2]
+    felt, elevation_deg = np.empty((count, 9)), np.empty(count)
+    _feel(channels, np.array([body.shoulder_m, body.sensor_m, body.field_ut]), felt, elevation_deg)
+    return ArmState(felt[:, 0:3], felt[:, 3:6], felt[:, 6:9], elevation_deg)
+
+
+_RATE, _ACCELERATION, _FORCE, _ZENITH, _FIELD = 0, 1, 2, 3, 4
+_HEADING, _FLEXION, _PLANE = int(Channel.HEADING), int(Channel.FLEXION), int(Channel.PLANE)
+_ELEVATION, _AXIAL, _SPEED = int(Channel.ELEVATION), int(Channel.AXIAL), int(Channel.SPEED)
+_SWAY = int(Channel.SWAY_FORWARD)
+_Y, _Z = 1, 2
+
+
+@njit(cache=True, nogil=True)
+def _turn(
+    seen: FloatArray, axis: int, angle: float, rate: float, acceleration: float
+) -> None:  # pragma: no cover - compiled
+    """Go over to a frame turned about ``axis``: rows of ``seen`` are what is seen from there.
+
+    With A the joint's rotation and e its axis: w' = A^T w + q' e, and
+    dw'/dt = A^T dw/dt + q'' e - q' e x A^T w. Angles in rad.
+    """
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    c, s = np.cos(angle), np.sin(angle)
+    for row in range(seen.shape[0]):
+        u, v = seen[row, a], seen[row, b]
+        seen[row, a], seen[row, b] = c * u + s * v, c * v - s * u
+    seen[_ACCELERATION, a] += rate * seen[_RATE, b]
+    seen[_ACCELERATION, b] -= rate * seen[_RATE, a]
+    seen[_ACCELERATION, axis] += acceleration
+    seen[_RATE, axis] += rate
+
+
+@njit(cache=True, nogil=True)
+def _add_lever(seen: FloatArray, lever: FloatArray) -> None:  # pragma: no cover - compiled
+    """Move along a rigid lever: dw/dt x l + w x (w x l)."""
+    rate, acceleration = seen[_RATE], seen[_ACCELERATION]
+    along = rate[0] * lever[0] + rate[1] * lever[1] + rate[2] * lever[2]
+    square = rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        tangential = acceleration[b] * lever[c] - acceleration[c] * lever[b]
+        seen[_FORCE, a] += tangential + rate[a] * along - square * lever[a]
+
+
+@njit(cache=True, nogil=True)
+def _stand(seen: FloatArray, q: FloatArray, field: FloatArray) -> None:  # pragma: no cover - compiled
+    """Begin in the frame of the heading (``q``: channels x derivatives, rad)."""
+    seen[:] = 0.0
+    seen[_FIELD] = field
+    seen[_ZENITH, 2] = 1.0
+    _turn(seen, _Z, q[_HEADING, 0], q[_HEADING, 1], q[_HEADING, 2])
+    seen[_FORCE, 0] = q[_SPEED, 1] + q[_SWAY, 2]
+    seen[_FORCE, 1] = q[_SPEED, 0] * q[_HEADING, 1] + q[_SWAY + 1, 2]
+    seen[_FORCE, 2] = STANDARD_GRAVITY + q[_SWAY + 2, 2]
+
+
+@njit(cache=True, nogil=True)
+def _feel(
+    channels: FloatArray, levers: FloatArray, felt: FloatArray, elevation: FloatArray
+) -> None:  # pragma: no cover - compiled
+    """Walk the chain for each sample; ``felt`` (n, 9) takes force in g, rate in dps, field in uT."""
+    seen = np.empty((5, 3))
+    degree = np.pi / 180.0
+    for i in range(channels.shape[2]):
+        q = channels[:, :, i].copy()
+        q[:_SPEED] *= degree
+        _stand(seen, q, levers[2])
+        _turn(seen, _Y, q[_FLEXION, 0], q[_FLEXION, 1], q[_FLEXION, 2])
+        _add_lever(seen, levers[0])
+        _turn(seen, _Z, q[_PLANE, 0], q[_PLANE, 1], q[_PLANE, 2])
+        _turn(seen, _Y, -q[_ELEVATION, 0], -q[_ELEVATION, 1], -q[_ELEVATION, 2])
+        spin = q[_AXIAL] - q[_PLANE]
+        _turn(seen, _Z, spin[0], spin[1], spin[2])
+        _add_lever(seen, levers[1])
+        felt[i, 0:3] = seen[_FORCE] / STANDARD_GRAVITY
+        felt[i, 3:6] = seen[_RATE] / degree
+        felt[i, 6:9] = seen[_FIELD]
+        zenith = seen[_ZENITH]
+        elevation[i] = np.arctan2(np.hypot(zenith[0], zenith[1]), zenith[2]) / degree

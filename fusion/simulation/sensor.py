@@ -1,0 +1,158 @@
+"""An imperfect sensor on the arm: mounting, offset, scale, wander, noise, range and resolution.
+
+Not simulated: the part's own low-pass filter and its delay, sensitivity of the gyroscope to acceleration,
+and soft tissue: the sensor sits on a rigid arm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.simulation.body import ArmState
+from fusion.simulation.parts import Part
+
+FloatArray = NDArray[np.float64]
+RawArray = NDArray[np.int16]
+
+KNOT_S = 60.0
+"""Distance between the knots of what changes slowly (temperature, offsets)."""
+
+CALIBRATION_K = 25.0
+"""Temperature (deg C) at which the stated offsets hold."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorErrors:
+    """One specimen of a part, strapped on one morning.
+
+    A reading is ``gain @ mounting @ ideal + offset + offset_wander(t) + noise``, cut at the range and rounded
+    to the resolution.
+
+    Attributes
+    ----------
+    mounting
+        Shape (3, 3): from the arm's frame to the sensor's.
+    acc_gain, gyr_gain
+        Shape (3, 3): scale on the diagonal, misalignment beside it.
+    acc_offset_g, gyr_offset_dps
+        Shape (3,).
+    acc_wander_g, gyr_wander_dps
+        Shape (knots, 3): change of the offsets, every ``KNOT_S`` seconds, linear in between.
+    temperature_c
+        Shape (knots,): of the part.
+    acc_noise_g, gyr_noise_dps
+        Standard deviation of each sample.
+    """
+
+    mounting: FloatArray
+    acc_gain: FloatArray
+    gyr_gain: FloatArray
+    acc_offset_g: FloatArray
+    gyr_offset_dps: FloatArray
+    acc_wander_g: FloatArray
+    gyr_wander_dps: FloatArray
+    temperature_c: FloatArray
+    acc_noise_g: float
+    gyr_noise_dps: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """What the sensor gives before it is made digital: shapes (n, 3), g and dps."""
+
+    acc_g: FloatArray
+    gyr_dps: FloatArray
+
+
+def draw_errors(part: Part, rate_hz: float, duration_s: float, chance: np.random.Generator) -> SensorErrors:
+    """Draw a specimen of ``part`` and the way it is strapped on."""
+    knots = int(duration_s / KNOT_S) + 2
+    bandwidth_hz = min(rate_hz / 2, part.bandwidth_hz)
+    temperature_c = _draw_temperature(knots, chance)
+    warmer_k = (temperature_c - CALIBRATION_K)[:, None]
+    walk_dps = part.gyr_walk_dps_per_sqrt_h * np.sqrt(KNOT_S / 3600)
+    return SensorErrors(
+        mounting=_draw_mounting(chance),
+        acc_gain=_draw_gain(part.acc_scale, part.misalignment, chance),
+        gyr_gain=_draw_gain(part.gyr_scale, part.misalignment, chance),
+        acc_offset_g=_draw_evenly(part.acc_offset_g, chance),
+        gyr_offset_dps=_draw_evenly(part.gyr_offset_dps, chance),
+        acc_wander_g=warmer_k * chance.normal(0.0, part.acc_drift_g_per_k, 3),
+        gyr_wander_dps=warmer_k * chance.normal(0.0, part.gyr_drift_dps_per_k, 3)
+        + np.cumsum(chance.normal(0.0, walk_dps, (knots, 3)), axis=0),
+        temperature_c=temperature_c,
+        acc_noise_g=part.acc_noise_g_per_sqrt_hz * float(np.sqrt(bandwidth_hz)),
+        gyr_noise_dps=part.gyr_noise_dps_per_sqrt_hz * float(np.sqrt(bandwidth_hz)),
+    )
+
+
+def draw_perfect(duration_s: float, chance: np.random.Generator) -> SensorErrors:
+    """Draw only a mounting: a sensor without error, noise or limit of resolution."""
+    knots = int(duration_s / KNOT_S) + 2
+    still, nothing = np.zeros((knots, 3)), np.zeros(3)
+    temperature_c = np.full(knots, CALIBRATION_K)
+    return SensorErrors(
+        _draw_mounting(chance), np.eye(3), np.eye(3), nothing, nothing, still, still, temperature_c, 0.0, 0.0
+    )
+
+
+def sense(state: ArmState, errors: SensorErrors, time_s: FloatArray, chance: np.random.Generator) -> Readings:
+    """Read the arm's motion with this specimen at the instants ``time_s``, shape (n,)."""
+    knots_s = KNOT_S * np.arange(len(errors.temperature_c))
+    acc_g = state.acc_g @ (errors.acc_gain @ errors.mounting).T + errors.acc_offset_g
+    gyr_dps = state.gyr_dps @ (errors.gyr_gain @ errors.mounting).T + errors.gyr_offset_dps
+    for axis in range(3):
+        acc_g[:, axis] += np.interp(time_s, knots_s, errors.acc_wander_g[:, axis])
+        gyr_dps[:, axis] += np.interp(time_s, knots_s, errors.gyr_wander_dps[:, axis])
+    acc_g += errors.acc_noise_g * chance.standard_normal(acc_g.shape, dtype=np.float32)
+    gyr_dps += errors.gyr_noise_dps * chance.standard_normal(gyr_dps.shape, dtype=np.float32)
+    return Readings(acc_g, gyr_dps)
+
+
+def quantise(values: FloatArray, unit_per_lsb: float, full_scale: float) -> RawArray:
+    """Round to the nearest step and cut at full scale, as 16-bit counts."""
+    limit = min(32767, int(full_scale / unit_per_lsb))
+    counts = np.rint(values / unit_per_lsb)
+    return np.clip(counts, -limit, limit).astype(np.int16)
+
+
+def _draw_mounting(chance: np.random.Generator) -> FloatArray:
+    """Strap it on: its y axis about along the arm, turned any way about it, tilted by a few degrees."""
+    along_y = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    tilt_deg = chance.normal(0.0, 3.0, 3)
+    tilt_deg[1] = chance.uniform(-180.0, 180.0)
+    tilted = _rotation_about(tilt_deg[0], 0) @ _rotation_about(tilt_deg[2], 2)
+    mounting: FloatArray = tilted @ _rotation_about(tilt_deg[1], 1) @ along_y
+    return mounting
+
+
+def _rotation_about(angle_deg: float, axis: int) -> FloatArray:
+    """Rotation matrix about a coordinate axis."""
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[a, a] = matrix[b, b] = c
+    matrix[b, a], matrix[a, b] = s, -s
+    return matrix
+
+
+def _draw_evenly(deviation: float, chance: np.random.Generator) -> FloatArray:
+    """Draw three values of a given standard deviation within hard limits: a maker sorts out the worst."""
+    limit = deviation * float(np.sqrt(3.0))
+    return chance.uniform(-limit, limit, 3)
+
+
+def _draw_gain(scale: float, misalignment: float, chance: np.random.Generator) -> FloatArray:
+    """Scale errors on the diagonal, misalignment beside it."""
+    gain = chance.normal(0.0, misalignment, (3, 3))
+    np.fill_diagonal(gain, 1.0 + _draw_evenly(scale, chance))
+    return gain
+
+
+def _draw_temperature(knots: int, chance: np.random.Generator) -> FloatArray:
+    """Warm up on the skin within the first hour, then drift with the work."""
+    time_s = KNOT_S * np.arange(knots)
+    warming_k = 7.0 * (1.0 - np.exp(-time_s / 1200.0))
+    drifting_k = np.cumsum(chance.normal(0.0, 0.12, knots))
+    return np.asarray(CALIBRATION_K + chance.normal(0.0, 1.0) + warming_k + drifting_k)

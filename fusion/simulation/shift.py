@@ -1,0 +1,234 @@
+"""A simulated working day: its plan, its exact truth, and what the sensor read, block by block."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.simulation.activities import ACTIVITIES, HANGING
+from fusion.simulation.body import ArmState, Body, feel
+from fusion.simulation.choreography import Choreography
+from fusion.simulation.motion import Motion, play
+from fusion.simulation.parts import PARTS, Device, Part
+from fusion.simulation.sensor import (
+    RawArray,
+    Readings,
+    SensorErrors,
+    draw_errors,
+    draw_perfect,
+    quantise,
+    sense,
+)
+
+START = datetime(2026, 3, 2, 7, 0, 0)  # noqa: DTZ001 - the device's own clock, which has no zone
+CALIBRATION_S = 20.0
+BLOCK_S = 60.0
+
+WORK = {
+    "standing": (0.09, 40.0),
+    "walking": (0.15, 45.0),
+    "assembly": (0.42, 150.0),
+    "waiting": (0.06, 40.0),
+    "overhead": (0.08, 50.0),
+    "lifting": (0.15, 70.0),
+    "swinging": (0.02, 12.0),
+    "throwing": (0.02, 15.0),
+}
+"""Share of the work, and typical length in s, of each activity."""
+
+BREAKS = ((0.25, 0.02), (0.48, 0.06), (0.75, 0.02))
+"""When (fraction of the shift) and how long (fraction of the shift) the breaks are."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedActivity:
+    """One entry of the day's plan; seconds from the first sample."""
+
+    name: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleBlock:
+    """A stretch of samples as they come.
+
+    Attributes
+    ----------
+    first
+        Index of its first sample in the recording.
+    time_s
+        Shape (n,): exact instants, seconds from the first sample.
+    state
+        The truth.
+    readings
+        With the sensor's errors, before rounding and clipping.
+    """
+
+    first: int
+    time_s: NDArray[np.float64]
+    state: ArmState
+    readings: Readings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftArrays:
+    """A whole recording in memory.
+
+    ``acc_g`` and ``gyr_dps``: shape (n, 3), float32, rounded and clipped as the part does (not where the
+    sensor is perfect); ``elevation_deg``: shape (n,), exact.
+    """
+
+    rate_hz: float
+    start: datetime
+    acc_g: NDArray[np.float32]
+    gyr_dps: NDArray[np.float32]
+    elevation_deg: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedShift:
+    """A day that can be played as often as wanted, always alike.
+
+    ``rate_hz`` is the true rate, which is a little off the nominal one.
+    """
+
+    device: Device
+    seed: int
+    nominal_rate_hz: float
+    rate_hz: float
+    sample_count: int
+    start: datetime
+    plan: tuple[PlannedActivity, ...]
+    motion: Motion
+    errors: SensorErrors
+    perfect: bool
+    body: Body
+
+    @property
+    def part(self) -> Part:
+        """The kind of sensor."""
+        return PARTS[self.device]
+
+    @property
+    def calibration_s(self) -> tuple[float, float]:
+        """Start and end of the pose held for the calibration."""
+        return self.plan[0].start_s, self.plan[0].end_s
+
+    def blocks(self) -> Iterator[SampleBlock]:
+        """Play the day in blocks of about a minute, each with noise of its own seed."""
+        size = round(BLOCK_S * self.nominal_rate_hz)
+        for number, first in enumerate(range(0, self.sample_count, size)):
+            count = min(size, self.sample_count - first)
+            time_s = np.arange(first, first + count) / self.rate_hz
+            state = feel(play(self.motion, first, count, self.rate_hz), self.body)
+            readings = sense(state, self.errors, time_s, np.random.default_rng([self.seed, 3, number]))
+            yield SampleBlock(first, time_s, state, readings)
+
+    def count(self, readings: Readings) -> tuple[RawArray, RawArray]:
+        """Round and clip as the part does: acceleration and angular rate as counts, shapes (n, 3)."""
+        part = self.part
+        return (
+            quantise(readings.acc_g, part.acc_g_per_lsb, part.acc_range_g),
+            quantise(readings.gyr_dps, part.gyr_dps_per_lsb, part.gyr_range_dps),
+        )
+
+    def in_arrays(self) -> ShiftArrays:
+        """Play the whole day into memory (36 bytes a sample)."""
+        acc_g = np.empty((self.sample_count, 3), np.float32)
+        gyr_dps = np.empty((self.sample_count, 3), np.float32)
+        elevation_deg = np.empty(self.sample_count)
+        for block in self.blocks():
+            rows = slice(block.first, block.first + len(block.time_s))
+            acc_g[rows], gyr_dps[rows] = self._seen(block.readings)
+            elevation_deg[rows] = block.state.elevation_deg
+        return ShiftArrays(self.rate_hz, self.start, acc_g, gyr_dps, elevation_deg)
+
+    def _seen(self, readings: Readings) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Give what a reader of the file would see."""
+        if self.perfect:
+            return readings.acc_g, readings.gyr_dps
+        acc, gyr = self.count(readings)
+        acc_g = acc.astype(np.float64) * self.part.acc_g_per_lsb
+        return acc_g, gyr.astype(np.float64) * self.part.gyr_dps_per_lsb
+
+
+def simulate_shift(
+    device: Device, hours: float, seed: int, rate_hz: float | None = None, *, perfect: bool = False
+) -> SimulatedShift:
+    """Simulate a day of work with a sensor on the right upper arm.
+
+    Parameters
+    ----------
+    hours
+        Length, to the second; a short day holds the same activities, each shorter.
+    seed
+        Decides everything: the day, the specimen of the sensor, the noise. Same seed, same bytes.
+    rate_hz
+        Nominal rate (the part's own if None); the true rate is off by the part's clock error.
+    perfect
+        No sensor error, noise or resolution (the mounting and the true rate stay).
+    """
+    duration_s = float(max(1, round(hours * 3600.0)))
+    plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]))
+    return wear_sensor(device, seed, _end_at(plan, duration_s), motion, perfect=perfect, rate_hz=rate_hz)
+
+
+def wear_sensor(  # noqa: PLR0913 - two of them by name only
+    device: Device,
+    seed: int,
+    plan: tuple[PlannedActivity, ...],
+    motion: Motion,
+    *,
+    perfect: bool = False,
+    rate_hz: float | None = None,
+) -> SimulatedShift:
+    """Strap a specimen of the sensor on, from the first second of the plan to its last."""
+    part, duration_s = PARTS[device], plan[-1].end_s
+    nominal_hz = rate_hz or part.nominal_rate_hz
+    chance = np.random.default_rng([seed, 2])
+    true_hz = nominal_hz * (1.0 + chance.uniform(*part.rate_error))
+    errors = draw_perfect(duration_s, chance) if perfect else draw_errors(part, true_hz, duration_s, chance)
+    count = int(np.ceil(duration_s * true_hz))
+    return SimulatedShift(
+        device, seed, nominal_hz, true_hz, count, START, plan, motion, errors, perfect, Body()
+    )
+
+
+def plan_day(duration_s: float, chance: np.random.Generator) -> tuple[tuple[PlannedActivity, ...], Motion]:
+    """Write the score of a day: calibration pose, then work in bouts, with breaks at fixed times."""
+    body = Choreography()
+    plan = [_perform(body, "calibration", min(CALIBRATION_S, duration_s), chance)]
+    scale = min(1.0, duration_s / 3600.0)
+    breaks = [(start * duration_s, length * duration_s) for start, length in BREAKS]
+    while body.time_s < duration_s:
+        if breaks and body.time_s >= breaks[0][0]:
+            plan.append(_perform(body, "break", breaks.pop(0)[1], chance))
+        else:
+            plan.append(_perform(body, *_choose_work(scale, chance), chance))
+    return tuple(plan), body.finish()
+
+
+def _end_at(plan: tuple[PlannedActivity, ...], end_s: float) -> tuple[PlannedActivity, ...]:
+    """Cut the plan where the recording ends."""
+    return tuple(replace(entry, end_s=min(entry.end_s, end_s)) for entry in plan if entry.start_s < end_s)
+
+
+def _choose_work(scale: float, chance: np.random.Generator) -> tuple[str, float]:
+    """Draw the next bout so that each activity gets its share of the time."""
+    odds = np.array([share / length_s for share, length_s in WORK.values()])
+    name = list(WORK)[int(chance.choice(len(WORK), p=odds / odds.sum()))]
+    return name, max(3.0, WORK[name][1] * scale * chance.uniform(0.5, 1.5))
+
+
+def _perform(
+    body: Choreography, name: str, duration_s: float, chance: np.random.Generator
+) -> PlannedActivity:
+    """Let the body do one activity, beginning from an arm that is let down after the former."""
+    start_s = body.time_s
+    if start_s > 0.0:
+        body.go(0.8, HANGING)
+    ACTIVITIES[name](body, duration_s, chance)
+    return PlannedActivity(name, start_s, body.time_s)

@@ -1,0 +1,152 @@
+"""The ten tasks of the paper's validation (FUSION.md, section 2, Table 1), done by virtual people.
+
+The paper names the tasks and their tempo; amplitudes are chosen here and differ between people: about 90 deg
+at 1 Hz, about 30 deg at 3 Hz, a wide Z of four strokes, throws harder than at work,
+with a step and a turn of the trunk.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from fusion.simulation.activities import HANGING, fling, hold_still, tremble
+from fusion.simulation.choreography import Choreography
+from fusion.simulation.motion import Channel
+from fusion.simulation.parts import Device
+from fusion.simulation.shift import PlannedActivity, SimulatedShift, wear_sensor
+
+Task = Callable[[Choreography, np.random.Generator], None]
+
+CALIBRATION_S = 10.0
+_FORWARD_DEG, _SIDEWAYS_DEG = 0.0, -85.0
+_TASK_SEED = 10
+
+
+def simulate_task(number: int, person_seed: int, device: Device, *, perfect: bool = False) -> SimulatedShift:
+    """Simulate one task of Table 1: a pose for the calibration, then five repetitions (nine throws).
+
+    The same person moves alike whatever the device. The plan's entries are "calibration", "repetition"
+    (movement without the rest between) and a last "rest"; ``number`` is 1 to 10.
+    """
+    chance = np.random.default_rng([person_seed, _TASK_SEED, number])
+    body = Choreography()
+    hold_still(body, CALIBRATION_S, chance)
+    plan = [PlannedActivity("calibration", 0.0, CALIBRATION_S)]
+    for _ in range(9 if number == 10 else 5):
+        start_s = body.time_s
+        TASKS[number](body, chance)
+        plan.append(PlannedActivity("repetition", start_s, body.time_s))
+        body.go(1.0, HANGING)
+        hold_still(body, chance.uniform(2.0, 3.0), chance)
+    plan.append(PlannedActivity("rest", plan[-1].end_s, body.time_s))
+    return wear_sensor(device, person_seed, tuple(plan), body.finish(), perfect=perfect)
+
+
+def flex_slowly(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 1: flexion at 1 Hz."""
+    _raise_in_turn(body, _FORWARD_DEG, 1.0, chance)
+
+
+def flex_fast(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 3: flexion at 3 Hz."""
+    _raise_in_turn(body, _FORWARD_DEG, 3.0, chance)
+
+
+def abduct_slowly(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 4: abduction at 1 Hz."""
+    _raise_in_turn(body, _SIDEWAYS_DEG, 1.0, chance)
+
+
+def abduct_fast(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 6: abduction at 3 Hz."""
+    _raise_in_turn(body, _SIDEWAYS_DEG, 3.0, chance)
+
+
+def rotate_flexed(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 2: external rotation at 90 deg of flexion, 1 Hz."""
+    _rotate_raised(body, _FORWARD_DEG, chance)
+
+
+def rotate_abducted(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 5: external rotation at 90 deg of abduction, 1 Hz."""
+    _rotate_raised(body, _SIDEWAYS_DEG, chance)
+
+
+def bend_trunk(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 7: the trunk bends and rises while the arm keeps hanging, but for a tenth of the bend."""
+    for _ in range(3):
+        bent_deg = chance.uniform(55.0, 75.0)
+        body.go(chance.uniform(1.3, 1.8), {Channel.FLEXION: bent_deg, Channel.ELEVATION: 1.1 * bent_deg})
+        tremble(body, 1.0, 0.3, chance)
+        body.wait(0.5)
+        body.go(chance.uniform(1.3, 1.8), {Channel.FLEXION: 0.0, Channel.ELEVATION: 0.0})
+
+
+def draw_z(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 8: a Z in the air, clockwise."""
+    _draw_z(body, 1.0, chance)
+
+
+def draw_z_back(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 9: a Z in the air, counterclockwise."""
+    _draw_z(body, -1.0, chance)
+
+
+def throw_ball(body: Choreography, chance: np.random.Generator) -> None:
+    """Task 10: turn away, then step forward and turn into the throw, and catch oneself."""
+    facing_deg = body.facing_deg
+    turn_deg, speed_m_per_s = chance.uniform(35.0, 55.0), chance.uniform(0.9, 1.6)
+    body.move(0.5, {Channel.HEADING: facing_deg - turn_deg})
+    body.move(0.5, {Channel.HEADING: facing_deg, Channel.SPEED: speed_m_per_s}, after_s=0.4)
+    fling(body, chance.uniform(0.13, 0.17), chance)
+    body.go(0.35, {Channel.SPEED: 0.0})
+
+
+TASKS: Mapping[int, Task] = {
+    1: flex_slowly,
+    2: rotate_flexed,
+    3: flex_fast,
+    4: abduct_slowly,
+    5: rotate_abducted,
+    6: abduct_fast,
+    7: bend_trunk,
+    8: draw_z,
+    9: draw_z_back,
+    10: throw_ball,
+}
+
+
+def _raise_in_turn(
+    body: Choreography, plane_deg: float, tempo_hz: float, chance: np.random.Generator
+) -> None:
+    """Raise and lower ten times and more; the trunk gives way a little with each."""
+    seconds = 10.0 if tempo_hz < 2.0 else 6.0
+    swing_deg = chance.uniform(38.0, 50.0) if tempo_hz < 2.0 else chance.uniform(12.0, 18.0)
+    frequency_hz, phase = tempo_hz * chance.uniform(0.95, 1.05), chance.uniform(0.0, 6.28)
+    body.go(0.8, {Channel.PLANE: plane_deg + chance.normal(0.0, 5.0), Channel.ELEVATION: swing_deg + 5.0})
+    body.sway(Channel.ELEVATION, seconds, frequency_hz, swing_deg)
+    body.sway(Channel.AXIAL, seconds, frequency_hz, chance.uniform(2.0, 6.0), phase)
+    body.sway(Channel.FLEXION, seconds, frequency_hz, chance.uniform(0.5, 1.5), phase)
+    body.sway(Channel.SWAY_FORWARD, seconds, frequency_hz, chance.uniform(0.002, 0.006), phase)
+    body.wait(seconds)
+
+
+def _rotate_raised(body: Choreography, plane_deg: float, chance: np.random.Generator) -> None:
+    """Hold the arm level and turn it about itself."""
+    body.go(
+        1.0, {Channel.PLANE: plane_deg + chance.normal(0.0, 5.0), Channel.ELEVATION: chance.normal(90.0, 4.0)}
+    )
+    body.sway(Channel.AXIAL, 10.0, chance.uniform(0.95, 1.05), chance.uniform(25.0, 35.0))
+    body.sway(Channel.ELEVATION, 10.0, chance.uniform(0.95, 1.05), chance.uniform(1.0, 3.0), 1.0)
+    body.wait(10.0)
+
+
+def _draw_z(body: Choreography, sense: float, chance: np.random.Generator) -> None:
+    """Four strokes between the corners of a Z, ``sense`` -1 drawn the other way round."""
+    high_deg, low_deg = chance.uniform(95.0, 115.0), chance.uniform(40.0, 60.0)
+    near_deg, far_deg = (20.0, -55.0)[:: int(sense)]
+    corners = ((high_deg, near_deg), (high_deg, far_deg), (low_deg, near_deg), (low_deg, far_deg))
+    for elevation_deg, plane_deg in corners:
+        stroke_s = chance.uniform(0.7, 1.0)
+        body.move(stroke_s, {Channel.ELEVATION: elevation_deg, Channel.PLANE: plane_deg, Channel.AXIAL: 10.0})
+        body.wait(stroke_s * chance.uniform(0.9, 1.1))

@@ -1,0 +1,77 @@
+"""A data folder with its database, and an application over it."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.jobs.attempt import MakeReport
+from app.jobs.job import Job
+from app.jobs.store import JobStore
+from app.jobs.worker import Bench, open_bench
+from app.main import create_app
+from app.settings import Settings
+from app.storage import Storage
+from app.workflow import ReportRequest
+
+AddJob = Callable[..., Job]
+OpenBench = Callable[..., Bench]
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    """Settings of a folder of the test's own, on a disk that may be small."""
+    return Settings(data_dir=tmp_path / "data", min_free_bytes=0, max_upload_bytes=1_000_000)
+
+
+@pytest.fixture
+def storage(settings: Settings) -> Storage:
+    """The folder, prepared."""
+    kept = Storage(settings.data_dir)
+    kept.prepare()
+    return kept
+
+
+@pytest.fixture
+def store(settings: Settings) -> Iterator[JobStore]:
+    """A real SQLite database."""
+    opened = JobStore(settings.database_url)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def add_job(store: JobStore, storage: Storage) -> AddJob:
+    """Store a recording and queue its analysis."""
+
+    def add(content: bytes = b"recording", file_name: str = "shift.gt3x") -> Job:
+        upload = storage.open_upload(1_000_000)
+        upload.write(content)
+        return store.add(upload.keep(), ReportRequest(file_name))
+
+    return add
+
+
+@pytest.fixture
+def bench(settings: Settings) -> Iterator[OpenBench]:
+    """Open worker's benches over the folder, with a stand-in for the science."""
+    opened: list[Bench] = []
+
+    def make(make_report: MakeReport, **changes: object) -> Bench:
+        opened.append(open_bench(settings.model_copy(update=changes), make_report))
+        return opened[-1]
+
+    yield make
+    for one in opened:
+        one.store.close()
+
+
+@pytest.fixture
+def client(settings: Settings) -> Iterator[TestClient]:
+    """The application, called as on this computer; bugs are answered, not raised."""
+    application = create_app(settings)
+    with TestClient(
+        application, base_url="http://localhost:8080", raise_server_exceptions=False, follow_redirects=False
+    ) as caller:
+        yield caller

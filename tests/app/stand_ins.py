@@ -1,0 +1,56 @@
+"""Small takers of ``make_report``'s place: an attempt's child process imports them by name."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from app.workflow import OnStage, ReportRequest
+from fusion.errors import TooShort
+
+RESULTS = (
+    b'{"time": {"recorded_s": 28800.0, "analysed_s": 27720.0}, "exposure": {"time_above": ['
+    b'{"threshold_deg": 60, "percent": 12.34}, {"threshold_deg": 90, "percent": 3.0}], "entries": ['
+    b'{"threshold_deg": 60, "count": 512}], "percentiles_deg": {"50": 24.3, "90": 63.2}},'
+    b' "quality": {"verdict": "good", "warnings": []}}'
+)
+
+
+def write_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write every product at once; the report holds the first bytes of the recording."""
+    on_stage("reading", 0.0)
+    (out / "results.json").write_bytes(RESULTS)
+    (out / "elevation.parquet").write_bytes(b"PAR1")
+    (out / "summary.csv").write_bytes(b"subject\r\n")
+    for language in request.languages:
+        (out / f"report.{language}.html").write_bytes(b"<!doctype html>" + log.read_bytes()[:20])
+        (out / f"report.{language}.pdf").write_bytes(b"%PDF-" + language.encode())
+
+
+def write_slowly(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Take half a minute, and say who does."""
+    (log.parent.parent / "child.pid").write_text(str(os.getpid()))
+    on_stage("fusing", 0.5)
+    (out / "results.json").write_bytes(b"{")
+    time.sleep(30)
+    write_report(log, request, out, on_stage)
+
+
+def refuse(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Find the recording too short."""
+    raise TooShort(s=4.0)
+
+
+def be_killed(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Die as if the system had run out of memory."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def fail_by_bug(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Do what nobody foresaw."""
+    raise ZeroDivisionError
+
+
+def take_all_memory(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Ask for a tebibyte."""
+    bytearray(1 << 40)

@@ -1,0 +1,242 @@
+"""``POST /api/v1/analyze``: what is taken, what is refused, and in which words."""
+
+import hashlib
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from hypothesis import HealthCheck, given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from app.api.parameters import clean_file_name
+from app.jobs.job import JobState
+from app.jobs.store import JobStore
+from app.jobs.worker import run_next
+from app.main import create_app
+from app.settings import Settings
+from app.storage import Storage
+from tests.app import stand_ins
+from tests.app.conftest import OpenBench
+
+URL = "/api/v1/analyze"
+
+
+def files_in(storage: Storage) -> list[Path]:
+    return [path for name in ("uploads", "recordings") for path in (storage.root / name).iterdir()]
+
+
+def test_a_recording_is_taken_with_202_and_its_address(client: TestClient) -> None:
+    answer = client.post(URL, content=b"recording", params={"file_name": "shift.gt3x"})
+
+    assert answer.status_code == 202
+    assert answer.headers["location"] == f"/api/v1/analyses/{answer.json()['id']}"
+    assert answer.headers["retry-after"] == "2"
+
+
+def test_what_is_kept_is_what_was_sent(client: TestClient, storage: Storage) -> None:
+    content = b"0123456789" * 300_00
+
+    job = client.post(URL, content=content).json()
+
+    assert storage.recording(job["recording_id"]).read_bytes() == content
+    assert job["sha256"] == hashlib.sha256(content).hexdigest()
+
+
+def test_what_curl_sends_with_upload_file_is_taken_too(client: TestClient) -> None:
+    assert client.put(URL, content=b"recording").status_code == 202
+
+
+def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None:
+    wishes = {
+        "file_name": "shift.gt3x",
+        "side": "left",
+        "subject": "S012",
+        "method": "published",
+        "pose": "two-point",
+        "calibration": ["5,15", "20.5,30"],
+        "rate_hz": "100",
+        "lang": "fr",
+    }
+
+    request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
+
+    assert (request.file_name, request.side, request.subject) == ("shift.gt3x", "left", "S012")
+    assert (request.method, request.pose, request.rate_hz) == ("published", "two-point", 100.0)
+    assert request.calibration_windows_s == ((5.0, 15.0), (20.5, 30.0))
+    assert request.languages == ("fr", "en")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("side", "up"),
+        ("method", "magic"),
+        ("pose", "handstand"),
+        ("calibration", "15,5"),
+        ("calibration", "-1,5"),
+        ("calibration", "nan,5"),
+        ("calibration", "1"),
+        ("rate_hz", "0"),
+        ("rate_hz", "many"),
+        ("lang", "de"),
+        ("subject", "x" * 101),
+        ("subject", "a\nb"),
+        ("sied", "left"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_by_name(
+    client: TestClient, storage: Storage, name: str, value: str
+) -> None:
+    problem = client.post(URL, content=b"x", params={name: value})
+
+    assert problem.status_code == 422
+    assert problem.headers["content-type"] == "application/problem+json"
+    assert problem.json()["code"] == "E-PARAMETER"
+    assert name in problem.json()["detail"]
+    assert files_in(storage) == []
+
+
+def test_an_empty_body_is_refused_at_once(client: TestClient, storage: Storage) -> None:
+    problem = client.post(URL, content=b"")
+
+    assert (problem.status_code, problem.json()["code"]) == (422, "E-EMPTY")
+    assert files_in(storage) == []
+
+
+def test_a_body_announced_too_large_is_refused(client: TestClient, storage: Storage) -> None:
+    problem = client.post(URL, content=b"x" * 1_000_001)
+
+    assert (problem.status_code, problem.json()["code"]) == (413, "E-BIG")
+    assert files_in(storage) == []
+
+
+def test_a_body_that_grows_too_large_is_refused_and_removed(client: TestClient, storage: Storage) -> None:
+    problem = client.post(URL, content=iter([b"x" * 600_000] * 2))
+
+    assert (problem.status_code, problem.json()["code"]) == (413, "E-BIG")
+    assert files_in(storage) == []
+
+
+def test_a_disk_that_is_nearly_full_is_a_507(settings: Settings) -> None:
+    application = create_app(settings.model_copy(update={"min_free_bytes": 1 << 60}))
+
+    with TestClient(application, base_url="http://localhost") as client:
+        problem = client.post(URL, content=b"x")
+
+    assert (problem.status_code, problem.json()["code"]) == (507, "E-DISK")
+    assert problem.headers["retry-after"] == "5"
+
+
+def test_a_form_is_not_taken_for_a_recording(client: TestClient) -> None:
+    headers = {"content-type": "multipart/form-data; boundary=x"}
+
+    assert client.post(URL, content=b"--x", headers=headers).json()["code"] == "E-PARAMETER"
+
+
+def test_a_row_that_cannot_be_written_leaves_no_recording(
+    client: TestClient, storage: Storage, store: JobStore
+) -> None:
+    with store._engine.begin() as connection:
+        connection.exec_driver_sql("DROP TABLE analyses")
+
+    answer = client.post(URL, content=b"x")
+
+    assert answer.status_code == 500
+    assert files_in(storage) == []
+
+
+def test_the_words_of_a_refusal_follow_the_browsers_language(client: TestClient) -> None:
+    french = client.post(URL, content=b"", headers={"accept-language": "fr-CA,fr;q=0.9,en;q=0.5"})
+    english = client.post(URL, content=b"", headers={"accept-language": "de, en;q=0.5, fr;q=0.2"})
+
+    assert french.json()["title"] == "Le fichier est vide"
+    assert english.json()["title"] == "The file is empty"
+    assert french.json()["code"] == english.json()["code"] == "E-EMPTY"
+
+
+def test_the_language_asked_for_wins_over_the_browsers(client: TestClient) -> None:
+    problem = client.post(URL, content=b"", params={"lang": "fr"}, headers={"accept-language": "en"})
+
+    assert problem.headers["content-language"] == "fr"
+
+
+def test_a_caller_who_prefers_to_wait_gets_the_end(client: TestClient, bench: OpenBench) -> None:
+    worker = threading.Thread(target=run_when_queued, args=(bench(stand_ins.write_report),))
+    worker.start()
+
+    answer = client.post(URL, content=b"x", headers={"prefer": "respond-async, wait=20"})
+    worker.join()
+
+    assert (answer.status_code, answer.json()["state"]) == (200, "succeeded")
+
+
+def test_waiting_ends_with_202_when_the_time_is_up(client: TestClient) -> None:
+    assert client.post(URL, content=b"x", headers={"prefer": "wait=1"}).status_code == 202
+
+
+def test_the_long_poll_answers_as_soon_as_the_job_ends(client: TestClient, store: JobStore) -> None:
+    job_id = client.post(URL, content=b"x").json()["id"]
+    canceller = threading.Timer(0.3, store.cancel, (job_id,))
+    canceller.start()
+    began_s = time.monotonic()
+
+    answer = client.get(f"/api/v1/analyses/{job_id}", params={"wait": 30})
+
+    canceller.join()
+    assert answer.json()["state"] == "cancelled"
+    assert time.monotonic() - began_s < 5
+
+
+def test_others_are_answered_during_a_long_poll(client: TestClient) -> None:
+    job_id = client.post(URL, content=b"x").json()["id"]
+    poll = threading.Thread(target=client.get, args=(f"/api/v1/analyses/{job_id}?wait=1",))
+    poll.start()
+    began_s = time.monotonic()
+
+    client.get("/healthz")
+
+    assert time.monotonic() - began_s < 0.5
+    poll.join()
+
+
+def test_cancelling_a_waiting_job_takes_effect_at_once(client: TestClient, store: JobStore) -> None:
+    job_id = client.post(URL, content=b"x").json()["id"]
+
+    assert client.post(f"/api/v1/analyses/{job_id}/cancel").json()["state"] == "cancelled"
+    assert store.get(job_id).state is JobState.CANCELLED
+
+
+@pytest.mark.parametrize(
+    ("sent", "shown"),
+    [
+        ("../../etc/passwd", "passwd"),
+        ("C:\\Users\\Renée\\quart 1.gt3x", "quart 1.gt3x"),
+        ("a\x00b\r\nc.csv", "abc.csv"),
+        ("\u202egpj.gt3x", "gpj.gt3x"),
+        ("", "recording"),
+        ("..", ".."),
+        ("x" * 4000 + ".gt3x", "x" * 195 + ".gt3x"),
+        ("<img src=x onerror=alert(1)>.csv", "<img src=x onerror=alert(1)>.csv"),
+    ],
+)
+def test_a_file_name_is_one_printable_line_without_a_path(sent: str, shown: str) -> None:
+    assert clean_file_name(sent) == shown
+
+
+@given(st.text(max_size=300))
+@hypothesis_settings(max_examples=200, suppress_health_check=[HealthCheck.too_slow])
+def test_no_name_keeps_a_separator_or_a_control_character(name: str) -> None:
+    shown = clean_file_name(name)
+
+    assert 0 < len(shown) <= 200
+    assert not set("/\\\r\n\t\x00") & set(shown)
+
+
+def run_when_queued(bench: Any) -> None:
+    end_s = time.monotonic() + 10
+    while not run_next(bench) and time.monotonic() < end_s:
+        time.sleep(0.05)

@@ -1,0 +1,181 @@
+"""Who may ask, what every answer carries, and how errors look from outside."""
+
+import asyncio
+
+import pytest
+from fastapi.testclient import TestClient
+from starlette.requests import Request
+from starlette.types import Message
+
+from app.api.guard import _BodyWatch
+from app.api.problems import answer_refusal
+from app.errors import ForeignAddress, SlowUpload
+from app.jobs.store import JobStore
+from app.main import check_loopback
+
+CHANGES = ("/api/v1/analyze", "/api/v1/analyses/an_1/cancel", "/analyses/an_1/cancel")
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "[::1", ""])
+def test_a_foreign_host_name_is_refused(client: TestClient, host: str) -> None:
+    answer = client.get("/api/v1/version", headers={"host": host})
+
+    assert (answer.status_code, answer.json()["code"]) == (421, "E-HOST-NAME")
+
+
+@pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1", "[::1]:8080"])
+def test_this_computers_names_are_answered(client: TestClient, host: str) -> None:
+    assert client.get("/api/v1/version", headers={"host": host}).status_code == 200
+
+
+@pytest.mark.parametrize("path", CHANGES)
+@pytest.mark.parametrize("origin", ["https://evil.example", "null", "http://localhost:9999"])
+def test_another_site_may_change_nothing(client: TestClient, path: str, origin: str) -> None:
+    assert client.post(path, content=b"x", headers={"origin": origin}).status_code == 403
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_a_browser_that_says_another_site_asks_is_believed(client: TestClient, site: str) -> None:
+    assert client.post(CHANGES[0], content=b"x", headers={"sec-fetch-site": site}).status_code == 403
+
+
+def test_our_own_page_may_change_things(client: TestClient) -> None:
+    headers = {"origin": "http://localhost:8080", "sec-fetch-site": "same-origin"}
+
+    assert client.post(CHANGES[0], content=b"x", headers=headers).status_code == 202
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/rows", "/static/page.css", "/api/v1/version", "/nowhere", "/healthz"]
+)
+def test_every_answer_carries_the_security_headers(client: TestClient, path: str) -> None:
+    headers = client.get(path).headers
+
+    assert headers["content-security-policy"] == (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+        "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    )
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["cache-control"] == "no-store"
+
+
+@pytest.fixture
+def broken(client: TestClient, store: JobStore) -> TestClient:
+    """A server whose database has lost a table: everything that asks it is a bug."""
+    with store._engine.begin() as connection:
+        connection.exec_driver_sql("DROP TABLE analyses")
+    return client
+
+
+def test_a_bug_is_a_500_with_a_reference_and_no_traceback(broken: TestClient) -> None:
+    answer = broken.get("/api/v1/analyses")
+
+    assert (answer.status_code, answer.json()["code"]) == (500, "E-INTERNAL")
+    assert "Traceback" not in answer.text
+    assert "sqlite" not in answer.text
+    assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+def test_a_bug_behind_a_page_is_a_page(broken: TestClient) -> None:
+    answer = broken.get("/", headers={"accept-language": "fr"})
+
+    assert answer.status_code == 500
+    assert 'lang="fr"' in answer.text
+    assert "E-INTERNAL" in answer.text
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "code"),
+    [
+        ("GET", "/api/v1/nowhere", 404, "E-NOT-FOUND"),
+        ("GET", "/api/v1/analyses/an_none", 404, "E-NOT-FOUND"),
+        ("GET", "/api/v1/analyses/..%2f..%2fetc%2fpasswd", 404, "E-NOT-FOUND"),
+        ("GET", "/api/v1/analyses/an_none/results.json", 404, "E-NOT-FOUND"),
+        ("POST", "/api/v1/analyses/an_none/cancel", 404, "E-NOT-FOUND"),
+        ("DELETE", "/api/v1/version", 405, "E-METHOD"),
+        ("GET", "/api/v1/analyses/an_1?wait=61", 422, "E-PARAMETER"),
+        ("GET", "/api/v1/analyses?limit=0", 422, "E-PARAMETER"),
+        ("GET", "/api/v1/problems/E-NONE", 404, "E-NOT-FOUND"),
+    ],
+)
+def test_every_refusal_is_a_problem_document(
+    client: TestClient, method: str, path: str, status: int, code: str
+) -> None:
+    answer = client.request(method, path)
+
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_a_code_can_be_looked_up(client: TestClient) -> None:
+    assert client.get("/api/v1/problems/E-EMPTY?lang=fr").json()["title"] == "Le fichier est vide"
+
+
+def test_the_openapi_document_names_its_operations_readably(client: TestClient) -> None:
+    paths = client.get("/api/v1/openapi.json").json()["paths"]
+
+    names = {operation["operationId"] for path in paths.values() for operation in path.values()}
+    assert {"analyze", "get_analysis", "cancel_analysis", "get_report_pdf"} <= names
+
+
+def test_no_docs_page_loads_scripts_from_elsewhere(client: TestClient) -> None:
+    assert [client.get(path).status_code for path in ("/docs", "/redoc")] == [404, 404]
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.4", "::", "example.org", ""])
+def test_any_address_but_this_computers_is_refused(host: str) -> None:
+    with pytest.raises(ForeignAddress):
+        check_loopback(host)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
+def test_this_computers_addresses_are_served(host: str) -> None:
+    check_loopback(host)
+
+
+def test_readiness_tells_the_state_of_the_queue(client: TestClient) -> None:
+    client.post("/api/v1/analyze", content=b"x")
+
+    assert client.get("/readyz").json()["analyses"]["queued"] == 1
+
+
+async def send_slowly(body: bytes, pause_s: float) -> Message:
+    await asyncio.sleep(pause_s)
+    return {"type": "http.request", "body": body, "more_body": True}
+
+
+@pytest.mark.parametrize("body", [b"x", b""])
+def test_a_body_that_dribbles_is_given_up(body: bytes) -> None:
+    watch = _BodyWatch(lambda: send_slowly(body, 0.02), min_rate_bytes_per_s=1000, patience_s=0.05)
+
+    async def listen() -> None:
+        for _ in range(20):
+            await watch.receive()
+
+    with pytest.raises(SlowUpload):
+        asyncio.run(listen())
+
+
+def test_a_body_that_stops_is_given_up() -> None:
+    watch = _BodyWatch(lambda: send_slowly(b"x", 60), min_rate_bytes_per_s=1000, patience_s=0.05)
+
+    with pytest.raises(SlowUpload):
+        asyncio.run(watch.receive())
+
+
+def test_a_body_that_flows_is_heard_to_its_end() -> None:
+    watch = _BodyWatch(lambda: send_slowly(b"x" * 1000, 0.02), min_rate_bytes_per_s=1000, patience_s=0.05)
+
+    async def listen() -> int:
+        return sum([len((await watch.receive())["body"]) for _ in range(10)])
+
+    assert asyncio.run(listen()) == 10_000
+
+
+def test_a_slow_upload_is_answered_and_the_line_closed() -> None:
+    scope = {"type": "http", "method": "POST", "path": "/", "headers": [], "query_string": b""}
+
+    answer = answer_refusal(Request(scope), SlowUpload())
+
+    assert (answer.status_code, answer.headers["connection"]) == (408, "close")

@@ -1,0 +1,106 @@
+"""Over a real socket: slow and oversized requests are ended, quick ones are not."""
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+
+import pytest
+import uvicorn
+
+from app.main import configure_server, create_app
+from app.settings import Settings
+from app.storage import Storage
+
+PATIENCE_S = 0.4
+
+
+@pytest.fixture
+def address(settings: Settings) -> Iterator[tuple[str, int]]:
+    """A server of little patience."""
+    hasty = settings.model_copy(update={"header_patience_s": PATIENCE_S, "body_patience_s": PATIENCE_S})
+    server = uvicorn.Server(configure_server(create_app(hasty), hasty))
+    listener = socket.create_server(("127.0.0.1", 0))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+    thread.start()
+    yield listener.getsockname()
+    server.should_exit = True
+    thread.join()
+    listener.close()
+
+
+def read_all(line: socket.socket) -> bytes:
+    line.settimeout(5)
+    parts = []
+    try:
+        while part := line.recv(65536):
+            parts.append(part)
+    except ConnectionResetError:
+        pass
+    return b"".join(parts)
+
+
+def test_a_head_that_dribbles_is_hung_up_on(address: tuple[str, int]) -> None:
+    with closing(socket.create_connection(address)) as line:
+        line.sendall(b"GET /healthz HTTP/1.1\r\nHost: local")
+        began_s = time.monotonic()
+
+        assert read_all(line) == b""
+        assert time.monotonic() - began_s < 4 * PATIENCE_S
+
+
+def test_a_silent_caller_is_hung_up_on(address: tuple[str, int]) -> None:
+    with closing(socket.create_connection(address)) as line:
+        assert read_all(line) == b""
+
+
+def test_a_body_that_stops_is_answered_with_408_and_hung_up_on(address: tuple[str, int]) -> None:
+    head = b"POST /api/v1/analyze HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n\r\n"
+    with closing(socket.create_connection(address)) as line:
+        line.sendall(head + b"some")
+
+        answer = read_all(line)
+
+    assert answer.startswith(b"HTTP/1.1 408")
+    assert b"E-SLOW" in answer
+
+
+def test_an_upload_that_is_broken_off_leaves_nothing_and_is_no_bug(
+    address: tuple[str, int], storage: Storage, caplog: pytest.LogCaptureFixture
+) -> None:
+    head = b"POST /api/v1/analyze HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n\r\n"
+    line = socket.create_connection(address)
+    line.sendall(head + b"some")
+    uploads = storage.root / "uploads"
+    wait_until(lambda: any(uploads.iterdir()))
+
+    line.close()
+
+    wait_until(lambda: not any(uploads.iterdir()))
+    assert "bug" not in caplog.text
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 5
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.005)
+
+
+def test_a_huge_head_is_refused(address: tuple[str, int]) -> None:
+    with closing(socket.create_connection(address)) as line:
+        line.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 200_000)
+
+        assert b" 400 " in read_all(line)[:20]
+
+
+def test_an_ordinary_caller_is_answered_twice_on_one_line(address: tuple[str, int]) -> None:
+    request = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    with closing(socket.create_connection(address)) as line:
+        line.sendall(request)
+        first = line.recv(65536)
+        line.sendall(request)
+
+        assert first.startswith(b"HTTP/1.1 200")
+        assert line.recv(65536).startswith(b"HTTP/1.1 200")

@@ -1,0 +1,147 @@
+"""What an analysis gives: its state, its files, and refusals where there are none."""
+
+import hashlib
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.jobs.attempt import MakeReport
+from app.jobs.worker import run_next
+from tests.app import stand_ins
+from tests.app.conftest import OpenBench
+
+NAMES = ("results.json", "report.html", "report.pdf", "elevation.parquet", "summary.csv")
+
+
+def analyse(client: TestClient, bench: OpenBench, make: MakeReport, **wishes: str) -> str:
+    """Send a recording and let a worker take it; gives the address of the analysis."""
+    sent = client.post("/api/v1/analyze", content=b"<b>recording", params=wishes)
+    run_next(bench(make))
+    return sent.headers["location"]
+
+
+def test_a_finished_analysis_says_so(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    view = client.get(address).json()
+
+    assert (view["state"], view["progress"], view["attempts"]) == ("succeeded", 1.0, 1)
+    assert "problem" not in view
+
+
+def test_a_failed_analysis_is_a_200_with_its_problem(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.refuse)
+
+    answer = client.get(address, params={"lang": "fr"})
+
+    assert answer.status_code == 200
+    assert answer.json()["state"] == "failed"
+    assert answer.json()["problem"]["code"] == "E-SHORT"
+    assert answer.json()["problem"]["status"] == 422
+
+
+def test_the_results_are_the_stored_bytes(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    assert client.get(f"{address}/results.json").content == stand_ins.RESULTS
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_link_of_a_finished_analysis_gives_a_file(
+    client: TestClient, bench: OpenBench, name: str
+) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+    link = client.get(address).json()["links"][name.replace(".", "_")]
+
+    assert client.get(link).status_code == 200
+
+
+def test_the_report_comes_in_the_language_asked_for(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report, lang="en")
+
+    assert client.get(f"{address}/report.pdf", params={"lang": "fr"}).content == b"%PDF-fr"
+
+
+def test_the_report_comes_in_the_language_of_the_request_by_default(
+    client: TestClient, bench: OpenBench
+) -> None:
+    address = analyse(client, bench, stand_ins.write_report, lang="fr")
+
+    assert client.get(f"{address}/report.pdf").content == b"%PDF-fr"
+
+
+def test_the_etag_is_the_hash_of_the_file(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    answer = client.get(f"{address}/results.json")
+
+    assert answer.headers["etag"] == f'"{hashlib.sha256(stand_ins.RESULTS).hexdigest()}"'
+
+
+def test_a_file_that_is_known_already_is_not_sent_again(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+    etag = client.get(f"{address}/results.json").headers["etag"]
+
+    answer = client.get(f"{address}/results.json", headers={"if-none-match": etag})
+
+    assert (answer.status_code, answer.content) == (304, b"")
+
+
+def test_the_report_may_do_nothing_in_the_browser(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    policy = client.get(f"{address}/report.html").headers["content-security-policy"]
+
+    assert policy.startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:")
+    assert policy.endswith("sandbox")
+    assert "script-src" not in policy
+
+
+def test_a_download_is_named_after_the_recording(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report, file_name="Équipe 1.gt3x")
+
+    header = client.get(f"{address}/report.pdf", params={"lang": "fr"}).headers["content-disposition"]
+
+    assert header == "attachment; filename*=utf-8''%C3%89quipe%201_report.fr.pdf"
+
+
+@pytest.mark.parametrize("name", ['a";b.gt3x', "a\r\nSet-Cookie: x.gt3x", "../../x.gt3x", "%0d%0a.gt3x"])
+def test_no_file_name_escapes_from_the_header(client: TestClient, bench: OpenBench, name: str) -> None:
+    address = analyse(client, bench, stand_ins.write_report, file_name=name)
+
+    answer = client.get(f"{address}/results.json")
+
+    assert "set-cookie" not in answer.headers
+    assert not set('";/\\%') & set(answer.headers["content-disposition"].partition("filename=")[2].strip('"'))
+
+
+def test_a_file_asked_for_too_early_is_a_409(client: TestClient) -> None:
+    address = client.post("/api/v1/analyze", content=b"x").headers["location"]
+
+    problem = client.get(f"{address}/results.json")
+
+    assert (problem.status_code, problem.json()["code"]) == (409, "E-NOT-FINISHED")
+    assert problem.headers["retry-after"] == "5"
+
+
+def test_a_failed_analysis_has_no_file(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.refuse)
+
+    assert client.get(f"{address}/results.json").json()["code"] == "E-NO-FILE"
+
+
+def test_part_of_a_file_can_be_asked_for(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    answer = client.get(f"{address}/results.json", headers={"range": "bytes=0-3"})
+
+    assert (answer.status_code, answer.content) == (206, stand_ins.RESULTS[:4])
+
+
+def test_the_newest_analysis_is_listed_first(client: TestClient) -> None:
+    for name in ("one.csv", "two.csv"):
+        client.post("/api/v1/analyze", content=b"x", params={"file_name": name})
+
+    names = [view["file_name"] for view in client.get("/api/v1/analyses").json()["items"]]
+
+    assert names == ["two.csv", "one.csv"]

@@ -1,0 +1,191 @@
+"""The job rows: who may change what, and when."""
+
+import itertools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from sqlalchemy import create_engine, text
+
+from app.errors import NotHere
+from app.jobs.job import TRANSITIONS, Claimer, Job, JobState
+from app.jobs.store import JobStore
+from app.settings import Settings
+from app.storage import ResultFile
+from tests.app.conftest import AddJob
+
+ME = Claimer("here", 1, "10")
+FILES = (ResultFile("results.json", "0" * 64, 2),)
+
+
+def claim(store: JobStore) -> tuple[Job, str]:
+    job = store.claim(ME)
+    assert job is not None
+    assert job.token is not None
+    return job, job.token
+
+
+def bring_to(store: JobStore, job_id: str, state: JobState) -> str:
+    """Bring a queued job into a state; gives the token of the attempt, if there was one."""
+    if state in (JobState.QUEUED, JobState.CANCELLED):
+        if state is JobState.CANCELLED:
+            store.cancel(job_id)
+        return "none"
+    _, token = claim(store)
+    if state is JobState.SUCCEEDED:
+        store.finish(job_id, token, FILES)
+    elif state is JobState.FAILED:
+        store.fail(job_id, token, "E-SHORT", {"s": 4.0})
+    return token
+
+
+def test_a_new_job_waits_and_knows_its_recording(add_job: AddJob) -> None:
+    job = add_job(b"four", file_name="Équipe 1.gt3x")
+
+    assert job.state is JobState.QUEUED
+    assert (job.file_name, job.size_bytes, job.attempts) == ("Équipe 1.gt3x", 4, 0)
+
+
+def test_the_oldest_job_is_claimed_first(store: JobStore, add_job: AddJob) -> None:
+    first, second = add_job(), add_job()
+
+    assert [claim(store)[0].id, claim(store)[0].id] == [first.id, second.id]
+
+
+def test_nothing_is_claimed_when_nothing_waits(store: JobStore) -> None:
+    assert store.claim(ME) is None
+
+
+def test_twenty_claims_at_once_give_every_job_to_one_claimer(store: JobStore, add_job: AddJob) -> None:
+    jobs = [add_job() for _ in range(10)]
+
+    with ThreadPoolExecutor(20) as pool:
+        claimed = list(pool.map(lambda _: store.claim(ME), range(20)))
+
+    assert sorted(job.id for job in claimed if job) == sorted(job.id for job in jobs)
+
+
+def test_a_claimed_job_counts_the_attempt(store: JobStore, add_job: AddJob) -> None:
+    add_job()
+
+    assert claim(store)[0].attempts == 1
+
+
+def test_progress_is_seen_by_everybody(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, token = claim(store)
+
+    store.beat(job.id, token, "fusing", 0.6)
+
+    assert (store.get(job.id).stage, store.get(job.id).progress) == ("fusing", 0.6)
+
+
+def test_a_finished_job_has_its_files(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, token = claim(store)
+
+    assert store.finish(job.id, token, FILES)
+    assert store.get(job.id).state is JobState.SUCCEEDED
+    assert store.find_file(job.id, "results.json") == FILES[0]
+
+
+def test_an_attempt_that_no_longer_counts_publishes_nothing(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, lost = claim(store)
+    store.release(job.id, lost)
+    claim(store)
+
+    assert not store.finish(job.id, lost, FILES)
+    assert store.find_file(job.id, "results.json") is None
+    assert store.get(job.id).state is JobState.RUNNING
+
+
+def test_a_failed_job_says_why(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, token = claim(store)
+
+    store.fail(job.id, token, "E-SHORT", {"s": 4.0})
+
+    assert store.get(job.id).problem_code == "E-SHORT"
+    assert store.get(job.id).problem_facts == {"s": 4.0}
+
+
+def test_an_orderly_release_does_not_count_as_a_death(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, token = claim(store)
+
+    store.release(job.id, token, forgiven=True)
+
+    assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.QUEUED, 0)
+
+
+def test_a_cancelled_job_is_no_longer_its_workers(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, token = claim(store)
+
+    store.cancel(job.id)
+
+    assert not store.owns(job.id, token)
+    assert not store.beat(job.id, token, "fusing", 0.5)
+
+
+def test_a_job_that_is_not_there_is_refused(store: JobStore) -> None:
+    with pytest.raises(NotHere):
+        store.get("an_none")
+
+
+@pytest.mark.parametrize(("source", "target"), tuple(itertools.product(JobState, JobState)))
+def test_a_state_follows_another_only_where_the_table_says_so(
+    store: JobStore, add_job: AddJob, source: JobState, target: JobState
+) -> None:
+    job = add_job()
+    token = bring_to(store, job.id, source)
+    moves: dict[JobState, Callable[[], object]] = {
+        JobState.QUEUED: lambda: store.release(job.id, token),
+        JobState.RUNNING: lambda: store.claim(ME),
+        JobState.SUCCEEDED: lambda: store.finish(job.id, token, FILES),
+        JobState.FAILED: lambda: store.fail(job.id, token, "E-SHORT", {}),
+        JobState.CANCELLED: lambda: store.cancel(job.id),
+    }
+
+    moves[target]()
+
+    expected = target if target in TRANSITIONS[source] else source
+    assert store.get(job.id).state is expected
+
+
+def test_a_commit_is_durable_through_a_power_cut(store: JobStore) -> None:
+    with store._engine.connect() as connection:
+        modes = [
+            connection.execute(text(f"PRAGMA {name}")).scalar() for name in ("journal_mode", "synchronous")
+        ]
+
+    assert modes == ["wal", 2]  # 2 is FULL
+
+
+def test_rows_cannot_lose_their_recording(store: JobStore, add_job: AddJob) -> None:
+    add_job()
+
+    with store._engine.connect() as connection:
+        assert connection.execute(text("PRAGMA foreign_keys")).scalar() == 1
+
+
+def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
+    settings.data_dir.mkdir()
+
+    with ThreadPoolExecutor(4) as pool:
+        stores = list(pool.map(lambda _: JobStore(settings.database_url), range(4)))
+
+    assert [one.list_newest() for one in stores] == [(), (), (), ()]
+    for one in stores:
+        one.close()
+
+
+def test_the_rows_outlive_the_store(settings: Settings, add_job: AddJob, tmp_path: Path) -> None:
+    job = add_job()
+
+    engine = create_engine(settings.database_url)
+    with engine.connect() as connection:
+        assert connection.execute(text("SELECT id FROM analyses")).scalar() == job.id
+    engine.dispose()

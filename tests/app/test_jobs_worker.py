@@ -1,0 +1,229 @@
+"""The worker: one job from claim to report, and what it does when something dies."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from app.jobs.job import Claimer, JobState
+from app.jobs.lease import LeaseWatch, identify_self
+from app.jobs.store import JobStore
+from app.jobs.worker import choose_limits, run_next
+from app.settings import Settings
+from app.storage import Storage
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench
+
+
+def start_bystander() -> subprocess.Popen[bytes]:
+    """Start a process that does nothing."""
+    return subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+
+
+def claimer_of(process: subprocess.Popen[bytes]) -> Claimer:
+    start = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[19]
+    return Claimer(identify_self().place, process.pid, start)
+
+
+def test_a_job_becomes_a_report(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+    job = add_job()
+
+    assert run_next(bench(stand_ins.write_report))
+
+    assert store.get(job.id).state is JobState.SUCCEEDED
+    assert store.find_file(job.id, "report.fr.pdf") is not None
+
+
+def test_without_a_job_the_worker_says_so(bench: OpenBench) -> None:
+    assert not run_next(bench(stand_ins.write_report))
+
+
+def test_the_published_files_are_those_of_the_attempt_that_counts(
+    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.write_report))
+
+    token = store.get(job.id).token
+    assert token is not None
+    assert (storage.attempt(job.id, token) / "results.json").read_bytes() == stand_ins.RESULTS
+
+
+def test_a_refusal_ends_the_job_with_its_code(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.refuse))
+
+    assert (store.get(job.id).state, store.get(job.id).problem_code) == (JobState.FAILED, "E-SHORT")
+
+
+def test_a_bug_ends_the_job_with_a_reference_and_no_traceback(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.fail_by_bug))
+
+    failed = store.get(job.id)
+    assert failed.problem_code == "E-INTERNAL"
+    assert list(failed.problem_facts) == ["reference"]
+
+
+def test_a_job_that_wants_too_much_memory_fails_and_says_so(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.take_all_memory))
+
+    assert store.get(job.id).problem_code == "E-MEMORY"
+
+
+def test_a_job_that_takes_too_long_is_ended(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.write_slowly, wall_limit_s=0.5))
+
+    assert store.get(job.id).problem_code == "E-TIMEOUT"
+
+
+def test_a_killed_attempt_is_tried_again(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.be_killed))
+    run_next(bench(stand_ins.write_report))
+
+    assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.SUCCEEDED, 2)
+
+
+def test_three_deaths_fail_the_job_and_the_queue_goes_on(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    deadly = add_job()
+    killer = bench(stand_ins.be_killed)
+    for _ in range(3):
+        run_next(killer)
+    next_job = add_job()
+
+    run_next(bench(stand_ins.write_report))
+
+    assert store.get(deadly.id).problem_code == "E-CRASHED"
+    assert store.get(next_job.id).state is JobState.SUCCEEDED
+
+
+def test_an_attempt_that_does_not_count_leaves_no_file(
+    storage: Storage, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.refuse))
+
+    assert list((storage.root / "analyses" / job.id).iterdir()) == []
+
+
+def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+    job = add_job()
+    worker = threading.Thread(target=run_next, args=(bench(stand_ins.write_slowly),))
+    worker.start()
+    wait_for_stage(store, job.id)
+
+    store.cancel(job.id)
+    worker.join(2)
+
+    assert not worker.is_alive()
+    assert store.get(job.id).state is JobState.CANCELLED
+
+
+def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
+    job, slow = add_job(), bench(stand_ins.write_slowly)
+    worker = threading.Thread(target=run_next, args=(slow,))
+    worker.start()
+    wait_for_stage(store, job.id)
+
+    slow.stopping.set()
+    worker.join(2)
+
+    assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.QUEUED, 0)
+
+
+def wait_for_stage(store: JobStore, job_id: str) -> None:
+    end_s = time.monotonic() + 20
+    while store.get(job_id).stage is None and time.monotonic() < end_s:
+        time.sleep(0.05)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks up processes in /proc")
+def test_the_job_of_a_dead_process_is_taken_at_once(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job, other = add_job(), start_bystander()
+    store.claim(claimer_of(other))
+    other.kill()
+    os.waitid(os.P_PID, other.pid, os.WEXITED | os.WNOWAIT)  # dead, and still listed, as a zombie
+
+    run_next(bench(stand_ins.write_report))
+
+    other.wait()
+    assert store.get(job.id).state is JobState.SUCCEEDED
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks up processes in /proc")
+def test_the_job_of_a_living_process_is_left_to_it(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    add_job()
+    other = start_bystander()
+    store.claim(claimer_of(other))
+
+    took = run_next(bench(stand_ins.write_report))
+
+    other.kill()
+    other.wait()
+    assert not took
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks up processes in /proc")
+def test_a_process_number_that_was_given_again_is_not_the_old_holder(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    store.claim(Claimer(identify_self().place, os.getpid(), "1"))
+
+    run_next(bench(stand_ins.write_report))
+
+    assert store.get(job.id).state is JobState.SUCCEEDED
+
+
+def test_the_lease_of_a_silent_holder_elsewhere_runs_out(store: JobStore, add_job: AddJob) -> None:
+    add_job()
+    store.claim(Claimer("another computer", 1, "10"))
+    watch = LeaseWatch(identify_self(), lease_s=0.05)
+    watch.find_abandoned(store.list_claims())
+
+    time.sleep(0.1)
+
+    assert len(watch.find_abandoned(store.list_claims())) == 1
+
+
+def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    claimed = store.claim(Claimer("another computer", 1, "10"))
+    assert claimed is not None
+    assert claimed.token is not None
+    watch = LeaseWatch(identify_self(), lease_s=0.05)
+    watch.find_abandoned(store.list_claims())
+    time.sleep(0.1)
+
+    store.beat(job.id, claimed.token, "fusing", 0.5)
+
+    assert watch.find_abandoned(store.list_claims()) == ()
+
+
+def test_a_large_file_is_given_more_time(settings: Settings) -> None:
+    assert choose_limits(settings, 1_000_000).wall_s == 600.0
+    assert choose_limits(settings, 2_000_000_000).wall_s == 2400.0

@@ -1,0 +1,262 @@
+"""From an analysis to the values of a report: what is chosen, rounded and said."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from app.report.content import Report, build_report
+from app.report.parts import Section, Table
+from app.report.wording import LANGUAGES, Language
+from fusion.exposure import Entries, Episodes, Exposure, Interval, PeakWindow, Velocity
+from fusion.pipeline import Analysis
+from fusion.quality import Quality, TimeAccount
+from tests.app.analysis_factory import (
+    make_analysis,
+    make_exposure,
+    make_quality,
+    make_subject,
+    with_velocity,
+)
+
+
+def report_of(
+    *, analysis: Analysis | None = None, exposure: Exposure | None = None, language: Language = "en"
+) -> Report:
+    return build_report(analysis or make_analysis(exposure=exposure), make_subject(), language)
+
+
+def plain(text: str) -> str:
+    """Make every no-break space a plain one."""
+    return re.sub(r"[\u202f\u00a0]", " ", text).replace("’", "'")
+
+
+def section_of(report: Report, key: str) -> Section:
+    return next(section for section in report.sections if section.key == key)
+
+
+def table_of(report: Report, key: str, caption: str) -> Table:
+    return next(table for table in section_of(report, key).tables if caption in table.caption)
+
+
+def test_the_answer_in_english() -> None:
+    assert [plain(sentence) for sentence in report_of().sentences] == [
+        "The right arm was raised above 60° for 32 min of 7 h 5 min analysed (7.6 %).",
+        "The right arm rose above 60° 214 times (30 per hour); the longest stay was 48 s, at 10:42.",
+        "The most loaded 15 minutes were 13:05–13:20 (41.2 % of the time above 60°).",
+    ]
+
+
+def test_the_answer_in_french() -> None:
+    assert [plain(sentence) for sentence in report_of(language="fr").sentences] == [
+        "Le bras droit a été élevé à plus de 60° pendant 32 min sur 7 h 5 min de temps analysé (7,6 %).",
+        (
+            "Le bras droit a dépassé 60° 214 fois (30 fois par heure) ; "
+            "le maintien le plus long a duré 48 s, à 10 h 42."
+        ),
+        "Les 15 minutes les plus sollicitantes : de 13 h 05 à 13 h 20 (41,2 % du temps au-dessus de 60°).",
+    ]
+
+
+def test_an_interval_is_told_where_the_exposure_carries_one() -> None:
+    exposure = make_exposure(above_60_interval=Interval(6.0, 9.5))
+
+    sentence = plain(report_of(exposure=exposure, language="fr").sentences[0])
+
+    assert sentence.endswith("(7,6 % ; intervalle compte tenu de l'erreur de mesure : 6,0–9,5 %).")
+
+
+def test_no_interval_is_invented() -> None:
+    report = report_of()
+
+    assert "range" not in " ".join(report.sentences)
+    assert table_of(report, "figures", "bins").columns == ("Elevation", "Time", "Share")
+
+
+def test_the_table_gains_a_column_where_an_interval_exists() -> None:
+    report = report_of(exposure=make_exposure(above_60_interval=Interval(6.0, 9.5)))
+
+    rows = table_of(report, "figures", "thresholds").rows
+
+    assert [plain(row[3]) for row in rows] == ["–", "6.0–9.5 %", "–"]
+
+
+def test_an_arm_of_unknown_side_is_the_arm() -> None:
+    report = build_report(make_analysis(), make_subject(side=None), "fr")
+
+    assert report.sentences[0].startswith("Le bras a été élevé")
+
+
+def test_a_recording_of_a_few_minutes_has_no_hourly_rate() -> None:
+    exposure = replace(make_exposure(), analysed_s=179.0)
+
+    sentence = plain(report_of(exposure=exposure).sentences[1])
+
+    assert sentence.startswith("The right arm rose above 60° 214 times;")
+
+
+def test_a_day_without_a_rise_is_told_so() -> None:
+    exposure = replace(
+        make_exposure(), entries=(Entries(60, 0, 0.0),), episodes=(Episodes(60, 0, None, None, None, 0),)
+    )
+
+    assert report_of(exposure=exposure).sentences[1] == "The right arm did not rise above 60°."
+
+
+def test_a_single_rise_is_told_in_the_singular() -> None:
+    exposure = replace(
+        make_exposure(), entries=(Entries(60, 1, 0.14),), episodes=(Episodes(60, 1, 12.0, 12.0, 60.0, 0),)
+    )
+
+    assert plain(report_of(exposure=exposure, language="fr").sentences[1]) == (
+        "Le bras droit a dépassé 60° une fois ; le maintien a duré 12 s, à 7 h 59."
+    )
+
+
+def test_a_recording_too_short_for_the_window_says_so() -> None:
+    exposure = replace(make_exposure(), peak_windows=(PeakWindow(900, None, None),))
+
+    assert report_of(exposure=exposure).sentences[2].startswith("No 15 minutes in a row hold enough")
+
+
+def test_no_time_above_in_the_worst_window_is_told_so() -> None:
+    exposure = replace(make_exposure(), peak_windows=(PeakWindow(900, 0.0, 0.0),))
+
+    assert report_of(exposure=exposure).sentences[2] == "In no 15 minutes was the arm above 60°."
+
+
+def test_without_a_clock_times_are_told_from_the_start() -> None:
+    report = report_of(analysis=make_analysis(start=None))
+
+    assert plain(report.sentences[2]).startswith(
+        "The most loaded 15 minutes were 5:07:00–5:22:00 after the start"
+    )
+    assert report.made_of is None
+
+
+def test_the_date_of_the_report_is_the_end_of_the_recording() -> None:
+    made_of = report_of().made_of
+
+    assert made_of is not None
+    assert made_of.isoformat() == "2026-03-03T15:57:12-05:00"
+
+
+def test_the_verdict_comes_with_its_one_reason() -> None:
+    verdict = report_of().verdict
+
+    assert (verdict.level, verdict.label) == ("caution", "Data quality: use with care.")
+    assert verdict.reason.startswith("Holes in the recording.")
+
+
+def test_a_good_verdict_says_that_nothing_was_found() -> None:
+    report = report_of(analysis=make_analysis(quality=make_quality("good")))
+
+    assert report.verdict.reason == "Nothing was found that limits the use of these figures."
+
+
+def test_the_error_of_the_n_pose_stands_beside_the_figures() -> None:
+    assert "15° low" in report_of().pose_caution
+
+
+def test_a_ready_angle_series_has_no_pose() -> None:
+    report = report_of(analysis=make_analysis(calibrated=False))
+
+    assert report.pose_caution == ""
+    assert section_of(report, "method").pairs[0].value.startswith("The file holds ready angles")
+
+
+def test_the_bar_merges_whole_bins() -> None:
+    assert [plain(row[2]) for row in report_of().bar.table.rows] == [
+        "67.5 %",
+        "24.9 %",
+        "5.5 %",
+        "1.6 %",
+        "0.5 %",
+    ]
+
+
+def test_all_nine_bins_stand_in_the_table() -> None:
+    assert len(table_of(report_of(), "figures", "bins").rows) == 9
+
+
+def test_time_adds_up_to_the_microsecond() -> None:
+    time = TimeAccount(10_000_003, 7_000_001, 2_000_000, 1_000_002)
+
+    table = table_of(report_of(analysis=replace(make_analysis(), time=time)), "quality", "time went")
+
+    assert [row[2] for row in table.rows] == ["7.000001", "2", "1.000002", "10.000003"]
+
+
+def test_every_flag_stands_in_the_quality_table_with_its_clock_times() -> None:
+    row = table_of(report_of(), "quality", "found").rows[0]
+
+    assert [plain(cell) for cell in (row[0], *row[2:])] == ["W-GAP", "1", "9 min", "13:38:12", "13:47:12"]
+
+
+def test_provenance_names_file_hash_version_and_report() -> None:
+    pairs = {pair.name: pair.value for pair in section_of(report_of(), "provenance").pairs}
+
+    assert pairs["SHA-256 of the file"].startswith("9f86d081")
+    assert (pairs["Software"], pairs["Revision"]) == ("Acromion 0.1.0", "a1b2c3d4e5f6")
+    assert pairs["Report"] == report_of().report_id
+
+
+def test_a_working_day_is_compared_with_the_proposals() -> None:
+    statements = [plain(reference.statement) for reference in report_of().references]
+
+    assert statements[1] == "Measured 7.6 %; proposal at most 10 % of a working day."
+
+
+def test_a_fused_speed_is_never_compared_with_the_proposal() -> None:
+    velocity = report_of().references[2]
+
+    assert (velocity.scale, velocity.statement.startswith("Does not apply because")) == ("", True)
+
+
+def test_the_accelerometer_based_speed_is_compared_with_the_proposal() -> None:
+    exposure = with_velocity(make_exposure(), "generalised_accelerometer", Velocity(5, 48.4, 160, 300, 70))
+
+    velocity = report_of(exposure=exposure).references[2]
+
+    assert plain(velocity.statement) == "Measured 48°/s; proposal at most 60°/s over a working day."
+
+
+def test_less_than_four_hours_are_not_compared_with_a_working_day() -> None:
+    short = replace(make_analysis(), time=TimeAccount(60_000_000, 60_000_000, 0, 0))
+
+    references = report_of(analysis=short).references
+
+    assert [reference.scale for reference in references] == ["", "", "", ""]
+    assert "less than 4 h were analysed" in plain(references[0].statement)
+
+
+def test_poor_data_are_not_compared() -> None:
+    poor = make_analysis(quality=Quality("poor", (), ()))
+
+    assert "the data quality is poor" in report_of(analysis=poor).references[0].statement
+
+
+def test_the_subject_code_is_cut_and_freed_of_what_cannot_be_seen() -> None:
+    report = build_report(make_analysis(), make_subject(subject="A\u202e\x00" + "b" * 300), "en")
+
+    assert report.header[0].value == "A" + "b" * 199
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_same_analysis_gives_the_same_report(language: Language) -> None:
+    assert report_of(language=language) == report_of(language=language)
+
+
+def test_the_figures_do_not_depend_on_the_language() -> None:
+    def digits(report: Report) -> list[str]:
+        cells = [
+            cell
+            for s in report.sections
+            if s.key == "figures"
+            for t in s.tables
+            for row in t.rows
+            for cell in row[1:]
+        ]
+        return [re.sub(r"\D", "", cell) for cell in cells]
+
+    assert digits(report_of()) == digits(report_of(language="fr"))

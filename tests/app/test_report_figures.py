@@ -1,0 +1,129 @@
+"""The drawings: what stands where, and that grey paper loses nothing."""
+
+import re
+import xml.etree.ElementTree as ET
+from html import escape
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.report.clock import Clock
+from app.report.day import Day, draw_up_day, merge_spans
+from app.report.figures import Slice, draw_bar
+from app.report.svg import RAMP, number
+from app.report.timeline import DayLabels, draw_day
+from app.report.wording import load_wording
+from fusion.recording import Span
+from tests.app.analysis_factory import START, make_analysis
+
+LABELS = DayLabels("Day", "What", "band", "median", "left out", "no data", "worst")
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def day_of() -> Day:
+    return draw_up_day(make_analysis(), Clock(START, "en"), load_wording("en"))
+
+
+def words_in(svg: str) -> list[str]:
+    return [element.text or "" for element in ET.fromstring(svg).iter(f"{SVG}text")]
+
+
+def slices_of(*percents: float) -> list[Slice]:
+    return [Slice(p, f"{k}–{k + 1}°", "1 h", f"{p:.1f} %") for k, p in enumerate(percents)]
+
+
+def widths_in(svg: str) -> list[float]:
+    return [
+        float(r.attrib["width"]) for r in ET.fromstring(svg).iter(f"{SVG}rect") if r.get("class") == "bar"
+    ]
+
+
+def test_the_parts_of_the_bar_are_as_long_as_their_shares() -> None:
+    assert widths_in(draw_bar(slices_of(50, 25, 25, 0, 0), ("t", "d"), 401)) == [200, 100, 100]
+
+
+@given(st.lists(st.floats(0.01, 100), min_size=5, max_size=5))
+def test_the_bar_is_always_as_long_as_the_sheet(parts: list[float]) -> None:
+    percents = [100 * part / sum(parts) for part in parts]
+
+    assert abs(sum(widths_in(draw_bar(slices_of(*percents), ("t", "d"), 681))) - 680) < 0.5
+
+
+def test_each_step_of_the_ramp_is_clearly_darker_in_grey() -> None:
+    grey = [sum(w * int(c[k : k + 2], 16) for w, k in ((0.3, 1), (0.59, 3), (0.11, 5))) for c in RAMP]
+
+    assert all(lighter - darker >= 25 for lighter, darker in pairwise(grey))
+
+
+def test_breaks_and_hole_are_marked_and_named() -> None:
+    marks = [(mark.start_s, mark.end_s, mark.kind, mark.label) for mark in day_of().marks]
+
+    assert marks == [
+        (7200.0, 8100.0, "left out", "break"),
+        (14400.0, 16200.0, "left out", "break"),
+        (20400.0, 20940.0, "missing", "no data"),
+    ]
+
+
+def test_the_day_falls_into_unbroken_runs() -> None:
+    assert [(run[0].start_s, run[-1].end_s) for run in day_of().runs] == [
+        (0.0, 7200.0),
+        (8100.0, 14400.0),
+        (16200.0, 20400.0),
+        (20940.0, 28740.0),
+    ]
+
+
+def test_stretches_of_one_reason_that_touch_are_one() -> None:
+    spans = [
+        Span(0, 2_000_000, "clipped"),
+        Span(1_000_000, 2_000_000, "clipped"),
+        Span(1_000_000, 1, "docked"),
+    ]
+
+    assert merge_spans(spans) == [(0.0, 3.0, "clipped"), (1.0, 1.000001, "docked")]
+
+
+def test_the_axis_bears_whole_hours() -> None:
+    assert [words for words in words_in(draw_day(day_of(), LABELS, 680)) if ":" in words] == [
+        f"{hour:02d}:00" for hour in range(8, 16)
+    ]
+
+
+def test_the_guides_are_named() -> None:
+    assert {"30°", "60°", "90°"} <= set(words_in(draw_day(day_of(), LABELS, 680)))
+
+
+def test_the_most_loaded_window_is_bracketed_where_it_is() -> None:
+    path = re.search(
+        r'd="M([\d.]+) [\d.]+V[\d.]+H([\d.]+)V[\d.]+" class="accent-line"', draw_day(day_of(), LABELS, 680)
+    )
+    assert path is not None
+
+    left, right = (32 + 644 * seconds / 28740 for seconds in (18420, 19320))
+
+    assert np.allclose([float(path[1]), float(path[2])], [left, right], atol=0.06)
+
+
+def test_the_narrow_drawing_is_another_one_with_its_own_ids() -> None:
+    ids = [set(re.findall(r'id="([^"]+)"', draw_day(day_of(), LABELS, width))) for width in (680, 330)]
+
+    assert ids[0] & ids[1] == set()
+
+
+@given(st.text())
+def test_labels_are_only_text(label: str) -> None:
+    printable = "".join(c for c in label if c.isprintable())
+
+    plain, svg = (
+        draw_bar([Slice(100, words, "1 h", "x")], (words, words), 680) for words in ("a", printable)
+    )
+
+    assert [e.tag for e in ET.fromstring(svg).iter()] == [e.tag for e in ET.fromstring(plain).iter()]
+    assert escape(printable) in svg
+
+
+def test_coordinates_are_short() -> None:
+    assert [number(x) for x in (3.0, 3.14159, 0.04)] == ["3", "3.1", "0"]

@@ -1,0 +1,163 @@
+"""The HTML report: one file that asks for nothing, in which user text is only ever text."""
+
+import base64
+import hashlib
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+
+from app.report.content import build_report
+from app.report.html import content_security_policy, render_html
+from app.report.wording import LANGUAGES, Language
+from fusion.exposure import PartExposure
+from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
+
+PAYLOADS = (
+    "<img src=x onerror=alert(1)>",
+    '"><script>alert(1)</script>',
+    "</title><svg onload=alert(1)>",
+    "{{7*7}} {% raw %}",
+    "'+alert(1)+'",
+    "javascript:alert(1)",
+    "&lt;b&gt;",
+    '#eval("1") *bold* $x$ @ref `raw`',
+    "file:///etc/passwd",
+    "=cmd|' /C calc'!A0",
+    "]]><!--",
+)
+
+
+class Elements(HTMLParser):
+    """Counts elements and attributes as a browser would see them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def read(html: bytes) -> Elements:
+    elements = Elements()
+    elements.feed(html.decode("utf-8"))
+    return elements
+
+
+def page(language: Language = "en", subject: str = "S012", file_name: str = "a.gt3x") -> bytes:
+    return render_html(build_report(make_analysis(), make_subject(subject, file_name), language))
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_language_is_declared(language: Language) -> None:
+    assert f'<html lang="{language}">'.encode() in page(language)
+
+
+def test_nothing_is_loaded_from_anywhere() -> None:
+    loading = {"src", "href", "srcset", "data", "action", "poster", "xlink:href", "background"}
+
+    asked = [value for name, value in read(page()).attributes if name in loading]
+
+    assert asked == ["#answer"]
+
+
+def test_there_is_no_script_and_no_frame() -> None:
+    assert not {"script", "iframe", "object", "embed", "link", "form"} & set(read(page()).tags)
+
+
+def test_the_style_has_no_address() -> None:
+    assert not re.search(rb"url\((?!#)|@import", page())
+
+
+def test_the_policy_forbids_everything_but_the_style() -> None:
+    style = re.search(rb"<style>(.*?)</style>", page(), re.DOTALL)
+    assert style is not None
+    digest = base64.b64encode(hashlib.sha256(style[1]).digest()).decode()
+
+    assert content_security_policy() == (
+        f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+    )
+
+
+def test_there_is_no_inline_style_that_the_policy_would_block() -> None:
+    assert "style" not in {name for name, _ in read(page()).attributes}
+
+
+@pytest.mark.parametrize("payload", PAYLOADS)
+def test_user_text_makes_no_element(payload: str) -> None:
+    clean, hostile = read(page()), read(page(subject=payload, file_name=payload))
+
+    assert hostile.tags == clean.tags
+    assert len(hostile.attributes) == len(clean.attributes)
+
+
+@pytest.mark.parametrize("payload", PAYLOADS)
+def test_user_text_is_shown_as_it_is(payload: str) -> None:
+    assert payload in " ".join(read(page(subject=payload)).words)
+
+
+def test_the_label_of_a_period_is_only_text() -> None:
+    label = "<script>alert(1)</script>"
+    part = PartExposure(
+        label, 0.0, 60.0, 60.0, {10: 1.0, 50: 2.0, 90: 3.0}, {30: 1.0, 60: 1.0, 90: 1.0}, None
+    )
+    exposure = replace(make_exposure(), by_period=(part,))
+
+    html = render_html(build_report(make_analysis(exposure=exposure), make_subject(), "en"))
+
+    assert "script" not in read(html).tags
+    assert label in read(html).words
+
+
+def test_every_chart_has_a_title_a_description_and_a_table() -> None:
+    tags = read(page()).tags
+
+    assert tags.count("figure") * 2 + 3 == tags.count("svg") == tags.count("desc")
+    assert tags.count("figure") == tags.count("details")
+
+
+def test_no_id_appears_twice() -> None:
+    ids = [value for name, value in read(page()).attributes if name == "id"]
+
+    assert len(ids) == len(set(ids))
+
+
+def test_every_header_cell_has_a_scope() -> None:
+    html = page().decode()
+
+    assert re.findall(r"<th(?! scope=)[ >]", html) == []
+
+
+def test_the_same_report_gives_the_same_bytes() -> None:
+    assert page("fr") == page("fr")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_full_shift_is_light(language: Language) -> None:
+    assert len(page(language)) <= 400_000
+
+
+def luminance(colour: str) -> float:
+    channels = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("theme", [0, 1], ids=["light", "dark"])
+@pytest.mark.parametrize("text", ["ink", "soft", "accent", "link"])
+@pytest.mark.parametrize("ground", ["paper", "tint"])
+def test_text_contrast_is_at_least_4_5(theme: int, text: str, ground: str) -> None:
+    style = page().decode()
+    fore, back = (re.findall(rf"--{name}: (#\w{{6}})", style)[theme] for name in (text, ground))
+
+    light, dark = sorted((luminance(fore), luminance(back)), reverse=True)
+
+    assert (light + 0.05) / (dark + 0.05) >= 4.5

@@ -1,0 +1,174 @@
+"""The PDF report: tagged, archivable, with the figures attached, and the same bytes everywhere."""
+
+import io
+import re
+from dataclasses import asdict, replace
+from typing import Any
+
+import pytest
+from pypdf import PdfReader
+
+from app.report.content import build_report
+from app.report.pdf import Paper, render_pdf, spell_uncovered
+from app.report.results import encode_results
+from app.report.wording import LANGUAGES, Language
+from fusion.exposure import PeakWindow
+from fusion.quality import Quality
+from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
+
+
+def pdf_of(
+    language: Language = "en", paper: Paper = "a4", subject: str = "S012", file_name: str = "a.gt3x"
+) -> bytes:
+    analysis, who = make_analysis(), make_subject(subject, file_name)
+    return render_pdf(build_report(analysis, who, language), {"results.json": b"{}\n"}, paper)
+
+
+def text_of(document: bytes, number: int) -> str:
+    return flatten(PdfReader(io.BytesIO(document)).pages[number].extract_text())
+
+
+def catalogue_of(document: bytes) -> Any:
+    return PdfReader(io.BytesIO(document)).trailer["/Root"]
+
+
+def date_of(document: bytes) -> str:
+    metadata = PdfReader(io.BytesIO(document)).metadata
+    return str(metadata["/CreationDate"]) if metadata else ""
+
+
+def fonts_of(document: bytes) -> set[str]:
+    pages: Any = PdfReader(io.BytesIO(document)).pages
+    fonts = (font for page in pages for font in page["/Resources"]["/Font"].values())
+    return {str(font.get_object()["/BaseFont"]).split("+")[-1] for font in fonts}
+
+
+def flatten(text: str) -> str:
+    """Leave out every space: the engine breaks lines where it likes."""
+    return re.sub(r"\s", "", text)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_answer_stands_on_the_first_page(language: Language) -> None:
+    report = build_report(make_analysis(), make_subject(), language)
+
+    first = text_of(pdf_of(language), 0)
+
+    assert all(flatten(sentence) in first for sentence in report.sentences)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("paper", ["a4", "us-letter"])
+def test_the_first_page_stands_alone_on_both_papers(paper: Paper, language: Language) -> None:
+    report = build_report(make_analysis(), make_subject(), language)
+
+    document = pdf_of(language, paper)
+
+    assert flatten(report.intended_use.paragraphs[0])[-40:] in text_of(document, 0)
+    assert text_of(document, 1).startswith(flatten(report.sections[0].title))
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_longest_first_page_still_fits(language: Language) -> None:
+    analysis = make_analysis(quality=Quality("poor", ("W-REMOUNT",), ()), start=None)
+    exposure = replace(make_exposure(), peak_windows=(PeakWindow(900, None, None),))
+    report = build_report(replace(analysis, exposure=exposure), make_subject(), language)
+
+    document = render_pdf(report, {}, "us-letter")
+
+    assert flatten(report.intended_use.paragraphs[0])[-40:] in text_of(document, 0)
+
+
+def test_every_figure_of_the_tables_stands_in_the_pdf() -> None:
+    report = build_report(make_analysis(), make_subject(), "fr")
+    document = PdfReader(io.BytesIO(pdf_of("fr")))
+    text = flatten("".join(page.extract_text() for page in document.pages))
+
+    missing = [
+        cell
+        for section in report.sections
+        for table in section.tables
+        for row in table.rows
+        for cell in row
+        if flatten(cell) not in text
+    ]
+
+    assert missing == []
+
+
+def test_it_is_tagged_and_names_its_language() -> None:
+    root = catalogue_of(pdf_of("fr"))
+
+    assert (root["/MarkInfo"]["/Marked"], root["/Lang"]) == (True, "fr")
+
+
+def test_it_declares_pdf_ua_1_and_pdf_a_3() -> None:
+    metadata = catalogue_of(pdf_of())["/Metadata"].get_data().decode()
+    assert re.search(r"pdfuaid:part>1<", metadata)
+    assert re.search(r"pdfaid:part>3<.*pdfaid:conformance>A<", metadata, re.DOTALL)
+
+
+def test_the_figures_are_attached_byte_for_byte() -> None:
+    analysis, who = make_analysis(), make_subject()
+    results = encode_results(analysis, who)
+
+    document = render_pdf(build_report(analysis, who, "en"), {"results.json": results})
+
+    assert PdfReader(io.BytesIO(document)).attachments == {"results.json": [results]}
+
+
+def test_the_same_report_gives_the_same_bytes() -> None:
+    assert pdf_of() == pdf_of()
+
+
+def test_the_date_is_the_end_of_the_recording() -> None:
+    assert date_of(pdf_of()).startswith("D:20260303155712")
+
+
+def test_without_a_clock_the_date_is_1970() -> None:
+    report = build_report(make_analysis(start=None), make_subject(), "en")
+
+    assert date_of(render_pdf(report, {})).startswith("D:19700101")
+
+
+def test_only_our_own_fonts_are_used() -> None:
+    assert fonts_of(pdf_of()) == {"Inter-Regular-Identity-H", "Inter-SemiBold-Identity-H"}
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        '#eval("1+1")',
+        "*bold* _it_ $x$ @ref <label> `raw` // end",
+        '#read("/etc/passwd")',
+        "\\u{41} = head",
+        "<b>",
+    ],
+)
+def test_user_text_is_never_markup(payload: str) -> None:
+    document = pdf_of(subject=payload, file_name=payload)
+
+    text = "".join(text_of(document, k) for k in range(4))
+
+    assert text.count(flatten(payload)) == 2
+
+
+@pytest.mark.parametrize("subject", ["中文", "\u0627\u0644", "🙂", "a\u0301", "Ωж"])
+def test_any_script_in_a_subject_code_gives_a_report(subject: str) -> None:
+    assert pdf_of(subject=subject).startswith(b"%PDF-")
+
+
+def test_a_character_that_the_font_lacks_is_spelled_out() -> None:
+    assert spell_uncovered("Été 中") == "Été [U+4E2D]"
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_all_our_own_words_can_be_drawn(language: Language) -> None:
+    words = str(asdict(build_report(make_analysis(), make_subject(), language)))
+
+    assert "[U+" not in spell_uncovered(words)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_full_shift_is_light(language: Language) -> None:
+    assert len(pdf_of(language)) <= 300_000

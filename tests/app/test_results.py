@@ -1,0 +1,213 @@
+"""``results.json`` is what CONTRACT §2 says, byte for byte the same each time."""
+
+import json
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.report.results import build_results, encode_results, identify_report
+from fusion.exposure import Interval, PeakWindow
+from fusion.pipeline import AnalysisSettings
+from fusion.quality import Quality
+from fusion.recording import QualityFlag
+from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Any]:
+    answer: dict[str, Any] = json.loads(encode_results(make_analysis(), make_subject()))
+    return answer
+
+
+def test_the_parts_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
+    assert list(results) == [
+        "schema", "recording", "time", "calibration", "method", "exposure", "quality", "software"
+    ]  # fmt: skip
+
+
+def test_the_schema_is_named(results: dict[str, Any]) -> None:
+    assert results["schema"] == "acromion.results/1"
+
+
+def test_the_recording(results: dict[str, Any]) -> None:
+    assert results["recording"] == {
+        "sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08",
+        "file_name": "S012_right.gt3x",
+        "device": "gt9x",
+        "serial_hash": "3f2a9c01b7de",
+        "start": "2026-03-03T07:58:12-05:00",
+        "time_zone": "UTC-05:00",
+        "rate_hz": 100.0,
+        "side": "right",
+        "subject": "S012",
+    }
+
+
+def test_analysed_missing_and_excluded_make_the_recorded_time(results: dict[str, Any]) -> None:
+    time = results["time"]
+
+    assert time["analysed_s"] + time["missing_s"] + time["excluded_s"] == time["recorded_s"] == 28740.0
+
+
+def test_the_calibration(results: dict[str, Any]) -> None:
+    assert results["calibration"] == {
+        "pose": "n-pose",
+        "start_s": 42.5,
+        "duration_s": 6.2,
+        "score": 0.93,
+        "gyro_bias_dps": [0.31, -0.12, 0.07],
+        "second": None,
+    }
+
+
+def test_a_ready_angle_series_has_no_calibration_and_no_method() -> None:
+    results = build_results(make_analysis(calibrated=False), make_subject())
+
+    assert (results["calibration"], results["method"]) == (None, None)
+
+
+def test_the_figures_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
+    assert list(results["exposure"]) == [
+        "bins", "time_above", "percentiles_deg", "entries", "cycles", "episodes", "velocity_dps", "peak",
+        "eva", "by_hour", "by_period", "intervals",
+    ]  # fmt: skip
+
+
+def test_a_bin_without_an_interval_has_nulls(results: dict[str, Any]) -> None:
+    assert results["exposure"]["bins"][0] == {
+        "lower_deg": 0, "upper_deg": 20, "duration_s": 11781.0, "percent": 46.2, "low": None, "high": None
+    }  # fmt: skip
+
+
+def test_an_interval_is_passed_on() -> None:
+    exposure = make_exposure(above_60_interval=Interval(6.0, 9.5))
+
+    above = build_results(make_analysis(exposure=exposure), make_subject())["exposure"]["time_above"]  # type: ignore[index]
+
+    assert (above[1]["low"], above[1]["high"]) == (6.0, 9.5)
+
+
+def test_percentiles_are_named_by_their_rank(results: dict[str, Any]) -> None:
+    assert list(results["exposure"]["percentiles_deg"]) == [
+        "1",
+        "5",
+        "10",
+        "25",
+        "50",
+        "75",
+        "90",
+        "95",
+        "99",
+    ]
+
+
+def test_four_speeds_of_which_an_uncomputed_one_is_null(results: dict[str, Any]) -> None:
+    speeds = results["exposure"]["velocity_dps"]
+
+    assert (list(speeds), speeds["generalised_accelerometer"], list(speeds["inclination"])) == (
+        ["inclination", "generalised", "generalised_accelerometer", "gyroscope"],
+        None,
+        ["10", "50", "90", "99", "mean"],
+    )
+
+
+def test_the_worst_window_has_seconds_and_clock_time(results: dict[str, Any]) -> None:
+    assert results["exposure"]["peak"]["windows"][1] == {
+        "length_s": 900,
+        "start": "2026-03-03T13:05:12-05:00",
+        "start_s": 18420.0,
+        "percent_above_60": 41.2,
+    }
+
+
+def test_a_window_that_does_not_exist_is_null() -> None:
+    exposure = replace(make_exposure(), peak_windows=(PeakWindow(3600, None, None),))
+
+    peak = build_results(make_analysis(exposure=exposure), make_subject())["exposure"]["peak"]  # type: ignore[index]
+
+    assert peak["windows"] == [{"length_s": 3600, "start": None, "start_s": None, "percent_above_60": None}]
+
+
+def test_an_hour_has_units_in_its_names(results: dict[str, Any]) -> None:
+    assert results["exposure"]["by_hour"][1] == {
+        "label": "08",
+        "start_s": 108.0,
+        "end_s": 3708.0,
+        "analysed_s": 3600.0,
+        "elevation_p10_deg": 8.0,
+        "elevation_p50_deg": 21.0,
+        "elevation_p90_deg": 52.0,
+        "time_above_30_percent": 29.0,
+        "time_above_60_percent": 6.0,
+        "time_above_90_percent": 1.4,
+        "entries_above_60_per_h": 25.0,
+    }
+
+
+def test_a_warning_has_its_clock_times(results: dict[str, Any]) -> None:
+    assert results["quality"]["warnings"][0] == {
+        "code": "W-GAP",
+        "count": 1,
+        "seconds": 540.0,
+        "first": "2026-03-03T13:38:12-05:00",
+        "last": "2026-03-03T13:47:12-05:00",
+    }
+
+
+def test_without_a_clock_a_warning_has_its_time_from_the_first_sample() -> None:
+    quality = Quality("good", (), (QualityFlag("W-GAP", 1, 2.0, 62.5, None),))
+
+    told = build_results(make_analysis(start=None, quality=quality), make_subject())["quality"]["warnings"][0]  # type: ignore[index]
+
+    assert (told["first"], told["last"]) == ("PT62.5S", None)
+
+
+def test_a_device_clock_without_offset_stays_without() -> None:
+    start = datetime(2026, 3, 3, 7, 58, 12)  # noqa: DTZ001 - a device clock has no zone
+
+    results = build_results(make_analysis(start=start), make_subject())
+
+    assert results["recording"]["start"] == "2026-03-03T07:58:12"  # type: ignore[index]
+
+
+def test_floats_have_six_decimals_at_most() -> None:
+    exposure = replace(make_exposure(), elevation_p99_deg=101.123456789)
+
+    encoded = encode_results(make_analysis(exposure=exposure), make_subject())
+
+    assert b'"elevation_p99_deg": 101.123457' in encoded
+
+
+def test_numpy_floats_that_are_not_numbers_are_null() -> None:
+    exposure = replace(make_exposure(), elevation_p99_deg=np.float64("nan"))
+
+    encoded = encode_results(make_analysis(exposure=exposure), make_subject())
+
+    assert b'"elevation_p99_deg": null' in encoded
+
+
+def test_the_same_analysis_gives_the_same_bytes() -> None:
+    assert encode_results(make_analysis(), make_subject()) == encode_results(make_analysis(), make_subject())
+
+
+def test_the_file_is_utf8_and_ends_with_a_newline() -> None:
+    encoded = encode_results(make_analysis(), make_subject(subject="Été"))
+
+    assert "Été" in encoded.decode("utf-8")
+    assert encoded.endswith(b"}\n")
+
+
+def test_the_report_id_follows_the_settings() -> None:
+    analysis = make_analysis()
+    other = replace(analysis, settings=AnalysisSettings(pose="side-lean"))
+
+    assert identify_report(analysis, make_subject()) != identify_report(other, make_subject())
+
+
+def test_the_report_id_does_not_follow_the_name_of_the_file() -> None:
+    one, other = (make_subject(file_name=name) for name in ("a.gt3x", "b.gt3x"))
+
+    assert identify_report(make_analysis(), one) == identify_report(make_analysis(), other)

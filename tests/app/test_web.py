@@ -1,0 +1,221 @@
+"""The pages: what they say, in both languages, and that a person's text is only ever text."""
+
+import re
+import tomllib
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+import app.report.wording
+import app.web
+from app.jobs.worker import run_next
+from app.report.wording import load_wording
+from app.web.views import format_size
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench
+
+HOSTILE = (
+    "<script>alert(1)</script>",
+    '"><img src=x onerror=alert(1)>',
+    "{{7*7}}",
+    "'; DROP TABLE analyses; --",
+    "javascript:alert(1)",
+    "&lt;b&gt;",
+    "=cmd|'/c calc'!A1",
+)
+
+
+class Elements(HTMLParser):
+    """Collects the elements and attributes of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+    def count(self, tag: str) -> int:
+        return sum(found == tag for found, _ in self.found)
+
+
+def test_an_empty_list_says_what_to_do(client: TestClient) -> None:
+    page = client.get("/?lang=en").text
+
+    assert "Nothing here yet" in page
+    assert "Add a recording above" in page
+
+
+def test_the_file_field_takes_many_files_and_can_be_reached_by_keyboard(client: TestClient) -> None:
+    fields = [attributes for tag, attributes in Elements(client.get("/").text).found if tag == "input"]
+
+    (files,) = [field for field in fields if field["type"] == "file"]
+    assert "multiple" in files
+    assert "hidden" not in files
+
+
+def test_a_choice_of_language_is_remembered(client: TestClient) -> None:
+    client.get("/?lang=fr")
+
+    assert 'lang="fr"' in client.get("/", headers={"accept-language": "en"}).text
+
+
+def test_without_a_choice_the_browsers_language_is_taken(client: TestClient) -> None:
+    assert '<html lang="fr">' in client.get("/", headers={"accept-language": "fr-CA"}).text
+
+
+def test_a_waiting_recording_shows_two_bars_and_can_be_cancelled(client: TestClient, add_job: AddJob) -> None:
+    add_job(file_name="shift.gt3x")
+
+    page = client.get("/rows?lang=en").text
+
+    assert Elements(page).count("progress") == 2
+    assert "You can close this page" in page
+    assert "Cancel shift.gt3x" in page
+
+
+def test_a_plain_form_cancels_without_a_script(client: TestClient, add_job: AddJob) -> None:
+    job = add_job()
+
+    answer = client.post(f"/analyses/{job.id}/cancel")
+
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    assert "Cancelled" in client.get("/rows?lang=en").text
+
+
+def test_a_finished_recording_links_to_its_report_in_the_pages_language(
+    client: TestClient, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.write_report))
+
+    page = client.get("/rows?lang=fr").text
+
+    assert f"/api/v1/analyses/{job.id}/report.html?lang=fr" in page
+    assert "Rapport prêt" in page
+
+
+def test_the_analysis_page_shows_the_figures_as_the_report_writes_them(
+    client: TestClient, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.write_report))
+
+    page = client.get(f"/analyses/{job.id}?lang=fr").text
+
+    assert "12,3\u202f%" in page
+    assert "7\u202fh\u00a042\u202fmin" in page
+
+
+@pytest.mark.parametrize("name", ["results.json", "summary.csv", "elevation.parquet", "report.pdf?lang=en"])
+def test_the_analysis_page_gives_every_file(
+    client: TestClient, add_job: AddJob, bench: OpenBench, name: str
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.write_report))
+
+    assert f"/api/v1/analyses/{job.id}/{name}" in client.get(f"/analyses/{job.id}").text
+
+
+@pytest.mark.parametrize(("language", "title"), [("en", "What to do"), ("fr", "Que faire")])
+def test_a_failed_recording_says_what_happened_and_what_to_do(
+    client: TestClient, add_job: AddJob, bench: OpenBench, language: str, title: str
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.refuse))
+
+    for path in ("/rows", f"/analyses/{job.id}"):
+        page = client.get(path, params={"lang": language}).text
+        assert title in page
+        assert "E-SHORT" in page
+
+
+def test_a_page_that_is_not_there_says_so_and_leads_back(client: TestClient) -> None:
+    answer = client.get("/analyses/an_none?lang=en")
+
+    assert answer.status_code == 404
+    assert "E-NOT-FOUND" in answer.text
+    assert 'href="/"' in answer.text
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_a_persons_text_is_only_ever_text(client: TestClient, text: str) -> None:
+    tame = Elements(send(client, "tame")).found
+    hostile = Elements(send(client, text)).found[: len(tame)]
+
+    assert [tag for tag, _ in hostile] == [tag for tag, _ in tame]
+    assert [set(attributes) for _, attributes in hostile] == [set(attributes) for _, attributes in tame]
+
+
+def send(client: TestClient, text: str) -> str:
+    """Send a recording with a hostile name and subject, and give its page."""
+    wishes = {"file_name": text.replace("/", "_"), "subject": text}
+    job = client.post("/api/v1/analyze", content=b"x", params=wishes).json()
+    return client.get(f"/analyses/{job['id']}").text
+
+
+def test_a_template_in_a_name_is_not_filled_in(client: TestClient) -> None:
+    page = send(client, "{{7*7}}{n}[x]")
+
+    assert "{{7*7}}{n}[x]" in page
+
+
+@pytest.mark.parametrize("path", ["/", "/rows"])
+def test_no_page_holds_a_script_or_a_style_of_its_own(client: TestClient, add_job: AddJob, path: str) -> None:
+    add_job()
+
+    for tag, attributes in Elements(client.get(path).text).found:
+        assert tag != "style"
+        assert "style" not in attributes
+        assert not [name for name in attributes if name.startswith("on")]
+        assert tag != "script" or attributes["src"]
+
+
+def test_no_page_names_another_host(client: TestClient) -> None:
+    static = Path(app.web.__path__[0]) / "static"
+    texts = [client.get("/").text, *(path.read_text() for path in static.glob("page.*"))]
+
+    addresses = {found for text in texts for found in re.findall(r"https?://[^\s\"'<)]+", text)}
+
+    assert all(address.startswith("http://127.0.0.1:8080") for address in addresses)
+
+
+def test_both_languages_have_the_same_words() -> None:
+    assert list_keys(load_wording("en", "page")) == list_keys(load_wording("fr", "page"))
+
+
+def list_keys(words: Any, path: str = "") -> list[str]:
+    if not hasattr(words, "items"):
+        return [path]
+    return [key for name, inner in words.items() for key in list_keys(inner, f"{path}.{name}")]
+
+
+def test_every_word_of_the_page_is_used() -> None:
+    folder = Path(app.web.__path__[0])
+    sources = [*folder.glob("*.py"), *(folder.parents[1] / "templates" / "web").glob("*.html")]
+    code = "".join(path.read_text() for path in sources)
+    wording = Path(app.report.wording.__file__).parent / "wording" / "page.en.toml"
+    built = ("state", "stage", "verdict", "figure", "method_name", "pose_name")
+
+    for table, words in tomllib.loads(wording.read_text()).items():
+        if table not in built and isinstance(words, dict):
+            unused = [key for key in words if key not in code and key not in built]
+            assert unused in ([], ["open_en", "open_fr", "pdf_en", "pdf_fr"], ["side_left", "side_right"])
+
+
+@pytest.mark.parametrize(
+    ("size_bytes", "english", "french"),
+    [
+        (0, "0\u00a0bytes", "0\u00a0octets"),
+        (999, "999\u00a0bytes", "999\u00a0octets"),
+        (479_263, "479\u00a0kB", "479\u00a0ko"),
+        (349_000_000, "349.0\u00a0MB", "349,0\u00a0Mo"),
+        (4 << 30, "4.3\u00a0GB", "4,3\u00a0Go"),
+    ],
+)
+def test_a_size_is_written_as_people_read_it(size_bytes: int, english: str, french: str) -> None:
+    assert (format_size(size_bytes, "en"), format_size(size_bytes, "fr")) == (english, french)

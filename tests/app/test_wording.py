@@ -1,0 +1,237 @@
+"""Every code has words in both languages, and the languages hold the same keys."""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import app.errors
+from app.report.messages import describe_flag, describe_problem
+from app.report.wording import LANGUAGES, Language, fill, load_wording, set_spaces
+from fusion.errors import FusionError
+from fusion.recording import QualityFlag
+
+ROOT = Path(__file__).resolve().parents[2]
+POLICY_WARNINGS = [
+    "W-TRUNC-TAIL",
+    "W-CHECKSUM",
+    "W-RESYNC",
+    "W-GAP",
+    "W-DUP",
+    "W-DUP-CONFLICT",
+    "W-CLOCK-BACK",
+    "W-CLOCK-FWD",
+    "W-CLOCK-UNSET",
+    "W-SEC-COUNT",
+    "W-DOCKED",
+    "W-SLEEP",
+    "W-RATE",
+    "W-JITTER",
+    "W-DRIFT",
+    "W-TZ",
+    "W-DST",
+    "W-LOCALE",
+    "W-ENCODING",
+    "W-HEADER-REPEAT",
+    "W-ROWS-DROPPED",
+    "W-NAN",
+    "W-WRAP",
+    "W-UNITS",
+    "W-CLIP",
+    "W-SPIKE",
+    "W-STUCK-PART",
+    "W-BIAS",
+    "W-NO-STILL",
+    "W-NONWEAR",
+    "W-REMOUNT",
+    "W-UPSIDE",
+    "W-EARLY-END",
+    "W-RESETS",
+    "W-BATTERY",
+    "W-LOWCOVER",
+    "W-MULTIDAY",
+    "W-DUP-UPLOAD",
+    "W-FIRMWARE",
+    "W-PRECISION",
+    "W-SHORT",
+    "W-FEW-DAYS",
+    "W-NPOSE",
+]
+SHELL_CODES = [
+    "E-BIG",
+    "E-DIGEST",
+    "E-NOT-FOUND",
+    "E-NOT-FINISHED",
+    "E-INTERNAL",
+    "E-HOST",
+    "E-BUSY",
+    "E-DISK",
+    "E-USAGE",
+    "E-CANCELLED",
+    "E-TIMEOUT",
+    "E-MEMORY",
+    "E-CRASHED",
+    "E-LANGUAGE",
+    "E-PARAMETER",
+    "E-LENGTH",
+    "E-ORIGIN",
+    "E-XML",
+]
+UNFIT_WORDS = r"\b(risk|risky|safe|unsafe|abnormal|dangerous posture|risque|risqué|sûre?s?|anormale?)\b"
+
+
+def walk_texts(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from walk_texts(inner, f"{path}.{key}")
+    elif isinstance(value, list):
+        for rank, inner in enumerate(value):
+            yield from walk_texts(inner, f"{path}.{rank}")
+    else:
+        yield path, value
+
+
+def codes_in_source(letter: str) -> list[str]:
+    """Every code that stands between quotes anywhere in the program."""
+    files = (path for folder in ("fusion", "app") for path in (ROOT / folder).rglob("*.py"))
+    found = {
+        code for path in files for code in re.findall(rf'"({letter}-[A-Z0-9][A-Z0-9-]+)"', path.read_text())
+    }
+    return sorted(found)
+
+
+def descend(kind: type[Exception]) -> Iterator[type[Any]]:
+    for child in kind.__subclasses__():
+        yield child
+        yield from descend(child)
+
+
+def codes_of(root: type[Exception]) -> list[str]:
+    return [kind.code for kind in descend(root)]
+
+
+def test_both_languages_hold_the_same_texts() -> None:
+    keys = {language: {path for path, _ in walk_texts(load_wording(language))} for language in LANGUAGES}
+
+    assert keys["en"] == keys["fr"]
+
+
+def test_no_text_is_empty() -> None:
+    empty = [path for language in LANGUAGES for path, text in walk_texts(load_wording(language)) if not text]
+
+    assert empty == []
+
+
+def test_both_languages_use_the_same_placeholders() -> None:
+    english, french = (dict(walk_texts(load_wording(language))) for language in LANGUAGES)
+
+    differing = [
+        path
+        for path, text in english.items()
+        if set(re.findall(r"\{\w+\}", text)) != set(re.findall(r"\{\w+\}", french[path]))
+    ]
+
+    assert differing == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(
+    "code",
+    sorted({*codes_of(FusionError), *codes_of(app.errors.AppError), *SHELL_CODES, *codes_in_source("E")}),
+)
+def test_every_refusal_has_title_detail_and_cure(code: str, language: Language) -> None:
+    entry = load_wording(language)["problem"].get(code, {})
+
+    assert set(entry) == {"title", "detail", "fix"}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("code", sorted({*POLICY_WARNINGS, *codes_in_source("W")}))
+def test_every_caveat_has_words(code: str, language: Language) -> None:
+    assert set(load_wording(language)["flag"].get(code, {})) == {"title", "detail"}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_refusal_without_facts_shows_no_brace_and_no_bracket(language: Language) -> None:
+    told = [describe_problem(code, {}, language) for code in load_wording(language)["problem"]]
+
+    texts = " ".join(f"{p.title} {p.detail} {p.fix}" for p in told)
+
+    assert not set(texts) & set("{}[]")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_text_judges(language: Language) -> None:
+    judged = [
+        (path, text)
+        for path, text in walk_texts(load_wording(language))
+        if re.search(UNFIT_WORDS, text, re.IGNORECASE) and not path.startswith((".flag", ".problem"))
+    ]
+
+    assert judged == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("fact", ["why", "reason", "what", "evidence"])
+def test_every_fixed_term_that_the_science_gives_as_a_fact_has_words(fact: str, language: Language) -> None:
+    source = " ".join(path.read_text() for path in (ROOT / "fusion").rglob("*.py"))
+    terms = set(re.findall(rf'(?:\b{fact}=|"{fact}": )"([\w -]+)"', source))
+
+    assert terms - set(load_wording(language)["fact"][fact]) == set()
+
+
+def test_facts_stand_in_the_sentence_and_the_place_beside_it() -> None:
+    problem = describe_problem("E-ROW", {"k": 1200, "line": 37}, "en")
+
+    assert (problem.detail, problem.where) == (
+        "1\u202f200 lines cannot be read, more than 5\u202f%; the first is line 37.",
+        "line 37",
+    )
+
+
+def test_french_numbers_have_a_comma() -> None:
+    problem = describe_problem("E-SCALE", {"g": 9.81}, "fr")
+
+    assert "lit 9,81\u00a0g au lieu de 1\u00a0g" in problem.detail
+
+
+def test_a_part_of_a_sentence_whose_fact_is_unknown_is_left_out() -> None:
+    assert fill("Refused[: {reason}].", {}) == "Refused."
+
+
+def test_a_fixed_term_of_the_code_is_told_in_the_language() -> None:
+    problem = describe_problem("E-ZIP-UNSAFE", {"reason": "encrypted"}, "fr")
+
+    assert problem.detail == "L’archive pourrait être nuisible\u202f: elle est chiffrée."
+
+
+def test_facts_from_a_file_are_only_text() -> None:
+    problem = describe_problem("E-COLS", {"list": "{x} [y] <b>\u202e"}, "en")
+
+    assert problem.detail == "The columns of the table are not recognised: {x} [y] <b>."
+
+
+def test_an_unknown_refusal_is_told_as_an_error_of_the_software() -> None:
+    assert describe_problem("E-NEW", {}, "en").title == "An error of the software"
+
+
+def test_an_unknown_caveat_shows_its_code() -> None:
+    assert describe_flag(QualityFlag("W-NEW"), "fr").title == "W-NEW"
+
+
+def test_french_punctuation_has_narrow_spaces() -> None:
+    assert set_spaces("« L'arc » : 5 % ; oui ?", "fr") == (
+        "«\u202fL’arc\u202f»\u202f: 5\u202f%\u202f; oui\u202f?"
+    )
+
+
+def test_the_words_of_the_page_come_from_their_own_file() -> None:
+    folder = ROOT / "app" / "report" / "wording"
+    if not (folder / "page.en.toml").exists():
+        pytest.skip("the page has no words yet")
+
+    keys = [{path for path, _ in walk_texts(load_wording(language, "page"))} for language in LANGUAGES]
+
+    assert keys[0] == keys[1]

@@ -1,0 +1,46 @@
+"""What all tests share."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fusion.simulation import simulate_shift, write_shift
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Callable[[str], Path]:
+    """Give the path of a real recording, or skip by name where it is absent."""
+
+    def find(name: str) -> Path:
+        path = SHARED_DATA / name
+        if not path.exists():
+            pytest.skip(f"real recording absent: {name}")
+        return path
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def shift_gt3x(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Simulate six minutes of work recorded by a GT9X Link."""
+    folder = tmp_path_factory.mktemp("shift")
+    return write_shift(folder, simulate_shift("gt9x", 0.1, seed=1), actilife_csv=False)[0]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """With ACROMION_NO_SKIP set (as CI sets it), say that a skipped test is a failure."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    if skipped and os.environ.get("ACROMION_NO_SKIP"):
+        terminalreporter.write_line(f"{len(skipped)} tests were skipped where none may be", red=True)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail the run on an unexpected skip where none is allowed."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if reporter and reporter.stats.get("skipped") and os.environ.get("ACROMION_NO_SKIP"):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -1,0 +1,202 @@
+"""Where the arm hung still: proposals, windows asked for, poses, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fusion.calibration import (
+    calibrate,
+    find_still_period,
+    propose_still_periods,
+    score_still_period,
+    share_between,
+)
+from fusion.errors import UnusableCalibration
+from fusion.recording import Recording, Segment
+from tests.factories import hold, record
+
+
+def rest(*stretches: tuple[float, NDArray[np.float64] | None], rate_hz: float = 50.0) -> Recording:
+    """Stretches (seconds, direction of gravity); None is a stretch of restless movement."""
+    rng = np.random.default_rng(0)
+    acc, gyr = [], []
+    for seconds, direction in stretches:
+        rows = round(seconds * rate_hz)
+        moving = direction is None
+        acc.append(np.tile([0.0, 0.0, 1.0] if direction is None else direction, (rows, 1)))
+        acc[-1] = acc[-1] + rng.normal(0.0, 0.3 if moving else 0.002, (rows, 3))
+        gyr.append(rng.normal(0.0, 60.0 if moving else 0.1, (rows, 3)))
+    return record(np.concatenate(acc), np.concatenate(gyr), rate_hz)
+
+
+def tilted(degrees: float) -> NDArray[np.float64]:
+    return np.array([np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))])
+
+
+def why_refused(recording: Recording, *windows_s: tuple[float, float], pose: str = "n-pose") -> object:
+    with pytest.raises(UnusableCalibration) as refusal:
+        calibrate(recording, pose, windows_s)  # type: ignore[arg-type]
+    return refusal.value.facts["why"]
+
+
+def test_the_arm_axis_is_gravity_in_the_still_window() -> None:
+    samples = calibrate(rest((20.0, tilted(30.0)), (20.0, tilted(80.0))), "n-pose", ((5.0, 15.0),))
+
+    assert np.abs(samples.calibration.arm_axis - tilted(30.0)).max() < 0.001
+
+
+def test_the_window_asked_for_is_the_window_used() -> None:
+    still = calibrate(rest((30.0, tilted(0.0))), "side-lean", ((5.0, 15.0),)).calibration.still
+
+    assert (still.start_s, still.duration_s) == (5.0, 10.0)
+
+
+def test_the_mean_rate_of_the_window_is_its_bias() -> None:
+    acc = np.tile([0.0, 0.0, 1.0], (3000, 1))
+    recording = record(acc, np.tile([1.0, -2.0, 3.0], (3000, 1)), 100.0)
+
+    still = calibrate(recording, "n-pose").calibration.still
+
+    assert still.gyro_bias_dps == pytest.approx([1.0, -2.0, 3.0])
+
+
+def test_the_samples_are_not_copied() -> None:
+    recording = rest((20.0, tilted(0.0)))
+
+    assert calibrate(recording, "n-pose").recording is recording
+
+
+def test_the_first_quiet_stretch_is_proposed_where_all_are_alike() -> None:
+    recording = rest((10.0, None), (8.0, tilted(0.0)), (10.0, None), (8.0, tilted(0.0)), (10.0, None))
+
+    still = find_still_period(recording)
+
+    assert still.start_s == pytest.approx(10.0, abs=0.5)
+    assert still.duration_s == pytest.approx(8.0, abs=1.0)
+
+
+def test_proposals_come_in_order_and_at_most_as_many_as_asked() -> None:
+    recording = rest(*[(8.0, tilted(0.0)), (10.0, None)] * 4)
+
+    assert len(propose_still_periods(recording)) == 4
+    assert len(propose_still_periods(recording, most=2)) == 2
+
+
+def test_of_a_long_stretch_the_first_ten_seconds_stand_for_it() -> None:
+    assert find_still_period(rest((60.0, tilted(0.0)))).duration_s == pytest.approx(10.0)
+
+
+def test_a_sensor_that_lay_on_a_desk_first_is_not_taken_for_the_pose() -> None:
+    worn = [(10.0, None), (7.0, tilted(0.0))] * 12
+    recording = rest((60.0, tilted(90.0)), *worn)
+
+    still = find_still_period(recording)
+
+    assert still.start_s > 60.0
+    assert still.gravity_g == pytest.approx(tilted(0.0), abs=0.01)
+
+
+def test_without_five_quiet_seconds_the_best_two_are_taken_and_flagged() -> None:
+    samples = calibrate(rest((10.0, None), (3.0, tilted(0.0)), (10.0, None)), "n-pose")
+
+    assert samples.calibration.still.duration_s == pytest.approx(2.0, abs=0.1)
+    assert [flag.code for flag in samples.flags] == ["W-NO-STILL"]
+
+
+def test_a_quiet_proposal_is_not_flagged() -> None:
+    assert calibrate(rest((20.0, tilted(0.0))), "n-pose").flags == ()
+
+
+def test_a_recording_in_constant_motion_is_refused() -> None:
+    assert why_refused(rest((30.0, None))) == "moving"
+
+
+def test_a_recording_shorter_than_two_seconds_is_refused() -> None:
+    assert why_refused(rest((1.5, tilted(0.0)))) == "none"
+
+
+@pytest.mark.parametrize(
+    ("window_s", "why"),
+    [
+        ((-1.0, 5.0), "outside"),
+        ((15.0, 31.0), "outside"),
+        ((5.0, 5.5), "short"),
+        ((8.0, 3.0), "short"),
+        ((float("nan"), 5.0), "outside"),
+        ((18.0, 24.0), "moving"),
+    ],
+)
+def test_a_window_that_is_not_usable_is_refused(window_s: tuple[float, float], why: str) -> None:
+    assert why_refused(rest((20.0, tilted(0.0)), (10.0, None)), window_s) == why
+
+
+def test_a_window_in_a_hole_is_refused() -> None:
+    whole = rest((20.0, tilted(0.0)))
+    segment = whole.segments[0]
+    later = Segment(40_000_000, segment.rate_hz, segment.acc_g, segment.gyr_dps)
+    holed = replace(whole, duration_us=60_000_000, segments=(segment, later))
+
+    assert why_refused(holed, (18.0, 42.0)) == "hole"
+
+
+def test_a_window_far_from_1_g_is_refused() -> None:
+    assert why_refused(rest((20.0, 1.3 * tilted(0.0))), (5.0, 10.0)) == "gravity"
+
+
+def test_one_pose_takes_one_window() -> None:
+    assert why_refused(rest((20.0, tilted(0.0))), (1.0, 5.0), (6.0, 10.0)) == "count"
+
+
+def test_two_point_needs_two_windows() -> None:
+    assert why_refused(rest((20.0, tilted(0.0))), (1.0, 5.0), pose="two-point") == "count"
+
+
+def test_two_point_refuses_two_poses_that_are_not_a_right_angle_apart() -> None:
+    recording = rest((10.0, tilted(0.0)), (10.0, tilted(40.0)))
+
+    assert why_refused(recording, (1.0, 9.0), (11.0, 19.0), pose="two-point") == "angle"
+
+
+def test_two_point_shares_the_departure_from_a_right_angle() -> None:
+    # Hanging reads 0, level reads 74: the axis moves 8 deg away from level. Hanging then reads 8, level 82.
+    axis = share_between(tilted(0.0), tilted(74.0))
+
+    assert axis == pytest.approx(tilted(-8.0), abs=1e-12)
+
+
+def test_two_point_keeps_both_periods() -> None:
+    recording = rest((10.0, tilted(0.0)), (10.0, tilted(90.0)))
+
+    calibration = calibrate(recording, "two-point", ((1.0, 9.0), (11.0, 19.0))).calibration
+
+    assert calibration.second is not None
+    assert calibration.second.start_s == 11.0
+    assert calibration.arm_axis == pytest.approx(tilted(0.0), abs=0.002)
+
+
+def test_the_score_is_a_half_at_the_limit_of_quiet() -> None:
+    assert score_still_period(5.0, 0.01, np.array([0.0, 0.0, 1.0])) == pytest.approx(0.5)
+
+
+def test_the_score_falls_with_the_distance_from_1_g() -> None:
+    assert score_still_period(10.0, 0.0, np.array([0.0, 0.0, 1.1])) == pytest.approx(0.5)
+
+
+def test_the_score_falls_with_a_short_duration() -> None:
+    assert score_still_period(2.0, 0.0, np.array([0.0, 0.0, 1.0])) == pytest.approx(0.4)
+
+
+def test_a_gt9x_must_read_1_g_within_a_twentieth() -> None:
+    off = rest((20.0, 1.07 * tilted(0.0)), (20.0, tilted(0.0)))
+    gt9x = replace(off, device="gt9x")
+
+    assert find_still_period(off).start_s < 20.0
+    assert find_still_period(gt9x).start_s > 19.0
+
+
+def test_an_arm_held_at_95_deg_after_hanging_is_calibrated_on_the_hanging() -> None:
+    made = hold((0.0, 20.0), (95.0, 20.0), rate_hz=50.0)
+
+    assert calibrate(made.recording, "n-pose").calibration.still.start_s < 15.0

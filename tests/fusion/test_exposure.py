@@ -1,0 +1,264 @@
+"""What holds for the exposure of any movement: parts add up, rate and holes do not matter, trust does."""
+
+from dataclasses import replace
+from datetime import datetime
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from fusion.elevation import Elevation
+from fusion.errors import TooShort
+from fusion.exposure import Exposure, summarise_exposure
+from fusion.exposure.metric_filter import filter_angle, filter_elevation
+from tests.factories import elevate
+
+START = datetime(2026, 3, 2, 7, 12, 30)  # noqa: DTZ001 - a device's own clock, which has no zone
+
+
+def wander(seconds: float, rate_hz: float = 100.0, seed: int = 0) -> NDArray[np.float64]:
+    """Swing slowly between hanging and overhead, with faster work on top; the same curve at any rate."""
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
+    slow = 50 + 45 * np.sin(2 * np.pi * time_s / 37 + phase[0])
+    work = 12 * np.sin(2 * np.pi * 0.4 * time_s + phase[1]) + 6 * np.sin(2 * np.pi * 1.1 * time_s + phase[2])
+    return np.asarray(np.clip(slow + work, 0, 180), np.float64)
+
+
+def distrust(elevation: Elevation, segment: int, rows: slice) -> Elevation:
+    """Mark rows as not valid."""
+    segments = list(elevation.segments)
+    valid = segments[segment].valid.copy()
+    valid[rows] = False
+    segments[segment] = replace(segments[segment], valid=valid)
+    return replace(elevation, segments=tuple(segments))
+
+
+def shares(exposure: Exposure) -> list[float]:
+    return [part.percent for part in exposure.bins]
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 99.87, 500.0, 952.0])
+def test_the_metric_filter_is_scipys_to_the_last_digit(rate_hz: float) -> None:
+    noise = np.random.default_rng(1).normal(45, 20, 5000).astype(np.float32)
+
+    expected = sosfiltfilt(butter(2, 5, fs=rate_hz, output="sos"), noise.astype(np.float64))
+    assert filter_angle(noise, rate_hz) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("rows", [2, 5, 9, 10])
+def test_a_run_too_short_for_the_usual_padding_mirrors_what_it_has(rows: int) -> None:
+    noise = np.random.default_rng(1).normal(45, 20, rows)
+
+    expected = sosfiltfilt(butter(2, 5, fs=100, output="sos"), noise, padlen=min(9, rows - 1))
+    assert filter_angle(noise, 100.0) == pytest.approx(expected, abs=1e-10)
+
+
+def test_a_single_row_is_left_as_it_is() -> None:
+    assert filter_angle(np.array([37.5]), 100.0) == pytest.approx([37.5])
+
+
+def test_the_filtered_angle_stays_between_0_and_180_deg_and_has_six_decimals() -> None:
+    edges = np.where(np.arange(1000) % 200 < 100, 0.0, 180.0)
+    angle_deg = filter_elevation(elevate(edges).segments[0]).elevation_deg
+
+    assert (angle_deg.min(), angle_deg.max()) == (0.0, 180.0)
+    assert np.array_equal(angle_deg, np.round(angle_deg, 6))
+
+
+def test_under_20_hz_nothing_is_filtered_and_it_is_said() -> None:
+    exposure = summarise_exposure(elevate(np.array([0.0, 180.0] * 50), rate_hz=19.9))
+
+    assert exposure.metric_filter_hz is None
+    assert shares(exposure)[0] == pytest.approx(50.0)
+
+
+@given(st.integers(0, 1000), st.floats(20.0, 600.0), st.lists(st.integers(2, 4000), min_size=1, max_size=4))
+@settings(max_examples=40, deadline=None)
+def test_bins_hours_and_minutes_each_add_up_to_the_analysed_time(
+    seed: int, rate_hz: float, lengths: list[int]
+) -> None:
+    curve = wander(sum(lengths) / rate_hz + 1, rate_hz, seed)
+    runs = np.split(curve[: sum(lengths)], np.cumsum(lengths)[:-1])
+    exposure = summarise_exposure(elevate(*runs, rate_hz=rate_hz), START)
+
+    analysed_us = round(exposure.analysed_s * 1e6)
+    assert sum(round(part.duration_s * 1e6) for part in exposure.bins) == analysed_us
+    assert sum(round(part.analysed_s * 1e6) for part in exposure.by_hour) == analysed_us
+    assert round(exposure.histogram_s.sum() * 1e6) == analysed_us
+    assert exposure.minutes.analysed_s.sum() == pytest.approx(exposure.analysed_s, abs=1e-3)
+    assert exposure.eva.percent.sum() == pytest.approx(100.0)
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_higher_thresholds_are_passed_for_less_time_and_higher_percentiles_lie_higher(seed: int) -> None:
+    exposure = summarise_exposure(elevate(wander(300, seed=seed)))
+
+    percents = [above.percent for above in exposure.time_above]
+    angles = list(exposure.percentiles_deg.values())
+    assert percents == sorted(percents, reverse=True)
+    assert angles == sorted(angles)
+
+
+def test_the_worst_minute_is_no_better_than_the_worst_quarter_and_that_no_better_than_the_hour() -> None:
+    exposure = summarise_exposure(elevate(wander(3600, rate_hz=25.0), rate_hz=25.0))
+
+    percents = [window.percent_above_60 or 0.0 for window in exposure.peak_windows]
+    assert percents == sorted(percents, reverse=True)
+    assert percents[-1] == pytest.approx(exposure.time_above[1].percent)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 99.87, 500.0])
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])  # curves that graze no threshold
+def test_the_rate_does_not_matter(seed: int, rate_hz: float) -> None:
+    at_100 = summarise_exposure(elevate(wander(120, 100.0, seed)))
+    other = summarise_exposure(elevate(wander(120, rate_hz, seed), rate_hz=rate_hz))
+
+    assert shares(other) == pytest.approx(shares(at_100), abs=0.25)
+    assert [e.count for e in other.entries] == [e.count for e in at_100.entries]
+    assert [c.count for c in other.cycles] == [c.count for c in at_100.cycles]
+    assert other.velocity_dps["inclination"].p90_dps == pytest.approx(  # type: ignore[union-attr]
+        at_100.velocity_dps["inclination"].p90_dps,  # type: ignore[union-attr]
+        rel=0.02,
+    )
+
+
+def test_a_hole_leaves_the_denominator() -> None:
+    whole = wander(370)  # ten slow swings
+    exposure = summarise_exposure(elevate(whole, whole, hole_s=100.0))
+
+    assert exposure.analysed_s == 740.0
+    assert shares(exposure) == pytest.approx(shares(summarise_exposure(elevate(whole))))
+
+
+def test_a_hole_in_a_hold_makes_two_holds_of_which_one_is_censored() -> None:
+    raised = np.concatenate([np.full(2000, 10.0), np.full(1000, 80.0)])
+    exposure = summarise_exposure(elevate(raised, raised[::-1], hole_s=1.0))
+
+    holds = exposure.episodes[1]
+    assert (holds.count, holds.censored) == (2, 1)
+    assert exposure.entries[1].count == 1  # the second run starts above: a hold, no repetition
+
+
+def test_rows_that_are_not_trusted_end_a_hold_like_a_hole() -> None:
+    raised = np.concatenate([np.full(2000, 10.0), np.full(2000, 80.0), np.full(2000, 10.0)])
+    exposure = summarise_exposure(distrust(elevate(raised), 0, slice(2900, 3000)))
+
+    holds = exposure.episodes[1]
+    assert (holds.count, holds.censored, exposure.entries[1].count) == (2, 1, 1)
+
+
+def test_rows_that_are_not_trusted_count_nowhere() -> None:
+    exposure = summarise_exposure(
+        distrust(elevate(np.repeat([10.0, 80.0], 6000)), 0, slice(6000, 12_000)), START
+    )
+
+    assert exposure.analysed_s == 60.0
+    assert exposure.time_above[0].duration_s < 0.1  # the filter's slope just before the step
+    assert np.isnan(exposure.minutes.p50_deg[1])
+
+
+def test_rows_that_are_no_number_count_nowhere_and_spoil_no_others() -> None:
+    angle = np.full(6000, 40.0)
+    angle[3000:3100] = np.nan
+    exposure = summarise_exposure(elevate(angle))
+
+    assert exposure.analysed_s == 59.0
+    assert shares(exposure)[2] == 100.0
+
+
+def test_without_a_trusted_row_there_is_no_figure() -> None:
+    with pytest.raises(TooShort):
+        summarise_exposure(elevate(np.full(6000, 40.0), valid=False))
+
+
+def test_gaps_under_half_a_second_are_merged_and_stays_under_half_a_second_dropped() -> None:
+    levels = [10, 80, 10, 80, 10, 80, 10]
+    rows = [20, 20, 4, 20, 20, 4, 20]  # at 10 Hz: a gap of 0.4 s, and a stay of 0.4 s
+    exposure = summarise_exposure(elevate(np.repeat(levels, rows).astype(np.float64), rate_hz=10.0))
+
+    holds = exposure.episodes[1]
+    assert (holds.count, holds.longest_s, holds.longest_start_s) == (1, 4.4, 2.0)
+    assert exposure.entries[1].count == 3  # repetitions are counted before any merging
+
+
+def test_the_profile_gives_each_minute_its_own_median() -> None:
+    exposure = summarise_exposure(elevate(np.repeat([15.0, 75.0, 100.0], 600), rate_hz=10.0))
+
+    assert exposure.minutes.p50_deg == pytest.approx([15.0, 75.0, 100.0], abs=0.1)
+    assert exposure.minutes.start_s.tolist() == [0.0, 60.0, 120.0]
+
+
+def test_hours_begin_at_the_full_hours_of_the_clock() -> None:
+    exposure = summarise_exposure(elevate(np.full(36_000, 50.0), rate_hz=10.0), START)
+
+    parts = [(part.label, part.start_s, part.end_s) for part in exposure.by_hour]
+    assert parts == [("2026-03-02T07:00", 0.0, 2850.0), ("2026-03-02T08:00", 2850.0, 3600.0)]
+
+
+def test_without_a_clock_hours_run_from_the_first_sample() -> None:
+    exposure = summarise_exposure(elevate(np.full(4000, 50.0), rate_hz=1.0))
+
+    assert [part.label for part in exposure.by_hour] == ["+00:00", "+01:00"]
+
+
+def test_an_hour_without_analysed_time_stays_in_the_list_without_figures() -> None:
+    half_hour = np.full(1800, 50.0)
+    exposure = summarise_exposure(elevate(half_hour, half_hour, rate_hz=1.0, hole_s=6 * 1800), START)
+
+    empty = exposure.by_hour[2]
+    assert (empty.analysed_s, empty.percentiles_deg, empty.entries_above_60_per_h) == (0.0, {}, None)
+
+
+def test_entries_belong_to_the_hour_in_which_the_arm_rose() -> None:
+    angle = np.full(36_000, 10.0)
+    angle[30_000:30_100] = 80.0  # 50 min after 7:12:30
+    exposure = summarise_exposure(elevate(angle, rate_hz=10.0), START)
+
+    assert [part.entries_above_60_per_h for part in exposure.by_hour] == pytest.approx([0.0, 3600 / 750])
+
+
+def test_a_window_with_less_than_80_percent_analysed_is_no_window() -> None:
+    exposure = summarise_exposure(distrust(elevate(np.full(60, 70.0), rate_hz=1.0), 0, slice(0, 13)))
+
+    assert exposure.peak_windows[0].percent_above_60 is None
+
+
+def test_a_window_with_80_percent_analysed_counts_by_what_was_analysed() -> None:
+    exposure = summarise_exposure(distrust(elevate(np.full(60, 70.0), rate_hz=1.0), 0, slice(0, 12)))
+
+    assert exposure.peak_windows[0].percent_above_60 == 100.0
+
+
+def test_of_equally_loaded_windows_the_earliest_is_named() -> None:
+    angle = np.full(3000, 10.0)
+    angle[100:200] = angle[1000:1100] = 70.0
+    exposure = summarise_exposure(elevate(angle, rate_hz=1.0))
+
+    assert exposure.peak_windows[0].start_s == 100.0
+
+
+def test_the_angles_are_not_changed() -> None:
+    elevation = elevate(wander(60))
+    before = elevation.segments[0].elevation_deg.copy()
+    summarise_exposure(elevation)
+
+    assert np.array_equal(elevation.segments[0].elevation_deg, before)
+
+
+def test_a_short_gap_with_a_hole_in_it_is_not_merged() -> None:
+    angle = np.repeat([10.0, 80.0, 10.0, 80.0, 10.0], [20, 20, 3, 20, 20])  # at 10 Hz: a gap of 0.3 s
+    exposure = summarise_exposure(distrust(elevate(angle, rate_hz=10.0), 0, slice(41, 42)))
+
+    assert exposure.episodes[1].count == 2
+
+
+def test_an_arm_at_exactly_60_deg_is_above_60_deg_in_every_figure() -> None:
+    exposure = summarise_exposure(elevate(np.full(60, 60.0), rate_hz=1.0))
+
+    assert exposure.time_above[1].percent == 100.0
+    assert exposure.peak_windows[0].percent_above_60 == 100.0

@@ -1,0 +1,84 @@
+"""Intervals: an error of the angle shifts the day, and a day is a sample of its five-minute blocks."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from fusion.elevation import Elevation
+from fusion.exposure import Exposure, Interval, summarise_exposure
+from fusion.exposure.bins import CELLS
+from fusion.exposure.intervals import DRAWS, draw_days
+from tests.factories import elevate
+
+
+def make_day(minutes: int = 240) -> Elevation:
+    """Spread each minute over the same normal distribution: 25 deg, 22.5 deg. One row a second."""
+    quantiles = norm.ppf((np.arange(60) + 0.5) / 60, 25.0, 22.5)
+    return elevate(np.tile(np.clip(quantiles, 0, 180), minutes), rate_hz=1.0)
+
+
+def summarise(elevation: Elevation, bias_sigma_deg: float) -> Exposure:
+    return summarise_exposure(elevation, bias_sigma_deg=bias_sigma_deg)
+
+
+def test_without_a_known_error_there_is_no_interval() -> None:
+    exposure = summarise_exposure(make_day())
+
+    assert exposure.intervals == {}
+    assert all(above.interval is None for above in exposure.time_above)
+
+
+def test_an_exact_angle_in_a_day_of_equal_blocks_has_no_width() -> None:
+    exposure = summarise(make_day(), bias_sigma_deg=0.0)
+
+    for above in exposure.time_above:
+        assert above.interval is not None
+        assert (above.interval.low, above.interval.high) == pytest.approx((above.percent, above.percent))
+
+
+def test_in_a_day_of_equal_blocks_a_percentile_moves_by_two_sigma_each_way() -> None:
+    exposure = summarise(make_day(), bias_sigma_deg=3.0)
+
+    median, width_deg = exposure.intervals["elevation_p50_deg"], 1.96 * 3.0
+    # 200 draws stop a little short of the 2.5 % tails
+    assert median.low == pytest.approx(exposure.percentiles_deg[50] - width_deg, abs=0.15)
+    assert median.high == pytest.approx(exposure.percentiles_deg[50] + width_deg, abs=0.15)
+
+
+def test_an_even_spread_gains_time_above_in_proportion_to_the_error() -> None:
+    spread = elevate(np.tile(np.arange(0.05, 180, 0.1), 6), rate_hz=6.0)  # each block is 0 to 180 deg, evenly
+    exposure = summarise(spread, bias_sigma_deg=1.8)
+
+    interval = exposure.time_above[1].interval
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((66.67 - 1.96, 66.67 + 1.96), abs=0.05)
+
+
+def test_blocks_that_differ_widen_the_interval_of_an_exact_angle() -> None:
+    exposure = summarise(elevate(np.repeat([10.0, 80.0], 7200), rate_hz=1.0), bias_sigma_deg=0.0)
+
+    interval = exposure.time_above[1].interval
+    # 48 blocks, half of them above: a binomial share of 50 % with a standard deviation of 7.2 %
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((50 - 14.1, 50 + 14.1), abs=3.0)
+
+
+def test_the_bins_of_every_draw_add_up() -> None:
+    random = np.random.default_rng(4)
+    draws = draw_days(random.integers(0, 40_000, (33, CELLS), np.int32), bias_sigma_deg=4.0)
+
+    assert draws.bins_percent.sum(axis=1) == pytest.approx(np.full(DRAWS, 100.0))
+
+
+def test_the_same_day_has_the_same_interval_again() -> None:
+    random = np.random.default_rng(4)
+    day = elevate(random.normal(45, 20, 14_400).clip(0, 180), rate_hz=1.0)
+
+    assert summarise(day, 3.0).intervals == summarise(day, 3.0).intervals
+
+
+def test_an_arm_that_hangs_all_day_has_an_interval_inside_the_scale() -> None:
+    exposure = summarise(elevate(np.full(3600, 0.0), rate_hz=1.0), bias_sigma_deg=3.0)
+
+    assert exposure.time_above[0].interval == Interval(0.0, 0.0)
+    assert exposure.intervals["elevation_p1_deg"].low == 0.0

@@ -1,0 +1,94 @@
+"""The bias of the gyroscope through a recording, from rest and from motion."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.sensor_errors.bias_track import GyroBias
+from fusion.sensor_errors.gyro_bias import estimate_gyro_bias
+from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor_errors.stillness import find_still_moments, reduce_run
+from tests.fusion.made_motion import Motion, tumble
+
+OFFSET = np.array([10.0, -20.0, 15.0])
+
+
+def as_run(motion: Motion, bias_dps: NDArray[np.float64], start_s: float = 0.0) -> SensorRun:
+    return SensorRun(start_s, motion.rate_hz, motion.acc_g, motion.gyr_dps + bias_dps)
+
+
+def test_at_rest_the_bias_is_the_mean_rate() -> None:
+    run = SensorRun(0.0, 100.0, np.tile([0.0, 0.0, 1.0], (2000, 1)), np.tile(OFFSET, (2000, 1)))
+
+    bias = estimate_gyro_bias([run])
+
+    assert np.abs(bias.bias_dps - OFFSET).max() < 1e-6
+
+
+def test_an_offset_is_found_from_motion_alone() -> None:
+    whole = as_run(tumble(300.0, seed=1, still_s=0.0), OFFSET)
+    run = SensorRun(0.0, 100.0, whole.acc_g[6000:-6000], whole.gyr_dps[6000:-6000])
+
+    bias = estimate_gyro_bias([run])
+
+    assert bias.still_moments == 0
+    assert np.abs(bias.bias_dps - OFFSET).max() < 0.1
+
+
+def test_rest_and_motion_together_are_better_than_either() -> None:
+    bias = estimate_gyro_bias([as_run(tumble(60.0, seed=2), OFFSET)])
+
+    assert bias.still_moments >= 4
+    assert bias.motion_windows > 10
+    assert np.abs(bias.bias_dps - OFFSET).max() < 0.02
+
+
+def test_a_bias_that_wanders_over_an_hour_is_followed() -> None:
+    # Ten seconds of rest each minute; the bias rises by 0.5 deg/s in the hour.
+    rate_hz, rows = 20.0, 72_000
+    time_s = np.arange(rows) / rate_hz
+    moving = (time_s % 60.0) > 10.0
+    gyr = np.zeros((rows, 3))
+    gyr[moving, 2] = 30.0 * np.sin(time_s[moving])
+    true_bias = np.stack([0.5 * time_s / 3600.0, np.zeros(rows), np.zeros(rows)], axis=1)
+    run = SensorRun(0.0, rate_hz, np.tile([0.0, 0.0, 1.0], (rows, 1)), gyr + true_bias)
+
+    bias = estimate_gyro_bias([run])
+
+    assert np.abs(bias.at(time_s) - true_bias).max() < 0.02
+
+
+def test_a_steady_turn_mistaken_for_rest_is_outvoted() -> None:
+    # Two seconds of a steady turn about the vertical look like rest with an offset of 8 deg/s.
+    motion = tumble(120.0, seed=3)
+    run = as_run(motion, np.zeros(3))
+    run.gyr_dps[:200] = [0.0, 0.0, 8.0]
+
+    bias = estimate_gyro_bias([run])
+
+    assert np.abs(bias.at(np.array([60.0]))).max() < 0.1
+
+
+def test_all_segments_share_one_bias() -> None:
+    with_rest, without = tumble(60.0, seed=4), tumble(20.0, seed=5, still_s=0.0)
+
+    bias = estimate_gyro_bias([as_run(with_rest, OFFSET), as_run(without, OFFSET, start_s=90.0)])
+
+    assert np.abs(bias.at(np.array([100.0])) - OFFSET).max() < 0.05
+
+
+def test_between_knots_the_bias_is_a_straight_line_and_beyond_them_constant() -> None:
+    bias = GyroBias(np.array([0.0, 60.0]), np.array([[0.0, 0.0, 0.0], [6.0, 0.0, -6.0]]))
+
+    assert bias.at(np.array([-5.0, 10.0, 70.0])).tolist() == [[0, 0, 0], [1, 0, -1], [6, 0, -6]]
+
+
+def test_stillness_is_told_by_variation_and_not_by_level() -> None:
+    run = SensorRun(0.0, 100.0, np.tile([0.0, 0.0, 1.0], (1000, 1)), np.tile([0.0, 0.0, 40.0], (1000, 1)))
+
+    assert len(find_still_moments([reduce_run(run)])) == 6  # 10 s hold six moments of 1.5 s
+
+
+def test_too_short_a_recording_has_no_still_moment() -> None:
+    run = SensorRun(0.0, 100.0, np.tile([0.0, 0.0, 1.0], (100, 1)), np.zeros((100, 3)))
+
+    assert len(find_still_moments([reduce_run(run)])) == 0

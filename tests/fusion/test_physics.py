@@ -1,0 +1,173 @@
+"""Unit, frame and gyroscope scale are found from the samples, changed on strong evidence only, and said."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fusion.errors import WrongScale
+from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics
+from fusion.recording import Recording, Segment
+
+RATE_HZ = 100.0
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def swinging_arm(duration_s: int = 240) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """An arm that turns by 60 deg in a second, rests for a second, and turns back, about x and y in turn.
+
+    Gravity in the sensor frame is the zenith turned by minus the angle, so that da/dt = a x w holds exactly.
+    """
+    t = np.arange(int(duration_s * RATE_HZ)) / RATE_HZ
+    phase = t % 4
+    angle = np.radians(60) * (
+        np.where(phase < 1, 0.5 - 0.5 * np.cos(np.pi * phase), 1.0)
+        - np.where((phase > 2) & (phase < 3), 0.5 - 0.5 * np.cos(np.pi * (phase - 2)), 0.0)
+        - np.where(phase >= 3, 1.0, 0.0)
+    )
+    rate = np.degrees(np.gradient(angle, 1 / RATE_HZ))
+    about_x = (t // 4) % 2 == 0
+    zero = np.zeros_like(t)
+    acc_x = np.column_stack([zero, np.sin(angle), np.cos(angle)])
+    acc_y = np.column_stack([-np.sin(angle), zero, np.cos(angle)])
+    acc = np.where(about_x[:, None], acc_x, acc_y)
+    gyr = np.where(about_x[:, None], np.column_stack([rate, zero, zero]), np.column_stack([zero, rate, zero]))
+    return acc, gyr
+
+
+def recording_of(
+    acc: NDArray[np.float64], gyr: NDArray[np.float64], device: str = "other", **understood: str
+) -> Recording:
+    segment = Segment(0, RATE_HZ, acc.astype(np.float32), gyr.astype(np.float32))
+    return Recording(device, "", None, None, segment.duration_us, (segment,), understood=understood)
+
+
+def told(recording: Recording) -> list[object]:
+    return [flag.facts["what"] for flag in recording.flags]
+
+
+STATED = {"acceleration_unit": "g", "angular_rate_unit": "dps"}
+UNSTATED = {"acceleration_unit": "", "angular_rate_unit": ""}
+
+
+def test_a_right_recording_comes_through_untouched() -> None:
+    acc, gyr = swinging_arm()
+    recording = recording_of(acc, gyr, **STATED)
+
+    checked = check_physics(recording)
+
+    assert checked.segments[0] is not None
+    assert np.array_equal(checked.segments[0].acc_g, recording.segments[0].acc_g)
+    assert np.array_equal(checked.segments[0].gyr_dps, recording.segments[0].gyr_dps)
+    assert checked.flags == ()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_left_handed_frame_becomes_right_handed(axis: int) -> None:
+    acc, gyr = swinging_arm()
+    mirror = np.ones(3)
+    mirror[axis] = -1.0
+
+    checked = check_physics(recording_of(acc * mirror, gyr * mirror, **STATED))
+
+    (segment,) = checked.segments
+    slope = np.gradient(segment.acc_g, 1 / RATE_HZ, axis=0).ravel()
+    expected = np.cross(segment.acc_g, np.radians(segment.gyr_dps)).ravel()
+    assert np.corrcoef(slope, expected)[0, 1] > 0.99
+    assert told(checked) == ["left-handed"]
+
+
+def test_a_gt9x_keeps_its_frame() -> None:
+    acc, gyr = swinging_arm()
+
+    checked = check_physics(recording_of(acc * MIRROR, gyr * MIRROR, device="gt9x"))
+
+    assert checked.flags == ()
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(9.80665, ""), (1000.0, ""), (2 / 3, ""), (2 / 3, "g"), (9.80665, "g")]
+)
+def test_acceleration_in_another_unit_becomes_g(factor: float, unit: str) -> None:
+    acc, gyr = swinging_arm()
+
+    checked = check_physics(recording_of(acc * factor, gyr, acceleration_unit=unit, angular_rate_unit="dps"))
+
+    assert np.linalg.norm(checked.segments[0].acc_g, axis=1) == pytest.approx(1.0, abs=1e-4)
+    assert told(checked) == ["acceleration"]
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 0.0])
+def test_a_rest_that_no_unit_explains_is_refused(factor: float) -> None:
+    acc, gyr = swinging_arm()
+
+    with pytest.raises(WrongScale) as refusal:
+        check_physics(recording_of(acc * factor, gyr, **STATED))
+
+    assert refusal.value.facts == {"g": factor}
+
+
+@pytest.mark.parametrize("unit", ["", "dps"], ids=["not stated", "stated wrongly"])
+def test_radians_are_told_from_degrees(unit: str) -> None:
+    acc, gyr = swinging_arm()
+
+    checked = check_physics(recording_of(acc, np.radians(gyr), acceleration_unit="g", angular_rate_unit=unit))
+
+    assert checked.segments[0].gyr_dps == pytest.approx(gyr, abs=1e-3)
+    assert told(checked) == ["angular rate"]
+
+
+def test_an_unstated_rate_without_motion_is_taken_for_degrees_and_said() -> None:
+    acc = np.tile([0.0, 0.0, 1.0], (3000, 1))
+
+    checked = check_physics(
+        recording_of(acc, np.zeros((3000, 3)), acceleration_unit="g", angular_rate_unit="")
+    )
+
+    (flag,) = checked.flags
+    assert flag.facts["evidence"] == "assumed"
+
+
+@pytest.mark.parametrize(
+    ("g_per_count", "dps_per_count", "ranges"),
+    [(0.000061, 0.00875, (2.0, 245.0)), (0.000244, 0.07, (8.0, 2000.0)), (0.000732, 0.0175, (16.0, 500.0))],
+)
+def test_the_ranges_of_a_register_dump_are_found(
+    g_per_count: float, dps_per_count: float, ranges: tuple[float, float]
+) -> None:
+    acc, gyr = swinging_arm()
+
+    checked = check_physics(
+        recording_of(
+            np.round(acc / g_per_count),
+            np.round(gyr / dps_per_count),
+            acceleration_unit="registers",
+            angular_rate_unit="registers",
+        )
+    )
+
+    assert (checked.acc_range_g, checked.gyr_range_dps) == ranges
+    assert checked.segments[0].gyr_dps == pytest.approx(gyr, abs=0.04)
+
+
+def test_the_arduino_library_is_corrected_in_its_left_handed_frame() -> None:
+    acc, gyr = swinging_arm()
+    counts = np.round(gyr / 0.07)
+
+    checked = check_physics(recording_of(acc * MIRROR, counts * ARDUINO_DPS * MIRROR, **STATED))
+
+    assert np.abs(checked.segments[0].gyr_dps) == pytest.approx(np.abs(counts * 0.07), abs=1e-3)
+    assert told(checked) == ["left-handed", "angular rate"]
+    assert checked.device == "lsm9ds1"
+
+
+def test_a_right_handed_part_with_the_same_grid_keeps_its_scale() -> None:
+    acc, gyr = swinging_arm()
+    counts = np.round(gyr / ARDUINO_DPS)
+
+    checked = check_physics(recording_of(acc, counts * ARDUINO_DPS, **STATED))
+
+    assert checked.flags == ()
+
+
+def test_the_arduino_factor_is_that_of_the_data_sheet() -> None:
+    assert pytest.approx(1.14688) == ARDUINO_FACTOR

@@ -1,0 +1,123 @@
+"""Every way of writing the same table is read alike; units and columns are found."""
+
+import numpy as np
+import pytest
+
+from tests.fusion.table_builder import CANON, HEADER, codes, line, read_text
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "t,ax,ay,az,gx,gy,gz",
+        "Time,aX,aY,aZ,gX,gY,gZ",
+        "timestamp,acc_x,acc_y,acc_z,gyro_x,gyro_y,gyro_z",
+        "millis,AccX,AccY,AccZ,GyroX,GyroY,GyroZ",
+        "Time [ms],Accelerometer X,Accelerometer Y,Accelerometer Z,Gyroscope X,Gyroscope Y,Gyroscope Z",
+        '"ts","accel.x","accel.y","accel.z","gyr.x","gyr.y","gyr.z"',
+        "time_ms,imu_acc_x_g,imu_acc_y_g,imu_acc_z_g,imu_gyr_x_dps,imu_gyr_y_dps,imu_gyr_z_dps",
+    ],
+)
+def test_column_names_of_the_wild_are_understood(header: str) -> None:
+    text = header + "\n" + "".join(f"{10 * k},{line(k)}\n" for k in range(1500))
+
+    recording = read_text(text)
+
+    assert recording.rate_hz == pytest.approx(100.0)
+    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
+
+
+def test_columns_in_another_order_with_strangers_between_are_found() -> None:
+    header = "temp_c,gyr_z_dps,gyr_y_dps,gyr_x_dps,mag_x,acc_z_g,acc_y_g,acc_x_g,time_ms"
+    text = header + "\n" + "".join(f"21.5,3,2,1,99,1,0.02,0.01,{10 * k}\n" for k in range(1500))
+
+    recording = read_text(text)
+
+    assert recording.segments[0].acc_g[0] == pytest.approx([0.01, 0.02, 1.0])
+    assert recording.segments[0].gyr_dps[0].tolist() == [1.0, 2.0, 3.0]
+    assert recording.understood["ignored"] == "temp_c, mag_x"
+
+
+@pytest.mark.parametrize(
+    ("acc_unit", "gyr_unit", "acc_factor", "gyr_factor"),
+    [
+        ("m/s^2", "rad/s", 9.80665, np.pi / 180),
+        ("mg", "mdps", 1000.0, 1000.0),
+        ("m_per_s2", "deg_per_s", 9.80665, 1.0),
+    ],
+)
+def test_stated_units_are_converted(
+    acc_unit: str, gyr_unit: str, acc_factor: float, gyr_factor: float
+) -> None:
+    names = [f"acc {a} ({acc_unit})" for a in "xyz"] + [f"gyr {a} ({gyr_unit})" for a in "xyz"]
+    row = f"0,0,{acc_factor:.6f},{90 * gyr_factor:.6f},0,0"
+    text = ",".join(["time (s)", *names]) + "\n" + "".join(f"{k / 100:.2f},{row}\n" for k in range(1500))
+
+    recording = read_text(text)
+
+    assert recording.segments[0].acc_g[0, 2] == pytest.approx(1.0, abs=1e-5)
+    assert recording.segments[0].gyr_dps[0, 0] == pytest.approx(90.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        CANON.replace("\n", "\r\n").encode(),
+        CANON.replace("\n", "\r").encode(),
+        b"\xef\xbb\xbf" + CANON.encode(),
+        CANON.replace("\n", "\n\n").encode(),
+        CANON.replace(",", "\t").encode(),
+        CANON.replace(",", ", ").encode(),
+        CANON.replace(",", " ").encode(),
+        CANON.replace("\n", ",,,\n").encode(),
+        "\n".join(",".join(f'"{f}"' for f in row.split(",")) for row in CANON.split("\n")[:-1]).encode()
+        + b"\n",
+        CANON.rstrip("\n").encode(),
+    ],
+    ids=[
+        "CRLF",
+        "CR",
+        "mark",
+        "blank lines",
+        "tab",
+        "padded",
+        "spaces",
+        "empty ends",
+        "quoted",
+        "no last newline",
+    ],
+)
+def test_every_dress_of_the_same_table_gives_the_same_samples(content: bytes) -> None:
+    expected = read_text(CANON).segments[0]
+
+    (segment,) = read_text(content).segments
+
+    assert np.array_equal(segment.acc_g, expected.acc_g)
+    assert np.array_equal(segment.gyr_dps, expected.gyr_dps)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_excels_unicode_text_is_read_and_said(encoding: str) -> None:
+    content = ("\ufeff" if encoding == "utf-16-be" else "") + CANON.replace(",", "\t")
+
+    recording = read_text(content.encode(encoding))
+
+    assert len(recording.segments[0]) == 2000
+    assert codes(recording) == ["W-ENCODING"]
+
+
+def test_semicolons_with_decimal_commas_are_read_and_said() -> None:
+    recording = read_text(CANON.replace(",", ";").replace(".", ","))
+
+    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
+    assert codes(recording) == ["W-LOCALE"]
+
+
+def test_exponents_and_many_digits_are_read() -> None:
+    row = "5.35E-05,-1.2e+0,0.99999999999999999999999,0.00000000000000000000000125,1e2,-0"
+    text = HEADER + "\n" + "".join(f"{10_000 * k},{row if k == 5 else line(k)}\n" for k in range(1500))
+
+    recording = read_text(text)
+
+    assert recording.segments[0].acc_g[5] == pytest.approx([5.35e-5, -1.2, 1.0])
+    assert recording.segments[0].gyr_dps[5] == pytest.approx([1.25e-24, 100.0, 0.0])

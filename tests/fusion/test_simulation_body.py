@@ -1,0 +1,140 @@
+"""The ideal sensor against the same chain written out with matrices and differentiated numerically."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation
+
+from fusion.simulation import simulate_shift
+from fusion.simulation.body import STANDARD_GRAVITY, Body, feel
+from fusion.simulation.motion import Channel, play
+from fusion.simulation.shift import plan_day
+
+FloatArray = NDArray[np.float64]
+
+RATE_HZ = 2000.0
+
+
+def play_day(first_s: float, seconds: float) -> FloatArray:
+    motion = plan_day(300.0, np.random.default_rng(5))[1]
+    return play(motion, int(first_s * RATE_HZ), int(seconds * RATE_HZ), RATE_HZ)
+
+
+def turn_trunk(channels: FloatArray) -> Rotation:
+    angles = channels[[Channel.HEADING, Channel.FLEXION], 0].T
+    return Rotation.from_euler("ZY", angles, degrees=True)
+
+
+def turn_arm(channels: FloatArray) -> Rotation:
+    plane, elevation, axial = channels[[Channel.PLANE, Channel.ELEVATION, Channel.AXIAL], 0]
+    shoulder = Rotation.from_euler("ZYZ", np.stack([plane, -elevation, axial - plane], axis=1), degrees=True)
+    return turn_trunk(channels) * shoulder
+
+
+def place_sensor(channels: FloatArray, body: Body) -> FloatArray:
+    """Position in the room, m: velocity along and across the heading integrated, then the two levers."""
+    heading = np.radians(channels[Channel.HEADING, 0])
+    walking = channels[Channel.SPEED, 0] * np.stack([np.cos(heading), np.sin(heading), 0 * heading])
+    walked = cumulative_trapezoid(walking, dx=1 / RATE_HZ, initial=0).T
+    trunk, arm = turn_trunk(channels), turn_arm(channels)
+    return walked + trunk.apply(body.shoulder_m) + arm.apply(body.sensor_m)
+
+
+def integrate(gyr_dps: FloatArray, rate_hz: float, first: Rotation) -> list[Rotation]:
+    """Strapdown with the mean rate of each step."""
+    steps = Rotation.from_rotvec(np.radians(gyr_dps[1:] + gyr_dps[:-1]) / 2 / rate_hz)
+    turned = [first]
+    for step in steps:
+        turned.append(turned[-1] * step)
+    return turned
+
+
+def test_the_gyroscope_reads_the_rotation_between_successive_orientations() -> None:
+    channels = play_day(20.0, 60.0)
+    arm = turn_arm(channels)
+
+    state = feel(channels, Body())
+
+    turned_dps = np.degrees((arm[:-1].inv() * arm[1:]).as_rotvec()) * RATE_HZ
+    assert np.abs(turned_dps - (state.gyr_dps[1:] + state.gyr_dps[:-1]) / 2).max() < 0.02
+
+
+def test_the_accelerometer_reads_the_second_difference_of_the_position_and_gravity() -> None:
+    channels = play_day(20.0, 60.0)
+    channels[Channel.SWAY_FORWARD :] = 0.0
+    place, arm = place_sensor(channels, Body()), turn_arm(channels)
+
+    state = feel(channels, Body())
+
+    moved = (place[2:] - 2 * place[1:-1] + place[:-2]) * RATE_HZ**2
+    moved[:, 2] += STANDARD_GRAVITY
+    felt_g = arm[1:-1].inv().apply(moved) / STANDARD_GRAVITY
+    off_g = np.abs(felt_g - state.acc_g[1:-1]).max(axis=1)
+    assert np.percentile(off_g, 99.9) < 1e-4  # the rest: where a stroke begins or ends, jerk has a step
+    assert off_g.max() < 0.01
+
+
+def test_the_sway_of_the_pelvis_is_felt_along_the_heading() -> None:
+    channels = np.zeros((len(Channel), 3, 1))
+    channels[Channel.HEADING, 0] = 90.0
+    channels[Channel.SWAY_UP, 2] = STANDARD_GRAVITY
+    channels[Channel.SWAY_FORWARD, 2] = 0.5 * STANDARD_GRAVITY
+
+    state = feel(channels, Body())
+
+    assert state.acc_g[0] == pytest.approx([0.5, 0.0, 2.0])
+
+
+def test_turning_while_walking_pulls_inwards() -> None:
+    channels = np.zeros((len(Channel), 3, 1))
+    channels[Channel.HEADING, 1] = 90.0
+    channels[Channel.SPEED, 0] = 1.2
+
+    state = feel(channels, Body((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+
+    assert state.acc_g[0, 1] == pytest.approx(1.2 * np.pi / 2 / STANDARD_GRAVITY)
+
+
+def test_the_field_is_that_of_the_room_seen_from_the_arm() -> None:
+    channels = play_day(30.0, 1.0)
+
+    state = feel(channels, Body())
+
+    assert np.allclose(state.field_ut, turn_arm(channels).inv().apply(Body().field_ut), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("flexion_deg", "plane_deg", "raised_deg", "elevation_deg"),
+    [(0, 0, 0, 0), (0, -90, 90, 90), (0, 37, 120, 120), (50, 0, 50, 0), (50, 0, 0, 50), (30, 0, 90, 60)],
+)
+def test_elevation_is_the_angle_to_gravity_whatever_the_trunk_does(
+    flexion_deg: float, plane_deg: float, raised_deg: float, elevation_deg: float
+) -> None:
+    channels = np.zeros((len(Channel), 3, 1))
+    channels[[Channel.FLEXION, Channel.PLANE, Channel.ELEVATION], 0, 0] = flexion_deg, plane_deg, raised_deg
+
+    state = feel(channels, Body())
+
+    assert state.elevation_deg[0] == pytest.approx(elevation_deg, abs=1e-9)
+
+
+def test_an_arm_at_rest_feels_one_g_towards_the_zenith() -> None:
+    channels = np.zeros((len(Channel), 3, 1))
+    channels[Channel.ELEVATION, 0] = 60.0
+
+    state = feel(channels, Body())
+
+    assert state.acc_g[0] == pytest.approx([np.sin(np.radians(60)), 0.0, np.cos(np.radians(60))])
+
+
+def test_integrating_the_gyroscope_through_minutes_of_work_gives_the_true_elevation() -> None:
+    shift = simulate_shift("lsm9ds1", 0.04, 3, perfect=True)
+    whole = shift.in_arrays()
+    gyr_dps = whole.gyr_dps @ shift.errors.mounting
+
+    turned = integrate(gyr_dps, shift.rate_hz, turn_arm(play(shift.motion, 0, 1, shift.rate_hz))[0])
+
+    up = Rotation.concatenate(turned).as_matrix()[:, 2, 2]
+    error_deg = np.degrees(np.arccos(np.clip(up, -1, 1))) - whole.elevation_deg
+    assert np.abs(error_deg).max() < 0.05

@@ -1,0 +1,320 @@
+"""The files of a simulated day, read here by the plainest means, against what the formats demand."""
+
+import json
+import struct
+import zipfile
+from collections.abc import Callable
+from functools import reduce
+from operator import xor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fusion.simulation import simulate_shift, write_recordings, write_shift
+from fusion.simulation.digits import put_counter_rows
+from fusion.simulation.imu_rows import ROW, SecondCutter
+from fusion.simulation.write_actilife_csv import round_to_millionths
+from fusion.simulation.write_truth import count_entries
+
+HOURS = 0.05
+Record = tuple[int, int, bytes]
+
+
+@pytest.fixture(scope="module")
+def gt9x(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
+    return write_recordings(tmp_path_factory.mktemp("gt9x"), "gt9x", HOURS, 1)
+
+
+@pytest.fixture(scope="module")
+def lsm9ds1(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
+    return write_recordings(tmp_path_factory.mktemp("lsm9ds1"), "lsm9ds1", HOURS, 1)
+
+
+def split_log(path: Path) -> list[Record]:
+    """Split log.bin into (type, time, payload), checking every checksum."""
+    log = zipfile.ZipFile(path).read("log.bin")
+    records, at = [], 0
+    while at < len(log):
+        separator, kind, time, size = struct.unpack_from("<BBIH", log, at)
+        assert separator == 0x1E
+        assert reduce(xor, log[at : at + 9 + size]) == 0xFF
+        records.append((kind, time, log[at + 8 : at + 8 + size]))
+        at += 9 + size
+    return records
+
+
+def read_rows(path: Path) -> list[Any]:
+    """Give the rows of each second."""
+    return [np.frombuffer(payload[2:], ROW) for kind, _, payload in split_log(path) if kind == 25]
+
+
+def read_csv(path: Path, skipped: int, columns: range) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.loadtxt(path, delimiter=",", skiprows=skipped, usecols=columns)
+
+
+def test_the_files_are_named_after_the_seed(gt9x: tuple[Path, ...], lsm9ds1: tuple[Path, ...]) -> None:
+    assert [path.name for path in gt9x] == [
+        "shift_seed1.gt3x", "shift_seed1-IMU.csv", "truth.parquet", "truth.json",
+    ]  # fmt: skip
+    assert [path.name for path in lsm9ds1] == ["shift_seed1.csv", "truth.parquet", "truth.json"]
+
+
+@pytest.mark.parametrize("device", ["gt9x", "lsm9ds1"])
+def test_the_same_seed_gives_the_same_bytes(device: Any, tmp_path: Path) -> None:
+    once = write_recordings(tmp_path / "once", device, 0.02, 3)
+    again = write_recordings(tmp_path / "again", device, 0.02, 3)
+
+    assert [path.read_bytes() for path in once] == [path.read_bytes() for path in again]
+
+
+def test_the_export_may_be_left_out(tmp_path: Path) -> None:
+    paths = write_shift(tmp_path, simulate_shift("gt9x", 0.01, 1), actilife_csv=False)
+
+    assert [path.suffix for path in paths] == [".gt3x", ".parquet", ".json"]
+
+
+def test_a_gt3x_holds_an_uncompressed_log_and_the_device_description(gt9x: tuple[Path, ...]) -> None:
+    members = zipfile.ZipFile(gt9x[0]).infolist()
+
+    assert [(member.filename, member.compress_type) for member in members] == [
+        ("log.bin", 0),
+        ("info.txt", 0),
+    ]
+
+
+def test_every_second_has_primary_samples_and_all_but_the_last_have_rows(gt9x: tuple[Path, ...]) -> None:
+    kinds = [kind for kind, _, _ in split_log(gt9x[0])]
+
+    assert kinds.count(25) == 180
+    assert kinds.count(26) == 181
+
+
+def test_the_schema_stands_before_the_first_rows(gt9x: tuple[Path, ...]) -> None:
+    kinds = [kind for kind, _, _ in split_log(gt9x[0])]
+
+    assert kinds.index(24) < kinds.index(25)
+
+
+def test_a_second_has_a_hundred_rows_and_now_and_then_one_more(tmp_path: Path) -> None:
+    path = write_shift(tmp_path, simulate_shift("gt9x", 0.05, 1), actilife_csv=False)[0]
+
+    assert {len(rows) for rows in read_rows(path)} <= {100, 101}
+
+
+def test_records_follow_each_other_by_one_second(gt9x: tuple[Path, ...]) -> None:
+    times = [time for kind, time, _ in split_log(gt9x[0]) if kind == 25]
+
+    assert times == list(range(times[0], times[0] + 180))
+
+
+def test_the_rows_are_the_simulated_counts_in_order(gt9x: tuple[Path, ...]) -> None:
+    whole = simulate_shift("gt9x", HOURS, 1).in_arrays()
+
+    rows = np.concatenate(read_rows(gt9x[0]))
+
+    assert np.array_equal(rows["acc"] / 2048, whole.acc_g[: len(rows)])
+    assert np.abs(rows["gyr"] / 16.384 - whole.gyr_dps[: len(rows)]).max() < 1e-4
+
+
+def test_the_primary_accelerometer_feels_the_same_at_lower_resolution(gt9x: tuple[Path, ...]) -> None:
+    rows = read_rows(gt9x[0])[5]
+
+    primary = [payload for kind, _, payload in split_log(gt9x[0]) if kind == 26][5]
+
+    first = np.frombuffer(primary, "<i2").reshape(-1, 3)[0]
+    assert np.abs(first / 256 - rows["acc"][0] / 2048).max() <= 1 / 512
+
+
+@pytest.mark.real_recordings
+def test_the_schema_is_byte_for_byte_that_of_a_real_device(
+    gt9x: tuple[Path, ...], shared_data: Callable[[str], Path]
+) -> None:
+    real = split_log(shared_data("gt9x/link_imu_100hz_179s.gt3x"))
+
+    ours = split_log(gt9x[0])
+
+    assert [payload for kind, _, payload in ours if kind == 24] == [p for kind, _, p in real if kind == 24]
+
+
+@pytest.mark.real_recordings
+def test_info_txt_has_the_keys_of_a_real_device(
+    gt9x: tuple[Path, ...], shared_data: Callable[[str], Path]
+) -> None:
+    paths = (gt9x[0], shared_data("gt9x/link_imu_100hz_179s.gt3x"))
+
+    ours, real = (
+        [line.split(":")[0] for line in zipfile.ZipFile(path).read("info.txt").decode().splitlines()]
+        for path in paths
+    )
+
+    assert set(ours) == set(real) - {"Limb"}
+
+
+def test_the_clock_of_the_first_record_is_that_of_the_description(gt9x: tuple[Path, ...]) -> None:
+    text = zipfile.ZipFile(gt9x[0]).read("info.txt").decode()
+    ticks = int(text.split("Start Date: ")[1].split("\r\n")[0])
+
+    first = next(time for kind, time, _ in split_log(gt9x[0]) if kind == 25)
+
+    assert (ticks - 621355968000000000) / 10_000_000 == first
+
+
+def test_the_export_has_a_hundred_rows_for_each_second(gt9x: tuple[Path, ...]) -> None:
+    assert len(read_csv(gt9x[1], 11, range(1, 11))) == 100 * 180
+
+
+def test_the_export_is_resampled_by_the_rule_of_actilife(gt9x: tuple[Path, ...]) -> None:
+    """Written out for each second: value at k n / 100, linear between rows, held at the last."""
+    expected = []
+    for rows in read_rows(gt9x[0]):
+        at = np.minimum(np.arange(100) * len(rows) / 100, len(rows) - 1)
+        expected.append([np.interp(at, np.arange(len(rows)), rows["gyr"][:, axis]) for axis in range(3)])
+
+    gyr_dps = read_csv(gt9x[1], 11, range(5, 8))
+
+    assert np.abs(gyr_dps - np.concatenate(expected, axis=1).T / 16.383999).max() <= 5.1e-7
+
+
+def test_the_stamps_of_the_export_step_by_ten_milliseconds(gt9x: tuple[Path, ...]) -> None:
+    lines = gt9x[1].read_text().splitlines()[11:]
+
+    assert [lines[k].split(",")[0] for k in (0, 1, 99, 100, -1)] == [
+        "2026-03-02T07:00:00.0000000",
+        "2026-03-02T07:00:00.0100000",
+        "2026-03-02T07:00:00.9900000",
+        "2026-03-02T07:00:01.0000000",
+        "2026-03-02T07:02:59.9900000",
+    ]
+
+
+@pytest.mark.real_recordings
+def test_the_export_begins_like_a_real_one(
+    gt9x: tuple[Path, ...], shared_data: Callable[[str], Path]
+) -> None:
+    real = shared_data("gt9x/link_imu_100hz_179s_actilife.csv").read_text().splitlines()
+
+    ours = gt9x[1].read_text().splitlines()
+
+    assert [ours[k] for k in (0, 4, 7, 9, 10)] == [real[k] for k in (0, 4, 7, 9, 10)]
+
+
+@pytest.mark.parametrize(("value", "printed"), [(0.0078125, 7813), (-0.0078125, -7813), (0.9921875, 992188)])
+def test_halves_are_printed_away_from_zero_as_dot_net_does(value: float, printed: int) -> None:
+    assert round_to_millionths(np.array([value]))[0] == printed
+
+
+def test_a_lsm9ds1_file_tells_what_it_is_before_its_columns(lsm9ds1: tuple[Path, ...]) -> None:
+    assert lsm9ds1[0].read_text().splitlines()[:5] == [
+        "# device: LSM9DS1",
+        "# start: 2026-03-02T07:00:00",
+        "# acc_range_g: 8",
+        "# gyr_range_dps: 2000",
+        "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps",
+    ]
+
+
+def test_a_lsm9ds1_file_holds_the_simulated_samples(lsm9ds1: tuple[Path, ...]) -> None:
+    whole = simulate_shift("lsm9ds1", HOURS, 1).in_arrays()
+
+    table = read_csv(lsm9ds1[0], 5, range(7))
+
+    assert np.abs(table[:, 1:4] - whole.acc_g).max() < 1e-6
+    assert np.abs(table[:, 4:7] - whole.gyr_dps).max() < 1e-4
+
+
+def test_the_counter_of_the_logger_steps_by_the_true_period_with_a_little_jitter(
+    lsm9ds1: tuple[Path, ...],
+) -> None:
+    period_us = 1e6 / simulate_shift("lsm9ds1", HOURS, 1).rate_hz
+
+    steps_us = np.diff(read_csv(lsm9ds1[0], 5, range(1)))
+
+    assert steps_us.mean() == pytest.approx(period_us, abs=0.01)
+    assert 1.0 < np.abs(steps_us - period_us).max() <= 42.0
+
+
+def test_the_counter_of_the_logger_wraps_at_32_bits(tmp_path: Path) -> None:
+    path = write_recordings(tmp_path, "lsm9ds1", 1.3, 1, 20.0)[0]
+
+    counter_us = read_csv(path, 5, range(1))
+
+    assert (np.diff(counter_us) < 0).sum() == 1
+    assert counter_us.max() < 2**32
+
+
+@given(st.lists(st.integers(-(10**12), 10**12), min_size=1, max_size=5), st.integers(1, 7))
+def test_numbers_are_written_with_all_their_decimals(values: list[int], decimals: int) -> None:
+    out = np.empty(24 * (len(values) + 1), np.uint8)
+
+    size = put_counter_rows(out, np.array([7]), np.array([values]), np.full(len(values), decimals))
+
+    one = 10**decimals
+    numbers = [f"{'-' * (v < 0)}{abs(v) // one}.{abs(v) % one:0{decimals}}" for v in values]
+    assert out[:size].tobytes().decode() == ",".join(["7", *numbers]) + "\n"
+
+
+@pytest.mark.parametrize(("rate_hz", "counts"), [(100.0, {100}), (100.09, {100, 101}), (99.9, {99, 100})])
+def test_seconds_are_cut_where_the_clock_says(rate_hz: float, counts: set[int]) -> None:
+    cutter = SecondCutter(rate_hz)
+
+    seconds = [cutter.cut(np.zeros(997, ROW)).counts for _ in range(12)]
+
+    assert set(np.concatenate(seconds).tolist()) == counts
+    assert abs(len(np.concatenate(seconds)) - 12 * 997 / rate_hz) < 1.0
+
+
+def test_the_truth_lies_on_sample_instants_at_most_a_hundred_times_a_second(
+    lsm9ds1: tuple[Path, ...],
+) -> None:
+    shift = simulate_shift("lsm9ds1", HOURS, 1)
+
+    truth = pq.read_table(lsm9ds1[1])
+
+    assert np.array_equal(truth["time_s"].to_numpy(), np.arange(0, shift.sample_count, 5) / shift.rate_hz)
+    assert np.array_equal(truth["elevation_deg"].to_numpy(), shift.in_arrays().elevation_deg[::5])
+
+
+def test_the_truth_of_a_gt9x_has_every_sample(gt9x: tuple[Path, ...]) -> None:
+    truth = pq.read_table(gt9x[2])
+
+    assert truth.num_rows == simulate_shift("gt9x", HOURS, 1).sample_count
+
+
+def test_the_true_exposure_adds_up_and_agrees_with_the_angles(gt9x: tuple[Path, ...]) -> None:
+    exposure = json.loads(gt9x[3].read_text())["exposure"]
+    elevation_deg = simulate_shift("gt9x", HOURS, 1).in_arrays().elevation_deg
+
+    assert sum(exposure["bin_percent"]) == pytest.approx(100.0)
+    assert exposure["above_percent"][1] == pytest.approx(100.0 * (elevation_deg >= 60.0).mean())
+
+
+def test_the_specimen_is_on_record(lsm9ds1: tuple[Path, ...]) -> None:
+    sensor = json.loads(lsm9ds1[2].read_text())["sensor"]
+
+    assert sensor["gyr_offset_dps"] == simulate_shift("lsm9ds1", HOURS, 1).errors.gyr_offset_dps.tolist()
+
+
+@pytest.mark.parametrize(
+    ("angles_deg", "entries"),
+    [
+        ([0, 70, 0, 70], 2),
+        ([70, 0, 70], 1),
+        ([0, 62, 0], 0),
+        ([0, 70, 58, 70], 1),
+        ([0, 70, 54, 70], 2),
+        ([70], 0),
+    ],
+)
+def test_true_entries_have_ten_degrees_of_hysteresis(angles_deg: list[float], entries: int) -> None:
+    assert count_entries(np.array(angles_deg, float), 60.0, -1)[0] == entries
+
+
+def test_true_entries_go_on_from_block_to_block() -> None:
+    state = count_entries(np.array([0.0, 70.0]), 60.0, -1)[1]
+
+    assert count_entries(np.array([62.0, 50.0, 66.0]), 60.0, state)[0] == 1

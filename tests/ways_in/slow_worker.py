@@ -1,0 +1,11 @@
+"""A worker process whose analyses take half a minute: something to kill in the middle."""
+
+import sys
+from pathlib import Path
+
+from app.jobs.worker import run_worker
+from app.settings import Settings
+from tests.app.stand_ins import write_slowly
+
+if __name__ == "__main__":
+    run_worker(Settings(data_dir=Path(sys.argv[1])), write_slowly)

@@ -1,0 +1,187 @@
+"""The command line: one log in, one report out; message, exit code and files agree."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from app.cli import app
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def done(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("run")
+    assert run("run", shift_gt3x, "-o", out).exit_code == 0
+    return out
+
+
+def test_one_file_and_no_other_option_gives_every_product(done: Path, shift_gt3x: Path) -> None:
+    made = {path.name for path in (done / shift_gt3x.stem).iterdir()}
+
+    assert made >= {"results.json", "elevation.parquet", "report.html", "report.pdf"}
+
+
+def test_the_tables_stand_beside_the_recordings(done: Path) -> None:
+    made = {path.name for path in done.iterdir() if path.is_file()}
+
+    assert made == {
+        "summary.csv",
+        "periods.csv",
+        "problems.csv",
+        "dictionary.csv",
+        "run.json",
+        "index.html",
+    }
+
+
+def test_summary_and_results_tell_the_same_number(done: Path, shift_gt3x: Path) -> None:
+    results = json.loads((done / shift_gt3x.stem / "results.json").read_text("utf-8"))
+
+    above_60 = next(t for t in results["exposure"]["time_above"] if t["threshold_deg"] == 60)
+    assert float(read_table(done / "summary.csv")[0]["time_above_60_percent"]) == above_60["percent"]
+
+
+def test_a_finished_recording_is_not_done_again(done: Path, shift_gt3x: Path) -> None:
+    marker = done / shift_gt3x.stem / "done.json"
+    before = marker.stat().st_mtime_ns
+
+    result = run("run", shift_gt3x, "-o", done)
+
+    assert "already done" in result.output
+    assert marker.stat().st_mtime_ns == before
+
+
+def test_other_settings_are_done_anew(shift_gt3x: Path, tmp_path: Path) -> None:
+    run("run", shift_gt3x, "-o", tmp_path, "--report", "html")
+
+    result = run("run", shift_gt3x, "-o", tmp_path, "--report", "html", "--subject", "S012")
+
+    assert "already done" not in result.output
+
+
+def test_one_bad_file_does_not_stop_the_others(shift_gt3x: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.gt3x"
+    empty.touch()
+
+    result = run("run", empty, shift_gt3x, "-o", tmp_path / "out", "--report", "html")
+
+    assert result.exit_code == 1
+    assert [row["error_code"] for row in read_table(tmp_path / "out" / "summary.csv")] == ["E-EMPTY", ""]
+
+
+def test_a_refusal_names_code_and_cure(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.gt3x"
+    empty.touch()
+
+    result = run("run", empty, "-o", tmp_path / "out")
+
+    assert result.exit_code == 3
+    assert "E-EMPTY" in result.stderr
+    assert read_table(tmp_path / "out" / "problems.csv")[0]["code"] == "E-EMPTY"
+
+
+def test_a_refusal_is_told_in_french_when_asked(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.gt3x"
+    empty.touch()
+
+    result = run("run", empty, "-o", tmp_path / "out", "--lang", "fr")
+
+    assert "Le fichier est vide" in result.stderr
+
+
+def test_a_path_that_is_not_there_is_a_problem_not_a_crash(tmp_path: Path) -> None:
+    result = run("run", tmp_path / "none.gt3x", "-o", tmp_path / "out")
+
+    assert result.exit_code == 3
+    assert "E-FILE" in result.stderr
+
+
+def test_a_folder_that_is_not_ours_is_left_alone(shift_gt3x: Path, tmp_path: Path) -> None:
+    theirs = tmp_path / shift_gt3x.stem / "notes.txt"
+    theirs.parent.mkdir()
+    theirs.write_text("mine")
+
+    result = run("run", shift_gt3x, "-o", tmp_path)
+
+    assert result.exit_code == 3
+    assert theirs.read_text() == "mine"
+
+
+@pytest.mark.parametrize("window", ["5", "5,x", "9,3", "-1,4"])
+def test_a_calibration_window_that_cannot_be_is_a_usage_error(window: str, tmp_path: Path) -> None:
+    assert run("run", "x.gt3x", "-o", tmp_path, f"--calibration={window}").exit_code == 2
+
+
+def test_an_unknown_kind_of_report_is_a_usage_error(tmp_path: Path) -> None:
+    assert run("run", "x.gt3x", "-o", tmp_path, "--report", "docx").exit_code == 2
+
+
+def test_two_files_of_one_name_get_a_folder_each(shift_gt3x: Path, tmp_path: Path) -> None:
+    twin = tmp_path / "other" / shift_gt3x.name
+    twin.parent.mkdir()
+    twin.write_bytes(shift_gt3x.read_bytes())
+
+    run("run", shift_gt3x, twin, "-o", tmp_path / "out", "--report", "html", "-j", "2")
+
+    rows = json.loads((tmp_path / "out" / "run.json").read_text("utf-8"))["recordings"]
+    assert [row["folder"] for row in rows] == [shift_gt3x.stem, f"{shift_gt3x.stem}-2"]
+
+
+def test_exposure_of_a_ready_angle_series(tmp_path: Path) -> None:
+    table = tmp_path / "angles.csv"
+    rows = "\n".join(f"{k / 10},{70 if k >= 300 else 10}" for k in range(400))
+    table.write_text(f"time_s,elevation_deg\n{rows}\n")
+
+    result = run("exposure", table, "-o", tmp_path / "out")
+
+    results = json.loads((tmp_path / "out" / "angles" / "results.json").read_text("utf-8"))
+    assert result.exit_code == 0
+    assert [t["percent"] for t in results["exposure"]["time_above"]] == [25.0, 25.0, 0.0]
+    assert results["calibration"] is None
+    assert results["method"] is None
+
+
+def test_inspect_tells_the_device_and_analyses_nothing(shift_gt3x: Path) -> None:
+    facts = json.loads(run("inspect", shift_gt3x, "--json").stdout)
+
+    assert facts["device"] == "gt9x"
+    assert facts["calibration_proposals"]
+
+
+def test_inspect_speaks_french(shift_gt3x: Path) -> None:
+    assert "Fréquence réelle" in run("inspect", shift_gt3x, "--lang", "fr").stdout
+
+
+def test_inspect_of_what_is_no_recording_names_it(tmp_path: Path) -> None:
+    picture = tmp_path / "shift.csv"
+    picture.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+
+    result = run("inspect", picture)
+
+    assert result.exit_code == 3
+    assert "E-TYPE" in result.stderr
+
+
+def test_simulate_writes_the_recording_and_the_truth(tmp_path: Path) -> None:
+    result = run("simulate", tmp_path, "--device", "lsm9ds1", "--hours", "0.02", "--rate-hz", "100")
+
+    assert result.exit_code == 0
+    assert (tmp_path / "truth.parquet").exists()
+
+
+def test_the_demo_ends_with_a_report(tmp_path: Path) -> None:
+    result = run("demo", "-o", tmp_path, "--hours", "0.1")
+
+    assert result.exit_code == 0
+    assert "report.html" in result.stdout

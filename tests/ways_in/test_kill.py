@@ -1,0 +1,116 @@
+"""kill -9: an acknowledged recording is never lost, and its report is made."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.jobs.job import JobState
+from app.jobs.store import JobStore
+from app.jobs.worker import open_bench, run_next
+from app.settings import Settings
+from app.storage import Storage
+from app.workflow import ReportRequest
+from tests.app.stand_ins import write_report
+from tests.ways_in.conftest import StartServer
+from tests.ways_in.servers import ROOT, is_alive, wait_for
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks up processes in /proc")
+
+
+def queue_job(settings: Settings) -> tuple[JobStore, str]:
+    storage, store = Storage(settings.data_dir), JobStore(settings.database_url)
+    storage.prepare()
+    upload = storage.open_upload(100)
+    upload.write(b"recording")
+    return store, store.add(upload.keep(), ReportRequest("shift.gt3x")).id
+
+
+def start_slow_worker(settings: Settings) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "tests.ways_in.slow_worker", str(settings.data_dir)]
+    return subprocess.Popen(command, cwd=ROOT)
+
+
+def test_the_job_of_a_killed_worker_is_finished_by_another_and_its_child_ends(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    store, job_id = queue_job(settings)
+    slow = start_slow_worker(settings)
+    wait_for(lambda: store.get(job_id).stage == "fusing")
+    child = int((tmp_path / "child.pid").read_text())
+
+    slow.kill()
+    slow.wait()
+    bench = open_bench(settings, write_report)
+    assert run_next(bench)
+
+    finished = store.get(job_id)
+    assert (finished.state, finished.attempts) == (JobState.SUCCEEDED, 2)
+    wait_for(lambda: not is_alive(child), patience_s=5)
+    bench.store.close()
+    store.close()
+
+
+def test_a_worker_asked_to_stop_puts_its_job_back_and_ends_well(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    store, job_id = queue_job(settings)
+    slow = start_slow_worker(settings)
+    wait_for(lambda: store.get(job_id).stage == "fusing")
+
+    slow.terminate()
+
+    assert slow.wait(10) == 0
+    assert (store.get(job_id).state, store.get(job_id).attempts) == (JobState.QUEUED, 0)
+    store.close()
+
+
+def test_a_worker_killed_in_the_middle_is_replaced_and_the_report_is_made(
+    start_server: StartServer, recording: Path
+) -> None:
+    server = start_server()
+    job = server.send(recording)
+    wait_for(lambda: server.see(job["id"])["state"] == "running")
+    (worker,) = server.find_workers()
+
+    os.kill(worker, signal.SIGKILL)
+
+    ended = server.see(job["id"], wait=60)
+    assert (ended["state"], ended["attempts"]) == ("succeeded", 2)
+
+
+def test_a_server_killed_after_202_loses_nothing_and_finishes_after_restart(
+    start_server: StartServer, recording: Path, tmp_path: Path
+) -> None:
+    server = start_server()
+    jobs = [server.send(recording, subject=f"S{number}") for number in range(3)]
+
+    server.kill()
+    server = start_server()
+
+    assert [server.see(job["id"], wait=60)["state"] for job in jobs] == ["succeeded"] * 3
+    sent = hashlib.sha256(recording.read_bytes()).hexdigest()
+    kept = [tmp_path / "data" / "recordings" / job["recording_id"] for job in jobs]
+    assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in kept] == [sent] * 3
+
+
+def test_what_a_killed_server_left_half_done_is_swept_at_the_next_start(
+    start_server: StartServer, tmp_path: Path
+) -> None:
+    start_server().kill()
+    half = tmp_path / "data" / "uploads" / "rec_half.part"
+    half.write_bytes(b"half")
+
+    start_server()
+
+    assert not half.exists()
+
+
+def test_a_server_asked_to_stop_ends_with_its_workers(start_server: StartServer) -> None:
+    server = start_server()
+    workers = wait_for(server.find_workers)
+
+    assert server.stop() == 0
+    assert [pid for pid in workers if is_alive(pid)] == []
