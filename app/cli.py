@@ -1,22 +1,35 @@
 """The command line: what outsiders' scripts rely on (names and exit codes are a contract)."""
 
 import json
+import sys
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from app.batch import Outcome, Task, find_recordings, plan_tasks, run_tasks, write_tables
+from app.batch.plan import Task, find_recordings, plan_joined, plan_tasks
+from app.batch.run import Outcome, run_tasks
+from app.batch.tables import write_tables
 from app.errors import ServerRefused
+from app.jobs.attempt import warm_up
 from app.report.messages import describe_problem
+from app.request import (
+    SUBJECT_ALLOWED,
+    WINDOW_ALLOWED,
+    Language,
+    ReportKind,
+    ReportRequest,
+    check_subject,
+    list_window_counts,
+    parse_window,
+)
 from app.version import software_revision, software_version
-from app.workflow import Language, ReportKind, ReportRequest
-from fusion.calibration import Pose
+from fusion.choices import MethodName, Pose, Side
+from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import FusionError
-from fusion.orientation import MethodName
-from fusion.pipeline import Side
 
 app = typer.Typer(
     name="acromion",
@@ -39,6 +52,16 @@ class Exit(IntEnum):
 
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")]
 SideOption = Annotated[Side | None, typer.Option(help="Which arm.")]
+DiaryOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.csv", help="Shift, tasks, breaks, not worn: start,end,kind,label."),
+]
+ProfileOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--profile", metavar="FILE.json", help="What the columns of a table mean (docs/formats.md)."
+    ),
+]
 LanguageOption = Annotated[Language, typer.Option("--lang", help="Language of the report.")]
 
 
@@ -56,25 +79,34 @@ def run(
             metavar="START_S,END_S", help="Calibration window; twice for two-point: hanging, level."
         ),
     ] = None,
+    diary: DiaryOption = None,
     lang: LanguageOption = "en",
     rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000, help="For logs without time.")] = None,
+    profile: ProfileOption = None,
     report: Annotated[str, typer.Option(help="What to write: html, pdf or html,pdf.")] = "html,pdf",
     workers: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Recordings at once.")] = 1,
+    join: Annotated[bool, typer.Option("--join", help="The files are one shift, in one report.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Do finished recordings again.")] = False,
 ) -> None:
     """Analyse recordings and write a report for each."""
     request = ReportRequest(
         file_name="",
-        subject=subject,
+        subject=_check_subject(subject),
         side=side,
         method=method,
         pose=pose,
-        calibration_windows_s=tuple(_parse_window(text) for text in calibration or ()),
+        calibration_windows_s=_parse_windows(calibration, pose),
         rate_hz=rate_hz,
         languages=(lang,),
         kinds=_parse_kinds(report),
+        diary=_read_diary(diary, lang),
+        profile=_read_profile(profile, lang),
     )
-    tasks = plan_tasks(find_recordings(paths), out, request, force=force)
+    logs = find_recordings(paths, out)
+    if not logs:
+        _print_problem(", ".join(map(str, paths)), "E-NO-RECORDING", {}, lang)
+        raise typer.Exit(Exit.NOTHING_DONE)
+    tasks = (plan_joined if join else plan_tasks)(logs, out, request, force=force)
     _finish(_report_progress(tasks, workers), out, request)
 
 
@@ -84,10 +116,14 @@ def exposure(
     out: Out,
     side: SideOption = None,
     subject: Annotated[str, typer.Option(help="Subject code; never a name.")] = "",
+    diary: DiaryOption = None,
     lang: LanguageOption = "en",
 ) -> None:
     """Give the exposure of a ready angle series (an empty angle is missing)."""
-    request = ReportRequest(path.name, subject, side, languages=(lang,), source="angles")
+    entries = _read_diary(diary, lang)
+    request = ReportRequest(
+        path.name, _check_subject(subject), side, languages=(lang,), source="angles", diary=entries
+    )
     tasks = plan_tasks([path], out, request, force=True)
     _finish(_report_progress(tasks, 1), out, request)
 
@@ -135,13 +171,14 @@ def inspect(
     path: Annotated[Path, typer.Argument(metavar="FILE")],
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
     rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000)] = None,
+    profile: ProfileOption = None,
     lang: LanguageOption = "en",
 ) -> None:
     """Say what the file is: device, columns, units, rate, clock, gaps, warnings. Analyses nothing."""
     from app.inspection import describe_inspection, inspect_file  # noqa: PLC0415
 
     try:
-        facts = inspect_file(path, rate_hz)
+        facts = inspect_file(path, rate_hz, _read_profile(profile, lang))
     except FusionError as refusal:
         _print_problem(path.name, refusal.code, refusal.facts, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
@@ -193,14 +230,50 @@ def version() -> None:
     typer.echo(f"acromion {software_version()} ({software_revision()})")
 
 
-def _parse_window(text: str) -> tuple[float, float]:
+def _read_diary(path: Path | None, language: Language) -> tuple[DiaryEntry, ...]:
+    """Read the diary before any recording, so that a slip in it is told at once."""
+    if path is None:
+        return ()
     try:
-        start, end = (float(part) for part in text.split(","))
+        return read_diary(path.read_bytes())
+    except FusionError as refusal:
+        _print_problem(path.name, refusal.code, refusal.facts, language)
+    except OSError as error:
+        _print_problem(path.name, "E-FILE", {"why": error.strerror or ""}, language)
+    raise typer.Exit(Exit.USAGE)
+
+
+def _read_profile(path: Path | None, language: Language) -> str:
+    """Read the column profile before any recording, so that a slip in it is told at once."""
+    if path is None:
+        return ""
+    from fusion.readers import parse_profile  # noqa: PLC0415  heavy, and only this needs it
+
+    try:
+        return parse_profile(path.read_text("utf-8", errors="replace")).to_json()
+    except FusionError as refusal:
+        _print_problem(path.name, refusal.code, refusal.facts, language)
+    except OSError as error:
+        _print_problem(path.name, "E-FILE", {"why": error.strerror or ""}, language)
+    raise typer.Exit(Exit.USAGE)
+
+
+def _check_subject(text: str) -> str:
+    try:
+        return check_subject(text)
     except ValueError:
-        raise typer.BadParameter(f"{text!r}: write START_S,END_S in seconds, e.g. 5,15") from None
-    if not 0 <= start < end:
-        raise typer.BadParameter(f"{text!r}: the start must be 0 or more and before the end")
-    return start, end
+        raise typer.BadParameter(f"write {SUBJECT_ALLOWED}", param_hint="--subject") from None
+
+
+def _parse_windows(texts: list[str] | None, pose: Pose) -> tuple[tuple[float, float], ...]:
+    try:
+        windows = tuple(parse_window(text) for text in texts or ())
+    except ValueError:
+        raise typer.BadParameter(f"write {WINDOW_ALLOWED}, e.g. 5,15", param_hint="--calibration") from None
+    if len(windows) not in list_window_counts(pose):
+        needed = " or ".join(map(str, list_window_counts(pose)))
+        raise typer.BadParameter(f"{pose} takes {needed} windows", param_hint="--calibration")
+    return windows
 
 
 def _parse_kinds(text: str) -> tuple[ReportKind, ...]:
@@ -212,21 +285,30 @@ def _parse_kinds(text: str) -> tuple[ReportKind, ...]:
 
 
 def _report_progress(tasks: list[Task], workers: int) -> list[Outcome]:
-    outcomes = []
-    for done, outcome in enumerate(run_tasks(tasks, workers), start=1):
+    warm_up()
+    outcomes: list[Outcome] = []
+    for outcome in run_tasks(tasks, workers, _show_stage):
         outcomes.append(outcome)
-        _print_outcome(outcome, f"[{done}/{len(tasks)}] " if len(tasks) > 1 else "")
+        _print_outcome(outcome, f"[{len(outcomes)}/{len(tasks)}] " if len(tasks) > 1 else "")
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
+
+
+def _show_stage(task: Task, stage: str | None, fraction: float) -> None:
+    """Keep one line on a terminal up to date; a log file gets none of it."""
+    if sys.stderr.isatty():
+        typer.echo(f"\r\x1b[K{task.log.name}: {stage or 'waiting'} {fraction:.0%}", nl=False, err=True)
 
 
 def _print_outcome(outcome: Outcome, counter: str) -> None:
     name, language = outcome.task.log.name, outcome.task.request.languages[0]
+    if sys.stderr.isatty():
+        typer.echo("\r\x1b[K", nl=False, err=True)
     if outcome.code:
-        _print_problem(counter + name, outcome.code, dict(outcome.facts), language)
+        _print_problem(counter + name, outcome.code, outcome.facts, language)
         return
     typer.echo(f"{counter}{name} -> {outcome.task.folder}" + (" (already done)" if outcome.repeated else ""))
-    for sentence in outcome.sentences:
-        typer.echo(f"  {sentence}")
+    for line in outcome.answer:
+        typer.echo(f"  {line}")
 
 
 def _print_problem(name: str, code: str, facts: Any, language: Language) -> None:
@@ -237,7 +319,11 @@ def _print_problem(name: str, code: str, facts: Any, language: Language) -> None
 def _finish(outcomes: list[Outcome], out: Path, request: ReportRequest) -> None:
     """Write the tables and leave with the exit code that says the same as they do."""
     if outcomes:
-        write_tables(out, outcomes, request)
+        try:
+            write_tables(out, outcomes, request, datetime.now(UTC))
+        except OSError as error:
+            _print_problem(str(out), "E-FILE", {"why": error.strerror or ""}, request.languages[0])
+            raise typer.Exit(Exit.NOTHING_DONE) from None
     raise typer.Exit(_exit_code(outcomes))
 
 

@@ -9,15 +9,17 @@ from app.report.numbers import format_exact, format_long_duration, format_number
 from app.report.subject import clean_text
 from app.report.wording import Language, Words, fill, load_wording
 from fusion.calibration import propose_still_periods
-from fusion.readers import read_recording
+from fusion.readers import parse_profile, read_recording
 from fusion.readers.inspection import inspect_recording
 from fusion.recording import QualityFlag
 
 _MOST_LINES = 10
 
 
-def inspect_file(path: Path, rate_hz: float | None = None) -> dict[str, Any]:
+def inspect_file(path: Path, rate_hz: float | None = None, profile: str = "") -> dict[str, Any]:
     """Read the file and say what was understood, with proposals for the calibration window.
+
+    ``profile``: JSON of a column profile, "" for none.
 
     Raises
     ------
@@ -25,7 +27,8 @@ def inspect_file(path: Path, rate_hz: float | None = None) -> dict[str, Any]:
         When it is not a recording.
     """
     with path.open("rb") as file:
-        recording = read_recording(file, file_name=path.name, rate_hz=rate_hz)
+        columns = parse_profile(profile) if profile else None
+        recording = read_recording(file, file_name=path.name, rate_hz=rate_hz, profile=columns)
     proposals = [
         {
             "start_s": round(p.start_s, 3),
@@ -47,6 +50,10 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["rate"], f"{format_number(facts['rate_hz'], 3, language)} Hz"),
         (words["recorded"], format_long_duration(facts["recorded_s"])),
         (words["segments"], str(facts["segments"])),
+        (words["jitter"], _tell_number(facts["jitter_us"], "us", words, language)),
+        (words["rest"], _tell_number(facts["sanity"]["rest_g"], "g", words, language)),
+        (words["handedness"], _tell_number(facts["sanity"]["handedness"], "", words, language)),
+        (words["gyro_scale"], _tell_number(facts["sanity"]["gyro_scale"], "", words, language)),
         *((f"  {name}", clean_text(str(value))) for name, value in facts["understood"].items()),
         (words["gaps"], _join((_tell_gap(gap, words, language) for gap in facts["gaps"]), words)),
         (words["warnings"], _join((_tell_warning(w, language) for w in facts["warnings"]), words)),
@@ -57,6 +64,10 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def _tell_number(value: float | None, unit: str, words: Words, language: Language) -> str:
+    return str(words["unseen"]) if value is None else f"{format_number(value, 3, language)} {unit}".rstrip()
 
 
 def _join(lines: Iterable[str], words: Words) -> str:

@@ -2,26 +2,19 @@
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Literal
 
 from app.report.content import Report, ReportSubject, Software, build_report
 from app.report.elevation_file import write_elevation
+from app.report.exports import export_results, tell_in_brief
 from app.report.html import render_html
 from app.report.pdf import render_pdf
 from app.report.results import encode_results
-from app.report.summary import encode_summary, summarise_results
+from app.request import OnStage, ReportKind, ReportRequest, Stage
 from app.version import software_revision, software_version
-from fusion.calibration import Pose
-from fusion.orientation import MethodName
-from fusion.pipeline import Analysis, AnalysisSettings, Side, analyse, analyse_angles
-from fusion.readers import read_recording
-
-Stage = Literal["reading", "checking", "calibrating", "fusing", "counting", "rendering"]
-Language = Literal["en", "fr"]
-ReportKind = Literal["html", "pdf"]
-OnStage = Callable[[Stage, float], None]
+from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angles
+from fusion.readers import join_recordings, parse_profile, read_recording
+from fusion.recording import Recording
 
 # How far along each stage begins, from the share of time each takes on a long shift.
 _BEGINS: dict[Stage, float] = {
@@ -34,48 +27,15 @@ _BEGINS: dict[Stage, float] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class ReportRequest:
-    """Everything the person asked. ``source`` says whether the file holds samples or ready angles."""
-
-    file_name: str
-    subject: str = ""
-    side: Side | None = None
-    method: MethodName = "smoothed"
-    pose: Pose = "n-pose"
-    calibration_windows_s: tuple[tuple[float, float], ...] = ()
-    rate_hz: float | None = None
-    languages: tuple[Language, ...] = ("en", "fr")
-    kinds: tuple[ReportKind, ...] = ("html", "pdf")
-    source: Literal["samples", "angles"] = "samples"
-
-    def to_json(self) -> str:
-        """Give the request as text for a job row or a settings hash."""
-        return json.dumps(asdict(self), sort_keys=True)
-
-    @classmethod
-    def from_json(cls, text: str) -> "ReportRequest":
-        """Read what :meth:`to_json` wrote; names it does not know are left aside."""
-        known = {field.name for field in fields(cls)}
-        values = {name: value for name, value in json.loads(text).items() if name in known}
-        windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
-        for name in ("languages", "kinds"):
-            if name in values:
-                values[name] = tuple(values[name])
-        return cls(calibration_windows_s=windows, **values)
-
-
 def ignore_stage(_stage: Stage, _fraction: float) -> None:
     """Take the place of a listener where nobody listens."""
 
 
-def make_report(
-    log: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
-) -> tuple[str, ...]:
+def make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage) -> None:
     """Analyse the file and write every product into the existing folder ``out``.
 
-    Writes ``results.json``, ``elevation.parquet``, ``summary.csv`` and, for each language and kind asked
-    for, ``report.<language>.<kind>``. Gives the plain sentences of the answer in the first language.
+    Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
+    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``.
 
     Raises
     ------
@@ -87,13 +47,14 @@ def make_report(
     subject = describe_subject(request)
     results = encode_results(analysis, subject)
     (out / "results.json").write_bytes(results)
-    (out / "summary.csv").write_bytes(encode_summary([summarise_results(json.loads(results))]))
+    for name, table in export_results(json.loads(results)).items():
+        (out / name).write_bytes(table)
     write_elevation(analysis.elevation, out / "elevation.parquet")
     reports = [build_report(analysis, subject, language) for language in request.languages]
     for report in reports:
+        (out / f"answer.{report.language}.txt").write_bytes(tell_in_brief(report))
         for kind, body in _render(report, request.kinds, results):
             (out / f"report.{report.language}.{kind}").write_bytes(body)
-    return reports[0].sentences
 
 
 def describe_subject(request: ReportRequest) -> ReportSubject:
@@ -106,12 +67,23 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
 
 def _analyse_file(log: Path, request: ReportRequest, begin: Callable[[Stage], None]) -> Analysis:
     begin("reading")
-    with log.open("rb") as file:
-        if request.source == "angles":
-            return analyse_angles(file, begin)
-        recording = read_recording(file, file_name=request.file_name, rate_hz=request.rate_hz)
-    settings = AnalysisSettings(request.method, request.pose, request.calibration_windows_s)
-    return analyse(recording, settings, begin)
+    if request.source == "angles":
+        with log.open("rb") as file:
+            return analyse_angles(file, begin, request.list_diary())
+    settings = AnalysisSettings(
+        request.method, request.pose, request.calibration_windows_s, request.list_diary()
+    )
+    return analyse(_read_logs(log, request), settings, begin)
+
+
+def _read_logs(log: Path, request: ReportRequest) -> Recording:
+    profile = parse_profile(request.profile) if request.profile else None
+    recordings = []
+    for path in (log, *map(Path, request.joined)):
+        name = request.file_name if path is log else path.name
+        with path.open("rb") as file:
+            recordings.append(read_recording(file, file_name=name, rate_hz=request.rate_hz, profile=profile))
+    return join_recordings(recordings) if request.joined else recordings[0]
 
 
 def _render(

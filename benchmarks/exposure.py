@@ -1,6 +1,7 @@
-"""What all figures of exposure cost: time and memory above the angles, for 1 to 24 h.
+"""What all figures of exposure cost, intervals included: time and memory above the angles, for 1 to 24 h.
 
-python -m benchmarks.exposure
+python -m benchmarks.exposure            the cost
+python -m benchmarks.exposure --oracles  what each figure must be, and what it is
 """
 
 import resource
@@ -10,6 +11,7 @@ import time
 
 import numpy as np
 
+from benchmarks.exposure_oracles import main as print_oracles
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import summarise_exposure
 from fusion.recording import Recording, Segment
@@ -17,7 +19,8 @@ from fusion.recording import Recording, Segment
 SHIFTS = ((1, 100), (2, 100), (4, 100), (8, 100), (24, 100), (8, 500))
 MEBIBYTE = 1024
 BLOCK_ROWS = 20_000  # little beside what is measured
-ROUNDS = 3
+ROUNDS = 5
+SIGMA_DEG = 3.0
 
 
 def make_shift(rows: int, rate_hz: float) -> tuple[Elevation, Recording]:
@@ -40,7 +43,7 @@ def make_shift(rows: int, rate_hz: float) -> tuple[Elevation, Recording]:
 
 def measure(hours: float, rate_hz: float) -> None:
     warm, warm_recording = make_shift(5000, rate_hz)
-    summarise_exposure(warm, None, warm_recording, np.zeros(3))
+    summarise_exposure(warm, None, warm_recording, np.zeros(3), SIGMA_DEG)
     elevation, recording = make_shift(round(hours * 3600 * rate_hz), rate_hz)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     seconds = min(measure_once(elevation, recording) for _ in range(ROUNDS))
@@ -51,11 +54,13 @@ def measure(hours: float, rate_hz: float) -> None:
 
 def measure_once(elevation: Elevation, recording: Recording) -> float:
     started = time.perf_counter()
-    summarise_exposure(elevation, None, recording, np.zeros(3))
+    summarise_exposure(elevation, None, recording, np.zeros(3), SIGMA_DEG)
     return time.perf_counter() - started
 
 
 def main() -> None:
+    if sys.argv[1:] == ["--oracles"]:
+        raise SystemExit(print_oracles())
     if len(sys.argv) == 3:
         measure(float(sys.argv[1]), float(sys.argv[2]))
         return

@@ -1,8 +1,10 @@
-"""Fusion side by side with its peers, in one process: `python -m benchmarks.fusion [broad|sweep|shift|speed]`.
+"""Fusion side by side with its peers, in one process: `python -m benchmarks.fusion
+[broad|sweep|shift|speed|band]`.
 
-broad: inclination error on BROAD, interleaved trial by trial, beside vqf's VQF and offlineVQF (`pip install vqf`);
-sweep: the slerp weight that the published algorithm leaves open; shift: simulated hours against their truth;
-speed: eight hours at 100 and 500 Hz, warm, one core.
+broad: inclination error on BROAD, interleaved trial by trial, beside vqf's VQF and offlineVQF (`pip install
+vqf`); sweep: the slerp weight that the published algorithm leaves open; shift: simulated hours against
+their truth; band: how often the stated uncertainty covers the truth; speed: eight hours at 100 and 500 Hz,
+warm, one core.
 """
 
 import sys
@@ -15,8 +17,10 @@ import vqf
 from numpy.typing import NDArray
 
 from fusion.calibration import CalibratedSamples, calibrate
+from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation, measure_elevation
 from fusion.orientation import estimate_vertical
+from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.sensor_errors.runs import SensorRun, view_segment
@@ -36,6 +40,7 @@ from tests.validation.broad import (
 
 BROAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "broad"
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
+METHODS: tuple[MethodName, ...] = ("smoothed", "published", "live")
 GRAVITY = 9.80665
 TIME_CONSTANTS_S = (0.1, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 
@@ -53,6 +58,10 @@ def run_vqf(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
 def vertical_of(quaternion: Table) -> Table:
     w, x, y, z = quaternion.T
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+
+
+def run_live(acc_g: Table, gyr_dps: Table, rate_hz: float) -> Table:
+    return LiveVertical(rate_hz).update(acc_g, gyr_dps)
 
 
 def run_published(parameters: PublishedParameters) -> Estimator:
@@ -73,7 +82,8 @@ def compare_on_broad() -> None:
     }
     print("degrees; even: the half used for tuning, odd: the other half; aligned by one lag for all trials")
     print(
-        f"{'case':22s}{'rate':>5s}  {'estimator':12s}{'raw':>7s}{'aligned':>9s}{'lag ms':>8s}{'even':>7s}{'odd':>7s}{'worst':>7s}"
+        f"{'case':22s}{'rate':>5s}  {'estimator':12s}{'raw':>7s}{'aligned':>9s}"
+        f"{'lag ms':>8s}{'even':>7s}{'odd':>7s}{'worst':>7s}"
     )
     for rate, chosen in (("286", trials), ("100", [resample_to_100_hz(trial) for trial in trials])):
         for case, change in cases.items():
@@ -85,13 +95,15 @@ def print_scores(case: str, rate: str, trials: Sequence[Trial]) -> None:
         "smoothed": estimate_vertical,
         "offlineVQF": run_offline_vqf,
         "VQF": run_vqf,
+        "live": run_live,
         "published": run_published(PublishedParameters()),
     }
     for name, estimate in peers.items():
         result = score(trials, estimate)
         print(
             f"{case:22s}{rate:>5s}  {name:12s}{result.raw_deg:7.3f}{result.aligned_deg:9.3f}"
-            f"{1e3 * result.lag_s:8.1f}{result.even_deg:7.3f}{result.odd_deg:7.3f}{result.trials_deg.max():7.2f}"
+            f"{1e3 * result.lag_s:8.1f}{result.even_deg:7.3f}{result.odd_deg:7.3f}"
+            f"{result.trials_deg.max():7.2f}"
         )
 
 
@@ -100,16 +112,17 @@ def sweep_weight() -> None:
     shifts = [(samples, truth) for device in DEVICES for samples, truth in [simulate(device, 0.5, 1)]]
     print("published: RMSE in degrees by slerp weight, with the 0.002 Hz high-pass and without")
     print(
-        f"{'time constant s':>16s}{'weight 100 Hz':>15s}{'high-pass':>11s}{'BROAD':>8s}{'gt9x':>8s}{'lsm9ds1':>9s}"
+        f"{'time constant s':>16s}{'weight 100 Hz':>15s}{'high-pass':>11s}"
+        f"{'BROAD':>8s}{'gt9x':>8s}{'lsm9ds1':>9s}"
     )
     for highpass_hz in (0.002, 0.0):
         for constant_s in TIME_CONSTANTS_S:
             how = PublishedParameters(time_constant_s=constant_s, highpass_gyr_hz=highpass_hz)
             on_broad = score(trials, run_published(how)).raw_deg
-            on_shifts = [publish_error_deg(samples, truth, how) for samples, truth in shifts]
+            gt9x_deg, lsm_deg = (publish_error_deg(samples, truth, how) for samples, truth in shifts)
             print(
                 f"{constant_s:16.1f}{how.accelerometer_weight(100.0):15.4f}{highpass_hz:11.3f}{on_broad:8.2f}"
-                f"{on_shifts[0]:8.2f}{on_shifts[1]:9.2f}"
+                f"{gt9x_deg:8.2f}{lsm_deg:9.2f}"
             )
 
 
@@ -137,7 +150,7 @@ def compare_on_shifts(hours: float = 1.0, seeds: Sequence[int] = (1, 2, 3)) -> N
     for device in DEVICES:
         for seed in seeds:
             samples, truth = simulate(device, hours, seed)
-            for method in ("smoothed", "published"):
+            for method in METHODS:
                 found = estimate_elevation(samples, method).segments[0].elevation_deg
                 error = found - truth
                 bins = np.abs(share_bins(found) - share_bins(truth)).max()
@@ -170,7 +183,43 @@ def time_once(recording: Recording) -> tuple[float, float]:
     return middle - start, time.perf_counter() - middle
 
 
-PARTS = {"broad": compare_on_broad, "sweep": sweep_weight, "shift": compare_on_shifts, "speed": measure_speed}
+def measure_band(hours: float = 8.0, seeds: Sequence[int] = range(1, 11)) -> None:
+    print(f"simulated shifts of {hours} h at 100 Hz: share of the time in which 1.96 sigma covers the truth")
+    for device in DEVICES:
+        shares = [print_band(device, hours, seed) for seed in seeds]
+        even, odd = np.mean(shares[1::2]), np.mean(shares[::2])
+        print(f"{device:9s} all {np.mean(shares):.3f}; even (fitted) {even:.3f}, odd {odd:.3f}")
+
+
+def print_band(device: Device, hours: float, seed: int) -> float:
+    arrays = simulate_shift(device, hours, seed, 100.0).in_arrays()
+    samples = calibrate(record(device, arrays.rate_hz, arrays.acc_g, arrays.gyr_dps), "n-pose")
+    elevation = estimate_elevation(samples)
+    segment = elevation.segments[0]
+    if segment.sigma_deg is None:
+        raise SystemExit("smoothed gives a sigma")
+    sigma_deg = segment.sigma_deg[(np.arange(len(segment)) / segment.rate_hz).astype(np.int64)]
+    error = segment.elevation_deg - arrays.elevation_deg
+    share = float((np.abs(error) < 1.96 * sigma_deg).mean())
+    rmse, bins = (
+        float(np.sqrt(np.mean(error**2))),
+        np.abs(share_bins(segment.elevation_deg) - share_bins(arrays.elevation_deg)),
+    )
+    print(
+        f"{device:9s} seed {seed:2d}  covered {share:.3f}  sigma {elevation.bias_sigma_deg:.3f}  "
+        f"rmse {rmse:.3f}  mean {error.mean():+.3f}  30 deg bins {bins.max():.3f}",
+        flush=True,
+    )
+    return share
+
+
+PARTS = {
+    "broad": compare_on_broad,
+    "sweep": sweep_weight,
+    "shift": compare_on_shifts,
+    "speed": measure_speed,
+    "band": measure_band,
+}
 
 if __name__ == "__main__":
     for part in sys.argv[1:] or PARTS:

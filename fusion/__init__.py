@@ -4,6 +4,7 @@ The public names are loaded when first asked for, so that a program which only n
 value types does not pay for the compiler.
 """
 
+import hashlib
 import importlib
 import os
 import tempfile
@@ -49,14 +50,31 @@ def __getattr__(name: str) -> object:
 def _writable_cache() -> Path | None:
     """Find a folder of our own for compiled code; a shared one could be planted by another user."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
-    for folder in (Path(base).expanduser() / "acromion", Path(tempfile.gettempdir()) / _private_name()):
+    kernels = _fingerprint_kernels()
+    for place in (Path(base).expanduser() / "acromion", Path(tempfile.gettempdir()) / _private_name()):
+        folder = place / f"kernels-{kernels}"
         try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
         except OSError:
             continue
-        if os.access(folder, os.W_OK) and _is_ours(folder):
+        if os.access(folder, os.W_OK) and _is_ours(place) and _is_ours(folder):
             return folder
     return None
+
+
+def _fingerprint_kernels() -> str:
+    """Hash the sources that are compiled.
+
+    The compiler notices a change in a function's own file only; a kernel that has another inlined would go
+    on with the old one.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        source = path.read_bytes()
+        if b"numba" in source:
+            digest.update(path.name.encode() + source)
+    return digest.hexdigest()[:12]
 
 
 def _private_name() -> str:

@@ -1,26 +1,33 @@
 """Where the arm hung still, and what that says about the sensor: arm axis and gyroscope offset."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.calibration_rules import OTHER_RULES, CalibrationRules, rules_for
+from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
-from fusion.sensor_errors.accelerometer import AccelerometerCorrection, calibrate_accelerometer
+from fusion.remount import AxisPart, find_remounts, flag_remounts
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias
-from fusion.sensor_errors.gyro_bias import estimate_gyro_bias
+from fusion.sensor_errors.gyro_scale import GyroScale, leave_gyro_scale
 from fusion.sensor_errors.runs import view_segment
+from fusion.sensor_errors.self_calibration import (
+    CalibratedRun,
+    SensorCalibration,
+    apply_calibration,
+    calibrate_sensor,
+)
 from fusion.sensor_errors.stillness import (
     QuarterSeconds,
-    QuietTable,
     find_still_moments,
     reduce_run,
     summarise_windows,
 )
+from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stretches, score_still_period
 
-Pose = Literal["n-pose", "side-lean", "two-point"]
 Vector = NDArray[np.float64]
 
 
@@ -61,45 +68,15 @@ class Calibration:
     second: StillPeriod | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationRules:
-    """What counts as still, and as too much motion to calibrate on.
-
-    The first block is EXPOSURE.md A15: at least ``length_s`` with the acceleration's standard deviation
-    (largest axis) under ``quiet_acc_sd_g`` and its mean within ``one_g_within`` of 1 g.
-    ``quiet_gyro_sd_dps`` is ours: it keeps out a turn about the vertical, which the accelerometer cannot
-    see. The second block refuses windows; the third orders proposals.
-    """
-
-    length_s: float = 5.0
-    quiet_acc_sd_g: float = 0.01
-    quiet_gyro_sd_dps: float = 3.0
-    one_g_within: float = 0.10
-
-    fallback_s: float = 2.0
-    shortest_window_s: float = 1.0
-    refuse_acc_sd_g: float = 0.05
-    refuse_gyro_sd_dps: float = 15.0
-    refuse_from_one_g: float = 0.20
-
-    longest_proposal_s: float = 10.0
-    same_direction_deg: float = 20.0
-    good_score: float = 0.5
-    good_agreement: float = 0.25
-    early_s: float = 600.0
-
-
-GT9X_RULES = CalibrationRules(one_g_within=0.05)
-OTHER_RULES = CalibrationRules()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedSamples:
     """A recording together with its calibration: a type of its own, so that raw samples cannot be fused by
     mistake.
 
     The samples are not copied. ``bias`` is the gyroscope's bias through the whole recording, shared by all
-    segments; ``flags`` holds the caveats of calibrating (W-NO-STILL).
+    segments, as are ``accelerometer`` and ``gyro_scale``; ``flags`` holds the caveats of calibrating
+    (W-NO-STILL). ``runs`` are the segments as the estimators take them, so that no sample is reduced twice;
+    ``remounts`` the parts in which the sensor sat otherwise.
     """
 
     recording: Recording
@@ -107,6 +84,18 @@ class CalibratedSamples:
     bias: GyroBias
     accelerometer: AccelerometerCorrection
     flags: tuple[QualityFlag, ...] = ()
+    gyro_scale: GyroScale = field(default_factory=leave_gyro_scale)
+    runs: tuple[CalibratedRun, ...] = ()
+    remounts: tuple[AxisPart, ...] = ()
+
+    def run_of(self, segment: Segment) -> CalibratedRun:
+        """A segment as the estimators take it; one that was not there when calibrating is reduced now."""
+        for known, run in zip(self.recording.segments, self.runs, strict=False):
+            if known is segment and run.source is segment.gyr_dps:
+                return run
+        sensor = SensorCalibration(self.bias, self.accelerometer, self.gyro_scale)
+        ranges = (self.recording.acc_range_g, self.recording.gyr_range_dps)
+        return apply_calibration(view_segment(segment), sensor, *ranges)
 
 
 def calibrate(
@@ -133,17 +122,30 @@ def calibrate(
     flags: tuple[QualityFlag, ...] = ()
     blocks = _reduce(recording)
     stills = find_still_moments(blocks)
-    correction = calibrate_accelerometer(stills)
+    views = [view_segment(segment) for segment in recording.segments]
+    sensor, runs = calibrate_sensor(views, blocks, stills, recording.acc_range_g, recording.gyr_range_dps)
+    correction = sensor.accelerometer
     if pose == "two-point":
         hanging, level = _measure_pair(recording, windows_s)
         axis = share_between(correction.apply(hanging.gravity_g), correction.apply(level.gravity_g))
         calibration = Calibration(pose, hanging, axis, level)
     else:
         still = _choose_still(recording, windows_s, blocks)
-        flags = () if windows_s else flag_unquiet(still)
+        flags = () if windows_s else (*flag_unquiet(still), *_flag_unseen_lean(pose, still))
         calibration = Calibration(pose, still, _unit(correction.apply(still.gravity_g)))
-    bias = estimate_gyro_bias([view_segment(segment) for segment in recording.segments], stills)
-    return CalibratedSamples(recording, calibration, bias, correction, flags)
+    remounts = find_remounts(blocks, stills, correction, (calibration.still.start_s, calibration.arm_axis))
+    flags += flag_remounts(remounts, recording.duration_us / MICROSECONDS)
+    return CalibratedSamples(
+        recording, calibration, sensor.bias, correction, flags, sensor.gyro_scale, runs, remounts
+    )
+
+
+def _flag_unseen_lean(pose: Pose, still: StillPeriod) -> tuple[QualityFlag, ...]:
+    """W-LEAN: no sensor on the arm can tell whether the trunk was leaning in the window that we proposed."""
+    if pose != "side-lean":
+        return ()
+    end_s = still.start_s + still.duration_s
+    return (QualityFlag("W-LEAN", 1, still.duration_s, still.start_s, end_s),)
 
 
 def find_still_period(recording: Recording) -> StillPeriod:
@@ -160,31 +162,13 @@ def find_still_period(recording: Recording) -> StillPeriod:
 def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPeriod, ...]:
     """Quiet stretches of 5 to 10 s that could be the calibration pose, the likeliest first.
 
-    The order is by the product of three factors. Good enough: the score, where it is under a half. Early: halved
-    after ten minutes. Seen again: how much of the recording's still time has the same direction of gravity
-    within 20 deg, where that is under a quarter of the commonest direction's; this puts behind a sensor that lay
-    on a desk before it was strapped on. Each stretch of stillness counts for at most 10 s, so that an hour on
-    a desk does not outvote a day of standing.
+    The order is by the product of three factors. Good enough: the score, where it is under a half. Early:
+    halved after ten minutes. Seen again: how much of the recording's still time has the same direction of
+    gravity within 20 deg, where that is under a quarter of the commonest direction's; this puts behind a
+    sensor that lay on a desk before it was strapped on. Each stretch of stillness counts for at most 10 s,
+    so that an hour on a desk does not outvote a day of standing.
     """
     return _propose(recording, _reduce(recording), most)
-
-
-def score_still_period(
-    duration_s: float, acc_sd_g: float, gravity_g: Vector, rules: CalibrationRules = OTHER_RULES
-) -> float:
-    """Grade a still period, 0 to 1: the product of how still, how near 1 g and how long.
-
-    Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a
-    half at the limit, not below 0. Long: ``duration / 5 s``, at most 1.
-    """
-    still = 1.0 / (1.0 + (acc_sd_g / rules.quiet_acc_sd_g) ** 2)
-    near = max(0.0, 1.0 - abs(float(np.linalg.norm(gravity_g)) - 1.0) / (2.0 * rules.one_g_within))
-    return still * near * min(1.0, duration_s / rules.length_s)
-
-
-def rules_for(device: str) -> CalibrationRules:
-    """An LSM9DS1 (and anything unknown) may read 0.10 g off at rest, a GT9X 0.05 g."""
-    return GT9X_RULES if device == "gt9x" else OTHER_RULES
 
 
 def share_between(hanging_g: Vector, level_g: Vector) -> Vector:
@@ -227,12 +211,12 @@ def _find_still(recording: Recording, blocks: list[QuarterSeconds]) -> StillPeri
 
 def _propose(recording: Recording, blocks: list[QuarterSeconds], most: int) -> tuple[StillPeriod, ...]:
     rules = rules_for(recording.device)
-    stretches = _join_stretches(_quiet_windows(blocks, rules), rules)
-    if not stretches:
+    quiet = find_quiet_windows(blocks, rules)
+    if len(quiet) == 0:
         return ()
-    stills = [_measure(recording, start_s, end_s, rules) for start_s, end_s in stretches]
-    order = np.argsort(-_rank(stills, rules), kind="stable")[:most]
-    return tuple(stills[index] for index in order)
+    first, end_s = join_stretches(quiet, rules)
+    order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules), kind="stable")[:most]
+    return tuple(_measure(recording, float(quiet.start_s[first[k]]), float(end_s[k]), rules) for k in order)
 
 
 def _measure_pair(
@@ -300,40 +284,6 @@ def _measure(recording: Recording, start_s: float, end_s: float, rules: Calibrat
     gravity = acc.mean(axis=0)
     score = score_still_period(end_s - start_s, float(acc.std(axis=0).max()), gravity, rules)
     return StillPeriod(start_s, end_s - start_s, gravity, gyr.mean(axis=0), score)
-
-
-def _quiet_windows(blocks: list[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
-    table = summarise_windows(blocks, rules.length_s)
-    off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
-    return table.select(
-        (table.acc_sd_g < rules.quiet_acc_sd_g)
-        & (table.gyro_sd_dps < rules.quiet_gyro_sd_dps)
-        & (off < rules.one_g_within)
-    )
-
-
-def _join_stretches(table: QuietTable, rules: CalibrationRules) -> list[tuple[float, float]]:
-    """Overlapping quiet windows are one stretch; of a long one the first 10 s stand for it."""
-    if len(table) == 0:
-        return []
-    breaks = np.flatnonzero(np.diff(table.start_s) > table.duration_s) + 1
-    starts = table.start_s[np.concatenate([[0], breaks])]
-    ends = table.start_s[np.concatenate([breaks - 1, [len(table) - 1]])] + table.duration_s
-    return [
-        (float(start), float(min(end, start + rules.longest_proposal_s)))
-        for start, end in zip(starts, ends, strict=True)
-    ]
-
-
-def _rank(stills: list[StillPeriod], rules: CalibrationRules) -> Vector:
-    direction = np.array([_unit(still.gravity_g) for still in stills])
-    near = direction @ direction.T >= np.cos(np.radians(rules.same_direction_deg))
-    agreement = near @ np.array([still.duration_s for still in stills])
-    early = 1.0 / (1.0 + np.array([still.start_s for still in stills]) / rules.early_s)
-    score = np.array([still.score for still in stills])
-    good = np.minimum(1.0, score / rules.good_score)
-    agreed = np.minimum(1.0, agreement / (rules.good_agreement * agreement.max()))
-    return np.asarray(good * early * agreed)
 
 
 def _find_best_moment(recording: Recording, blocks: list[QuarterSeconds]) -> StillPeriod:

@@ -10,12 +10,20 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.calibration import CalibratedSamples, Vector
-from fusion.orientation import MethodName
+from fusion.choices import MethodName
+from fusion.orientation.live import LiveParameters, LiveVertical
+from fusion.orientation.on_demand import VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published
-from fusion.orientation.smoothed import SmoothedParameters, smooth_vertical
+from fusion.orientation.smoothed import SmoothedParameters, smooth_nodes
+from fusion.orientation.uncertainty import UncertaintySettings, estimate_sigma
 from fusion.recording import MICROSECONDS, BoolArray, Segment
+from fusion.sensor_errors.accelerometer import AccelerometerSettings
 from fusion.sensor_errors.gyro_bias import BiasSettings
+from fusion.sensor_errors.gyro_scale import GyroScaleSettings
 from fusion.sensor_errors.runs import view_segment
+from fusion.sensor_errors.stillness import StillRules
+
+Vertical = NDArray[np.float32] | VerticalOnDemand
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +48,19 @@ class ElevationSegment:
     valid
         Shape (n,). Fused and trusted, whatever the diary says (breaks stay valid).
     vertical
-        Shape (n, 3), float32: unit vector to the zenith in the sensor frame; None for a ready angle series.
+        Shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor frame; None for
+        a ready angle series.
+    sigma_deg
+        Shape (seconds,), float32: standard deviation of the angle in each second of the segment, the pose
+        left out (:mod:`fusion.orientation.uncertainty`); None where the method has no measure of it.
     """
 
     start_us: int
     rate_hz: float
     elevation_deg: NDArray[np.float32]
     valid: BoolArray
-    vertical: NDArray[np.float32] | None = None
+    vertical: Vertical | None = None
+    sigma_deg: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.elevation_deg)
@@ -60,37 +73,80 @@ class ElevationSegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elevation:
-    """Arm elevation through the recording; holes lie between the segments."""
+    """Arm elevation through the recording; holes lie between the segments.
+
+    ``bias_sigma_deg`` is the standard deviation of the angle over the whole recording, the pose left out: for
+    `smoothed` the root mean square of the seconds' own; None for a ready angle series.
+    """
 
     segments: tuple[ElevationSegment, ...]
     method: Method | None
+    bias_sigma_deg: float | None = None
 
 
 DEGREES = 180.0 / pi
 STRETCH = 512
 UNCERTAIN_DEG = 5.0
 SHORTEST_SEGMENT_S = 1.0
-VERSION = "1"
+VERSION = "2"
+
+TYPICAL_SIGMA_DEG = {"published": 4.2, "live": 1.3}
+"""Methods without a measure of their own: RMSE on simulated arm tasks and shifts (docs/validation.md)."""
 
 
 def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothed") -> Elevation:
     """Fuse each segment and take the angle between the arm axis and the vertical.
 
-    Not valid are rows that bridge a hole, segments under 1 s, and (`smoothed`) seconds in which past and
-    future disagree so much that the direction is uncertain by more than 5 deg
-    (:class:`fusion.orientation.smoothed.SmoothedVertical`). `published` has no such measure.
+    Not valid are rows that bridge a hole, segments under 1 s, and (`smoothed`) seconds that are uncertain by
+    more than 5 deg: by their sigma, or by half the angle between what past and future say. `published` has
+    no such measure; `live` leaves out the first 3 s of each segment, in which its direction rests on little.
     """
-    fuse = _fuse_published if method == "published" else _fuse_smoothed
+    fuse = {"smoothed": _fuse_smoothed, "published": _fuse_published, "live": _fuse_live}[method]
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)
-    return Elevation(segments, describe_method(method))
+    return Elevation(segments, describe_method(method, samples), _summarise_sigma(segments, method))
 
 
-def describe_method(method: MethodName) -> Method:
-    """Name, version and every parameter of an estimator."""
+def _summarise_sigma(segments: tuple[ElevationSegment, ...], method: MethodName) -> float:
+    if method != "smoothed":
+        return TYPICAL_SIGMA_DEG[method]
+    known = [segment.sigma_deg for segment in segments if segment.sigma_deg is not None]
+    every = np.concatenate(known).astype(np.float64) if known else np.zeros(0)
+    return (
+        float(np.sqrt(np.mean(np.minimum(every, 2.0 * UNCERTAIN_DEG) ** 2))) if len(every) else UNCERTAIN_DEG
+    )
+
+
+def describe_method(method: MethodName, samples: CalibratedSamples | None = None) -> Method:
+    """Name, version and every parameter of an estimator, and what it found in these samples."""
     if method == "published":
         return Method(method, VERSION, asdict(PublishedParameters()))
-    bias = {f"bias_{name}": float(value) for name, value in asdict(BiasSettings()).items()}
-    return Method(method, VERSION, asdict(SmoothedParameters()) | bias)
+    if method == "live":
+        return Method(method, VERSION, asdict(LiveParameters()))
+    own = {
+        "bias": asdict(BiasSettings()),
+        "still": asdict(StillRules()),
+        "accelerometer": asdict(AccelerometerSettings()),
+        "gyro_scale": asdict(GyroScaleSettings()),
+        "uncertainty": asdict(UncertaintySettings()),
+    }
+    found = {f"{part}_{name}": float(value) for part, all_of in own.items() for name, value in all_of.items()}
+    if samples is not None:
+        found |= _list_findings(samples)
+    return Method(method, VERSION, asdict(SmoothedParameters()) | found)
+
+
+def _list_findings(samples: CalibratedSamples) -> dict[str, float]:
+    """The self-calibration of this recording, which is a part of how its angle was made."""
+    triples = {
+        "found_accelerometer_offset_g": samples.accelerometer.offset_g,
+        "found_accelerometer_scale": samples.accelerometer.scale,
+        "found_gyro_scale": samples.gyro_scale.scale,
+    }
+    return {
+        f"{name}_{axis}": float(value)
+        for name, values in triples.items()
+        for axis, value in zip("xyz", values, strict=True)
+    }
 
 
 def measure_elevation(
@@ -138,17 +194,75 @@ def _turn_to_degrees(across: Any, along: Any, out: Any) -> None:  # pragma: no c
 
 
 def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    smoothed = smooth_vertical(view_segment(segment), samples.bias, samples.accelerometer, dtype=np.float32)
+    calibrated = samples.run_of(segment)
+    nodes = calibrated.nodes
+    smoothed = smooth_nodes(nodes)
+    sigma_deg = estimate_sigma(smoothed, samples.accelerometer)
+    rows = smoothed.nodes_per_value * nodes.rows_per_node
     valid = _start_valid(segment)
-    for second in np.flatnonzero(smoothed.uncertainty_deg > UNCERTAIN_DEG):
-        valid[second * smoothed.rows_per_value : (second + 1) * smoothed.rows_per_value] = False
-    return _measure_segment(samples, segment, smoothed.up, valid)
+    for value in np.flatnonzero(np.maximum(sigma_deg, smoothed.disagreement_deg) > UNCERTAIN_DEG):
+        valid[value * rows : (value + 1) * rows] = False
+    vertical = VerticalOnDemand(calibrated.run.gyr_dps, segment.rate_hz, nodes, smoothed.up)
+    elevation_deg = _measure_on_demand(vertical, samples.calibration.arm_axis)
+    _measure_anew(samples, segment, vertical, elevation_deg, valid)
+    by_second = _by_second(sigma_deg, rows, segment)
+    _widen_remounted(samples, segment, by_second)
+    return ElevationSegment(segment.start_us, segment.rate_hz, elevation_deg, valid, vertical, by_second)
+
+
+def _measure_on_demand(vertical: VerticalOnDemand, arm_axis: Vector) -> NDArray[np.float32]:
+    elevation_deg = np.empty(len(vertical), dtype=np.float32)
+    axis = np.asarray(arm_axis, dtype=np.float64)
+    for first, block in vertical.blocks():
+        _measure_angles(block, axis, elevation_deg[first : first + len(block)])
+    return elevation_deg
+
+
+def _measure_anew(
+    samples: CalibratedSamples,
+    segment: Segment,
+    vertical: Vertical,
+    elevation_deg: NDArray[np.float32],
+    valid: BoolArray,
+) -> None:
+    """Take the rows of a remounted sensor from that part's own axis, or do not trust them."""
+    for part in samples.remounts:
+        first, stop = (
+            int(np.clip((edge_s - segment.start_s) * segment.rate_hz, 0, len(segment)))
+            for edge_s in (part.start_s, part.end_s)
+        )
+        if part.arm_axis is None:
+            valid[first:stop] = False
+        elif stop > first:
+            elevation_deg[first:stop] = measure_elevation(vertical[first:stop], part.arm_axis)
+
+
+def _widen_remounted(samples: CalibratedSamples, segment: Segment, sigma_deg: NDArray[np.float32]) -> None:
+    """Add what is not known of the axis in the parts where it was carried over."""
+    for part in samples.remounts:
+        seconds = segment.start_s + np.arange(len(sigma_deg))
+        inside = (seconds >= part.start_s) & (seconds < part.end_s)
+        sigma_deg[inside] = np.hypot(sigma_deg[inside], part.sigma_deg)
+
+
+def _by_second(values: Vector, rows: int, segment: Segment) -> NDArray[np.float32]:
+    """Values that stand for ``rows`` rows each, at the middle of each second of the segment."""
+    seconds = int(np.ceil(len(segment) / segment.rate_hz))
+    middle = (np.arange(seconds) + 0.5) * segment.rate_hz / rows
+    return values[np.minimum(middle.astype(np.int64), len(values) - 1)].astype(np.float32)
 
 
 def _fuse_published(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
     bias_dps = samples.calibration.still.gyro_bias_dps
     up = estimate_published(view_segment(segment), bias_dps, dtype=np.float32)
     return _measure_segment(samples, segment, up, _start_valid(segment))
+
+
+def _fuse_live(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
+    live = LiveVertical(segment.rate_hz, samples.calibration.still.gyro_bias_dps)
+    valid = _start_valid(segment)
+    valid[: round(LiveParameters().time_constant_s * segment.rate_hz)] = False
+    return _measure_segment(samples, segment, live.update(segment.acc_g, segment.gyr_dps), valid)
 
 
 def _start_valid(segment: Segment) -> BoolArray:
@@ -166,4 +280,5 @@ def _measure_segment(
 ) -> ElevationSegment:
     elevation_deg = measure_elevation(up, samples.calibration.arm_axis)
     vertical = np.asarray(up, dtype=np.float32)
+    _measure_anew(samples, segment, vertical, elevation_deg, valid)
     return ElevationSegment(segment.start_us, segment.rate_hz, elevation_deg, valid, vertical)

@@ -9,6 +9,7 @@ sentence: the sentences live in the wording files of ``app/report/wording``.
         UnknownFormat   what the bytes are is not a recording (wrong type, wrong name, epochs, no gyroscope)
         DamagedFile     it was a recording once (cut, corrupt, unsafe archive)
       UnusableRecording it can be read, but no angle can be trusted (too short, dead axis, wrong scale)
+      UnusableDiary     the list of periods that came with it cannot be followed
 """
 
 from typing import ClassVar
@@ -171,3 +172,21 @@ class WrongAngle(UnusableRecording):
     """An elevation outside 0 to 180 deg. Facts: value, line."""
 
     code = "E-ANGLE"
+
+
+class UnusableDiary(FusionError):
+    """A row of the diary cannot be used. Facts: line, why, cure, value; other (a second line)."""
+
+    code = "E-DIARY"
+
+
+class UnusableJoin(UnusableRecording):
+    """Files that are not one shift of one device. Facts: why."""
+
+    code = "E-JOIN"
+
+
+class UnusableProfile(FusionError):
+    """A column profile that says nothing usable. Facts: why, name."""
+
+    code = "E-PROFILE"

@@ -6,15 +6,16 @@ The sign that fits tells a left-handed frame, the factor that fits tells the uni
 strong evidence; what is changed is flagged.
 """
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.errors import WrongScale
 from fusion.recording import QualityFlag, Recording, Segment
+from fusion.still_pairs import StillPair, find_still_pairs, moving_mean, probe_blocks, score_factor
 
 STANDARD_GRAVITY = 9.80665
 DEG_PER_RAD = 180.0 / np.pi
@@ -32,46 +33,16 @@ ARDUINO_DPS = 2000.0 / 32768.0
 ARDUINO_FACTOR = 0.07 / ARDUINO_DPS
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
-PROBED_BLOCKS = 150
-BLOCK_S = 8.0
-STILL_S = 0.05
-LONGEST_PAIR_S = 2.0
-MIN_TILT_DEG = 4.0
 MIN_PAIRS = 20
 CLEAR_RATIO = 0.6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StillPair:
-    """Two still moments and the angular rates from one to the other, deg/s, shape (n, 3)."""
-
-    before_g: NDArray[np.float64]
-    after_g: NDArray[np.float64]
-    gyr_dps: NDArray[np.float64]
-    period_s: float
-
-
-@njit(cache=True, nogil=True)
-def carry_gravity(
-    gravity: NDArray[np.float64], gyr_dps: NDArray[np.float64], factor: float, period_s: float
-) -> NDArray[np.float64]:
-    """Turn a vector fixed in space as the sensor sees it turn (Rodrigues' formula, step by step)."""
-    x, y, z = gravity[0], gravity[1], gravity[2]
-    step = -factor * period_s * np.pi / 180.0
-    for k in range(len(gyr_dps)):
-        wx, wy, wz = gyr_dps[k, 0] * step, gyr_dps[k, 1] * step, gyr_dps[k, 2] * step
-        angle = np.sqrt(wx * wx + wy * wy + wz * wz)
-        if angle < 1e-12:
-            continue
-        ux, uy, uz = wx / angle, wy / angle, wz / angle
-        c, s = np.cos(angle), np.sin(angle)
-        along = (ux * x + uy * y + uz * z) * (1.0 - c)
-        x, y, z = (
-            x * c + (uy * z - uz * y) * s + ux * along,
-            y * c + (uz * x - ux * z) * s + uy * along,
-            z * c + (ux * y - uy * x) * s + uz * along,
-        )
-    return np.array([x, y, z])
+WRONG_AXES, RIGHT_AXES = 0.5, 0.15
+"""Scores from which the axes are taken to be mixed up, and below which another order is believed."""
+RIVAL_RATIO = 2.0
+TURNS = [
+    (order, signs)
+    for order in itertools.permutations(range(3))
+    for signs in itertools.product((1.0, -1.0), repeat=3)
+]
 
 
 def check_physics(recording: Recording) -> Recording:
@@ -89,9 +60,12 @@ def check_physics(recording: Recording) -> Recording:
     if recording.device == "gt9x":
         return checked
     pairs = find_still_pairs(checked.segments)
-    checked = _check_rate_unit(checked, pairs)
-    pairs = find_still_pairs(checked.segments)
-    checked, is_left_handed = _check_frame(checked, pairs)
+    rated = _check_rate_unit(checked, pairs)
+    if rated.segments[0].gyr_dps is not checked.segments[0].gyr_dps:
+        pairs = find_still_pairs(rated.segments)
+    checked, is_left_handed = _check_frame(rated, pairs)
+    if not is_left_handed:
+        checked = _check_axes(checked, pairs)
     return _check_arduino(checked, is_left_handed=is_left_handed)
 
 
@@ -109,72 +83,6 @@ def find_rest_g(segments: Sequence[Segment]) -> tuple[float, bool]:
         return float(np.median(found)), True
     lengths = np.concatenate(every) if every else np.empty(0)
     return (float(np.median(lengths)) if len(lengths) else 0.0), False
-
-
-def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
-    """Blocks of 8 s spread over the recording: all of a short one, 150 of a long one."""
-    blocks = []
-    for segment in segments:
-        n = max(8, round(BLOCK_S * segment.rate_hz))
-        blocks += [(segment, first, min(first + n, len(segment))) for first in range(0, len(segment), n)]
-    stride = max(1, -(-len(blocks) // PROBED_BLOCKS))
-    return blocks[::stride]
-
-
-def moving_mean(segment: Segment, first: int, stop: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
-    width = max(3, round(STILL_S * segment.rate_hz))
-    acc = segment.acc_g[first:stop].astype(np.float64)
-    if len(acc) <= width:
-        return np.empty((0, 3)), np.empty(0)
-    sums = np.cumsum(np.vstack([np.zeros(3), acc]), axis=0)
-    squares = np.cumsum(np.vstack([np.zeros(3), acc * acc]), axis=0)
-    means = (sums[width:] - sums[:-width]) / width
-    variances = (squares[width:] - squares[:-width]) / width - means * means
-    return means, np.sqrt(np.maximum(variances, 0.0).max(axis=1))
-
-
-def find_still_pairs(segments: Sequence[Segment]) -> list[StillPair]:
-    """Still moments at most 2 s apart between which the tilt changed by 4 deg or more."""
-    return [
-        pair for segment, first, stop in probe_blocks(segments) for pair in _pairs_in(segment, first, stop)
-    ]
-
-
-def _pairs_in(segment: Segment, first: int, stop: int) -> list[StillPair]:
-    means, scatter = moving_mean(segment, first, stop)
-    is_still = (np.abs(np.linalg.norm(means, axis=1) - 1.0) < 0.05) & (scatter < 0.05)
-    places = np.flatnonzero(is_still)
-    half = max(3, round(STILL_S * segment.rate_hz)) // 2
-    longest = round(LONGEST_PAIR_S * segment.rate_hz)
-    pairs: list[StillPair] = []
-    at = 0
-    while at < len(places):
-        reach = np.searchsorted(places, places[at] + longest, side="right") - 1
-        i, j = int(places[at]), int(places[reach])
-        if _angle_deg(means[i], means[j]) >= MIN_TILT_DEG:
-            rates = segment.gyr_dps[first + i + half : first + j + half].astype(np.float64)
-            pairs.append(StillPair(means[i], means[j], rates, 1.0 / segment.rate_hz))
-        at = max(at + 1, int(reach))
-    return pairs
-
-
-def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    lengths = max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-12)
-    return float(np.degrees(np.arccos(np.clip(first @ second / lengths, -1.0, 1.0))))
-
-
-def score_factor(pairs: Sequence[StillPair], factor: float) -> float:
-    """How badly a gyroscope times ``factor`` explains the tilts: 0 wholly, 1 no better than none at all.
-
-    Squared angles in relation to the squared tilts.
-    """
-    wrong = [
-        _angle_deg(carry_gravity(pair.before_g, pair.gyr_dps, factor, pair.period_s), pair.after_g) ** 2
-        for pair in pairs
-    ]
-    tilts = [_angle_deg(pair.before_g, pair.after_g) ** 2 for pair in pairs]
-    return float(np.sum(wrong) / max(np.sum(tilts), 1e-12))
 
 
 def _check_gravity(recording: Recording) -> Recording:
@@ -270,6 +178,33 @@ def _check_frame(recording: Recording, pairs: Sequence[StillPair]) -> tuple[Reco
     }
     flag = QualityFlag("W-UNITS", facts=facts)
     return replace(recording, segments=segments, flags=(*recording.flags, flag)), True
+
+
+def _check_axes(recording: Recording, pairs: Sequence[StillPair]) -> Recording:
+    """Put the gyroscope's axes in the order and with the signs in which they explain how gravity turns.
+
+    Only where they do not as they are, exactly one other order does, and there are pairs enough.
+    """
+    if len(pairs) < MIN_PAIRS or score_factor(pairs, 1.0) < WRONG_AXES:
+        return recording
+    scores = sorted((score_factor([_turn(pair, *turn) for pair in pairs], 1.0), turn) for turn in TURNS)
+    (best, (order, signs)), (rival, _) = scores[0], scores[1]
+    if best > RIGHT_AXES or rival < RIVAL_RATIO * best or rival < WRONG_AXES:
+        return recording
+    segments = tuple(
+        replace(s, gyr_dps=np.ascontiguousarray(s.gyr_dps[:, order]) * np.array(signs, np.float32))
+        for s in recording.segments
+    )
+    names = " ".join(
+        f"{'-' if sign < 0 else '+'}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True)
+    )
+    facts: dict[str, str | int | float] = {"what": "axes", "evidence": "motion", "order": names}
+    flag = QualityFlag("W-UNITS", facts=facts)
+    return replace(recording, segments=segments, flags=(*recording.flags, flag))
+
+
+def _turn(pair: StillPair, order: tuple[int, ...], signs: tuple[float, ...]) -> StillPair:
+    return replace(pair, gyr_dps=np.ascontiguousarray(pair.gyr_dps[:, order]) * np.array(signs))
 
 
 def _check_arduino(recording: Recording, *, is_left_handed: bool) -> Recording:

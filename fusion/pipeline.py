@@ -6,28 +6,32 @@ from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
 from fusion.angle_series import read_angle_series
-from fusion.calibration import Calibration, Pose, calibrate
+from fusion.calibration import Calibration, calibrate
+from fusion.choices import MethodName, Pose
+from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation
-from fusion.exposure import Exposure, summarise_exposure
-from fusion.orientation import MethodName
+from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure
+from fusion.periods import Placed, divide_day, list_exclusions, place_diary
 from fusion.quality import (
     Quality,
     TimeAccount,
     account_time,
     assess_quality,
     find_exclusions,
+    flag_spans,
+    flag_untrusted,
     leave_out,
+    make_disjoint,
+    name_parts,
+    propose_nonwear,
+    refuse_short,
 )
-from fusion.recording import Recording, Span
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
-Side = Literal["left", "right"]
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
 POSE_SIGMA_DEG = 3.0
 """How well a held pose ties the sensor to the arm, one standard deviation."""
-
-FUSION_SIGMA_DEG: dict[MethodName, float] = {"smoothed": 0.5, "published": 4.2}
-"""Typical error of the angle itself: RMSE on simulated shifts (benchmarks/road.py) and arm tasks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,16 +40,22 @@ class AnalysisSettings:
 
     ``calibration_windows_s``: (start, end) seconds from the first sample; none means "propose one";
     two for the two-point pose (hanging, then level).
+    ``diary``: what the day consisted of; breaks, time not worn and outside the shift are not analysed.
     """
 
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
     calibration_windows_s: tuple[tuple[float, float], ...] = ()
+    diary: tuple[DiaryEntry, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """Every step's result. ``calibration`` is None for a ready angle series."""
+    """Every step's result. ``calibration`` is None for a ready angle series.
+
+    ``elevation`` is valid in breaks too; ``exclusions`` are all that left the analysed time, the diary's
+    breaks among them.
+    """
 
     recording: Recording
     settings: AnalysisSettings
@@ -72,32 +82,86 @@ def analyse(
     ------
     fusion.errors.UnusableRecording
         When no angle can be trusted (too short, no usable calibration).
+    fusion.errors.UnusableDiary
+        When a row of the diary cannot be placed on the recording.
     """
     settings = settings or AnalysisSettings()
     on_step("checking")
+    placed = place_diary(settings.diary, recording.start, recording.duration_us)
+    refuse_short(recording)
     exclusions = find_exclusions(recording)
     on_step("calibrating")
     samples = calibrate(recording, settings.pose, settings.calibration_windows_s)
     on_step("fusing")
-    elevation = leave_out(estimate_elevation(samples, settings.method), exclusions)
+    fused = estimate_elevation(samples, settings.method)
+    elevation = leave_out(fused, exclusions)
     on_step("counting")
-    time = account_time(recording, elevation, exclusions)
+    day = _divide(recording, elevation, exclusions, placed)
     exposure = summarise_exposure(
-        elevation,
+        day.counted,
         recording.start,
         recording,
         samples.calibration.still.gyro_bias_dps,
-        math.hypot(POSE_SIGMA_DEG, FUSION_SIGMA_DEG[settings.method]),
+        math.hypot(POSE_SIGMA_DEG, elevation.bias_sigma_deg or 0.0),
+        division=day.division,
     )
-    quality = assess_quality(recording, samples.calibration, time, exclusions, samples.flags)
-    return Analysis(recording, settings, samples.calibration, elevation, exclusions, time, exposure, quality)
+    time = _account(recording, day, exposure)
+    flags = (*samples.flags, *placed.flags, *_doubt(recording, fused, day.exclusions))
+    quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
+    return Analysis(
+        recording, settings, samples.calibration, elevation, day.exclusions, time, exposure, quality
+    )
 
 
-def analyse_angles(file: BinaryIO, on_step: Callable[[Step], None] = announce_nothing) -> Analysis:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Day:
+    """The day as its diary divides it: what is counted, and all that is left out."""
+
+    division: DayDivision
+    exclusions: tuple[Span, ...]
+    counted: Elevation
+
+
+def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, ...], placed: Placed) -> _Day:
+    """Take the diary's breaks out of what is counted; where two reasons meet, the diary's is given."""
+    if not placed.periods:
+        return _Day(DayDivision(), exclusions, elevation)
+    periods = snap_periods(placed.periods, elevation.segments)
+    pieces = divide_day(periods, recording.duration_us)
+    left_out = list_exclusions(pieces)
+    every = make_disjoint((*exclusions, *left_out), recording.duration_us)
+    return _Day(DayDivision(periods, pieces), every, leave_out(elevation, left_out))
+
+
+def _doubt(recording: Recording, fused: Elevation, exclusions: tuple[Span, ...]) -> tuple[QualityFlag, ...]:
+    """Flag, with its times, what the signal itself makes doubtful."""
+    return (
+        *flag_spans("W-NONWEAR", propose_nonwear(recording, exclusions)),
+        *flag_untrusted(recording, fused, exclusions),
+    )
+
+
+def _account(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
+    time = account_time(recording, day.counted, day.exclusions)
+    analysed_us: dict[str, int] = {}
+    for part in exposure.by_period:
+        part_us = round(part.analysed_s * MICROSECONDS)
+        analysed_us[part.kind] = analysed_us.get(part.kind, 0) + part_us
+    return name_parts(time, analysed_us or {"work": time.analysed_us}, day.exclusions)
+
+
+def analyse_angles(
+    file: BinaryIO,
+    on_step: Callable[[Step], None] = announce_nothing,
+    diary: tuple[DiaryEntry, ...] = (),
+) -> Analysis:
     """Give the exposure of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
     recording, elevation = read_angle_series(file)
+    placed = place_diary(diary, recording.start, recording.duration_us)
     on_step("counting")
-    time = account_time(recording, elevation, ())
-    exposure = summarise_exposure(elevation, recording.start)
-    quality = assess_quality(recording, None, time, ())
-    return Analysis(recording, AnalysisSettings(), None, elevation, (), time, exposure, quality)
+    day = _divide(recording, elevation, (), placed)
+    exposure = summarise_exposure(day.counted, recording.start, division=day.division)
+    time = _account(recording, day, exposure)
+    quality = assess_quality(recording, None, time, day.exclusions, placed.flags)
+    settings = AnalysisSettings(diary=diary)
+    return Analysis(recording, settings, None, elevation, day.exclusions, time, exposure, quality)

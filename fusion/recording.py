@@ -17,7 +17,8 @@ MICROSECONDS = 1_000_000
 class QualityFlag:
     """A caveat on the numbers: one line of the data-quality box.
 
-    ``first_s`` and ``last_s`` are seconds from the first sample, None where the caveat has no place.
+    ``first_s`` and ``last_s`` are seconds from the first sample, None where the caveat has no place;
+    ``spans_s`` are the stretches (start, end) it is about, where they are known.
     """
 
     code: str
@@ -26,6 +27,7 @@ class QualityFlag:
     first_s: float | None = None
     last_s: float | None = None
     facts: Mapping[str, str | int | float] = field(default_factory=dict)
+    spans_s: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

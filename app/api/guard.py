@@ -54,6 +54,9 @@ class Guard:
             await self._answer(request, refusal)(scope, receive, sealed)
             return
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s)
+        if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
+            await self._app({**scope, "method": "GET"}, watch.receive, _drop_body(sealed))
+            return
         await self._app(scope, watch.receive, sealed)
 
 
@@ -94,6 +97,18 @@ def _seal_answers(send: Send) -> Send:
         await send(message)
 
     return sealed
+
+
+def _drop_body(send: Send) -> Send:
+    """Send the head of an answer and nothing of its body."""
+
+    async def headed(message: Message) -> None:
+        if message["type"] == "http.response.body":
+            message = {**message, "body": b""}
+        if message["type"] != "http.response.pathsend":
+            await send(message)
+
+    return headed
 
 
 class _BodyWatch:

@@ -1,52 +1,41 @@
 """What may be asked with a recording."""
 
-import math
-import re
-from typing import Annotated, Literal
+from collections.abc import Callable
+from typing import Annotated, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from app.errors import BadParameter
 from app.report.wording import Language
-from app.workflow import ReportRequest
-from fusion.calibration import Pose
-from fusion.orientation import MethodName
+from app.request import (
+    SUBJECT_ALLOWED,
+    WINDOW_ALLOWED,
+    ReportRequest,
+    check_subject,
+    clean_file_name,
+    list_window_counts,
+    parse_window,
+)
+from fusion.choices import MethodName, Pose
 
-# Control characters, and the marks that turn the direction of text around them.
-_UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-_LONGEST_NAME = 200
-
-
-def clean_file_name(name: str) -> str:
-    """Give the last part of a path as one printable line; it is only ever shown, never a path on our disk."""
-    last = re.split(r"[/\\]", name)[-1]
-    kept = _UNPRINTABLE.sub("", last).strip()
-    stem, dot, ending = kept.rpartition(".")
-    if len(kept) > _LONGEST_NAME and dot and len(ending) <= 10:
-        kept = stem[: _LONGEST_NAME - len(ending) - 1] + dot + ending
-    return kept[:_LONGEST_NAME] or "recording"
+T = TypeVar("T")
 
 
-def _check_printable(text: str) -> str:
-    if _UNPRINTABLE.search(text):
-        raise PydanticCustomError("unprintable", "unprintable", {"expected": "A-Z a-z 0-9 - _"})
-    return text.strip()
+def _check_subject(text: str) -> str:
+    return _take(check_subject, text, SUBJECT_ALLOWED)
 
 
 def _check_window(text: str) -> str:
-    parse_window(text)
+    _take(parse_window, text, WINDOW_ALLOWED)
     return text
 
 
-def parse_window(text: str) -> tuple[float, float]:
-    """Read ``START_S,END_S``."""
+def _take(read: Callable[[str], T], text: str, allowed: str) -> T:
     try:
-        start_s, end_s = (float(part) for part in text.split(","))
+        return read(text)
     except ValueError:
-        start_s = end_s = math.nan
-    if not 0 <= start_s < end_s < math.inf:
-        raise PydanticCustomError("window", "window", {"expected": "START_S,END_S"})
-    return start_s, end_s
+        raise PydanticCustomError("value", "value", {"expected": allowed}) from None
 
 
 class AnalyzeParameters(BaseModel):
@@ -58,8 +47,8 @@ class AnalyzeParameters(BaseModel):
     side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
     subject: Annotated[
         str,
-        Field(max_length=100, description="Subject code; never a name."),
-        AfterValidator(_check_printable),
+        Field(description="Subject code; never a name."),
+        AfterValidator(_check_subject),
     ] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
@@ -69,6 +58,17 @@ class AnalyzeParameters(BaseModel):
         Field(max_length=2, description="START_S,END_S; twice for two-point: hanging, level."),
     ] = []
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
+
+    @model_validator(mode="after")
+    def _count_windows(self) -> Self:
+        allowed = list_window_counts(self.pose)
+        if len(self.calibration) not in allowed:
+            raise BadParameter(
+                name="calibration",
+                value=str(len(self.calibration)),
+                allowed=f"{self.pose}: {'|'.join(map(str, allowed))} x {WINDOW_ALLOWED}",
+            )
+        return self
 
     def to_request(self, language: Language) -> ReportRequest:
         """Give the request of the one road; both languages are made, the one asked for first."""

@@ -74,6 +74,8 @@ def answer_refusal(request: Request, error: FusionError | AppError) -> JSONRespo
     headers = {"Content-Language": language, "Vary": "Accept-Language"}
     if request.method not in ("GET", "HEAD"):
         headers["Connection"] = "close"  # there may be a body that nobody will read
+    if isinstance(error, WrongVerb) and error.facts.get("allowed"):
+        headers["Allow"] = str(error.facts["allowed"])
     if view.retryable and view.status in (409, 503, 507):
         headers["Retry-After"] = "5"
     return JSONResponse(

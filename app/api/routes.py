@@ -14,6 +14,7 @@ from app.api.guard import REPORT_POLICY
 from app.api.parameters import AnalyzeParameters
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
 from app.api.schemas import (
+    RESULT_NAMES,
     AnalysisList,
     AnalysisView,
     VersionView,
@@ -23,6 +24,7 @@ from app.api.services import Services, UsedLanguage, UsedServices
 from app.api.upload import take_recording
 from app.errors import NoSuchFile, NotFinished, NotHere, list_refusals
 from app.jobs.job import Job, JobState
+from app.report.bundle import pack_files
 from app.report.wording import Language
 from app.version import software_revision, software_version
 
@@ -34,7 +36,10 @@ MEDIA_TYPES: Mapping[str, str] = {
     "pdf": "application/pdf",
     "parquet": "application/vnd.apache.parquet",
     "csv": "text/csv; charset=utf-8",
+    "txt": "text/plain; charset=utf-8",
+    "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
 }
+EXPORT_NAMES = frozenset(RESULT_NAMES) - {"results.json", "report.html", "report.pdf", "answer.txt"}
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 ReportLanguage = Annotated[Language | None, Query(description="en or fr; else the one asked for first")]
@@ -99,12 +104,6 @@ def get_elevation(analysis_id: str, request: Request, services: UsedServices) ->
     return _serve_file(request, services, analysis_id, "elevation.parquet")
 
 
-@router.get("/analyses/{analysis_id}/summary.csv", response_class=FileResponse)
-def get_summary(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """One row of the main figures."""
-    return _serve_file(request, services, analysis_id, "summary.csv")
-
-
 @router.get("/analyses/{analysis_id}/report.html", response_class=FileResponse)
 def get_report_html(
     analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
@@ -119,6 +118,35 @@ def get_report_pdf(
 ) -> Response:
     """The report, to print and to file."""
     return _serve_report(request, services, analysis_id, "pdf", lang)
+
+
+@router.get("/analyses/{analysis_id}/answer.txt", response_class=FileResponse)
+def get_answer(
+    analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
+) -> Response:
+    """The answer in five lines, to paste into a record."""
+    return _serve_report(request, services, analysis_id, "txt", lang)
+
+
+@router.get("/analyses/{analysis_id}/bundle.zip")
+def get_bundle(analysis_id: str, services: UsedServices) -> Response:
+    """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
+    job = services.store.get(analysis_id)
+    _check_succeeded(job, "bundle.zip")
+    if job.token is None:
+        raise NoSuchFile(name="bundle.zip")
+    folder = services.storage.attempt(job.id, job.token)
+    body = pack_files({path.name: path.read_bytes() for path in folder.iterdir()})
+    disposition = f'attachment; filename="{name_ascii(name_download(job, "bundle.zip"))}"'
+    return Response(body, media_type="application/zip", headers={"Content-Disposition": disposition})
+
+
+@router.get("/analyses/{analysis_id}/{name}", response_class=FileResponse)
+def get_export(analysis_id: str, name: str, request: Request, services: UsedServices) -> Response:
+    """The main figures as a table: summary (csv, _fr.csv, xlsx, parquet), dictionary.csv, redcap_*.csv."""
+    if name not in EXPORT_NAMES:
+        raise NotHere
+    return _serve_file(request, services, analysis_id, name)
 
 
 @router.get("/problems/{code}")
@@ -155,11 +183,12 @@ def _serve_report(
     request: Request,
     services: Services,
     analysis_id: str,
-    kind: Literal["html", "pdf"],
+    kind: Literal["html", "pdf", "txt"],
     lang: Language | None,
 ) -> Response:
     languages = services.store.get(analysis_id).request.languages
-    return _serve_file(request, services, analysis_id, f"report.{lang or languages[0]}.{kind}")
+    stem = "answer" if kind == "txt" else "report"
+    return _serve_file(request, services, analysis_id, f"{stem}.{lang or languages[0]}.{kind}")
 
 
 def _serve_file(request: Request, services: Services, analysis_id: str, name: str) -> Response:
@@ -188,6 +217,11 @@ def _check_succeeded(job: Job, name: str) -> None:
         raise NotFinished(state=job.state.value)
     if job.state is not JobState.SUCCEEDED:
         raise NoSuchFile(name=name)
+
+
+def name_ascii(name: str) -> str:
+    """Write a name with the signs that an HTTP header takes."""
+    return name.encode("ascii", "replace").decode("ascii").replace("?", "_")
 
 
 def name_download(job: Job, name: str) -> str:

@@ -8,9 +8,23 @@ from pydantic import BaseModel
 from app.api.problems import ProblemView, view_problem
 from app.jobs.job import Job
 from app.report.wording import Language
-from app.workflow import ReportRequest
+from app.request import ReportRequest
 
-RESULT_NAMES = ("results.json", "report.html", "report.pdf", "elevation.parquet", "summary.csv")
+RESULT_NAMES = (
+    "results.json",
+    "report.html",
+    "report.pdf",
+    "answer.txt",
+    "elevation.parquet",
+    "summary.csv",
+    "summary_fr.csv",
+    "summary.xlsx",
+    "summary.parquet",
+    "dictionary.csv",
+    "redcap_import.csv",
+    "redcap_dictionary.csv",
+    "bundle.zip",
+)
 
 
 class AnalysisView(BaseModel):

@@ -7,8 +7,8 @@ from starlette.requests import ClientDisconnect
 from app.api.services import Services
 from app.errors import BadParameter, BrokenUpload
 from app.jobs.job import Job
+from app.request import ReportRequest
 from app.storage import COPY_BYTES, StoredRecording, Upload, too_large
-from app.workflow import ReportRequest
 from fusion.errors import EmptyFile
 
 

@@ -1,5 +1,6 @@
 """One attempt at a job, in a process of its own: limited, and harmless when it dies."""
 
+import importlib
 import json
 import logging
 import multiprocessing
@@ -19,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
+from app.request import OnStage, ReportRequest, Stage
+from app.settings import Settings
 from app.storage import ResultFile, seal_folder
-from app.workflow import OnStage, ReportRequest, Stage
 from fusion.errors import Fact, FusionError
 
 if sys.platform != "win32":
@@ -44,7 +46,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class Attempt:
     """What one attempt has to do: from this file, by this request, into this folder."""
 
     log: Path
@@ -84,25 +86,36 @@ class Stopped:
 Outcome = Finished | Refused | Died | Stopped
 
 
+def load_and_make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Take the one road; the science is loaded only where it is needed, in the child process."""
+    importlib.import_module("app.workflow").make_report(log, request, out, on_stage)
+
+
+def choose_limits(settings: Settings, size_bytes: int) -> Limits:
+    """Give a large file more time."""
+    wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
+    return Limits(settings.memory_limit_bytes, wall_s)
+
+
 def warm_up() -> None:
     """Have the fork server import the science now, so that the first job need not wait for it."""
     if _choose_context().get_start_method() == "forkserver":
         forkserver.ensure_running()
 
 
-def run_attempt(task: Task, on_progress: OnProgress) -> Outcome:
-    """Do the task in a child process and wait for it.
+def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
+    """Make the attempt in a child process and wait for it.
 
     ``on_progress`` is called several times a second with the stage and the fraction done; when it answers
     False the child is killed.
     """
     context = _choose_context()
     ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=_work, args=(task, theirs), daemon=True)
+    child = context.Process(target=_work, args=(attempt, theirs), daemon=True)
     child.start()
     theirs.close()
     try:
-        return _follow(child, ours, task.limits, on_progress)
+        return _follow(child, ours, attempt.limits, on_progress)
     finally:
         child.kill()
         child.join()
@@ -143,12 +156,12 @@ def _read_outcome(message: dict[str, Any]) -> Outcome:
     return Refused(message["code"], message["facts"])
 
 
-def _work(task: Task, pipe: Connection) -> None:
+def _work(attempt: Attempt, pipe: Connection) -> None:
     """Be the child process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for our worker, who ends us
     threading.Thread(target=_leave_with_parent, daemon=True).start()
-    _limit_self(task.limits)
-    result = _try_task(task, partial(_tell_stage, pipe))
+    _limit_self(attempt.limits)
+    result = _try(attempt, partial(_tell_stage, pipe))
     if isinstance(result, Finished):
         files = [(file.name, file.sha256, file.size_bytes) for file in result.files]
         _tell(pipe, {"files": files})
@@ -157,14 +170,14 @@ def _work(task: Task, pipe: Connection) -> None:
     pipe.close()
 
 
-def _try_task(task: Task, on_stage: OnStage) -> Finished | Refused:
+def _try(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
-        task.make_report(task.log, task.request, task.out, on_stage)
-        return Finished(seal_folder(task.out))
+        attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
+        return Finished(seal_folder(attempt.out))
     except FusionError as refusal:
         return Refused(refusal.code, refusal.facts)
     except MemoryError:
-        return _refuse(OutOfMemory(max=round(task.limits.memory_bytes / 1e9, 1)))
+        return _refuse(OutOfMemory(max=round(attempt.limits.memory_bytes / 1e9, 1)))
     except Exception:  # the one place where a bug becomes a failed job
         reference = secrets.token_hex(4)
         logger.exception("analysis failed, reference %s", reference)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
-from app.workflow import ReportRequest
+from app.request import ReportRequest
 from fusion.errors import Fact
 
 

@@ -43,10 +43,6 @@ class WorkerPool:
                 worker.kill()
                 worker.wait()
 
-    def list_pids(self) -> tuple[int, ...]:
-        """Give the process numbers of the workers that live."""
-        return tuple(worker.pid for worker in self._workers if worker.poll() is None)
-
     def _keep(self) -> None:
         pause_s = CHECK_S
         while not self._stopping.wait(pause_s):

@@ -11,8 +11,8 @@ from sqlalchemy import Connection, Row, Select, Update, func, insert, select, up
 from app.errors import NotHere
 from app.jobs.job import Claim, Claimer, Job, JobState, list_sources
 from app.jobs.tables import READ_ONLY, analyses, open_engine, recordings, result_files
+from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
-from app.workflow import ReportRequest
 from fusion.errors import Fact
 
 

@@ -12,13 +12,23 @@ from pathlib import Path
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Crashed
-from app.jobs.attempt import Died, Finished, Limits, MakeReport, Outcome, Refused, Task, run_attempt, warm_up
+from app.jobs.attempt import (
+    Attempt,
+    Died,
+    Finished,
+    MakeReport,
+    Outcome,
+    Refused,
+    choose_limits,
+    load_and_make_report,
+    run_attempt,
+    warm_up,
+)
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage import Storage
-from app.workflow import make_report
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
@@ -35,10 +45,10 @@ class Bench:
     settings: Settings
     watch: LeaseWatch
     stopping: threading.Event
-    make_report: MakeReport = make_report
+    make_report: MakeReport = load_and_make_report
 
 
-def open_bench(settings: Settings, make: MakeReport = make_report) -> Bench:
+def open_bench(settings: Settings, make: MakeReport = load_and_make_report) -> Bench:
     """Open database and folder for one worker."""
     storage = Storage(settings.data_dir)
     storage.prepare()
@@ -68,7 +78,9 @@ def reclaim_abandoned(bench: Bench) -> None:
         bench.storage.drop_attempt(claim.analysis_id, claim.token)
 
 
-def run_worker(settings: Settings, make: MakeReport = make_report, parent_pid: int | None = None) -> None:
+def run_worker(
+    settings: Settings, make: MakeReport = load_and_make_report, parent_pid: int | None = None
+) -> None:
     """Do jobs until asked to stop (SIGTERM, SIGINT) or, between two jobs, until the parent is gone."""
     bench = open_bench(settings, make)
     warm_up()
@@ -93,14 +105,9 @@ def _run_next_patiently(bench: Bench) -> bool:
 def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
     limits = choose_limits(bench.settings, job.size_bytes)
-    task = Task(bench.storage.recording(job.recording_id), job.request, out, bench.make_report, limits)
-    return run_attempt(task, _Heart(bench, job.id, token).beat)
-
-
-def choose_limits(settings: Settings, size_bytes: int) -> Limits:
-    """Give a large file more time."""
-    wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
-    return Limits(settings.memory_limit_bytes, wall_s)
+    log = bench.storage.recording(job.recording_id)
+    attempt = Attempt(log, job.request, out, bench.make_report, limits)
+    return run_attempt(attempt, _Heart(bench, job.id, token).beat)
 
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:

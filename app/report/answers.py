@@ -1,6 +1,9 @@
 """The answer in three plain sentences; an interval only where the exposure carries one."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from app.report.clock import Clock
 from app.report.day import WORST_WINDOW_S
@@ -11,10 +14,13 @@ from app.report.numbers import (
     format_elapsed,
     format_number,
     format_percent,
+    format_range,
     format_rate,
 )
 from app.report.wording import Language, Words, fill
-from fusion.exposure import Entries, Episodes, Exposure, Interval
+
+if TYPE_CHECKING:
+    from fusion.exposure import Entries, Episodes, Exposure
 
 MAIN_THRESHOLD_DEG = 60
 SHORTEST_RATED_S = 600
@@ -38,14 +44,6 @@ def tell_answers(exposure: Exposure, teller: Teller) -> tuple[str, str, str]:
         _tell_entries(exposure, teller),
         _tell_worst_window(exposure, teller),
     )
-
-
-def format_range(interval: Interval | None, language: Language) -> str:
-    """Write "6.0–9.5 %"; empty without an interval."""
-    if interval is None:
-        return ""
-    low, high = format_number(interval.low, 1, language), format_percent(interval.high, language)
-    return f"{low}–{high}"
 
 
 def _tell_time_above(exposure: Exposure, teller: Teller) -> str:

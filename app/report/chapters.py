@@ -1,8 +1,11 @@
 """What stands behind the first page: hours, all figures, quality, time, method, provenance."""
 
-from collections.abc import Iterable
+from __future__ import annotations
 
-from app.report.charts import build_hours, is_drawable
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from app.report.charts import build_parts, is_drawable
 from app.report.clock import Clock
 from app.report.day import name_reason
 from app.report.measures import list_measures
@@ -19,12 +22,19 @@ from app.report.numbers import (
 )
 from app.report.parts import Pair, Section, Table
 from app.report.results import SCHEMA, find_rate_hz, identify_report
-from app.report.subject import ReportSubject, clean_text
-from app.report.wording import Words, fill
-from fusion.calibration import StillPeriod
-from fusion.exposure import PartExposure
-from fusion.pipeline import Analysis
+from app.report.spread import build_spread
+from app.report.subject import ReportSubject, clean_text, cut_text
+from app.report.wording import Language, Words, fill
 from fusion.recording import MICROSECONDS, QualityFlag
+
+if TYPE_CHECKING:
+    from fusion.calibration import StillPeriod
+    from fusion.exposure import PartExposure
+    from fusion.pipeline import Analysis
+    from fusion.quality import TimePart
+
+LONGEST_NAME = 60
+"""Of a period in its table; results.json and periods.csv hold the whole label."""
 
 
 def build_sections(
@@ -34,6 +44,11 @@ def build_sections(
     sections = (
         _build_parts(analysis, clock, words),
         Section(
+            "spread",
+            words["section"]["spread"],
+            figures=build_spread(analysis.exposure, words, clock.language),
+        ),
+        Section(
             "figures",
             words["section"]["figures"],
             tables=list_measures(analysis.exposure, clock, words),
@@ -42,7 +57,7 @@ def build_sections(
         _build_method(analysis, clock, words),
         _build_provenance(analysis, subject, clock, words),
     )
-    return tuple(section for section in sections if section.pairs or section.tables)
+    return tuple(section for section in sections if section.pairs or section.tables or section.figures)
 
 
 # ------------------------------------------------------------------ by hour and by period
@@ -51,40 +66,62 @@ def build_sections(
 def _build_parts(analysis: Analysis, clock: Clock, words: Words) -> Section:
     exposure = analysis.exposure
     hours = [(_name_hour(part, clock), part) for part in exposure.by_hour]
-    periods = [(clean_text(part.label), part) for part in exposure.by_period]
-    tables = [
-        _tabulate_parts(parts, words["part"][caption], clock, words)
-        for parts, caption in ((hours, "by_hour"), (periods, "by_period"))
+    periods = [(_name_period(part, clock, words), part) for part in exposure.by_period]
+    groups = [
+        (key, parts, caption)
+        for key, parts, caption in (("hours", hours, "by_hour"), ("periods", periods, "by_period"))
         if parts
     ]
-    figures = (build_hours(hours, words, clock.language),) if any(is_drawable(p) for _, p in hours) else ()
-    return Section("hours", words["section"]["hours"], figures=figures, tables=tuple(tables))
+    tables = [_tabulate_parts(parts, words["part"][caption], clock) for _, parts, caption in groups]
+    figures = [
+        build_parts(key, parts, words, clock.language)
+        for key, parts, _ in groups
+        if any(is_drawable(part) for _, part in parts)
+    ]
+    title = words["section"]["periods" if periods else "hours"]
+    return Section("hours", title, figures=tuple(figures), tables=tuple(tables))
 
 
 def _name_hour(part: PartExposure, clock: Clock) -> str:
     return f"{clock.label_tick(part.start_s)}–{clock.label_tick(part.end_s)}"
 
 
-def _tabulate_parts(parts: list[tuple[str, PartExposure]], caption: str, clock: Clock, words: Words) -> Table:
+def _name_period(part: PartExposure, clock: Clock, words: Words) -> str:
+    """Give its times and the diary's label, else what kind of time it is."""
+    name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
+    return f"{clock.tell(part.start_s)}–{clock.tell(part.end_s)} {cut_text(name, LONGEST_NAME)}"
+
+
+def _tabulate_parts(parts: list[tuple[str, PartExposure]], entry: Words, clock: Clock) -> Table:
     language = clock.language
     rows = tuple(
         (
             name,
-            format_duration(part.analysed_s, language),
+            _tell_analysed(part, entry, language),
             *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
             *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
             format_rate(part.entries_above_60_per_h, language),
         )
         for name, part in parts
     )
-    return Table(caption, tuple(words["part"]["columns"]), rows, note=words["part"]["note"])
+    return Table(entry["caption"], tuple(entry["columns"]), rows, note=entry["note"])
+
+
+def _tell_analysed(part: PartExposure, entry: Words, language: Language) -> str:
+    if not part.reason:
+        return format_duration(part.analysed_s, language)
+    return fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
 
 
 # ------------------------------------------------------------------ quality and time
 
 
 def _build_quality(analysis: Analysis, clock: Clock, words: Words) -> Section:
-    tables = [_tabulate_flags(analysis.quality.flags, clock, words), _tabulate_time(analysis, clock, words)]
+    tables = [
+        _tabulate_flags(analysis.quality.flags, clock, words),
+        _tabulate_time(analysis, clock, words),
+        _tabulate_time_parts(analysis, clock, words),
+    ]
     return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
 
 
@@ -125,6 +162,27 @@ def _tabulate_time(analysis: Analysis, clock: Clock, words: Words) -> Table:
     ]
     note = fill(entry["note"], {"reasons": _tell_reasons(analysis, clock, words)})
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
+
+
+def _tabulate_time_parts(analysis: Analysis, clock: Clock, words: Words) -> Table:
+    """Show what the diary made of the day: each kind of time, adding up to what was recorded."""
+    entry, whole_us = words["time_parts"], max(analysis.time.recorded_us, 1)
+    rows = tuple(
+        (
+            fill(entry[part.account], {"name": _name_time(part, words)}),
+            format_long_duration(part.duration_us / MICROSECONDS),
+            format_exact(part.duration_us / MICROSECONDS, clock.language),
+            format_percent(100 * part.duration_us / whole_us, clock.language),
+        )
+        for part in (analysis.time.parts if analysis.exposure.by_period else ())
+    )
+    return Table(entry["caption"], tuple(entry["columns"]), rows, note=entry["note"])
+
+
+def _name_time(part: TimePart, words: Words) -> str:
+    if part.account == "excluded":
+        return name_reason(part.name, words)
+    return str(words["part"]["kind"].get(part.name, part.name))
 
 
 def _tell_reasons(analysis: Analysis, clock: Clock, words: Words) -> str:
@@ -198,6 +256,7 @@ def _build_provenance(analysis: Analysis, subject: ReportSubject, clock: Clock, 
     start = recording.start.isoformat(sep=" ") if recording.start else unknown
     rate = format_number(find_rate_hz(analysis), 3, clock.language)
     pairs = (
+        Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
         Pair(entry["file"], clean_text(subject.file_name) or unknown),
         Pair(entry["sha256"], recording.sha256, code=True),
         Pair(entry["device"], words["device"].get(recording.device, words["device"]["other"])),

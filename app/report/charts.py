@@ -1,19 +1,25 @@
 """The charts of a report with their words and the tables behind them."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from itertools import pairwise
 from math import isfinite, nan
+from typing import TYPE_CHECKING
 
 from app.report.clock import Clock
 from app.report.day import Day, draw_up_day
-from app.report.figures import HourRow, Slice, draw_bar, draw_hours
+from app.report.figures import Slice, draw_bar
 from app.report.numbers import format_angle, format_duration, format_percent
+from app.report.part_bars import PartRow, draw_parts
 from app.report.parts import Figure, Table
 from app.report.svg import NARROW, WIDE
 from app.report.timeline import DayLabels, draw_day
 from app.report.wording import Language, Words, fill
-from fusion.exposure import Exposure, PartExposure
-from fusion.pipeline import Analysis
+
+if TYPE_CHECKING:
+    from fusion.exposure import Exposure, PartExposure
+    from fusion.pipeline import Analysis
 
 SHOWN_EDGES_DEG = (0, 30, 60, 90, 120, 180)
 """The stored bins are finer; the page shows five classes that hold whole bins and the three guide lines."""
@@ -98,32 +104,45 @@ def _tabulate_day(day: Day, words: Words) -> Table:
     return Table(entry["title"], tuple(entry["columns"]), rows, note=entry["table_note"])
 
 
-def build_hours(parts: Sequence[tuple[str, PartExposure]], words: Words, language: Language) -> Figure:
-    """Build one stacked bar for each hour."""
-    rows = [_stack_part(name, part, language) for name, part in parts if is_drawable(part)]
-    entry = words["hours"]
-    told = "; ".join(f"{row.name}, {row.label}" for row in rows)
+def build_parts(
+    key: str, parts: Sequence[tuple[str, PartExposure]], words: Words, language: Language
+) -> Figure:
+    """Build one stacked bar for each hour (``key`` "hours") or period of the diary ("periods")."""
+    entry = words[key]
+    rows = [_stack_part(name, part, entry, language) for name, part in parts if is_shown(part)]
+    told = "; ".join(f"{row.name}, {row.label or row.left_out}" for row in rows)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
     classes = ("0–30°", "30–60°", "60–90°", "90–180°")
     return Figure(
         title=entry["title"],
         alternative=title[1],
-        wide=draw_hours(rows, classes, title, WIDE),
-        narrow=draw_hours(rows, classes, title, NARROW),
-        table=Table(entry["title"], (entry["column"], *classes), _tabulate_hours(rows, language)),
+        wide=draw_parts(key, rows, classes, title, WIDE),
+        narrow=draw_parts(key, rows, classes, title, NARROW),
+        table=Table(entry["title"], (entry["column"], *classes), _tabulate_rows(rows, language)),
     )
 
 
-def _tabulate_hours(rows: Sequence[HourRow], language: Language) -> tuple[tuple[str, ...], ...]:
-    return tuple((row.name, *(format_percent(share, language) for share in row.percent)) for row in rows)
+def _tabulate_rows(rows: Sequence[PartRow], language: Language) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (row.name, *(format_percent(row.percent[k] if row.percent else None, language) for k in range(4)))
+        for row in rows
+    )
 
 
 def is_drawable(part: PartExposure) -> bool:
-    """Tell whether an hour holds analysed time and its three shares."""
+    """Tell whether a part holds analysed time and its three shares."""
     return part.analysed_s > 0 and all(isfinite(part.percent_above.get(c, nan)) for c in (30, 60, 90))
 
 
-def _stack_part(name: str, part: PartExposure, language: Language) -> HourRow:
+def is_shown(part: PartExposure) -> bool:
+    """Tell whether a part has a row in its chart: it can be drawn, or it was left out for a reason."""
+    return is_drawable(part) or bool(part.reason)
+
+
+def _stack_part(name: str, part: PartExposure, entry: Words, language: Language) -> PartRow:
+    if not is_drawable(part):
+        length = format_duration(part.recorded_s, language)
+        return PartRow(name, (), "", left_out=fill(entry["left_out"], {"length": length}))
     above = part.percent_above
     shares = (100 - above[30], above[30] - above[60], above[60] - above[90], above[90])
-    return HourRow(name, shares, format_percent(above[60], language))
+    return PartRow(name, shares, format_percent(above[60], language))

@@ -5,19 +5,30 @@ made from accelerometers: it is compared with ``generalised_accelerometer`` alon
 reads two to four times lower and would reassure falsely (Fan et al. 2021).
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from app.report.figures import Scale, draw_scale
-from app.report.numbers import NARROW, format_number, format_percent
+from app.report.numbers import (
+    NARROW,
+    format_angle_range,
+    format_number,
+    format_percent,
+    format_range,
+)
 from app.report.parts import Reference
 from app.report.wording import Language, Words, fill
-from fusion.exposure import Exposure
-from fusion.pipeline import Analysis
 from fusion.recording import MICROSECONDS
+from fusion.references import REFERENCES, WHOLE_DAY_S, find_measured
 
-WORKING_DAY_S = 4 * 3600
-"""Least analysed time that is compared with a value for a whole working day (EXPOSURE.md A15)."""
+if TYPE_CHECKING:
+    from fusion.exposure import Exposure, Interval
+    from fusion.pipeline import Analysis
+
+LIMITS = {reference.key: reference for reference in REFERENCES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +41,7 @@ class _Measured:
     low: float | None
     high: float
     value: float | None
+    interval: Interval | None = None
 
 
 def compare_with_references(analysis: Analysis, words: Words, language: Language) -> tuple[Reference, ...]:
@@ -39,20 +51,19 @@ def compare_with_references(analysis: Analysis, words: Words, language: Language
 
 
 def _measure(exposure: Exposure) -> tuple[_Measured, ...]:
-    above = {t.threshold_deg: t.percent for t in exposure.time_above}
-    velocity = exposure.velocity_dps.get("generalised_accelerometer")
-    p99 = exposure.elevation_p99_deg
+    above = {t.threshold_deg: (t.percent, t.interval) for t in exposure.time_above}
+    p99, p99_interval = exposure.elevation_p99_deg, exposure.intervals.get("elevation_p99_deg")
     return (
-        _Measured("above_30", "percent", 100, None, 50, above.get(30)),
-        _Measured("above_60", "percent", 40, None, 10, above.get(60)),
-        _Measured("velocity", "dps", 180, None, 60, velocity.p50_dps if velocity else None),
-        _Measured("p99", "deg", 180, 49, 124, p99),
+        _Measured("above_30", "percent", 100, None, LIMITS["above_30"].high, *above.get(30, (None, None))),
+        _Measured("above_60", "percent", 40, None, LIMITS["above_60"].high, *above.get(60, (None, None))),
+        _Measured("velocity", "dps", 180, None, LIMITS["velocity"].high, find_measured("velocity", exposure)),
+        _Measured("p99", "deg", 180, LIMITS["p99"].low, LIMITS["p99"].high, p99, p99_interval),
     )
 
 
 def _find_reason(analysis: Analysis) -> str:
     """Say why nothing at all can be compared; empty where it can."""
-    if analysis.time.analysed_us < WORKING_DAY_S * MICROSECONDS:
+    if analysis.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
         return "short"
     return "poor" if analysis.quality.verdict == "poor" else ""
 
@@ -75,8 +86,14 @@ def _tell_values(item: _Measured, language: Language) -> dict[str, str]:
     value = _tell_published(item.value, item.unit, language)
     if item.unit == "percent":
         value = format_percent(item.value, language)
+    told = format_range if item.unit == "percent" else format_angle_range
     low = _tell_published(item.low, item.unit, language) if item.low is not None else ""
-    return {"value": value, "high": _tell_published(item.high, item.unit, language), "low": low}
+    return {
+        "value": value,
+        "high": _tell_published(item.high, item.unit, language),
+        "low": low,
+        "range": told(item.interval, language),
+    }
 
 
 def _tell_published(value: float | None, unit: str, language: Language) -> str:
@@ -93,6 +110,7 @@ def _draw(item: _Measured, entry: Mapping[str, str], facts: Mapping[str, str], w
         high=item.high,
         high_label=fill(words["comparison"][f"mark_{item.unit}"], facts),
         measured=item.value or 0.0,
-        measured_label=facts["value"],
+        measured_label=fill("{value}[ ({range})]", facts),
+        interval=(item.interval.low, item.interval.high) if item.interval else None,
     )
     return draw_scale(scale)

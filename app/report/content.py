@@ -1,5 +1,9 @@
 """From an analysis to a report: choose, round, order, say. Pure; nothing here knows HTML or PDF."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from app.report.answers import Teller, tell_answers
 from app.report.chapters import build_sections
 from app.report.charts import build_bar, build_day
@@ -9,10 +13,15 @@ from app.report.messages import describe_flag
 from app.report.numbers import format_clock, format_date, format_duration
 from app.report.parts import Note, Pair, Report, VerdictLine
 from app.report.results import identify_report
-from app.report.subject import ReportSubject, Software, clean_text
+from app.report.subject import ReportSubject, Software, clean_text, cut_text
 from app.report.wording import Language, Words, fill, load_wording
-from fusion.pipeline import Analysis
 from fusion.recording import MICROSECONDS
+
+if TYPE_CHECKING:
+    from fusion.pipeline import Analysis
+
+LONGEST_CODE = 24
+"""Of a subject code at the head of the page; the provenance holds it whole."""
 
 __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 
@@ -39,6 +48,7 @@ def build_report(analysis: Analysis, subject: ReportSubject, language: Language)
         report_id=identify_report(analysis, subject),
         footer=_tell_footer(analysis, subject, words),
         made_of=clock.at(analysis.recording.duration_us / MICROSECONDS),
+        amendment=_tell_amendment(subject, words),
         words=words["label"],
     )
 
@@ -49,7 +59,7 @@ def _build_header(analysis: Analysis, subject: ReportSubject, clock: Clock, word
     analysed = format_duration(time.analysed_us / MICROSECONDS, clock.language)
     recorded = format_duration(time.recorded_us / MICROSECONDS, clock.language)
     return (
-        Pair(label["subject"], clean_text(subject.subject) or label["not_given"]),
+        Pair(label["subject"], cut_text(clean_text(subject.subject), LONGEST_CODE) or label["not_given"]),
         Pair(label["date"], _tell_date(analysis, clock, words)),
         Pair(label["arm"], words["side"][subject.side or "unknown"]),
         Pair(label["device"], words["device"].get(analysis.recording.device, words["device"]["other"])),
@@ -70,9 +80,12 @@ def _tell_date(analysis: Analysis, clock: Clock, words: Words) -> str:
 
 
 def _tell_verdict(analysis: Analysis, words: Words, language: Language) -> VerdictLine:
+    """Give the verdict with its reason; a sound recording never hides what the pose does to its figures."""
     quality = analysis.quality
     entry = words["verdict"][quality.verdict]
-    return VerdictLine(quality.verdict, entry["label"], _tell_reason(analysis, language) or entry["reason"])
+    is_posed = quality.verdict == "good" and _tell_pose_caution(analysis, words)
+    said = entry["posed"] if is_posed else entry["reason"]
+    return VerdictLine(quality.verdict, entry["label"], _tell_reason(analysis, language) or said)
 
 
 def _tell_reason(analysis: Analysis, language: Language) -> str:
@@ -94,3 +107,15 @@ def _tell_pose_caution(analysis: Analysis, words: Words) -> str:
 def _tell_footer(analysis: Analysis, subject: ReportSubject, words: Words) -> str:
     facts = {"version": subject.software.version, "id": identify_report(analysis, subject)}
     return fill(words["report"]["footer"], facts)
+
+
+def _tell_amendment(subject: ReportSubject, words: Words) -> str:
+    """Say that a report replaces an earlier one; a first one says nothing."""
+    if subject.version < 2:
+        return ""
+    facts = {
+        "version": str(subject.version),
+        "earlier": str(subject.version - 1),
+        "reason": clean_text(subject.reason),
+    }
+    return fill(words["report"]["amended"], facts)

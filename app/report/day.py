@@ -1,16 +1,20 @@
 """The day as the timeline draws it: minutes with values, stretches left out, stretches missing."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from app.report.clock import Clock
 from app.report.wording import Words
-from fusion.exposure import MinuteProfile, PeakWindow
-from fusion.pipeline import Analysis
 from fusion.recording import MICROSECONDS, Span
+
+if TYPE_CHECKING:
+    from fusion.exposure import MinuteProfile, PeakWindow
+    from fusion.pipeline import Analysis
 
 MINUTE_S = 60.0
 WORST_WINDOW_S = 900

@@ -1,15 +1,20 @@
 """The angle series as a Parquet file, for those who want to compute on."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fusion.elevation import Elevation, ElevationSegment
 from fusion.recording import MICROSECONDS
+
+if TYPE_CHECKING:
+    from fusion.elevation import Elevation, ElevationSegment
 
 _SCHEMA = pa.schema(
     [

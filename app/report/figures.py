@@ -1,4 +1,4 @@
-"""Static charts as SVG: the stacked bar, the hours, the reference scales.
+"""Static charts as SVG: the stacked bar and the reference scales.
 
 The same strings stand in the HTML and in the PDF. Elevation is a single-hue ramp from light to dark; what
 is pointed at is vermillion and always doubled by a shape or a word, so that grey paper loses nothing.
@@ -43,16 +43,10 @@ def _stack(slices: Sequence[Slice], width: float) -> list[str]:
             body.append(svg.rect(x, 0.5, length, 30, f'class="bar" fill="{colour}"'))
         if length > svg.estimate_width(item.percent_label) + 8:
             kind = "light" if rank >= 2 else "onlight"
-            body.append(_bar_label(x + length / 2, item.percent_label, kind))
+            body.append(svg.text(x + length / 2, 19.5, item.percent_label, kind, "middle"))
         x += length
     outline = f'class="edge" fill="none" stroke="{svg.SOFT}"'
     return [*body, svg.rect(0.5, 0.5, width - 1, 30, outline)]
-
-
-def _bar_label(x: float, words: str, kind: str) -> str:
-    if kind == "light":
-        return svg.text(x, 19.5, words, "light", "middle")
-    return svg.text(x, 19.5, words, "ink", "middle").replace('class="ink"', 'class="onlight"')
 
 
 def _bar_legend(slices: Sequence[Slice], width: float, columns: int) -> list[str]:
@@ -72,53 +66,6 @@ def _bar_legend(slices: Sequence[Slice], width: float, columns: int) -> list[str
     return body
 
 
-# ------------------------------------------------------------------ the hours
-
-
-@dataclass(frozen=True, slots=True)
-class HourRow:
-    """One hour: its name, its shares below 30, 30 to 60, 60 to 90 and above 90 deg, and its label."""
-
-    name: str
-    percent: tuple[float, float, float, float]
-    label: str
-
-
-def draw_hours(rows: Sequence[HourRow], classes: Sequence[str], words: tuple[str, str], width: float) -> str:
-    """Draw a stacked bar for each hour, all to the same scale; at its end the share above 60 deg."""
-    left = max(svg.estimate_width(row.name) for row in rows) + 8
-    right = width - max(svg.estimate_width(row.label) for row in rows) - 8
-    body = [svg.text(width, 10, "≥ 60°", "soft", "end")]
-    for rank, row in enumerate(rows):
-        y = 14 + rank * 18.0
-        body.append(svg.text(0, y + 12, row.name))
-        body += _stack_hour(row, left, right, y)
-        body.append(svg.text(width, y + 12, row.label, "ink", "end"))
-    bottom = len(rows) * 18.0 + 30
-    body += _key_hours(classes, left, bottom)
-    return svg.picture(width, bottom + 8, f"hours{width:.0f}", words, body)
-
-
-def _stack_hour(row: HourRow, left: float, right: float, y: float) -> list[str]:
-    body, x = [], left
-    for rank, percent in enumerate(row.percent):
-        length = (right - left) * max(percent, 0.0) / 100
-        if length > 0:
-            body.append(svg.rect(x, y + 2, length, 13, f'class="bar" fill="{svg.RAMP[rank]}"'))
-        x += length
-    edge = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-width="0.7"'
-    return [*body, svg.rect(left, y + 2, right - left, 13, edge)]
-
-
-def _key_hours(classes: Sequence[str], left: float, y: float) -> list[str]:
-    body, x = [], left
-    for rank, name in enumerate(classes):
-        swatch = f'class="edge" fill="{svg.RAMP[rank]}" stroke="{svg.SOFT}" stroke-width="0.8"'
-        body += [svg.rect(x, y - 9, 10, 10, swatch), svg.text(x + 14, y, name)]
-        x += 14 + svg.estimate_width(name) + 10
-    return body
-
-
 # ------------------------------------------------------------------ the reference scales
 
 
@@ -134,10 +81,14 @@ class Scale:
     high_label: str
     measured: float
     measured_label: str
+    interval: tuple[float, float] | None = None
 
 
 def draw_scale(scale: Scale, width: float = 230.0) -> str:
-    """Draw a horizontal scale: the reference as a tick (or a range), the measured value as a diamond."""
+    """Draw a horizontal scale: the reference as a tick (or a range), the measured value as a diamond.
+
+    The interval of the measured value is a thick line under the diamond.
+    """
     left, right, y = 2.0, width - 2.0, 20.0
 
     def x(value: float) -> float:
@@ -145,6 +96,9 @@ def draw_scale(scale: Scale, width: float = 230.0) -> str:
 
     rule = f'class="rule" stroke="{svg.SOFT}" stroke-width="1"'
     body = [svg.line(left, y, right, y, rule), *_draw_reference(scale, x(scale.high), y, x)]
+    if scale.interval is not None:
+        low, high = (x(value) for value in scale.interval)
+        body.append(svg.line(low, y, high, y, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="3.5"'))
     at = x(scale.measured)
     diamond = f"M{svg.number(at)} {svg.number(y - 5.5)}l5.5 5.5l-5.5 5.5l-5.5 -5.5Z"
     body.append(svg.path(diamond, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'))

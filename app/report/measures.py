@@ -1,22 +1,28 @@
 """Tables of every figure, each with its interval where the exposure carries one."""
 
-from collections.abc import Sequence
-from itertools import pairwise
+from __future__ import annotations
 
-from app.report.answers import format_range
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from app.report.clock import Clock
+from app.report.measures_extra import list_extra_measures
 from app.report.numbers import (
     NONE,
     format_angle,
+    format_angle_range,
     format_duration,
     format_number,
     format_percent,
+    format_range,
     format_rate,
 )
 from app.report.parts import Table
 from app.report.results import VELOCITIES
 from app.report.wording import Language, Words, fill
-from fusion.exposure import ElevationBin, Eva, Exposure, PeakWindow, TimeAbove
+
+if TYPE_CHECKING:
+    from fusion.exposure import ElevationBin, Exposure, PeakWindow, TimeAbove
 
 
 def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
@@ -29,8 +35,8 @@ def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table
         _tabulate_entries(exposure, entry, language),
         _tabulate_cycles(exposure, entry, language),
         _tabulate_velocities(exposure, entry, language),
-        _tabulate_windows(exposure.peak_windows, entry, clock),
-        _tabulate_eva(exposure.eva, entry, language),
+        _tabulate_windows(exposure, entry, clock),
+        *list_extra_measures(exposure, entry, language),
     )
     return tuple(table for table in tables if table.rows)
 
@@ -51,14 +57,16 @@ def _tell_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str
 
 
 def _tabulate_percentiles(exposure: Exposure, entry: Words, language: Language) -> Table:
-    """Lay the percentiles out in one row, which is how they are compared."""
-    ranks = sorted(exposure.percentiles_deg)
+    """Lay the percentiles out in one row, which is how they are compared; their ranges under them."""
+    said, ranks = entry["percentiles"], sorted(exposure.percentiles_deg)
     if not ranks:
         return Table("", (), ())
-    values = tuple(format_angle(exposure.percentiles_deg[p], language, 1) for p in ranks)
-    columns = (entry["percentiles"]["column"], *(f"P{p}" for p in ranks))
-    row = (entry["percentiles"]["row"], *values)
-    return Table(entry["percentiles"]["caption"], columns, (row,), note=entry["percentiles"]["note"])
+    intervals = [exposure.intervals.get(f"elevation_p{p}_deg") for p in ranks]
+    rows = [(said["row"], *(format_angle(exposure.percentiles_deg[p], language, 1) for p in ranks))]
+    if any(intervals):
+        rows.append((said["range"], *(format_angle_range(i, language) or NONE for i in intervals)))
+    columns = (said["column"], *(f"P{p}" for p in ranks))
+    return Table(said["caption"], columns, tuple(rows), note=said["note"])
 
 
 def _tabulate_entries(exposure: Exposure, entry: Words, language: Language) -> Table:
@@ -75,8 +83,35 @@ def _tabulate_entries(exposure: Exposure, entry: Words, language: Language) -> T
             format_duration(stay.longest_s if stay else None, language),
             format_number(stay.censored if stay else None, 0, language),
         )
-        rows.append(row)
+        ends = (f"entries_above_{item.threshold_deg:g}_per_h", "", *_name_stays(item.threshold_deg))
+        rows += [row, *_tell_ranges(exposure, ("", *ends, ""), entry, language)]
     return _tabulate(entry["entries"], rows)
+
+
+def _name_stays(threshold_deg: float) -> tuple[str, str]:
+    return tuple(f"episodes_above_{threshold_deg:g}_{end}_s" for end in ("median", "longest"))  # type: ignore[return-value]
+
+
+def _tell_ranges(
+    exposure: Exposure, names: Sequence[str], entry: Words, language: Language
+) -> list[tuple[str, ...]]:
+    """Give the row of ranges under a row of figures, in its units; none where none is known."""
+    intervals = [exposure.intervals.get(name) for name in names]
+    if not any(intervals):
+        return []
+    cells = (
+        f"{_tell_end(interval.low, name, language)}–{_tell_end(interval.high, name, language)}"
+        if interval
+        else ""
+        for name, interval in zip(names, intervals, strict=True)
+    )
+    return [(entry["percentiles"]["range"], *cells)]
+
+
+def _tell_end(value: float, name: str, language: Language) -> str:
+    if name.endswith("_per_h"):
+        return format_rate(value, language)
+    return format_duration(value, language) if name.endswith("_s") else format_number(value, 1, language)
 
 
 def _tabulate_cycles(exposure: Exposure, entry: Words, language: Language) -> Table:
@@ -103,47 +138,34 @@ def _tabulate_velocities(exposure: Exposure, entry: Words, language: Language) -
                 velocity.mean_dps,
             )
             told = (format_number(value, 1, language) for value in values)
+            names = [f"{kind}_velocity_{end}_dps" for end in ("p10", "p50", "p90", "p99", "mean")]
             rows.append((entry["velocities"]["kind"][kind], *told))
+            rows += _tell_ranges(exposure, names, entry, language)
     return _tabulate(entry["velocities"], rows)
 
 
-def _tabulate_windows(windows: Sequence[PeakWindow], entry: Words, clock: Clock) -> Table:
+def _tabulate_windows(exposure: Exposure, entry: Words, clock: Clock) -> Table:
     rows = [
         (
             format_duration(window.length_s, clock.language).replace("1\u202fh", "60\u202fmin"),
             _tell_window(window, clock),
-            format_percent(window.percent_above_60, clock.language),
+            _tell_window_share(window, exposure, clock.language),
         )
-        for window in windows
+        for window in exposure.peak_windows
     ]
     return _tabulate(entry["windows"], rows)
+
+
+def _tell_window_share(window: PeakWindow, exposure: Exposure, language: Language) -> str:
+    interval = exposure.intervals.get(f"worst_{window.length_s // 60}_min_above_60_percent")
+    share = format_percent(window.percent_above_60, language)
+    return f"{share} ({format_range(interval, language)})" if interval else share
 
 
 def _tell_window(window: PeakWindow, clock: Clock) -> str:
     if window.start_s is None:
         return NONE
     return f"{clock.tell(window.start_s)}–{clock.tell(window.start_s + window.length_s)}"
-
-
-def _tabulate_eva(eva: Eva, entry: Words, language: Language) -> Table:
-    """Lay out exposure variation analysis: angle class by how long the arm stayed in it."""
-    if not eva.percent.size:
-        return Table("", (), ())
-    columns = (entry["eva"]["column"], *_name_classes(eva.duration_edges_s, "s"))
-    names = _name_classes(eva.angle_edges_deg, "°")
-    rows = tuple(
-        (name, *(format_number(float(cell), 1, language) for cell in row))
-        for name, row in zip(names, eva.percent, strict=True)
-    )
-    return Table(entry["eva"]["caption"], columns, rows, note=entry["eva"]["note"])
-
-
-def _name_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
-    end = unit if unit == "°" else f"\u202f{unit}"
-    names = []
-    for low, high in pairwise(edges):
-        names.append(f"≥ {low:g}{end}" if high is None else f"{low:g}–{high:g}{end}")
-    return tuple(names)
 
 
 def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]]) -> Table:

@@ -6,8 +6,12 @@ Both languages group thousands with a narrow no-break space and put one before t
 
 import math
 from datetime import date, datetime
+from typing import TYPE_CHECKING
 
 from app.report.wording import Language, load_wording
+
+if TYPE_CHECKING:
+    from fusion.exposure import Interval  # the page uses this module without the science
 
 NARROW = "\u202f"
 NONE = "–"
@@ -45,6 +49,22 @@ def format_angle(value: float | None, language: Language, decimals: int = 0) -> 
     """Degrees; the sign follows without a space in both languages."""
     text = format_number(value, decimals, language)
     return text if text == NONE else f"{text}°"
+
+
+def format_range(interval: "Interval | None", language: Language) -> str:
+    """Write a range of shares: "6.0–9.5 %"; empty without an interval."""
+    if interval is None:
+        return ""
+    low, high = format_number(interval.low, 1, language), format_percent(interval.high, language)
+    return f"{low}–{high}"
+
+
+def format_angle_range(interval: "Interval | None", language: Language, decimals: int = 0) -> str:
+    """Write a range of angles: "44–57°"; empty without an interval."""
+    if interval is None:
+        return ""
+    low = format_number(interval.low, decimals, language)
+    return f"{low}–{format_angle(interval.high, language, decimals)}"
 
 
 def format_rate(value: float | None, language: Language) -> str:

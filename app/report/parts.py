@@ -42,6 +42,7 @@ class Figure:
     wide: str
     narrow: str
     table: Table
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +97,8 @@ class Report:
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
     made_of
         End of the recording, the only date a report bears; None without a clock.
+    amendment
+        Which version this is and why, where it replaces an earlier one; else empty.
     words
         The fixed words of the templates (headings, labels).
     """
@@ -116,4 +119,5 @@ class Report:
     report_id: str
     footer: str
     made_of: datetime | None
+    amendment: str
     words: Mapping[str, str]

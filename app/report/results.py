@@ -1,18 +1,24 @@
 """``results.json``: every figure of an analysis under the names outsiders rely on (CONTRACT §2)."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 import math
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 from app.report.clock import Clock
+from app.report.results_extra import describe_episodes, describe_extra
 from app.report.subject import ReportSubject
-from fusion.calibration import Calibration, StillPeriod
-from fusion.elevation import Method
-from fusion.exposure import Eva, Exposure, Interval, PartExposure, Velocity
-from fusion.pipeline import Analysis
-from fusion.quality import TimeAccount
 from fusion.recording import MICROSECONDS, QualityFlag
+
+if TYPE_CHECKING:
+    from fusion.calibration import Calibration, StillPeriod
+    from fusion.elevation import Method
+    from fusion.exposure import Eva, Exposure, Interval, PartExposure, Velocity
+    from fusion.pipeline import Analysis
+    from fusion.quality import TimeAccount
 
 SCHEMA = "acromion.results/1"
 VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
@@ -53,6 +59,7 @@ def identify_report(analysis: Analysis, subject: ReportSubject) -> str:
         "method": settings.method,
         "pose": settings.pose,
         "calibration_windows_s": settings.calibration_windows_s,
+        "diary": [asdict(entry) for entry in settings.diary],
         "estimator": _describe_method(analysis.elevation.method),
         "side": subject.side,
         "subject": subject.subject,
@@ -90,6 +97,10 @@ def _describe_time(time: TimeAccount) -> dict[str, object]:
         "analysed_s": time.analysed_us / MICROSECONDS,
         "missing_s": time.missing_us / MICROSECONDS,
         "excluded_s": time.excluded_us / MICROSECONDS,
+        "parts": [
+            {"account": part.account, "name": part.name, "duration_s": part.duration_us / MICROSECONDS}
+            for part in time.parts
+        ],
     }
 
 
@@ -125,8 +136,9 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         "peak": _describe_peak(exposure, clock),
         "eva": _describe_eva(exposure.eva),
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
-        "by_period": [_describe_part(part) for part in exposure.by_period],
+        "by_period": [_describe_period(part) for part in exposure.by_period],
         "intervals": {name: [i.low, i.high] for name, i in sorted(exposure.intervals.items())},
+        **describe_extra(exposure),
     }
 
 
@@ -164,21 +176,18 @@ def _describe_interval(interval: Interval | None) -> dict[str, object]:
 def _describe_repetition(exposure: Exposure) -> dict[str, object]:
     return {
         "entries": [
-            {"threshold_deg": e.threshold_deg, "count": e.count, "per_hour": e.per_hour}
+            {
+                "threshold_deg": e.threshold_deg,
+                "count": e.count,
+                "per_hour": e.per_hour,
+                "busy_minutes_percent": e.busy_minutes_percent,
+            }
             for e in exposure.entries
         ],
         "cycles": [
             {"lower_deg": c.lower_deg, "upper_deg": c.upper_deg, "count": c.count} for c in exposure.cycles
         ],
-        "episodes": [
-            {
-                "threshold_deg": e.threshold_deg,
-                "count": e.count,
-                "longest_s": e.longest_s,
-                "median_s": e.median_s,
-            }
-            for e in exposure.episodes
-        ],
+        "episodes": [describe_episodes(e) for e in exposure.episodes],
     }
 
 
@@ -229,6 +238,11 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
     }
 
 
+def _describe_period(part: PartExposure) -> dict[str, object]:
+    said = {"kind": part.kind, "recorded_s": part.recorded_s, "excluded_as": part.reason or None}
+    return {**said, **_describe_part(part)}
+
+
 def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
     """``first`` and ``last``: ISO clock time; without a clock, ISO duration from the first sample."""
     return {
@@ -237,6 +251,7 @@ def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
         "seconds": flag.seconds,
         "first": _tell_place(flag.first_s, clock),
         "last": _tell_place(flag.last_s, clock),
+        "spans": [[_tell_place(at, clock) for at in span] for span in flag.spans_s],
     }
 
 

@@ -18,12 +18,22 @@ class Software:
 
 @dataclass(frozen=True, slots=True)
 class ReportSubject:
-    """``subject`` is a code, never a name; both texts come from outside and are only ever text."""
+    """``subject`` is a code, never a name; all texts come from outside and are only ever text.
+
+    ``version`` counts from 1; a later one replaces the one before, and ``reason`` says why.
+    """
 
     file_name: str
     subject: str
     side: Literal["left", "right"] | None
     software: Software
+    version: int = 1
+    reason: str = ""
+
+
+def cut_text(text: str, most: int) -> str:
+    """Cut what is too long for its place, and show that it was cut."""
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
 def clean_text(text: str) -> str:

@@ -1,17 +1,13 @@
-"""One row for each recording: the table researchers open first, and the dictionary that explains it."""
+"""One row for each recording: the table researchers open first, and one for each hour and period."""
 
-import csv
-import io
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-Results = Mapping[str, Any]
-Cell = str | int | float | None
-Row = dict[str, Cell]
+from app.report.tables import INTERNATIONAL, Cell, CellKind, Dialect, Row, encode_table
 
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\x00")
+Results = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +18,7 @@ class Column:
     find: Callable[[Results], Cell]
     english: str
     french: str
+    kind: CellKind = "number"
 
 
 def _above(threshold_deg: int, key: str) -> Callable[[Results], Cell]:
@@ -110,16 +107,49 @@ def _percentile_columns() -> tuple[Column, ...]:
     )
 
 
+def _range_columns() -> tuple[Column, ...]:
+    """Give the 95 % ranges of the main figures; they follow all others, as later columns must."""
+    above = ((f"time_above_{c}_percent", _range_above(c)) for c in (30, 60, 90))
+    percentiles = ((f"elevation_p{p}_deg", _range_named(f"elevation_p{p}_deg")) for p in (10, 50, 90, 99))
+    return tuple(
+        Column(
+            f"{name}_{end}",
+            lambda results, find=find, rank=rank: find(results)[rank],  # type: ignore[misc]
+            f"{end} end of the 95 % range of {name}",
+            f"{french} de l'intervalle à 95 % de {name}",
+        )
+        for name, find in (*above, *percentiles)
+        for rank, (end, french) in enumerate((("low", "borne basse"), ("high", "borne haute")))
+    )
+
+
+def _range_above(threshold_deg: int) -> Callable[[Results], tuple[Cell, Cell]]:
+    def find(results: Results) -> tuple[Cell, Cell]:
+        row = _at_threshold(results["exposure"]["time_above"], threshold_deg)
+        return row["low"], row["high"]
+
+    return find
+
+
+def _range_named(name: str) -> Callable[[Results], tuple[Cell, Cell]]:
+    def find(results: Results) -> tuple[Cell, Cell]:
+        low, high = results["exposure"]["intervals"].get(name, (None, None))
+        return low, high
+
+    return find
+
+
 COLUMNS: tuple[Column, ...] = (
-    Column("file_name", lambda r: r["recording"]["file_name"], "name of the file", "nom du fichier"),
-    Column("subject", lambda r: r["recording"]["subject"], "subject code", "code du sujet"),
-    Column("side", lambda r: r["recording"]["side"], "left or right arm", "bras gauche ou droit"),
-    Column("device", lambda r: r["recording"]["device"], "kind of sensor", "type de capteur"),
+    Column("file_name", lambda r: r["recording"]["file_name"], "name of the file", "nom du fichier", "text"),
+    Column("subject", lambda r: r["recording"]["subject"], "subject code", "code du sujet", "text"),
+    Column("side", lambda r: r["recording"]["side"], "left or right arm", "bras gauche ou droit", "text"),
+    Column("device", lambda r: r["recording"]["device"], "kind of sensor", "type de capteur", "text"),
     Column(
         "start",
         lambda r: r["recording"]["start"],
         "device clock at the first sample",
         "horloge de l'appareil au premier échantillon",
+        "text",
     ),
     Column("rate_hz", lambda r: r["recording"]["rate_hz"], "true sampling rate", "fréquence réelle"),
     Column("recorded_s", lambda r: r["time"]["recorded_s"], "recorded time", "temps enregistré"),
@@ -146,20 +176,24 @@ COLUMNS: tuple[Column, ...] = (
         lambda r: r["quality"]["verdict"],
         "data quality: good, caution or poor",
         "qualité des données : good (bonne), caution (prudence) ou poor (faible)",
+        "text",
     ),
     Column(
         "warnings",
         lambda r: " ".join(w["code"] for w in r["quality"]["warnings"]),
         "codes of the warnings",
         "codes des avertissements",
+        "text",
     ),
-    Column("sha256", lambda r: r["recording"]["sha256"], "SHA-256 of the file", "SHA-256 du fichier"),
+    Column("sha256", lambda r: r["recording"]["sha256"], "SHA-256 of the file", "SHA-256 du fichier", "text"),
     Column(
         "error_code",
         lambda _r: None,
         "why there is no result; empty when there is one",
         "pourquoi il n'y a pas de résultat ; vide sinon",
+        "text",
     ),
+    *_range_columns(),
 )
 
 
@@ -174,55 +208,46 @@ def summarise_failure(file_name: str, subject: str, code: str) -> Row:
     return empty | {"file_name": file_name, "subject": subject, "error_code": code}
 
 
-PERIOD_COLUMNS = [
-    "file_name",
-    "subject",
-    "kind",
-    "label",
-    "start_s",
-    "end_s",
-    "analysed_s",
-    "elevation_p10_deg",
-    "elevation_p50_deg",
-    "elevation_p90_deg",
-    "time_above_30_percent",
-    "time_above_60_percent",
-    "time_above_90_percent",
-    "entries_above_60_per_h",
-]
-"""Of ``periods.csv``: one row for each clock hour (kind "hour") and each period of the diary ("period")."""
+PERIOD_FIELDS: tuple[tuple[str, CellKind, str, str], ...] = (
+    ("file_name", "text", "name of the file", "nom du fichier"),
+    ("subject", "text", "subject code", "code du sujet"),
+    ("kind", "text", "hour (of the clock) or period (of the diary)", "hour (heure) ou period (période)"),
+    ("label", "text", "the hour, or the diary's own word", "l'heure, ou le mot du journal"),
+    ("start_s", "number", "begin, from the first sample", "début, depuis le premier échantillon"),
+    ("end_s", "number", "end, from the first sample", "fin, depuis le premier échantillon"),
+    ("analysed_s", "number", "analysed time", "temps analysé"),
+    ("elevation_p10_deg", "number", "10th percentile of elevation", "10e centile de l'élévation"),
+    ("elevation_p50_deg", "number", "median of elevation", "médiane de l'élévation"),
+    ("elevation_p90_deg", "number", "90th percentile of elevation", "90e centile de l'élévation"),
+    ("time_above_30_percent", "number", "share of time at or above 30 deg", "part à 30 degrés ou plus"),
+    ("time_above_60_percent", "number", "share of time at or above 60 deg", "part à 60 degrés ou plus"),
+    ("time_above_90_percent", "number", "share of time at or above 90 deg", "part à 90 degrés ou plus"),
+    (
+        "entries_above_60_per_h",
+        "number",
+        "rises above 60 deg per hour",
+        "montées au-dessus de 60 degrés par h",
+    ),
+    ("period_kind", "text", "what the diary calls it: task, break ...", "genre au journal : task, break ..."),
+    ("recorded_s", "number", "recorded time of the period", "temps enregistré de la période"),
+    ("excluded_as", "text", "why it was left out; empty: analysed", "raison de l'exclusion ; vide : analysé"),
+)
+"""Of ``periods.csv``: one row for each clock hour and each period of the diary; name, kind, both meanings."""
+
+PERIOD_COLUMNS = [name for name, *_ in PERIOD_FIELDS]
 
 
 def list_periods(results: Results) -> list[Row]:
     """Give the rows of ``periods.csv`` for one recording."""
     who = {"file_name": results["recording"]["file_name"], "subject": results["recording"]["subject"]}
     kinds = (("hour", "by_hour"), ("period", "by_period"))
-    return [{**who, "kind": kind, **part} for kind, key in kinds for part in results["exposure"][key]]
+    return [
+        {**part, **who, "kind": kind, "period_kind": part.get("kind")}
+        for kind, key in kinds
+        for part in results["exposure"][key]
+    ]
 
 
-def encode_summary(rows: Iterable[Row]) -> bytes:
-    """Write rows as CSV (UTF-8, comma, decimal point); text cells cannot become formulas."""
-    return encode_table([column.name for column in COLUMNS], rows)
-
-
-def encode_dictionary() -> bytes:
-    """Write what each column means, in English and French."""
-    rows: list[Row] = [{"column": c.name, "english": c.english, "french": c.french} for c in COLUMNS]
-    return encode_table(["column", "english", "french"], rows)
-
-
-def encode_table(names: list[str], rows: Iterable[Row]) -> bytes:
-    """Write a table as CSV bytes; empty is "not computable"."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    for row in rows:
-        writer.writerow([_guard_cell(row.get(name)) for name in names])
-    return text.getvalue().encode("utf-8")
-
-
-def _guard_cell(value: Cell) -> Cell:
-    """Put an apostrophe before text that a spreadsheet would run."""
-    if isinstance(value, str) and value.startswith(_FORMULA_STARTS):
-        return "'" + value
-    return "" if value is None else value
+def encode_summary(rows: Iterable[Row], dialect: Dialect = INTERNATIONAL) -> bytes:
+    """Write rows as CSV; text cells cannot become formulas."""
+    return encode_table([column.name for column in COLUMNS], rows, dialect)

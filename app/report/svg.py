@@ -6,7 +6,7 @@ INK = "#1c2833"
 SOFT = "#4a5763"
 RULE = "#c3cad1"
 PAPER = "#ffffff"
-RAMP = ("#deebf7", "#9ecae1", "#3a81b8", "#0b4a8a", "#071f45")
+RAMP = ("#deebf7", "#9ecae1", "#2f74aa", "#0b4a8a", "#071f45")
 """Single-hue, light to dark: elevation, low to high."""
 
 ORANGE = "#d55e00"
@@ -15,6 +15,8 @@ ORANGE = "#d55e00"
 WIDE = 680.0
 NARROW = 330.0
 """Widths of a drawing for paper and wide screens, and for a telephone."""
+
+_WIDE_SIGNS = frozenset("WMmw@%")
 
 FONT = "Inter, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
 
@@ -42,8 +44,8 @@ def path(commands: str, attributes: str) -> str:
 
 
 def text(x: float, y: float, words: str, kind: str = "soft", anchor: str = "start") -> str:
-    """Write words; ``kind`` is "soft", "ink", "strong" or "light" (on a dark ground)."""
-    fill = {"soft": SOFT, "ink": INK, "strong": INK, "light": PAPER, "accent": "#a84a00"}[kind]
+    """Write words; ``kind`` is "soft", "ink", "strong", "accent", or "light", "onlight" on colours."""
+    fill = {"soft": SOFT, "light": PAPER, "accent": "#a84a00"}.get(kind, INK)
     weight = ' font-weight="600"' if kind in {"strong", "accent"} else ""
     place = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
     return f'<text class="{kind}" {place} fill="{fill}"{weight}>{escape_text(words)}</text>'
@@ -63,4 +65,23 @@ def picture(width: float, height: float, key: str, words: tuple[str, str], body:
 
 def estimate_width(words: str, size: float = 11) -> float:
     """Guess how wide words will be; generous, so that labels never touch."""
-    return len(words) * size * 0.58
+    return size * sum(0.95 if c in _WIDE_SIGNS else 0.72 if c.isupper() else 0.58 for c in words)
+
+
+def shorten(words: str, room: float) -> str:
+    """Cut words that are wider than their room; the table behind the chart holds more of them."""
+    if estimate_width(words) <= room:
+        return words
+    kept = words
+    while kept and estimate_width(kept + "…") > room:
+        kept = kept[:-1]
+    return kept.rstrip() + "…"
+
+
+def define_hatch(key: str) -> str:
+    """Define the hatch of a drawing, for ``fill="url(#key-h)"``."""
+    stroke = line(0, 0, 0, 5, f'class="hatch" stroke="{SOFT}" stroke-width="1.1"')
+    return (
+        f'<defs><pattern id="{key}-h" width="5" height="5" patternUnits="userSpaceOnUse" '
+        f'patternTransform="rotate(45)">{stroke}</pattern></defs>'
+    )

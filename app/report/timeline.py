@@ -56,7 +56,7 @@ def draw_day(day: Day, labels: DayLabels, width: float) -> str:
     wide = width > NARROW
     plot = _Plot(32, width - 4, 22, 152 if wide else 190, max(day.duration_s, 1.0))
     body = [
-        _define_hatch(key),
+        svg.define_hatch(key),
         *_draw_guides(plot),
         *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
         *(stroke for run in day.runs for stroke in _draw_run(run, plot)),
@@ -67,14 +67,6 @@ def draw_day(day: Day, labels: DayLabels, width: float) -> str:
     ]
     height = plot.bottom + (40 if wide else 76)
     return svg.picture(width, height, key, (labels.title, labels.description), body)
-
-
-def _define_hatch(key: str) -> str:
-    stroke = svg.line(0, 0, 0, 5, f'class="hatch" stroke="{svg.SOFT}" stroke-width="1.1"')
-    return (
-        f'<defs><pattern id="{key}-h" width="5" height="5" patternUnits="userSpaceOnUse" '
-        f'patternTransform="rotate(45)">{stroke}</pattern></defs>'
-    )
 
 
 def _draw_guides(plot: _Plot) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.exposure.bins import PartHistograms
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.rows import IntArray
 from fusion.exposure.types import Entries, Episodes
@@ -19,6 +20,9 @@ HALF_HYSTERESIS_DEG = 5.0
 MERGED_GAP_S = 0.5
 SHORTEST_S = 0.5
 USUAL_STAYS = 4096
+LONG_S = (5.0, 10.0, 30.0, 60.0)
+BUSY_PER_MINUTE = 2
+LEAST_OF_MINUTE = 0.5
 START, STOP, COUNTED, CENSORED, RUN = range(5)
 
 
@@ -97,17 +101,37 @@ def _is_under(rows: IntArray, limit_s: float, rate_hz: float) -> NDArray[np.bool
     return rows < limit_s * rate_hz - 1e-3
 
 
-def summarise_entries(threshold_deg: float, stays: list[Stays], analysed_s: float) -> Entries:
-    """Count the repetitions of all segments, per hour of analysed time."""
+def summarise_entries(
+    threshold_deg: float, stays: list[Stays], analysed_s: float, minutes: PartHistograms | None = None
+) -> Entries:
+    """Count the repetitions of all segments, per hour of analysed time.
+
+    With the day's minutes also the share of them (those with 30 s or more of analysed time) that hold two
+    entries or more per minute of it: the frequency at which EN 1005-4 asks for more than the zone.
+    """
     count = sum(len(segment.entry_us) for segment in stays)
-    return Entries(threshold_deg, count, count * 3600.0 / analysed_s)
+    busy_percent = None if minutes is None else _share_busy(stays, minutes)
+    return Entries(threshold_deg, count, count * 3600.0 / analysed_s, busy_percent)
 
 
-def summarise_episodes(threshold_deg: float, stays: list[Stays]) -> Episodes:
+def _share_busy(stays: list[Stays], minutes: PartHistograms) -> float | None:
+    analysed_min = minutes.cell_us.sum(axis=1, dtype=np.int64) / (60 * MICROSECONDS)
+    kept = analysed_min >= LEAST_OF_MINUTE
+    if not kept.any():
+        return None
+    entry_us = np.concatenate([segment.entry_us for segment in stays])
+    counts = np.histogram(entry_us, minutes.edges_us)[0]
+    busy = counts[kept] >= BUSY_PER_MINUTE * analysed_min[kept] - 1e-9
+    return 100.0 * float(busy.mean())
+
+
+def summarise_episodes(threshold_deg: float, stays: list[Stays], analysed_s: float | None = None) -> Episodes:
     """Describe the episodes of all segments; of equally long ones the earliest is the longest."""
     durations_s = np.concatenate([segment.duration_s for segment in stays])
+    longer_s = tuple((limit_s, float(durations_s[durations_s > limit_s].sum())) for limit_s in LONG_S)
+    per_hour = len(durations_s) * 3600.0 / analysed_s if analysed_s else None
     if len(durations_s) == 0:
-        return Episodes(threshold_deg, 0, None, None, None, 0)
+        return Episodes(threshold_deg, 0, None, None, None, 0, per_hour, longer_s=longer_s)
     starts_s = np.concatenate([segment.start_s for segment in stays])
     longest = int(np.argmax(np.round(durations_s, 6)))
     return Episodes(
@@ -117,4 +141,8 @@ def summarise_episodes(threshold_deg: float, stays: list[Stays]) -> Episodes:
         float(np.median(durations_s)),
         float(starts_s[longest]),
         sum(int(segment.censored.sum()) for segment in stays),
+        per_hour,
+        float(durations_s.sum()),
+        float(np.percentile(durations_s, 90)),
+        longer_s,
     )

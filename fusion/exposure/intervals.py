@@ -9,15 +9,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
-from fusion.exposure.bins import BIN_EDGES_DEG, CELLS_PER_DEG, PERCENTS, THRESHOLDS_DEG
-from fusion.exposure.types import ElevationBin, Interval, TimeAbove
+from fusion.exposure.bins import (
+    BIN_EDGES_DEG,
+    CELLS_PER_DEG,
+    PERCENTS,
+    THRESHOLDS_DEG,
+    find_percentile_cells,
+)
+from fusion.exposure.resampling import (
+    BLOCK_US,
+    LOW_HIGH_PERCENT,
+    Resampling,
+    draw_blocks,
+    name_intervals,
+    scale_interval,
+)
+from fusion.exposure.types import ElevationBin, Interval, TimeAbove, Velocity
+from fusion.exposure.velocity import CELL_DPS, COARSE_CELLS, WIDENING, SpeedTally
+from fusion.exposure.velocity import PERCENTS as SPEED_PERCENTS
+from fusion.recording import MICROSECONDS
 
-DRAWS = 200
-BLOCK_MINUTES = 5
-SEED = 0
-LOW_HIGH_PERCENT = (2.5, 97.5)
+BLOCK_MINUTES = BLOCK_US // (60 * MICROSECONDS)
 
 FloatMatrix = NDArray[np.float64]
 
@@ -33,9 +46,14 @@ class Draws:
 
 def draw_days(minute_us: NDArray[np.int32] | NDArray[np.int64], bias_sigma_deg: float) -> Draws:
     """Draw 200 days from the minutes' 0.1 deg histograms, shape (m, 1800)."""
-    blocks = _sum_blocks(minute_us)
-    bias_deg = bias_sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
-    shares = np.array([_share_below(day) for day in _resample(blocks)])
+    blocks = sum_blocks(minute_us)
+    return draw_figures(blocks, draw_blocks(blocks.sum(axis=1), bias_sigma_deg))
+
+
+def draw_figures(blocks: FloatMatrix, draws: Resampling) -> Draws:
+    """Give the figures of each draw from the blocks' histograms, shape (b, 1800)."""
+    bias_deg = draws.error_deg
+    shares = np.array([_share_below(day) for day in draws.sum(blocks)])
     edges_deg = np.array(BIN_EDGES_DEG[1:-1], np.float64)
     below = _look_up(shares, edges_deg - bias_deg[:, np.newaxis])
     above = 1.0 - _look_up(shares, np.array(THRESHOLDS_DEG) - bias_deg[:, np.newaxis])
@@ -44,18 +62,10 @@ def draw_days(minute_us: NDArray[np.int32] | NDArray[np.int64], bias_sigma_deg: 
     return Draws(100.0 * np.diff(below, prepend=0.0, append=1.0), 100.0 * above, percentiles_deg)
 
 
-def _sum_blocks(minute_us: NDArray[np.int32] | NDArray[np.int64]) -> FloatMatrix:
-    """Sum five minutes at a time; leave out blocks without analysed time."""
+def sum_blocks(minute_us: NDArray[np.int32] | NDArray[np.int64]) -> FloatMatrix:
+    """Sum five minutes at a time, shape (b, 1800)."""
     starts = np.arange(0, len(minute_us), BLOCK_MINUTES)
-    blocks = np.add.reduceat(minute_us, starts, axis=0, dtype=np.float64)
-    return np.asarray(blocks[blocks.sum(axis=1) > 0.0])
-
-
-def _resample(blocks: FloatMatrix) -> FloatMatrix:
-    random = np.random.Generator(np.random.PCG64(SEED))
-    chosen = random.integers(0, len(blocks), (DRAWS, len(blocks)))
-    times = np.array([np.bincount(row, minlength=len(blocks)) for row in chosen], np.float64)
-    return np.asarray(times @ blocks)
+    return np.asarray(np.add.reduceat(minute_us, starts, axis=0, dtype=np.float64))
 
 
 def _share_below(day: FloatMatrix) -> FloatMatrix:
@@ -99,3 +109,31 @@ def name_percentile_intervals(draws: Draws) -> dict[str, Interval]:
     """Give the intervals of the percentiles by the names of their columns: ``elevation_p90_deg``."""
     intervals = _to_intervals(draws.percentiles_deg)
     return {f"elevation_p{p}_deg": interval for p, interval in zip(PERCENTS, intervals, strict=True)}
+
+
+def name_speed_intervals(
+    kind: str, velocity: Velocity | None, tally: SpeedTally, draws: Resampling
+) -> dict[str, Interval]:
+    """Give the intervals of one kind of speed by the names of their columns.
+
+    They cover the sampling of the day; a constant error of the angle does not change its speed.
+    """
+    if velocity is None:
+        return {}
+    drawn_s = draws.sum(tally.block_s)
+    drawn = _find_speeds(drawn_s)
+    coarse = _find_speeds(tally.block_s.sum(axis=0)[np.newaxis])[0]
+    values = {10: velocity.p10_dps, 50: velocity.p50_dps, 90: velocity.p90_dps, 99: velocity.p99_dps}
+    found = {
+        f"{kind}_velocity_p{p}_dps": scale_interval(value, drawn[:, k], coarse[k])
+        for k, (p, value) in enumerate(values.items())
+    }
+    means = draws.sum(tally.way_deg) / drawn_s.sum(axis=1)
+    return name_intervals({**found, f"{kind}_velocity_mean_dps": scale_interval(1.0, means, 1.0)})
+
+
+def _find_speeds(block_s: FloatMatrix) -> FloatMatrix:
+    """Give P10, P50, P90 and P99 from cells that widen by 2 %, shape (k, 654): shape (k, 4), deg/s."""
+    edges_dps = np.concatenate([[0.0, 0.0], CELL_DPS * WIDENING ** np.arange(1, COARSE_CELLS)])
+    places = find_percentile_cells(block_s, np.array(SPEED_PERCENTS, np.float64))
+    return np.asarray(np.interp(places, np.arange(len(edges_dps)), edges_dps))

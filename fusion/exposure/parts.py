@@ -75,12 +75,13 @@ def summarise_parts(
     """Give the main figures of each part; ``entry_us`` are the times of the entries above 60 deg."""
     entries = np.histogram(entry_us, parts.edges_us)[0]
     return tuple(
-        _summarise_part(label, parts.edges_us[k : k + 2], histograms.cell_us[k], int(entries[k]))
+        summarise_part(label, parts.edges_us[k : k + 2], histograms.cell_us[k], int(entries[k]))
         for k, label in enumerate(parts.labels)
     )
 
 
-def _summarise_part(label: str, edges_us: IntArray, cell_us: IntArray, entries: int) -> PartExposure:
+def summarise_part(label: str, edges_us: IntArray, cell_us: IntArray, entries: int) -> PartExposure:
+    """Give the main figures of one part from its cells, shape (1800,), and its entries above 60 deg."""
     start_s, end_s = (float(edge) / MICROSECONDS for edge in edges_us)
     analysed_s = int(cell_us.sum()) / MICROSECONDS
     if analysed_s == 0.0:

@@ -7,8 +7,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import find_end_us, find_first_rows
-from fusion.exposure.types import PeakWindow
+from fusion.exposure.types import Interval, PeakWindow
 from fusion.recording import MICROSECONDS
 
 WINDOWS_S = (60, 900, 3600)
@@ -53,18 +54,81 @@ def find_peak_windows(tally: SecondTally, duration_us: int) -> tuple[PeakWindow,
     A window starts at a whole second, lies inside the recording, runs across holes, and counts where at least
     80 % of it was analysed; of equal ones the earliest.
     """
-    whole_seconds = duration_us // MICROSECONDS
-    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(tally.seconds[:whole_seconds], axis=0)])
-    return tuple(_find_peak_window(sums, length_s) for length_s in WINDOWS_S)
+    seconds = tally.seconds[: duration_us // MICROSECONDS]
+    return tuple(_find_peak_window(seconds, length_s) for length_s in WINDOWS_S)
 
 
-def _find_peak_window(sums: NDArray[np.float64], length_s: int) -> PeakWindow:
-    if len(sums) <= length_s:
+def _find_peak_window(seconds: NDArray[np.float64], length_s: int) -> PeakWindow:
+    best, percent = find_worst_window(seconds[:, 0], seconds[:, 1], length_s)
+    if best < 0:
         return PeakWindow(length_s, None, None)
-    analysed_s, above_s = (sums[length_s:] - sums[:-length_s]).T
-    enough = analysed_s >= LEAST_COVER * length_s - 1e-6
-    if not enough.any():
-        return PeakWindow(length_s, None, None)
-    percent = np.where(enough, 100.0 * above_s / np.maximum(analysed_s, 1e-9), -1.0)
-    best = int(np.argmax(np.round(percent, 7)))  # so that the rounding of sums does not break a tie
-    return PeakWindow(length_s, float(best), float(percent[best]))
+    return PeakWindow(length_s, float(best), float(percent))
+
+
+@njit(cache=True, nogil=True)
+def find_worst_window(analysed_s, above_s, length_s):  # type: ignore[no-untyped-def]
+    """Give the first second of the window with the largest share above, and that share; -1 if none."""
+    best, highest = -1, -1.0
+    analysed, above = 0.0, 0.0
+    for i in range(len(analysed_s)):
+        analysed += analysed_s[i]
+        above += above_s[i]
+        if i >= length_s:
+            analysed -= analysed_s[i - length_s]
+            above -= above_s[i - length_s]
+        if i >= length_s - 1 and analysed >= LEAST_COVER * length_s - 1e-6:
+            percent = 100.0 * above / analysed
+            if percent > highest + 1e-7:  # so that the rounding of sums does not break a tie
+                best, highest = i - length_s + 1, percent
+    return best, max(highest, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftedSeconds:
+    """Valid rows of each second by how many of the levels (60 deg less each error) they reach.
+
+    ``errors_deg`` has shape (g,), evenly spread; ``seconds``, shape (s, g + 1), is filled in place.
+    """
+
+    errors_deg: NDArray[np.float64]
+    seconds: NDArray[np.float32]
+
+    def add(self, angle: MetricAngle) -> None:
+        """Count a segment's valid rows."""
+        first = angle.start_us // MICROSECONDS
+        stop = -(-find_end_us(angle) // MICROSECONDS)
+        rows = find_first_rows(angle, np.arange(first, stop + 1) * MICROSECONDS)
+        rows[0], rows[-1] = 0, len(angle)
+        lowest = THRESHOLD_DEG - self.errors_deg[-1]
+        step = self.errors_deg[1] - self.errors_deg[0]
+        how = (rows, lowest, step, 1.0 / angle.rate_hz)
+        count_levels(angle.elevation_deg, angle.valid, how, self.seconds[first:stop])
+
+    def name_intervals(self, windows: tuple[PeakWindow, ...], draws: Resampling) -> dict[str, Interval]:
+        """Give the intervals of the worst windows: of the error of the angle alone.
+
+        For each error the worst window is sought anew; windows of other days cannot be drawn from this one.
+        """
+        analysed_s = self.seconds.sum(axis=1, dtype=np.float64)
+        above_s = np.cumsum(self.seconds[:, ::-1], axis=1, dtype=np.float64)[:, :-1]
+        found: dict[str, Interval | None] = {}
+        for window in windows:
+            if window.start_s is not None:
+                columns = (np.ascontiguousarray(column) for column in above_s.T)
+                shares = [find_worst_window(analysed_s, column, window.length_s)[1] for column in columns]
+                name = f"worst_{window.length_s // 60}_min_above_60_percent"
+                drawn = draws.look_up(np.array(shares), self.errors_deg)
+                found[name] = find_interval(drawn)
+        return name_intervals(found)
+
+
+@njit(cache=True, nogil=True)
+def count_levels(angle_deg, valid, how, seconds):  # type: ignore[no-untyped-def]
+    """Count valid rows by the number of evenly spread levels that they reach."""
+    rows, lowest, step, period_s = how
+    levels = seconds.shape[1] - 1
+    for second in range(len(rows) - 1):
+        for i in range(rows[second], rows[second + 1]):
+            if valid[i]:
+                reached = int(np.floor((angle_deg[i] - lowest) / step + 1e-9)) + 1
+                seconds[second, min(max(reached, 0), levels)] += period_s

@@ -7,11 +7,13 @@ resolution of all times, so an overlap of up to one microsecond is no overlap.
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from fusion.recording import MICROSECONDS, BoolArray
 
 IntArray = NDArray[np.int64]
+USUAL_RUNS = 256
 
 
 class EvenRun(Protocol):
@@ -65,6 +67,24 @@ def split_time(counts: IntArray, rate_hz: float) -> IntArray:
 
 def find_runs(mask: BoolArray) -> IntArray:
     """Give the runs of true rows, shape (k, 2): first row and the row after the last."""
-    edges = np.diff(mask.astype(np.int8), prepend=0, append=0)
-    runs: IntArray = np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
-    return runs
+    runs = np.empty((USUAL_RUNS, 2), np.int64)
+    count = _scan_runs(mask, runs)
+    if count > len(runs):
+        runs = np.empty((count, 2), np.int64)
+        _scan_runs(mask, runs)
+    return runs[:count]
+
+
+@njit(cache=True, nogil=True)
+def _scan_runs(mask, runs):  # type: ignore[no-untyped-def]
+    """Write as many runs as there is room for; return how many there are."""
+    count, first = 0, -1
+    for i in range(len(mask) + 1):
+        here = i < len(mask) and mask[i]
+        if here and first < 0:
+            first = i
+        elif not here and first >= 0:
+            if count < len(runs):
+                runs[count] = (first, i)
+            count, first = count + 1, -1
+    return count

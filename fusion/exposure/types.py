@@ -42,6 +42,8 @@ class Entries:
     threshold_deg: float
     count: int
     per_hour: float
+    busy_minutes_percent: float | None = None
+    """Share of the minutes of work with two entries or more (the criterion of frequency in EN 1005-4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,11 @@ class Episodes:
     median_s: float | None
     longest_start_s: float | None
     censored: int
+    per_hour: float | None = None
+    total_s: float = 0.0
+    p90_s: float | None = None
+    longer_s: tuple[tuple[float, float], ...] = ()
+    """Seconds in stays longer than 5, 10, 30 and 60 s: pairs of (limit, seconds)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +106,11 @@ class Eva:
 
 @dataclass(frozen=True, slots=True)
 class PartExposure:
-    """The main figures of one part of the day: a clock hour or a period of the diary."""
+    """The main figures of one part of the day: a clock hour or a period of the diary.
+
+    Only of a period are known: its ``kind``, ``recorded_s`` (from its first to its last moment less what
+    other periods cut out of it), and why its time is excluded (``reason``, empty where it is analysed).
+    """
 
     label: str
     start_s: float
@@ -108,6 +119,49 @@ class PartExposure:
     percentiles_deg: dict[int, float]
     percent_above: dict[int, float]
     entries_above_60_per_h: float | None
+    kind: str = ""
+    recorded_s: float | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """Time hanging and slow, time slow at any angle, and the longest time without the former."""
+
+    neutral_slow_percent: float
+    neutral_slow_per_hour: float
+    slow_percent: float
+    slow_per_hour: float
+    longest_without_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Frequency:
+    """Of the speed of inclination: mean power frequency (None under a minute) and changes of direction."""
+
+    mean_power_hz: float | None
+    crossings_per_hour: float
+
+
+@dataclass(frozen=True, slots=True)
+class HourVariation:
+    """How one figure differs between the clock hours."""
+
+    hours: int
+    coefficient_percent: float | None
+    spread: float
+    last_less_first: float
+
+
+@dataclass(frozen=True, slots=True)
+class EvaSummary:
+    """The EVA matrix in a few figures."""
+
+    by_angle_percent: tuple[float, ...]
+    by_duration_percent: tuple[float, ...]
+    cell_sd_percent: float
+    centroid_deg: float
+    centroid_s: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,3 +199,7 @@ class Exposure:
     """Corner of the low-pass all figures were taken behind; None where the series was too slow to filter."""
     intervals: dict[str, Interval] = field(default_factory=dict)
     """By column name, for figures without an interval of their own; empty where that is not known."""
+    recovery: Recovery | None = None
+    frequency: Frequency | None = None
+    hour_variation: dict[str, HourVariation] = field(default_factory=dict)
+    eva_summary: EvaSummary | None = None

@@ -7,12 +7,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import PADDING_ROWS, design_filter
+from fusion.orientation.on_demand import VerticalOnDemand
 
 BLOCK_ROWS = 32_768
 MARGIN_S = 2.0  # what a cut does to the filter at 5 Hz has died down to 1e-19 after 2 s
 
 
-def filter_blocks(vectors: NDArray[np.float32], rate_hz: float) -> Iterator[tuple[int, NDArray[np.float64]]]:
+def filter_blocks(
+    vectors: NDArray[np.float32] | VerticalOnDemand, rate_hz: float
+) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """Give the filtered vectors, shape (n, 3), as blocks (first row, vectors).
 
     Each block but the first begins with the last row of the one before, so that steps can be taken inside

@@ -1,19 +1,19 @@
 """The estimators: arrays in, unit vector to the zenith out; no recording and no arm here."""
 
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusion.orientation.arrays import check_arrays
+from fusion.choices import MethodName
+from fusion.orientation.arrays import UnusableArrays, check_arrays
+from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
-from fusion.orientation.smoothed import smooth_vertical
-from fusion.sensor_errors.accelerometer import calibrate_accelerometer
-from fusion.sensor_errors.gyro_bias import estimate_gyro_bias
+from fusion.orientation.smoothed import smooth_nodes
+from fusion.sensor_errors.nodes import spread_rows
 from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor_errors.self_calibration import calibrate_sensor
 from fusion.sensor_errors.stillness import find_quietest_rate, find_still_moments, reduce_run
-
-MethodName = Literal["smoothed", "published"]
 
 __all__ = ["MethodName", "estimate_vertical"]
 
@@ -31,7 +31,8 @@ def estimate_vertical(
     rate_hz
         Samples per second.
     method
-        `smoothed` finds the gyroscope's bias and the accelerometer's offset and scale itself; `published` takes the mean rate of the quietest 2 s.
+        `smoothed` finds the gyroscope's bias and the accelerometer's offset and scale itself; `published`
+        takes the mean rate of the quietest 2 s.
 
     Returns
     -------
@@ -40,13 +41,20 @@ def estimate_vertical(
     Raises
     ------
     fusion.orientation.arrays.UnusableArrays
-        A ValueError: wrong shapes, no sample, values that are not finite, a rate that is not positive.
+        A ValueError: wrong shapes, no sample, values that are not finite, a rate that is not positive, an
+        unknown method.
     """
+    if method not in get_args(MethodName):
+        raise UnusableArrays(why="method")
     acc, gyr = check_arrays(acc_g, gyr_dps, rate_hz)
+    if method == "live":
+        return LiveVertical(float(rate_hz)).update(acc, gyr)
     run = SensorRun(0.0, float(rate_hz), acc, gyr)
     if method == "published":
         return np.asarray(estimate_published(run, find_quietest_rate(run)), dtype=np.float64)
     blocks = [reduce_run(run)]
-    stills = find_still_moments(blocks)
-    bias = estimate_gyro_bias([run], stills)
-    return np.asarray(smooth_vertical(run, bias, calibrate_accelerometer(stills)).up, dtype=np.float64)
+    _, (calibrated,) = calibrate_sensor([run], blocks, find_still_moments(blocks))
+    nodes, gyr_dps = calibrated.nodes, calibrated.run.gyr_dps
+    up = np.empty((len(run), 3))
+    spread_rows(gyr_dps, run.rate_hz, nodes, smooth_nodes(nodes).up, up, 0)
+    return up

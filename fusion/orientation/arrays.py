@@ -10,7 +10,7 @@ from fusion.recording import FloatArray
 
 
 class UnusableArrays(UnusableRecording, ValueError):
-    """The arrays cannot be fused. Facts: why ("shape", "finite", "rate", "empty")."""
+    """The arrays cannot be fused. Facts: why ("shape", "finite", "rate", "empty", "method")."""
 
     code = "E-ARRAYS"
 

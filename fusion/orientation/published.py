@@ -34,8 +34,9 @@ class PublishedParameters:
         0.002 Hz, order 1, as stated, a one-pole RC filter. It removes true slow rotation; 0 leaves it out.
     time_constant_s
         The slerp weight is not given. The share of A in each step is ``1 - exp(-period /
-        time_constant_s)``, so that both devices are treated alike; the default is the best of the sweep
-        that ``benchmarks/fusion.py`` prints.
+        time_constant_s)``, so that both devices are treated alike. In the sweep that ``benchmarks/fusion.py``
+        prints, the best is 0.5 s on BROAD and 1.5 s on simulated shifts; 1 s (a weight of 0.01 at 100 Hz)
+        lies between.
     The XY part
         is taken as one rotation about an axis in the XY plane (the tilt of tilt-and-torsion), not as roll
         and pitch: a slerp between two such rotations is again one, so the Z part stays the gyroscope's own,

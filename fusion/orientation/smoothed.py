@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from fusion.recording import FloatArray
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias, hold_bias
-from fusion.sensor_errors.nodes import GYRO_LAG_S, NODE_RATE_HZ, reduce_to_nodes, spread_from_nodes
+from fusion.sensor_errors.nodes import NODE_RATE_HZ, Nodes, correct_nodes, reduce_to_nodes, spread_rows
 from fusion.sensor_errors.rotation import carry, turn_factors
 from fusion.sensor_errors.runs import SensorRun
 
@@ -33,35 +33,58 @@ from fusion.sensor_errors.runs import SensorRun
 class SmoothedParameters:
     """How slow the filter is, how often it runs, how late the gyroscope is.
 
-    ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.5 to 3.5 s are alike within 0.01 deg).
-    ``gyro_lag_s``: a gyroscope's internal filter is slower than the accelerometer's. The MPU-9250's register
-    map (RM-MPU-9250A-00) puts it 1.0 ms behind at every setting (41 Hz: 5.90 against 4.88 ms); BROAD's trials
-    fit best at 1.0 to 1.5 ms. Few devices tell, so half of the data sheet's figure is taken: wrong by 0.5 ms
-    either way, which at 100 deg/s is 0.05 deg.
+    ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.6 to 3.2 s are alike within 0.002
+    deg). ``gyro_lag_s``: a gyroscope's internal filter may be slower than the accelerometer's (1 ms in an
+    MPU-9250, register map RM-MPU-9250A-00; BROAD's trials fit best at 1.0 to 1.5 ms and score 0.31 in place
+    of 0.33 deg). It is 0 because it differs between parts and cannot be told from a recording: estimates from
+    BROAD's trials ran from -40 to +40 ms, since what the hand does passes for a lag.
     """
 
     time_constant_s: float = 3.0
     node_rate_hz: float = NODE_RATE_HZ
-    gyro_lag_s: float = GYRO_LAG_S
+    gyro_lag_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedVertical:
-    """The vertical, and a simple measure of its uncertainty.
+class SmoothedNodes:
+    """The vertical at the nodes, and how far past and future disagree.
 
     Attributes
     ----------
     up
-        Shape (n, 3): unit vector to the zenith, sensor frame.
-    uncertainty_deg
-        One value for each ``rows_per_value`` samples (about a second): the root mean square of the angle
+        Shape (j, 3): unit vector to the zenith, sensor frame.
+    disagreement_deg
+        One value for each ``nodes_per_value`` nodes (about a second): the root mean square of the angle
         between what the past alone and what the future alone say, times the smaller one's share in the
         result (a half, away from the ends).
     """
 
+    up: NDArray[np.float64]
+    disagreement_deg: NDArray[np.float64]
+    nodes_per_value: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothedVertical:
+    """The vertical at every sample, shape (n, 3), with the disagreement each ``rows_per_value`` samples."""
+
     up: FloatArray
     uncertainty_deg: NDArray[np.float64]
     rows_per_value: int
+
+
+def smooth_nodes(
+    nodes: Nodes, time_constant_s: float = SmoothedParameters().time_constant_s
+) -> SmoothedNodes:
+    """Filter both ways."""
+    decay = np.exp(-(1.0 + 1.0j) * nodes.period_s / time_constant_s)
+    per_second = max(1, round(1.0 / nodes.period_s))
+    up = np.zeros((len(nodes.acc_g), 3))
+    disagreement = np.zeros(-(-len(up) // per_second))
+    for direction in (1, -1):
+        _sweep(nodes.acc_g, nodes.turn_rad, decay, direction, up, disagreement, per_second)
+    _finish(nodes.acc_g, up)
+    return SmoothedNodes(up, np.degrees(np.sqrt(disagreement / per_second)), per_second)
 
 
 def smooth_vertical(
@@ -69,22 +92,16 @@ def smooth_vertical(
     bias: GyroBias | None = None,
     correction: AccelerometerCorrection | None = None,
     parameters: SmoothedParameters | None = None,
-    dtype: type[np.float32] | type[np.float64] = np.float64,
 ) -> SmoothedVertical:
     """Find the vertical at the time of each sample, and how far past and future disagree."""
     parameters = parameters or SmoothedParameters()
     bias = bias or hold_bias(np.zeros(3))
-    nodes = reduce_to_nodes(run, bias, parameters.node_rate_hz, parameters.gyro_lag_s, correction)
-    decay = np.exp(-(1.0 + 1.0j) * nodes.rows_per_node / (run.rate_hz * parameters.time_constant_s))
-    per_second = max(1, round(run.rate_hz / nodes.rows_per_node))
-    up = np.zeros((len(nodes.acc_g), 3))
-    disagreement = np.zeros(-(-len(up) // per_second))
-    for direction in (1, -1):
-        _sweep(nodes.acc_g, nodes.turn_rad, decay, direction, up, disagreement, per_second)
-    _finish(nodes.acc_g, up)
-    uncertainty_deg = np.degrees(np.sqrt(disagreement / per_second))
-    out = spread_from_nodes(run, nodes, up, dtype)
-    return SmoothedVertical(out, uncertainty_deg, per_second * nodes.rows_per_node)
+    nodes = reduce_to_nodes(run, bias, parameters.node_rate_hz, parameters.gyro_lag_s)
+    nodes = correct_nodes(nodes, bias, None, correction)
+    smoothed = smooth_nodes(nodes, parameters.time_constant_s)
+    out = np.empty((len(run), 3))
+    spread_rows(run.gyr_dps, run.rate_hz, nodes, smoothed.up, out, 0)
+    return SmoothedVertical(out, smoothed.disagreement_deg, smoothed.nodes_per_value * nodes.rows_per_node)
 
 
 @njit(inline="always")

@@ -7,11 +7,13 @@ from itertools import groupby
 import numpy as np
 
 from fusion.elevation import Elevation, ElevationSegment
+from fusion.errors import TooShort
 from fusion.exposure.rows import find_touched_rows
 from fusion.quality.clipping import find_clipped
 from fusion.recording import MICROSECONDS, Recording, Span
 
 SHORTEST_SEGMENT_US = MICROSECONDS
+SHORTEST_RECORDING_US = 10 * MICROSECONDS
 READY_ANGLES = "angles"
 
 
@@ -29,6 +31,18 @@ def find_exclusions(recording: Recording) -> tuple[Span, ...]:
         if segment.duration_us < SHORTEST_SEGMENT_US
     ]
     return make_disjoint([*find_clipped(recording), *short, *recording.excluded], recording.duration_us)
+
+
+def refuse_short(recording: Recording) -> None:
+    """Refuse what cannot hold the 10 s that an analysis needs, before anything is looked for in it.
+
+    Raises
+    ------
+    TooShort
+    """
+    present_us = sum(segment.duration_us for segment in recording.segments)
+    if present_us < SHORTEST_RECORDING_US and recording.device not in (READY_ANGLES, "mvn"):
+        raise TooShort(s=round(present_us / MICROSECONDS, 3))
 
 
 def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:

@@ -1,12 +1,18 @@
 """Where the recording's time went (CONTRACT.md §5 "Time")."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.quality.exclusions import READY_ANGLES
-from fusion.quality.types import TimeAccount
+from fusion.quality.types import TimeAccount, TimePart
 from fusion.recording import MICROSECONDS, Recording, Span
+
+Account = Literal["analysed", "excluded", "missing"]
 
 SHORTEST_ANALYSED_US = 10 * MICROSECONDS
 WITHOUT_MINIMUM = (READY_ANGLES, "mvn")
@@ -35,6 +41,34 @@ def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[S
     if exclusions and missing_us <= len(exclusions) + len(elevation.segments):
         missing_us, excluded_us = 0, excluded_us + missing_us
     return TimeAccount(recorded_us, analysed_us, missing_us, excluded_us)
+
+
+def name_parts(
+    time: TimeAccount, analysed_us: Mapping[str, int], exclusions: tuple[Span, ...]
+) -> TimeAccount:
+    """Say what the time consists of: analysed time by kind of period, excluded time by its reason.
+
+    ``analysed_us`` is the analysed time of each kind and adds up to all of it; what rounding leaves over (a
+    microsecond for each segment) goes to the largest part of its account.
+    """
+    excluded_us: dict[str, int] = {}
+    for span in exclusions:
+        excluded_us[span.reason] = excluded_us.get(span.reason, 0) + span.duration_us
+    parts = (
+        *_list_parts("analysed", analysed_us, time.analysed_us),
+        *_list_parts("excluded", excluded_us, time.excluded_us),
+        *_list_parts("missing", {"missing": time.missing_us}, time.missing_us),
+    )
+    return replace(time, parts=parts)
+
+
+def _list_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int) -> Iterable[TimePart]:
+    rest_us = whole_us - sum(lengths_us.values())
+    largest = max(lengths_us, key=lambda name: lengths_us[name], default="")
+    for name, length_us in lengths_us.items():
+        told_us = length_us + (rest_us if name == largest else 0)
+        if told_us:
+            yield TimePart(account, name, told_us)
 
 
 def _count_analysed(segment: ElevationSegment) -> int:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 from fusion.calibration import Calibration
 from fusion.quality.exclusions import READY_ANGLES
+from fusion.quality.spans import flag_spans
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
@@ -16,10 +17,12 @@ NOTE, CAUTION, POOR = range(3)
 NOTES = frozenset(
     {
         "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-UPLOAD", "W-ENCODING",
-        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-PRECISION", "W-SEC-COUNT", "W-TZ",
+        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-ORDER", "W-PRECISION", "W-SEC-COUNT",
+        "W-TZ",
     }
 )  # fmt: skip
 GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-SHORT", "W-UPSIDE"})
+SIGNAL_REASONS = frozenset({"docked", "asleep", "clipped", "short-segment", "spikes", "stuck"})
 # Caveats that count from a share of the recorded time on.
 SHARES = {"W-GAP": 0.01, "W-UNTRUSTED": 0.01, "W-CLIP": 0.001}
 
@@ -34,7 +37,8 @@ def assess_quality(
     """Collect every caveat and give the verdict with the codes that decided it.
 
     Poor: less than 2 h or half of the recording analysed, no still period, sensor upside down. Caution: less
-    than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal. A note (a
+    than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (also that the
+    sensor may not have been worn). A note (a
     duplicate second, the N-pose) leaves the verdict good.
     """
     given = (*recording.flags, *calibration_flags)
@@ -61,21 +65,26 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> int:
 def _find_own_flags(
     recording: Recording, calibration: Calibration | None, time: TimeAccount, exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
-    holes = find_holes(recording)
-    yield from _flag_spans("W-GAP", holes)
-    yield from _flag_spans("W-CLIP", [span for span in exclusions if span.reason == "clipped"])
-    yield from _flag_untrusted(recording, time, holes)
-    yield from _flag_length(recording, time)
+    holes = find_holes(recording, _list_diary(exclusions))
+    yield from flag_spans("W-GAP", holes)
+    yield from flag_spans("W-CLIP", [span for span in exclusions if span.reason == "clipped"])
+    yield from _flag_untrusted(recording, time, holes, exclusions)
+    yield from _flag_length(recording, time, exclusions)
     if calibration is not None and calibration.pose == "n-pose":
         yield QualityFlag("W-NPOSE", facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
 
 
-def find_holes(recording: Recording) -> list[Span]:
-    """Give the stretches between segments that the device does not account for itself."""
+def _list_diary(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
+    """Give what the person left out, as opposed to what the signal or the device says."""
+    return tuple(span for span in exclusions if span.reason not in SIGNAL_REASONS)
+
+
+def find_holes(recording: Recording, left_out: tuple[Span, ...] = ()) -> list[Span]:
+    """Give the stretches between segments that neither the device nor the diary accounts for."""
     if recording.device == READY_ANGLES:
         return []  # its segments hold no samples; the reader of angles tells its holes
     known = [(segment.start_us, segment.end_us) for segment in recording.segments]
-    known += [(span.start_us, span.end_us) for span in recording.excluded]
+    known += [(span.start_us, span.end_us) for span in (*recording.excluded, *left_out)]
     holes, reached_us = [], 0
     for start_us, end_us in [*sorted(known), (recording.duration_us, recording.duration_us)]:
         if start_us > reached_us + 1:  # a microsecond is rounding
@@ -84,14 +93,9 @@ def find_holes(recording: Recording) -> list[Span]:
     return holes
 
 
-def _flag_spans(code: str, spans: list[Span]) -> Iterable[QualityFlag]:
-    if spans:
-        total_us = sum(span.duration_us for span in spans)
-        first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
-        yield QualityFlag(code, len(spans), total_us / MICROSECONDS, first_s, last_s)
-
-
-def _flag_untrusted(recording: Recording, time: TimeAccount, holes: list[Span]) -> Iterable[QualityFlag]:
+def _flag_untrusted(
+    recording: Recording, time: TimeAccount, holes: list[Span], exclusions: tuple[Span, ...]
+) -> Iterable[QualityFlag]:
     """Flag time that was recorded but whose direction the fusion did not trust."""
     if recording.device == READY_ANGLES:
         return
@@ -99,16 +103,25 @@ def _flag_untrusted(recording: Recording, time: TimeAccount, holes: list[Span]) 
         (stop - first) * MICROSECONDS / segment.rate_hz
         for segment in recording.segments
         for first, stop in segment.bridged
+        if not _is_within(segment.start_us + first * MICROSECONDS / segment.rate_hz, exclusions)
     )
     untrusted_us = time.missing_us - bridged_us - sum(span.duration_us for span in holes)
     if untrusted_us >= MICROSECONDS:
         yield QualityFlag("W-UNTRUSTED", seconds=untrusted_us / MICROSECONDS)
 
 
-def _flag_length(recording: Recording, time: TimeAccount) -> Iterable[QualityFlag]:
+def _is_within(time_us: float, spans: tuple[Span, ...]) -> bool:
+    return any(span.start_us <= time_us < span.end_us for span in spans)
+
+
+def _flag_length(
+    recording: Recording, time: TimeAccount, exclusions: tuple[Span, ...]
+) -> Iterable[QualityFlag]:
+    """Flag too little time; what the person left out was never meant to be analysed."""
     analysed_s = time.analysed_us / MICROSECONDS
-    share_percent = 100.0 * time.analysed_us / time.recorded_us
-    if 2 * time.analysed_us < time.recorded_us:
+    wanted_us = time.recorded_us - sum(span.duration_us for span in _list_diary(exclusions))
+    share_percent = 100.0 * time.analysed_us / max(wanted_us, 1)
+    if 2 * time.analysed_us < wanted_us:
         yield QualityFlag("W-LOWCOVER", seconds=analysed_s, facts={"percent": round(share_percent, 1)})
     if analysed_s < 60.0 and recording.device != READY_ANGLES:
         yield QualityFlag("W-SHORT", seconds=analysed_s)

@@ -1,15 +1,30 @@
 """From a file's bytes to a :class:`fusion.recording.Recording`: one format, one file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 from fusion.errors import EmptyFile
 from fusion.physics import check_physics
-from fusion.readers import actilife_csv, gt3x, lsm9ds1_csv, lsm9ds1_raw
-from fusion.readers.contents import check_extension, explain_refusal
+from fusion.readers import actilife_csv, gt3x, lsm9ds1_csv, lsm9ds1_raw, parquet
+from fusion.readers.contents import check_extension, explain_refusal, name_content
+from fusion.readers.joining import join_recordings
+from fusion.readers.profile import ColumnProfile, parse_profile
+from fusion.readers.sensor_faults import exclude_faults, refuse_dead
 from fusion.readers.source import Source, hash_source, open_source
+from fusion.readers.timing import flag_days
+from fusion.readers.unpacking import unpack
 from fusion.recording import Recording
+
+__all__ = [
+    "READERS",
+    "ColumnProfile",
+    "Reader",
+    "join_recordings",
+    "parse_profile",
+    "read_recording",
+    "read_recordings",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +38,7 @@ class Reader:
 
 READERS = (
     Reader("ActiGraph GT9X Link .gt3x", gt3x.recognise, gt3x.read),
+    Reader("Parquet", parquet.recognise, parquet.read),
     Reader("ActiLife IMU CSV", actilife_csv.recognise, actilife_csv.read),
     Reader("LSM9DS1 registers, binary", lsm9ds1_raw.recognise_binary, lsm9ds1_raw.read_binary),
     Reader("LSM9DS1 registers, text", lsm9ds1_raw.recognise_text, lsm9ds1_raw.read_text),
@@ -31,7 +47,14 @@ READERS = (
 """In the order in which they are asked."""
 
 
-def read_recording(file: BinaryIO, *, file_name: str = "", rate_hz: float | None = None) -> Recording:
+def read_recording(
+    file: BinaryIO,
+    *,
+    file_name: str = "",
+    rate_hz: float | None = None,
+    sha256: str = "",
+    profile: ColumnProfile | None = None,
+) -> Recording:
     """Read a recording, whatever its format, and check it against physics.
 
     Parameters
@@ -42,18 +65,45 @@ def read_recording(file: BinaryIO, *, file_name: str = "", rate_hz: float | None
         Used only to notice a wrong extension; by default the file object's own name.
     rate_hz
         What the person says about layouts that hold no time; ignored where the file tells.
+    sha256
+        The digest of the bytes, hexadecimal, where the caller has taken it already; else it is taken here.
+    profile
+        What the columns of a table mean, for tables that do not tell; formats that do are read as ever.
 
     Raises
     ------
     fusion.errors.FusionError
         No recording can be given; code and facts say why.
     """
-    source = open_source(file, file_name)
+    source = open_source(file, file_name, is_hashed=not sha256)
     if source.size_bytes == 0:
         raise EmptyFile
-    reader = next((reader for reader in READERS if reader.recognise(source)), None)
+    content = unpack(source)
+    if profile is not None and name_content(content.head) == "text":
+        recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
+    else:
+        recording = _read_recognised(content, rate_hz)
+    hashed = replace(recording, sha256=sha256 or hash_source(source))
+    return flag_days(exclude_faults(check_physics(refuse_dead(hashed))))
+
+
+def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
+    reader = next((reader for reader in READERS if reader.recognise(content)), None)
     if reader is None:
-        raise explain_refusal(source)
-    recording = reader.read(source, rate_hz)
-    check_extension(source, is_archive=reader is READERS[0])
-    return check_physics(replace(recording, sha256=hash_source(source)))
+        raise explain_refusal(content)
+    recording = reader.read(content, rate_hz)
+    check_extension(content, is_archive=reader is READERS[0])
+    return recording
+
+
+def read_recordings(
+    files: Sequence[BinaryIO], *, rate_hz: float | None = None, profile: ColumnProfile | None = None
+) -> Recording:
+    """Read the files of one shift and join them by the device's clock.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        As :func:`read_recording`, and :class:`fusion.errors.UnusableJoin`.
+    """
+    return join_recordings([read_recording(file, rate_hz=rate_hz, profile=profile) for file in files])

@@ -17,8 +17,10 @@ from fusion.readers.gt3x_info import parse_offset_s
 from fusion.readers.held_rows import drop_held_rows
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
+from fusion.readers.stamp_repair import undo_daylight_saving
+from fusion.readers.text_evidence import flag_text, read_layout
 from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, IGNORED, STAMP
-from fusion.readers.text_layout import CALENDAR, TextLayout, find_layout
+from fusion.readers.text_layout import CALENDAR, TextLayout
 from fusion.readers.text_stream import decode_head, find_form
 from fusion.readers.text_table import TablePlan, read_table
 from fusion.readers.timing import datetime_at_us, hash_serial, is_clock_set
@@ -48,7 +50,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     form = find_form(source.head)
     head = decode_head(source, form)
     header = parse_header(head)
-    layout = find_layout(head)
+    layout = read_layout(source, form)
     _refuse_other_exports(header, layout, head)
     assert layout is not None
     plan = _plan_table(layout)
@@ -57,14 +59,15 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         raise TooShort(s=0.0)
     if plan.stamp_kind == CALENDAR_TIME:
         start: datetime | None = datetime_at_us(int(rows.columns.stamps[0]))
+        changes = undo_daylight_saving(rows.columns.stamps)
         held = drop_held_rows(rows.columns)
         grid = cut_stamped(rows.columns)
     else:
-        start = parse_start(header)
+        start, changes = parse_start(header), ()
         held = drop_held_rows(rows.columns)
         grid = cut_counted(rows.columns, header_rate_hz(header))
     is_set = start is not None and is_clock_set(start)
-    flags = (*rows.flags, *grid.flags)
+    flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, form, layout))
     if held:
         flags += (QualityFlag("W-STUCK-PART", held),)
     if start is not None and not is_set:

@@ -20,7 +20,19 @@ GYR_STEMS = frozenset(
     | {"angularrate", "angularvelocity", "angvel", "angrate", "av"}
 )
 TIME_STEMS = frozenset(
-    {"t", "time", "timestamp", "times", "timestamps", "datetime", "ts", "clock", "elapsed", "elapsedtime"}
+    {
+        "t",
+        "time",
+        "date",
+        "timestamp",
+        "times",
+        "timestamps",
+        "datetime",
+        "ts",
+        "clock",
+        "elapsed",
+        "elapsedtime",
+    }
     | {"micros", "millis", "epoch", "unixtime", "unix", "sampletimefine", "seconds", "milliseconds"}
     | {
         "microseconds",

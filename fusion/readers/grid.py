@@ -21,21 +21,36 @@ LATE_ROWS = 32
 """How far to look for stamps that make up for a late one."""
 SLOWEST_HZ, FASTEST_HZ = 10.0, 4000.0
 BLOCK_ROWS = 32
-MAX_BLOCKS = 20_000
+MAX_STEPS = 20_000
+ALIKE_SHARE = 0.6
+"""Rows in bunches have no usual step."""
+COARSE_CLOCK_US = 1000
 FITTED_ROWS = 64
 """A shorter run takes the period of the whole recording: its own would be too uncertain."""
 
 
-@dataclass(frozen=True, slots=True)
-class Hole:
-    """Before ``row``: ``step_us`` since the row before, of which ``gap_us`` are missing.
+@dataclass(frozen=True, slots=True, eq=False)
+class Holes:
+    """Where time is missing or the clock was set, in order, one entry each.
 
-    ``rows`` are to be put in (0: the segment ends).
+    ``row``: the first row after it; ``step_us``: since the row before; ``added``: rows that are to be put in
+    (0: the segment ends).
     """
 
-    row: int
-    gap_us: int
-    rows: int
+    row: NDArray[np.int64]
+    step_us: NDArray[np.int64]
+    added: NDArray[np.int64]
+
+    @property
+    def is_set(self) -> NDArray[np.bool_]:
+        """Where the clock was set: nothing says how long the break was."""
+        is_set: NDArray[np.bool_] = (self.step_us <= 0) | (self.step_us > LONGEST_GAP_US)
+        return is_set
+
+    def take(self, first: int, stop: int) -> "Holes":
+        """Those inside a run of rows, counted from its first."""
+        chosen = slice(np.searchsorted(self.row, first, "right"), np.searchsorted(self.row, stop))
+        return Holes(self.row[chosen] - first, self.step_us[chosen], self.added[chosen])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,26 +65,58 @@ class Grid:
 
 
 def estimate_period_us(stamps: NDArray[np.int64]) -> float:
-    """Median over blocks of 32 rows, so that coarse or jittery stamps and rare holes do not matter.
+    """Estimate the sample period, whatever share of the rows is lost.
+
+    The mean of the single steps, where most steps are alike: lost rows make steps of two periods and more,
+    and those do not count. Where the clock is too coarse to tell a single step from a double one, and where
+    rows arrive in bunches, the median over blocks of 32 rows, which is right while few rows are lost.
 
     Raises
     ------
-    UnusableTime
-        Fewer than two rows, or stamps that do not advance.
-    UnknownRate
-        The rate is none that shows an arm's movement.
+        UnusableTime
+            Fewer than two rows, or stamps that do not advance.
+        UnknownRate
+            The rate is none that shows an arm's movement.
     """
     if len(stamps) < 2:
         raise UnusableTime(why="rows")
-    block = min(BLOCK_ROWS, len(stamps) - 1)
-    stride = max(1, (len(stamps) - block) // MAX_BLOCKS)
-    steps = (stamps[block::stride] - stamps[:-block:stride]) / block
-    period_us = float(np.median(steps[steps >= 0])) if np.any(steps >= 0) else 0.0
+    period_us = _estimate_period_us(stamps)
     if period_us <= 0.0:
         raise UnusableTime(why="constant")
     if not SLOWEST_HZ <= MICROSECONDS / period_us <= FASTEST_HZ:
         raise UnknownRate(h="-", m=round(MICROSECONDS / period_us, 3))
     return period_us
+
+
+def _estimate_period_us(stamps: NDArray[np.int64]) -> float:
+    steps = _steps_between(stamps, 1)
+    if len(steps) == 0:
+        return 0.0
+    usual_us = float(np.median(steps))
+    alike = steps[np.abs(steps - usual_us) <= 0.5 * usual_us]
+    if len(alike) < ALIKE_SHARE * len(steps) or usual_us <= 0.0:
+        return _median_or_zero(_steps_between(stamps, BLOCK_ROWS))
+    if _tells_single_steps(find_quantum_us(stamps), usual_us):
+        return float(alike.mean())
+    return _median_or_zero(_steps_between(stamps, BLOCK_ROWS))
+
+
+def _tells_single_steps(quantum_us: int, usual_us: float) -> bool:
+    """Whether a double step looks unlike a single one: not at 952 Hz on a clock of whole milliseconds."""
+    is_exact = quantum_us == usual_us and quantum_us > COARSE_CLOCK_US
+    return is_exact or usual_us >= 2 * quantum_us
+
+
+def _steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
+    """Time from a row to the ``rows``-th after it, divided by ``rows``; where it advances, thinned evenly."""
+    rows = min(rows, len(stamps) - 1)
+    starts = np.arange(0, len(stamps) - rows, max(1, len(stamps) // MAX_STEPS))
+    steps = (stamps[starts + rows] - stamps[starts]) / rows
+    return np.asarray(steps[steps >= 0], dtype=np.float64)
+
+
+def _median_or_zero(values: NDArray[np.float64]) -> float:
+    return float(np.median(values)) if len(values) else 0.0
 
 
 def find_quantum_us(stamps: NDArray[np.int64]) -> int:
@@ -133,29 +180,40 @@ def find_long_steps(
 
 
 @njit(cache=True, nogil=True)
-def fit_line(stamps: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[float, float, float]:
+def fit_line(
+    stamps: NDArray[np.int64], rows: NDArray[np.int64], added: NDArray[np.int64]
+) -> tuple[float, float, float]:
     """Least squares of stamps on their place in the grid; return offset, period and RMS of the residuals.
 
-    ``places`` is empty where place = row.
+    Before each of ``rows`` the place grows by ``added``. What is fitted are the small distances from the line
+    through the first and the last stamp, and what is squared are the residuals: sums over the stamps
+    themselves would lose all their digits in a long file.
     """
     n = len(stamps)
-    has_places = len(places) > 0
-    mean_x = (n - 1) / 2.0 if not has_places else places.mean()
-    mean_y = 0.0
-    for k in range(n):
-        mean_y += (stamps[k] - stamps[0]) / n
-    xx = xy = 0.0
-    for k in range(n):
-        x = (places[k] if has_places else k) - mean_x
-        y = (stamps[k] - stamps[0]) - mean_y
-        xx += x * x
-        xy += x * y
-    period = xy / xx
-    squares = 0.0
-    for k in range(n):  # a pass of its own: the sums above are too large to give it by difference
-        x = (places[k] if has_places else k) - mean_x
-        squares += (stamps[k] - stamps[0] - mean_y - period * x) ** 2
-    return mean_y - period * mean_x, period, np.sqrt(squares / n)
+    last = np.float64(n - 1 + added.sum())
+    guess = (stamps[n - 1] - stamps[0]) / last
+    sums = np.zeros(4)
+    tilt = level = squares = 0.0
+    for is_second_pass in (False, True):
+        place = np.int64(-1)
+        hole = 0
+        for k in range(n):
+            place += 1
+            while hole < len(rows) and rows[hole] == k:
+                place += added[hole]
+                hole += 1
+            x = place - 0.5 * last
+            y = (stamps[k] - stamps[0]) - guess * place
+            if is_second_pass:
+                squares += (y - level - tilt * x) ** 2
+            else:
+                sums[0] += x
+                sums[1] += y
+                sums[2] += x * x
+                sums[3] += x * y
+        tilt = (sums[3] - sums[0] * sums[1] / n) / (sums[2] - sums[0] * sums[0] / n)
+        level = (sums[1] - tilt * sums[0]) / n
+    return level - 0.5 * tilt * last, guess + tilt, np.sqrt(squares / n)
 
 
 def longest_even_step_us(stamps: NDArray[np.int64], period_us: float) -> float:
@@ -164,7 +222,7 @@ def longest_even_step_us(stamps: NDArray[np.int64], period_us: float) -> float:
     return quantum_us * math.ceil(period_us / quantum_us - 1e-6) if quantum_us else 0.0
 
 
-def find_holes(stamps: NDArray[np.int64], period_us: float) -> list[Hole]:
+def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
     """Where rows are missing.
 
     Raises
@@ -177,47 +235,38 @@ def find_holes(stamps: NDArray[np.int64], period_us: float) -> list[Hole]:
     found = find_long_steps(stamps, limit_us, period_us, rows)
     if found > len(rows):
         raise UnusableTime(why="irregular")
-    return [_measure_hole(stamps, int(row), period_us) for row in rows[:found]]
+    rows = rows[:found].copy()
+    step_us = stamps[rows] - stamps[rows - 1]
+    whole = np.maximum(1, np.round(step_us / period_us).astype(np.int64) - 1)
+    is_short = (step_us > 0) & (step_us <= LONGEST_BRIDGE_US)
+    return Holes(rows, step_us, np.where(is_short, whole, 0))
 
 
-def _measure_hole(stamps: NDArray[np.int64], row: int, period_us: float) -> Hole:
-    step_us = int(stamps[row] - stamps[row - 1])
-    if 0 < step_us <= LONGEST_BRIDGE_US:
-        return Hole(row, round(step_us - period_us), max(1, round(step_us / period_us) - 1))
-    if 0 < step_us <= LONGEST_GAP_US:
-        return Hole(row, round(step_us - period_us), 0)
-    return Hole(row, 0, 0)
+@njit(cache=True, nogil=True)
+def open_rows(
+    values: NDArray[np.float32], n_rows: int, rows: NDArray[np.int64], added: NDArray[np.int64]
+) -> None:
+    """Put rows in before each of ``rows`` by linear interpolation, in place, from the end backwards.
+
+    ``values`` has room for them after its ``n_rows``.
+    """
+    to = n_rows + added.sum()
+    source = n_rows
+    for hole in range(len(rows) - 1, -1, -1):
+        while source > rows[hole]:
+            source -= 1
+            to -= 1
+            for axis in range(3):
+                values[to, axis] = values[source, axis]
+        for k in range(added[hole], 0, -1):
+            weight = k / (added[hole] + 1)
+            to -= 1
+            for axis in range(3):
+                before, after = values[source - 1, axis], values[source, axis]
+                values[to, axis] = before * (1.0 - weight) + after * weight
 
 
-def bridge_rows(values: NDArray[np.float32], holes: list[Hole], first: int) -> NDArray[np.float32]:
-    """Put rows into short holes by linear interpolation; ``first`` is the place of ``values[0]``."""
-    pieces: list[NDArray[np.float32]] = []
-    at = 0
-    for hole in holes:
-        row = hole.row - first
-        weights = (np.arange(1, hole.rows + 1) / (hole.rows + 1))[:, None]
-        between = values[row - 1] * (1 - weights) + values[row] * weights
-        pieces += [values[at:row], between.astype(np.float32)]
-        at = row
-    return np.concatenate([*pieces, values[at:]])
-
-
-def find_places(n_rows: int, holes: list[Hole], first: int) -> NDArray[np.int64]:
-    """The place of each row in the grid, once the bridged rows are in; empty where there are none."""
-    if not holes:
-        return np.empty(0, np.int64)
-    places = np.arange(n_rows, dtype=np.int64)
-    for hole in holes:
-        places[hole.row - first :] += hole.rows
-    return places
-
-
-def bridged_ranges(holes: list[Hole], first: int) -> tuple[tuple[int, int], ...]:
-    """Row ranges that were put in."""
-    ranges = []
-    added = 0
-    for hole in holes:
-        start = hole.row - first + added
-        ranges.append((start, start + hole.rows))
-        added += hole.rows
-    return tuple(ranges)
+def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
+    """Row ranges that were put into a run."""
+    stops = (holes.row + np.cumsum(holes.added)).tolist()
+    return tuple((stop - k, stop) for stop, k in zip(stops, holes.added.tolist(), strict=True) if k)

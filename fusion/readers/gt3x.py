@@ -5,7 +5,7 @@ Compared to ActiLife: all n rows of a second are kept, at T + k/n, and lie on on
 seconds; ActiLife resamples every second to exactly 100 rows. Nothing is filled where records are missing.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -15,8 +15,18 @@ from numpy.typing import NDArray
 
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
 from fusion.readers import gt3x_archive, gt3x_events
-from fusion.readers.gt3x_clock import Run, Seconds, Timeline, order_seconds
-from fusion.readers.gt3x_events import ACTIVITY, ACTIVITY2, EVENT, METADATA, SCHEMA, SENSOR_DATA, DeviceEvents
+from fusion.readers.gt3x_caveats import flag_file
+from fusion.readers.gt3x_clock import LONGEST_GAP_S, Run, Seconds, Timeline, order_seconds
+from fusion.readers.gt3x_events import (
+    ACTIVITY,
+    ACTIVITY2,
+    BATTERY,
+    EVENT,
+    METADATA,
+    SCHEMA,
+    SENSOR_DATA,
+    DeviceEvents,
+)
 from fusion.readers.gt3x_info import DeviceText, name_offset, parse_device_text, tell_start
 from fusion.readers.gt3x_log import (
     TALLY_PLACES,
@@ -25,15 +35,18 @@ from fusion.readers.gt3x_log import (
     scan_pieces,
     summarise_tally,
 )
+from fusion.readers.gt3x_primary import PROBED_EVERY_S, ROW_BYTES, PrimarySecond, PrimarySeconds
 from fusion.readers.gt3x_schema import RowDecoder, make_decoder, parse_schema
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.timing import find_gaps, flag_spans, is_clock_set
+from fusion.readers.zones import find_zone, follow_zone
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
-WATCHED = (ACTIVITY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
+WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
 MAX_DAMAGED_PERCENT = 5.0
-EARLY_END_S = 60.0
+MAX_HELD_RECORDS = 512
+"""Samples that come before their schema wait for it; more than that is no late schema but a missing one."""
 
 
 def recognise(source: Source) -> bool:
@@ -74,11 +87,18 @@ class DeviceLog:
     n_bytes: int = 0
     n_schemas: int = 0
     n_undecoded: int = 0
+    held: list[tuple[int, bytes]] = field(default_factory=list)
+    primary: PrimarySeconds = field(default_factory=PrimarySeconds)
 
     @property
     def scan(self) -> ScanTally:
         """What the scan met."""
         return summarise_tally(self.tally)
+
+    @property
+    def primary_seconds(self) -> Sequence[PrimarySecond]:
+        """Seconds of the primary accelerometer that were looked at."""
+        return self.primary.seen
 
     def seconds(self) -> Seconds:
         """The decoded SENSOR_DATA records in the order of the file."""
@@ -109,7 +129,9 @@ def decode_log(pieces: Iterable[bytes]) -> DeviceLog:
                 _take_samples(log, piece.buffer, unix_s, first, size)
             elif kind == SCHEMA:
                 _take_schema(log, piece.buffer[first : first + size].tobytes())
-            elif size == 1 or kind in (EVENT, METADATA):
+            elif size > 1 and kind == ACTIVITY2:
+                log.primary.note(unix_s, piece.buffer[first : first + size].tobytes())
+            else:
                 log.events.note(kind, unix_s, piece.buffer[first : first + size].tobytes())
     log.columns.trim()
     return log
@@ -124,9 +146,10 @@ def _count_bytes(pieces: Iterable[bytes], log: DeviceLog) -> Iterator[bytes]:
 def _watched_records(piece: ScannedPiece) -> list[list[int]]:
     kinds, sizes = piece.records[:, 0], piece.records[:, 3]
     is_watched = np.isin(kinds, WATCHED)
-    # whole seconds of the primary accelerometer are not read: only its one-byte dock events are
+    # of the primary accelerometer its one-byte dock events are read, and a second now and then
     is_activity = ((kinds == ACTIVITY) | (kinds == ACTIVITY2)) & (sizes != 1)
-    chosen: list[list[int]] = piece.records[is_watched & ~is_activity].tolist()
+    is_probed = (kinds == ACTIVITY2) & (sizes >= ROW_BYTES) & (piece.records[:, 1] % PROBED_EVERY_S == 0)
+    chosen: list[list[int]] = piece.records[is_watched & (~is_activity | is_probed)].tolist()
     return chosen
 
 
@@ -137,6 +160,10 @@ def _take_schema(log: DeviceLog, payload: bytes) -> None:
     log.labels |= {column.label for column in schema.columns if column.label}
     log.decoder = make_decoder(schema)
     log.n_schemas += 1
+    waiting, log.held = log.held, []
+    log.n_undecoded -= len(waiting)
+    for unix_s, rows in waiting:
+        _take_samples(log, np.frombuffer(rows, np.uint8), unix_s, 0, len(rows))
 
 
 def _take_samples(log: DeviceLog, buffer: NDArray[np.uint8], unix_s: int, first: int, size: int) -> None:
@@ -144,6 +171,8 @@ def _take_samples(log: DeviceLog, buffer: NDArray[np.uint8], unix_s: int, first:
     schema_id = int(buffer[first]) | int(buffer[first + 1]) << 8 if size >= 2 else -1
     if decoder is None or decoder.schema.schema_id != schema_id:
         log.n_undecoded += 1
+        if log.n_schemas == 0 and len(log.held) < MAX_HELD_RECORDS:
+            log.held.append((unix_s, buffer[first : first + size].tobytes()))
         return
     n_rows, odd_bytes = divmod(size - 2, decoder.schema.row_bytes)
     if n_rows == 0 or odd_bytes:
@@ -160,9 +189,9 @@ def _take_samples(log: DeviceLog, buffer: NDArray[np.uint8], unix_s: int, first:
 def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Recording:
     """Put segments, exclusions and caveats together."""
     segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
-    excluded = find_exclusions(log, timeline)
+    excluded, asides = find_exclusions(log, timeline)
     duration_us = max([segments[-1].end_us, *(span.end_us for span in excluded)])
-    start = tell_start(int(timeline.seconds.unix_s[0]), text.offset_s, counts_utc=log.events.counts_utc)
+    start, changes = _tell_clock(text, log, timeline)
     decoder = log.decoder
     return Recording(
         device="gt9x",
@@ -173,8 +202,10 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
         segments=segments,
         excluded=excluded,
         flags=(
-            *flag_file(text, log, timeline),
+            *flag_file(text, log, timeline, segments),
             *timeline.flags,
+            *changes,
+            *asides,
             *(() if is_clock_set(start) else (QualityFlag("W-CLOCK-UNSET"),)),
             *flag_spans("W-SLEEP", [span for span in excluded if span.reason == "asleep"]),
             *flag_spans("W-DOCKED", [span for span in excluded if span.reason == "docked"]),
@@ -185,6 +216,18 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
         acc_range_g=_full_scale(decoder, 0),
         gyr_range_dps=_full_scale(decoder, 3),
     )
+
+
+def _tell_clock(
+    text: DeviceText, log: DeviceLog, timeline: Timeline
+) -> tuple[datetime, tuple[QualityFlag, ...]]:
+    """The clock at the first sample; where the file counts UTC and names its zone, that zone is followed."""
+    first_unix_s = int(timeline.seconds.unix_s[0])
+    zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
+    if zone is None:
+        return tell_start(first_unix_s, text.offset_s, counts_utc=log.events.counts_utc), ()
+    followed = follow_zone(first_unix_s, timeline.runs[-1].end_s, zone)
+    return followed.start, followed.flags
 
 
 def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment:
@@ -200,42 +243,31 @@ def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment
     return Segment(run.start_s * MICROSECONDS, n_rows / (run.stop - run.first), acc, gyr)
 
 
-def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[Span, ...]:
-    """Idle sleep where nothing was measured, and seconds in the dock, from the first sample on."""
+def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...], tuple[QualityFlag, ...]]:
+    """Idle sleep where nothing was measured, and seconds in the dock, from the first sample on.
+
+    Also returns what is only said: sleep before the first sample, and a stamp more than a day past the last
+    one, which is not believed.
+    """
     covered = [(run.start_s, run.end_s) for run in timeline.runs]
     end_s = max(covered[-1][1], timeline.place_s(log.scan.last_unix_s))
+    asides: tuple[QualityFlag, ...] = ()
+    if end_s - covered[-1][1] > LONGEST_GAP_S:
+        end_s = covered[-1][1]
+        asides += (QualityFlag("W-CLOCK-FWD", 1, 0.0, float(end_s), float(end_s)),)
     docked = gt3x_events.merge_seconds(
         second for second in map(timeline.place_s, log.events.docked_s) if 0 <= second < end_s
     )
     asleep: list[tuple[int, int]] = []
     for start_unix_s, end_unix_s in gt3x_events.pair_sleep(log.events.sleep, log.scan.last_unix_s):
-        start_s = max(0, timeline.place_s(start_unix_s))
+        early_s = -timeline.place_s(start_unix_s)
+        if 0 < early_s <= LONGEST_GAP_S:
+            asides += (QualityFlag("W-SLEEP", 1, float(early_s)),)
+        start_s = max(0, -early_s)
         stop_s = min(end_s, timeline.place_s(end_unix_s))
         asleep += gt3x_events.cut_out(start_s, stop_s, sorted([*covered, *docked]))
-    return gt3x_events.make_spans(docked, "docked") + gt3x_events.make_spans(asleep, "asleep")
-
-
-def flag_file(text: DeviceText, log: DeviceLog, timeline: Timeline) -> tuple[QualityFlag, ...]:
-    """Caveats that come from the records and from info.txt."""
-    scan = log.scan
-    counts = {
-        "W-CHECKSUM": scan.bad_checksums,
-        "W-RESYNC": scan.resyncs,
-        "W-ROWS-DROPPED": log.n_undecoded,
-        "W-RESETS": int(text.number("Unexpected Resets") or 0),
-        "W-ENCODING": int(text.encoding != "utf-8"),
-        "W-TZ": int("TimeZone" in text.values and text.offset_s is None),
-        "W-EARLY-END": int(_ended_early_s(text, timeline) > EARLY_END_S),
-    }
-    flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count > 0)
-    if scan.tail_bytes:
-        flags += (QualityFlag("W-TRUNC-TAIL", facts={"n": scan.tail_bytes}),)
-    return flags
-
-
-def _ended_early_s(text: DeviceText, timeline: Timeline) -> float:
-    planned_s = text.unix_s("Stop Date")
-    return 0.0 if planned_s is None else planned_s - float(timeline.seconds.unix_s[-1] + 1)
+    spans = gt3x_events.make_spans(docked, "docked") + gt3x_events.make_spans(asleep, "asleep")
+    return spans, asides
 
 
 def _full_scale(decoder: RowDecoder | None, channel: int) -> float | None:

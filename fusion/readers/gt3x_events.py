@@ -1,23 +1,27 @@
 """What a `.gt3x` says happened besides measuring: idle sleep, the USB dock, how its clock counts."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from fusion.recording import MICROSECONDS, Span
 
-ACTIVITY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2 = 0, 3, 6, 24, 25, 26
+ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2 = 0, 2, 3, 6, 24, 25, 26
 SLEEP_ENTER, SLEEP_LEAVE = 0x08, 0x09
+ZONE_NAME = re.compile(rb'"Name" ?: ?"(\(UTC[^"]{1,80})"')
 MAX_EVENTS = 200_000
 """More than any shift can hold; further ones are counted only."""
 
 
 @dataclass(slots=True)
 class DeviceEvents:
-    """Gathered while the log is read. Pairs are (Unix seconds, entering)."""
+    """Gathered while the log is read. ``sleep``: (Unix seconds, entering); ``battery_mv``: the last."""
 
     sleep: list[tuple[int, bool]] = field(default_factory=list)
     docked_s: list[int] = field(default_factory=list)
     counts_utc: bool = False
+    zone_name: str = ""
+    battery_mv: int = 0
     ignored: int = 0
 
     def note(self, kind: int, unix_s: int, payload: bytes) -> None:
@@ -28,8 +32,16 @@ class DeviceEvents:
             self.sleep.append((unix_s, payload[0] == SLEEP_ENTER))
         elif kind in (ACTIVITY, ACTIVITY2) and len(payload) == 1:
             self.docked_s.append(unix_s)
-        elif kind == METADATA and b'"UsedUtc":true' in payload.replace(b" ", b"").replace(b"\\", b""):
-            self.counts_utc = True
+        elif kind == METADATA:
+            self._note_clock(payload.replace(b"\\", b""))
+        elif kind == BATTERY and len(payload) == 2:
+            self.battery_mv = int.from_bytes(payload, "little")
+
+    def _note_clock(self, text: bytes) -> None:
+        self.counts_utc = self.counts_utc or b'"UsedUtc":true' in text.replace(b" ", b"")
+        found = ZONE_NAME.search(text)
+        if found:
+            self.zone_name = found.group(1).decode("latin-1")
 
 
 def pair_sleep(sleep: Iterable[tuple[int, bool]], last_unix_s: int) -> list[tuple[int, int]]:

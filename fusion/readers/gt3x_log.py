@@ -17,11 +17,22 @@ SEPARATOR = 0x1E
 FRAME_BYTES = 9
 LONGEST_RECORD_BYTES = FRAME_BYTES + 65_535
 
-GOOD, BAD_CHECKSUMS, RESYNCS, LOST_BYTES, DAMAGED_BYTES, IS_LOST, HUNTED_BYTES, LAST_S, DAMAGE_S = range(9)
+(
+    GOOD,
+    BAD_CHECKSUMS,
+    RESYNCS,
+    LOST_BYTES,
+    DAMAGED_BYTES,
+    IS_LOST,
+    HUNTED_BYTES,
+    LAST_S,
+    DAMAGE_S,
+    LAST_DAMAGE_S,
+) = range(10)
 """Places in the tally: records that verify; framed ones that do not; times the framing was lost; bytes
 hunted over; bytes of framed records that do not verify; whether the scan is hunting now, and for how long;
-the stamp of the last good record, and of the last one before the first damage."""
-TALLY_PLACES = 9
+the stamp of the last good record, and of the last one before the first and before the last damage."""
+TALLY_PLACES = 10
 
 
 @njit(cache=True, nogil=True)
@@ -137,6 +148,7 @@ def pass_damage(
     """
     if tally[RESYNCS] + tally[BAD_CHECKSUMS] == 0:
         tally[DAMAGE_S] = tally[LAST_S]
+    tally[LAST_DAMAGE_S] = tally[LAST_S]
     if tally[IS_LOST] == 0 and buffer[at] == SEPARATOR and 0 < end <= len(buffer):
         is_framed = end == len(buffer) or verify_hunted(buffer, end, frame_end(buffer, end), prefixes)
         if is_framed:
@@ -162,6 +174,7 @@ class ScanTally:
     tail_bytes: int
     last_unix_s: int
     first_damage_unix_s: int
+    last_damage_unix_s: int
 
 
 def summarise_tally(tally: NDArray[np.int64]) -> ScanTally:
@@ -176,6 +189,7 @@ def summarise_tally(tally: NDArray[np.int64]) -> ScanTally:
         tail_bytes=tail_bytes,
         last_unix_s=int(tally[LAST_S]),
         first_damage_unix_s=int(tally[DAMAGE_S]),
+        last_damage_unix_s=int(tally[LAST_DAMAGE_S]),
     )
 
 

@@ -41,9 +41,10 @@ def close_up(
         while stop < len(acc) and is_repeat(acc, gyr, stop):
             stop += 1
         copied = 1 if stop - row >= shortest else stop - row
-        for k in range(copied):
-            move_row(acc, gyr, stamps, row + k, kept)
-            kept += 1
+        if kept != row:
+            for k in range(copied):
+                move_row(acc, gyr, stamps, row + k, kept + k)
+        kept += copied
         row = stop
     return kept
 

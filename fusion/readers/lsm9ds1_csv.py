@@ -4,7 +4,9 @@ A header is needed; units and time are read from it where it states them, and fo
 does not (:mod:`fusion.physics`). A preamble of `# key: value` lines may tell device, start and ranges.
 """
 
-from datetime import datetime
+import re
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
@@ -12,18 +14,22 @@ from fusion.errors import TooShort, UnknownColumns, UnknownRate
 from fusion.readers.columns import choose_vector
 from fusion.readers.grid import Grid
 from fusion.readers.gt3x_info import name_offset
+from fusion.readers.profile import ColumnProfile, apply_profile
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
+from fusion.readers.stamp_repair import undo_daylight_saving
 from fusion.readers.table_plan import plan_table, wrap_us
+from fusion.readers.text_evidence import flag_text, read_layout
 from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, PAUSE
 from fusion.readers.text_layout import TextLayout, find_layout
 from fusion.readers.text_stream import TextForm, decode_head, find_form
 from fusion.readers.text_table import TablePlan, TableRows, read_table
-from fusion.readers.timing import datetime_at_us, hash_serial, is_clock_set
-from fusion.recording import QualityFlag, Recording
+from fusion.readers.timing import LARGEST_DRIFT, datetime_at_us, hash_serial, is_clock_set
+from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 ARDUINO_BURST_ROWS = 119
 ARDUINO_RATE_HZ = 119.0
+RATE_FACTS = ("rate_hz", "rate", "sample_rate", "sampling_rate", "sample_rate_hz", "update_rate", "odr_hz")
 CANONICAL_HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 
 
@@ -46,16 +52,46 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
         The stamps are not those of an even sampling.
     """
     form = find_form(source.head)
-    layout = find_layout(decode_head(source, form))
+    layout = read_layout(source, form)
     if layout is None:
         raise UnknownColumns(list="-")
-    plan = plan_table(layout)
+    return _read_planned(source, form, (layout, plan_table(layout)), rate_hz)
+
+
+def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None = None) -> Recording:
+    """Read a table whose columns a person has named; ``rate_hz`` goes before the profile's.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        As :func:`read`.
+    """
+    form = find_form(source.head)
+    layout = read_layout(source, form, profile.date_order)
+    if layout is None:
+        raise UnknownColumns(list="-")
+    named = apply_profile(layout, profile)
+    plan = plan_table(named)
+    plan = replace(
+        plan,
+        acc_scale=profile.acceleration_factor or plan.acc_scale,
+        gyr_scale=profile.angular_rate_factor or plan.gyr_scale,
+    )
+    return _read_planned(source, form, (named, plan), rate_hz or profile.rate_hz)
+
+
+def _read_planned(
+    source: Source, form: TextForm, table: tuple[TextLayout, TablePlan], rate_hz: float | None
+) -> Recording:
+    layout, plan = table
     rows = read_table(source, form, layout, plan)
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     first_stamp = int(rows.columns.stamps[0])
+    changes = undo_daylight_saving(rows.columns.stamps) if plan.stamp_kind == CALENDAR_TIME else ()
     grid = _cut_rows(rows, plan, rate_hz)
-    return _build(layout, plan, rows, grid, (form, first_stamp))
+    flags = (*changes, *grid.flags, *flag_text(source, form, layout), *flag_drift(layout, grid))
+    return _build(layout, plan, rows, (grid, flags), first_stamp)
 
 
 def _cut_rows(rows: TableRows, plan: TablePlan, rate_hz: float | None) -> Grid:
@@ -84,17 +120,19 @@ def find_burst_rate_hz(rows: TableRows) -> float:
 
 
 def _build(
-    layout: TextLayout, plan: TablePlan, rows: TableRows, grid: Grid, origin: tuple[TextForm, int]
+    layout: TextLayout,
+    plan: TablePlan,
+    rows: TableRows,
+    timed: tuple[Grid, tuple[QualityFlag, ...]],
+    first_stamp: int,
 ) -> Recording:
-    form, first_stamp = origin
+    grid, caveats = timed
     facts = layout.facts()
     start = find_start(facts, plan, first_stamp)
+    if start is not None and start.tzinfo is None and layout.dates and layout.dates.offset_s is not None:
+        start = start.replace(tzinfo=timezone(timedelta(seconds=layout.dates.offset_s)))
     is_set = start is not None and is_clock_set(start)
-    flags = (*rows.flags, *grid.flags)
-    if form.encoding:
-        flags += (QualityFlag("W-ENCODING"),)
-    if layout.decimal == ",":
-        flags += (QualityFlag("W-LOCALE"),)
+    flags = (*rows.flags, *caveats)
     if start is not None and not is_set:
         flags += (QualityFlag("W-CLOCK-UNSET"),)
     if plan.stamp_kind == COUNTER:
@@ -112,6 +150,18 @@ def _build(
         acc_range_g=_positive(facts.get("acc_range_g")),
         gyr_range_dps=_positive(facts.get("gyr_range_dps")),
     )
+
+
+def flag_drift(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:
+    """Say where the true rate is more than 0.5 % off the one that the preamble states."""
+    facts = layout.facts()
+    stated = next((facts[name] for name in RATE_FACTS if name in facts), "")
+    found = re.match(r"\d+(?:\.\d+)?", stated)
+    nominal_hz = float(found.group()) if found else 0.0
+    true_hz = MICROSECONDS / grid.period_us
+    if nominal_hz <= 0.0 or abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
+        return ()
+    return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
 
 
 def find_start(facts: dict[str, str], plan: TablePlan, first_stamp_us: int) -> datetime | None:

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.readers.grid import open_rows
+
 FIRST_CAPACITY = 65_536
 
 
@@ -33,10 +35,10 @@ class SampleColumns:
         return len(self.acc)
 
     def make_room(self, rows: int) -> None:
-        """Make sure that ``rows`` more fit; grows by a quarter at least, so that the work stays linear."""
+        """Make sure that ``rows`` more fit; grows by a sixteenth at least, so that the work stays linear."""
         needed = self.rows + rows
         if needed > self.capacity:
-            self._resize(max(needed, self.capacity + self.capacity // 4))
+            self._resize(max(needed, self.capacity + self.capacity // 16))
 
     def reserve(self, rows: int) -> None:
         """Take room for ``rows`` in all, which costs memory only as it is filled."""
@@ -52,6 +54,17 @@ class SampleColumns:
     def trim(self) -> None:
         """Give back the room that was not used."""
         self._resize(self.rows)
+
+    def open_holes(self, rows: NDArray[np.int64], added: NDArray[np.int64]) -> None:
+        """Put ``added`` interpolated rows in before each of ``rows``; stamps stay as they are.
+
+        In place: no second copy of the samples is made. No view of them may exist yet.
+        """
+        total = self.rows + int(added.sum())
+        for values in (self.acc, self.gyr):
+            values.resize((max(total, len(values)), 3), refcheck=False)
+            open_rows(values, self.rows, rows, added)
+        self.rows = total
 
     def _resize(self, capacity: int) -> None:
         # ndarray.resize reallocates in place (mremap on Linux): no second copy of the shift in memory

@@ -1,24 +1,27 @@
 """Cutting stamped rows into the segments of a recording."""
 
-from dataclasses import replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fusion.errors import UnknownRate
 from fusion.readers.grid import (
+    FASTEST_HZ,
     FITTED_ROWS,
     LONGEST_GAP_US,
+    SLOWEST_HZ,
     Grid,
-    Hole,
-    bridge_rows,
+    Holes,
     bridged_ranges,
     estimate_period_us,
     find_holes,
-    find_places,
     fit_line,
     mend_stamps,
 )
 from fusion.readers.samples import SampleColumns
+from fusion.readers.stamp_repair import sort_late_rows, spread_coarse_stamps
 from fusion.readers.text_kernel import PAUSE
 from fusion.readers.timing import find_gaps, flag_spans
 from fusion.recording import MICROSECONDS, QualityFlag, Segment, Span
@@ -36,46 +39,72 @@ def cut_stamped(columns: SampleColumns, wrap_us: int = 0) -> Grid:
         The stamps give no even sampling at a usable rate.
     """
     stamps = columns.stamps
+    mended = spread_coarse_stamps(stamps)
     period_us = estimate_period_us(stamps)
+    mended += sort_late_rows(columns, period_us)
     counts = np.zeros(2, np.int64)
     mend_stamps(stamps, wrap_us, period_us, counts)
     holes = find_holes(stamps, period_us)
-    cuts = [hole for hole in holes if hole.rows == 0]
-    edges = [0, *(hole.row for hole in cuts), columns.rows]
-    placed: list[Segment] = []
-    jitter_us = 0.0
-    clock_us = int(stamps[0])
-    for k, (first, stop) in enumerate(pairwise(edges)):
-        inside = [hole for hole in holes if first < hole.row < stop]
-        segment, offset_us, residual_us = _fit_segment(columns, (first, stop), inside, period_us)
-        reached_us = placed[-1].end_us if placed else 0
-        if k and cuts[k - 1].gap_us == 0:
-            # the clock was set: nothing says how long the break was, so the segment follows at once
-            clock_us = int(stamps[first]) - reached_us
-        start_us = round(int(stamps[first]) - clock_us + offset_us) if k else 0
-        placed.append(replace(segment, start_us=max(reached_us, start_us)))
-        jitter_us = max(jitter_us, residual_us)
-    segments = tuple(placed)
+    fits = _fit_runs(stamps, holes, period_us)
+    segments = _place_segments(columns, holes, fits)
     duration_us = segments[-1].end_us
-    flags = _flag_time(columns, holes, (int(counts[0]), int(counts[1])), jitter_us / period_us)
+    jitter_us = max(fit.jitter_us for fit in fits)
+    flags = mended + _flag_time(holes, (int(counts[0]), int(counts[1])), jitter_us / period_us)
     flags += flag_spans("W-GAP", [*find_gaps(segments, duration_us), *_bridged_spans(segments)])
     return Grid(segments, duration_us, flags, period_us, jitter_us)
 
 
-def _fit_segment(
-    columns: SampleColumns, rows: tuple[int, int], holes: list[Hole], period_us: float
-) -> tuple[Segment, float, float]:
-    """Return the segment (not placed yet), the fitted time of its first row, RMS scatter of its stamps."""
-    first, stop = rows
-    stamps = columns.stamps[first:stop]
-    offset_us = jitter_us = 0.0
-    if stop - first >= FITTED_ROWS:
-        offset_us, period_us, jitter_us = fit_line(stamps, find_places(stop - first, holes, first))
-    acc, gyr = columns.acc[first:stop], columns.gyr[first:stop]
-    if holes:
-        acc, gyr = bridge_rows(acc, holes, first), bridge_rows(gyr, holes, first)
-    segment = Segment(0, MICROSECONDS / period_us, acc, gyr, bridged_ranges(holes, first))
-    return segment, offset_us, jitter_us
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """Unbroken rows: the first and the one after the last, and the line through their stamps.
+
+    ``first_us``: the first row's own stamp; ``offset_us``: from there to its fitted time; ``is_set``: the
+    clock was set before it.
+    """
+
+    first: int
+    stop: int
+    first_us: int
+    offset_us: float
+    period_us: float
+    jitter_us: float
+    is_set: bool
+
+
+def _fit_runs(stamps: NDArray[np.int64], holes: Holes, period_us: float) -> list[_Run]:
+    is_cut = holes.added == 0
+    edges = [0, *holes.row[is_cut].tolist(), len(stamps)]
+    is_set = [False, *holes.is_set[is_cut].tolist()]
+    runs = []
+    for (first, stop), was_set in zip(pairwise(edges), is_set, strict=True):
+        line = (0.0, period_us, 0.0)
+        if stop - first >= FITTED_ROWS:
+            inside = holes.take(first, stop)
+            line = fit_line(stamps[first:stop], inside.row, inside.added)
+        runs.append(_Run(first, stop, int(stamps[first]), *line, was_set))
+    return runs
+
+
+def _place_segments(columns: SampleColumns, holes: Holes, runs: list[_Run]) -> tuple[Segment, ...]:
+    """Put the bridged rows in and lay the runs on the recording's clock."""
+    is_bridge = holes.added > 0
+    columns.open_holes(holes.row[is_bridge], holes.added[is_bridge])
+    segments: list[Segment] = []
+    clock_us = runs[0].first_us
+    first = 0
+    for run in runs:
+        inside = holes.take(run.first, run.stop)
+        stop = first + run.stop - run.first + int(inside.added.sum())
+        reached_us = segments[-1].end_us if segments else 0
+        if run.is_set:
+            # nothing says how long the break was, so the segment follows at once
+            clock_us = run.first_us - reached_us
+        start_us = round(run.first_us - clock_us + run.offset_us) if segments else 0
+        acc, gyr = columns.acc[first:stop], columns.gyr[first:stop]
+        rate_hz = MICROSECONDS / run.period_us
+        segments.append(Segment(max(reached_us, start_us), rate_hz, acc, gyr, bridged_ranges(inside)))
+        first = stop
+    return tuple(segments)
 
 
 def _bridged_spans(segments: tuple[Segment, ...]) -> list[Span]:
@@ -89,15 +118,11 @@ def _bridged_spans(segments: tuple[Segment, ...]) -> list[Span]:
     ]
 
 
-def _flag_time(
-    columns: SampleColumns, holes: list[Hole], counts: tuple[int, int], jitter: float
-) -> tuple[QualityFlag, ...]:
-    stamps = columns.stamps
-    steps_us = [int(stamps[hole.row] - stamps[hole.row - 1]) for hole in holes]
+def _flag_time(holes: Holes, counts: tuple[int, int], jitter: float) -> tuple[QualityFlag, ...]:
     found = {
         "W-WRAP": counts[0],
-        "W-CLOCK-FWD": counts[1] + sum(step > LONGEST_GAP_US for step in steps_us),
-        "W-CLOCK-BACK": sum(step < 0 for step in steps_us),
+        "W-CLOCK-FWD": counts[1] + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
+        "W-CLOCK-BACK": int(np.count_nonzero(holes.step_us < 0)),
         "W-JITTER": int(jitter > JITTER_PART),
     }
     return tuple(QualityFlag(code, count) for code, count in found.items() if count)
@@ -108,7 +133,14 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
 
     A number that is skipped is a row that was there and could not be read; a pause is a break of unknown
     length, so the next segment follows at once.
+
+    Raises
+    ------
+    UnknownRate
+        The rate is none that shows an arm's movement.
     """
+    if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise UnknownRate(h="-", m=rate_hz)
     period_us = MICROSECONDS / rate_hz
     numbers = columns.stamps
     pauses = numbers // PAUSE

@@ -3,12 +3,15 @@
 import hashlib
 import io
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 HEAD_BYTES = 65_536
 CHUNK_BYTES = 4 << 20
+LARGE_PIECE_BYTES = 1 << 18
+"""From this size on a piece is worth a thread's while."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +32,92 @@ class Source:
         return PurePath(self.name.replace("\\", "/")).suffix.lower()
 
 
-def open_source(file: BinaryIO, file_name: str = "") -> Source:
-    """Take the size and the head; the name falls back to the file object's own."""
+class HashedFile(io.RawIOBase):
+    """A file that is hashed while it is read: what is read in order is not read again for its digest.
+
+    Large pieces are hashed in a thread of their own (hashlib and the kernels both let go of the interpreter),
+    so that on two cores the digest costs next to nothing. Closing it leaves the file itself open.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__()
+        self._file = file
+        self._at = file.seek(0)
+        self._digest = hashlib.sha256()
+        self._hashed_bytes = 0
+        self._worker = ThreadPoolExecutor(1)
+        self._running: Future[None] | None = None
+
+    def read(self, size: int = -1) -> bytes:
+        """Read on, and hash what was not hashed before."""
+        piece = self._file.read(size)
+        if self._at <= self._hashed_bytes < self._at + len(piece):
+            self._hash(memoryview(piece)[self._hashed_bytes - self._at :])
+        self._at += len(piece)
+        return piece
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Go to a place."""
+        self._at = self._file.seek(offset, whence)
+        return self._at
+
+    def tell(self) -> int:
+        """Where the next byte is read."""
+        return self._at
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    def finish(self) -> str:
+        """Read what is left and give the digest of the whole, hexadecimal."""
+        self.seek(self._hashed_bytes)
+        while self.read(CHUNK_BYTES):
+            pass
+        self._wait()
+        self._worker.shutdown()
+        return self._digest.hexdigest()
+
+    def _hash(self, piece: memoryview) -> None:
+        self._wait()
+        self._hashed_bytes += len(piece)
+        if len(piece) < LARGE_PIECE_BYTES:
+            self._digest.update(piece)
+        else:
+            self._running = self._worker.submit(self._digest.update, piece)
+
+    def _wait(self) -> None:
+        if self._running is not None:
+            self._running.result()
+            self._running = None
+
+
+def open_source(file: BinaryIO, file_name: str = "", *, is_hashed: bool = True) -> Source:
+    """Take the size and the head; the name falls back to the file object's own.
+
+    ``is_hashed``: whether :func:`hash_source` will be asked for.
+    """
     name = file_name or str(getattr(file, "name", ""))
     size_bytes = file.seek(0, io.SEEK_END)
     file.seek(0)
-    return Source(file, PurePath(name.replace("\\", "/")).name, size_bytes, file.read(HEAD_BYTES))
+    watched = cast("BinaryIO", HashedFile(file)) if is_hashed else file
+    return Source(watched, PurePath(name.replace("\\", "/")).name, size_bytes, watched.read(HEAD_BYTES))
 
 
 def hash_source(source: Source) -> str:
     """SHA-256 of the bytes, hexadecimal."""
+    if isinstance(source.file, HashedFile):
+        return source.file.finish()
     source.file.seek(0)
     return hashlib.file_digest(source.file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
-def read_chunks(source: Source, start_byte: int = 0) -> Iterator[bytes]:
+def read_chunks(source: Source, start_byte: int = 0, chunk_bytes: int = CHUNK_BYTES) -> Iterator[bytes]:
     """Read from ``start_byte`` to the end in pieces of 4 MiB."""
     source.file.seek(start_byte)
-    while chunk := source.file.read(CHUNK_BYTES):
+    while chunk := source.file.read(chunk_bytes):
         yield chunk

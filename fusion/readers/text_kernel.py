@@ -1,4 +1,4 @@
-"""The hot path of every text layout, in the large: whole lines of bytes to float32 columns."""
+"""The careful reading of one line of a table: any number of digits, exponents, quotes, padding, damage."""
 # mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
 # (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
 
@@ -34,9 +34,12 @@ TALLY_PLACES = 8
 PAUSE = 1 << 32
 """Added to the row number at a blank line or a new header where the layout has no time: a break of unknown
 length."""
-Rules = tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+Piece = tuple[NDArray[np.uint8], int, int, NDArray[np.int32]]
+"""Buffer; first byte of the first line; first byte after the last one; room for the field ends."""
+Rules = tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 """Header line; target of each column (-1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate);
-delimiter, decimal mark, kind of stamp, power of ten from stamps to microseconds; factor of each target."""
+column of each target, -1 for none; delimiter, decimal mark, kind of stamp, power of ten from stamps to
+microseconds; factor of each target."""
 Values = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
 """Acceleration, angular rate, stamps."""
 
@@ -150,33 +153,3 @@ def next_line(buffer: NDArray[np.uint8], at: int) -> int:
     while buffer[at] != NEWLINE:
         at += 1
     return at + 1
-
-
-@njit(cache=True, nogil=True)
-def parse_lines(
-    buffer: NDArray[np.uint8], rules: Rules, values: Values, row: int, tally: NDArray[np.int64]
-) -> int:
-    """Read all lines of a piece into the columns from ``row`` on; return the first row not filled."""
-    header, targets, signs, scales = rules
-    acc, gyr, stamps = values
-    fields = np.zeros(7)
-    at = 0
-    while at < len(buffer):
-        tally[LINES] += 1
-        is_header = starts_with(buffer, at, header)
-        if is_header or is_blank(buffer, at, signs[0]):
-            tally[HEADERS if is_header else BLANKS] += 1
-            tally[SAMPLES] += PAUSE
-            at = next_line(buffer, at)
-            continue
-        at, kind = take_row(buffer, at, (targets, signs), fields, stamps[row:])
-        if signs[2] == COUNTER:
-            stamps[row] = tally[SAMPLES]
-        tally[SAMPLES] += 1
-        at = next_line(buffer, at)
-        if kind == NUMBER:
-            keep_row(fields, scales, acc, gyr, row)
-            row += 1
-        else:
-            note_loss(kind, tally)
-    return row

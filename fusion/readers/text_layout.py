@@ -3,10 +3,11 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from fusion.errors import AmbiguousDecimal
+from fusion.errors import AmbiguousDecimal, UnknownColumns
 from fusion.readers.columns import Column, understand_column
+from fusion.readers.date_dialects import DateDialect, DateOrder, find_dates
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 NUMBER = re.compile(r"\s*\"?\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*\"?\s*")
@@ -22,7 +23,7 @@ class TextLayout:
 
     ``header`` is the header line as it stands, None where there is none; ``first_line`` counts lines before
     the first row of numbers; ``preamble`` holds the lines before the header; ``sample_rows`` some rows,
-    split.
+    split. ``dates``: how stamps are to be rewritten before the rows are read.
     """
 
     delimiter: str
@@ -32,6 +33,7 @@ class TextLayout:
     first_line: int
     preamble: tuple[str, ...]
     sample_rows: tuple[tuple[str, ...], ...]
+    dates: DateDialect | None = None
 
     @property
     def n_columns(self) -> int:
@@ -68,14 +70,21 @@ def is_row(line: str, delimiter: str) -> bool:
     return len(fields) >= MIN_COLUMNS and all(values) and present >= len(fields) // 2
 
 
-def find_layout(head: str) -> TextLayout | None:
+def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     """Understand the head of a table; None where no rows of six numbers are found.
 
     Raises
     ------
     AmbiguousDecimal
         The comma is both separator and decimal mark.
+    UnknownColumns
+        The rows have more fields than the header has names.
+    fusion.errors.UnusableTime
+        Day and month cannot be told apart (``order`` is what a person says), or seconds are cut off.
     """
+    dates = find_dates(head, order)
+    if dates is not None:
+        head = dates.rewrite(head)
     # only newlines count as line ends, as in the kernel: str.splitlines knows many more
     lines = [line.rstrip("\r") for line in head.split("\n")]
     lines = (lines[:-1] if len(lines) > 1 else lines)[:SNIFFED_LINES]
@@ -83,7 +92,7 @@ def find_layout(head: str) -> TextLayout | None:
     delimiter = max(DELIMITERS, key=lambda mark: votes[mark])
     if votes[delimiter] == 0:
         return None
-    return _describe(lines, delimiter)
+    return replace(_describe(lines, delimiter), dates=dates)
 
 
 def _count_rows(lines: Sequence[str], delimiter: str) -> int:
@@ -100,6 +109,8 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
     names = split_fields(header, delimiter) if header is not None else [""] * len(samples[0])
     if delimiter == ",":
         _refuse_split_decimals(names, samples, rows[0] + 1, has_header=header is not None)
+    if Counter(map(len, samples)).most_common(1)[0][0] > len(names):
+        raise UnknownColumns(list=", ".join(names)[:200], line=rows[0] + 1)
     has_comma = delimiter != "," and any(re.fullmatch(r"[-+]?\d*,\d+", f) for row in samples for f in row)
     return TextLayout(
         delimiter=delimiter,
@@ -129,3 +140,25 @@ def _refuse_split_decimals(
     whole = all(re.fullmatch(r"[-+]?\d*", field) for row in samples[:20] for field in row)
     if has_header and whole and 2 * len(names) - 2 <= width <= 2 * len(names) and width > len(names):
         raise AmbiguousDecimal(line=line)
+
+
+def vote_decimal(layout: TextLayout, lines: Sequence[str]) -> TextLayout:
+    """Settle the decimal mark by lines from further on, where the head holds whole numbers only.
+
+    Raises
+    ------
+    AmbiguousDecimal
+        Further on, the comma that separates columns stands in numbers too.
+    """
+    if layout.decimal == "," or any(
+        re.search(r"\d\.\d", field) for row in layout.sample_rows for field in row
+    ):
+        return layout
+    rows = [split_fields(line, layout.delimiter) for line in lines]
+    if layout.delimiter == ",":
+        widths = [len(row) for row in rows if all(re.fullmatch(r"[-+]?\d*", field) for field in row)]
+        if widths and min(widths) > layout.n_columns:
+            raise AmbiguousDecimal(line=layout.first_line)
+        return layout
+    has_comma = any(re.fullmatch(r"[-+]?\d*,\d+", field) for row in rows for field in row)
+    return replace(layout, decimal=",") if has_comma else layout

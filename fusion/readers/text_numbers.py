@@ -17,6 +17,7 @@ LONGEST_MANTISSA = 18
 
 POWERS = 10.0 ** np.arange(0, 320).clip(0, 308)
 WHOLE_POWERS = 10 ** np.arange(0, 19, dtype=np.int64)
+LARGEST_WHOLE = np.int64(9_000_000_000_000_000_000) // WHOLE_POWERS
 
 
 @njit(cache=True, nogil=True)
@@ -156,7 +157,7 @@ def scale_decimal(mantissa: int, exponent: int) -> float:
 @njit(cache=True, nogil=True)
 def scale_stamp(mantissa: int, exponent: int) -> int:
     """Mantissa times a power of ten, as a whole number rounded to the nearest."""
-    if 0 <= exponent <= 18 and abs(mantissa) <= np.int64(9_000_000_000_000_000_000) // WHOLE_POWERS[exponent]:
+    if 0 <= exponent <= 18 and abs(mantissa) <= LARGEST_WHOLE[exponent]:
         return mantissa * WHOLE_POWERS[exponent]
     if -18 <= exponent < 0:
         unit = WHOLE_POWERS[-exponent]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.errors import CutByExcel, UnreadableRows
+from fusion.readers.date_dialects import rewrite_pieces
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.text_kernel import (
@@ -20,15 +21,18 @@ from fusion.readers.text_kernel import (
     LAST_BAD_LINE,
     LINES,
     TALLY_PLACES,
-    parse_lines,
+    Rules,
 )
 from fusion.readers.text_layout import TextLayout
-from fusion.readers.text_stream import TextForm, read_line_pieces, read_text_pieces
+from fusion.readers.text_lines import parse_lines
+from fusion.readers.text_stream import TextForm, drop_lines, read_line_pieces, read_text_pieces
 from fusion.recording import QualityFlag
 
 EXCEL_ROWS = 1_048_576
 MAX_BAD_PART = 0.05
 SHORTEST_NUMBER_BYTES = 2
+FORECAST_BYTES = 1 << 18
+"""After so many bytes the number of rows in the file is foreseen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,43 +90,56 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
     """
     columns = SampleColumns()
     tally = np.zeros(TALLY_PLACES, np.int64)
-    header = np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8)
-    signs = np.array([ord(layout.delimiter), ord(layout.decimal), plan.stamp_kind, plan.stamp_exponent])
-    scales = np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale])
-    targets = np.array(plan.targets, np.int64)
-    rules = (header, targets, signs, scales)
-    row_bytes = SHORTEST_NUMBER_BYTES * int(np.count_nonzero(targets != IGNORED))
+    rules = make_rules(layout, plan)
+    row_bytes = SHORTEST_NUMBER_BYTES * sum(target != IGNORED for target in plan.targets)
+    marks = np.empty(0, np.int32)
     done_bytes = 0
-    for piece in drop_lines(read_line_pieces(read_text_pieces(source, form)), layout.first_line):
+    has_reserved = False
+    end = LastBytes()
+    pieces = rewrite_pieces(end.watch(read_text_pieces(source, form)), layout.dates)
+    for piece in drop_lines(read_line_pieces(pieces), layout.first_line):
+        if len(marks) <= len(piece):
+            marks = np.empty(len(piece) + 1, np.int32)
         columns.make_room(len(piece) // row_bytes + 1)
         values = (columns.acc, columns.gyr, columns.stamps)
-        buffer = np.frombuffer(piece, np.uint8)
-        columns.rows = parse_lines(buffer, rules, values, columns.rows, tally)
-        if done_bytes == 0:
-            columns.reserve(
-                round(1.02 * columns.rows * source.size_bytes / len(piece)) + len(piece) // row_bytes
-            )
+        lines = (piece.buffer, piece.first, piece.stop, marks)
+        columns.rows = parse_lines(lines, rules, values, columns.rows, tally)
         done_bytes += len(piece)
+        if not has_reserved and done_bytes > FORECAST_BYTES:
+            has_reserved = True
+            columns.reserve(
+                round(1.02 * columns.rows * source.size_bytes / done_bytes) + len(piece) // row_bytes
+            )
     columns.trim()
-    rows = TableRows(columns, tally, layout.first_line, not _ends_whole(source))
+    rows = TableRows(columns, tally, layout.first_line, not end.is_whole)
     _refuse_rows(rows)
     return rows
 
 
-def drop_lines(pieces: Iterable[bytes], count: int) -> Iterator[bytes]:
-    """Leave out the first ``count`` lines."""
-    for piece in pieces:
-        at = 0
-        while count and at < len(piece):
-            at = piece.index(b"\n", at) + 1
-            count -= 1
-        if at < len(piece):
-            yield piece[at:] if at else piece
+def make_rules(layout: TextLayout, plan: TablePlan) -> Rules:
+    """The layout and its plan as the kernel takes them."""
+    header = np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8)
+    targets = np.array(plan.targets, np.int64)
+    columns = np.full(7, -1, np.int64)
+    for column, target in enumerate(plan.targets):
+        if target != IGNORED:
+            columns[target] = column
+    signs = np.array([ord(layout.delimiter), ord(layout.decimal), plan.stamp_kind, plan.stamp_exponent])
+    scales = np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale])
+    return header, targets, columns, signs, scales
 
 
-def _ends_whole(source: Source) -> bool:
-    source.file.seek(max(0, source.size_bytes - 2))
-    return any(mark in source.file.read(2) for mark in (b"\n", b"\r"))
+class LastBytes:
+    """Watches text go by, to tell whether its last line was ended."""
+
+    def __init__(self) -> None:
+        self.is_whole = False
+
+    def watch(self, pieces: Iterable[bytes]) -> Iterator[bytes]:
+        """Give the pieces on."""
+        for piece in pieces:
+            self.is_whole = piece.endswith((b"\n", b"\r"))
+            yield piece
 
 
 def _refuse_rows(rows: TableRows) -> None:

@@ -2,12 +2,17 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 
-from fusion.recording import MICROSECONDS, QualityFlag, Segment, Span
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
 FIRST_PLAUSIBLE_YEAR = 2008
 LAST_PLAUSIBLE_YEAR = 2060
+MOST_TOLD = 100
+DAY_US = 86_400 * MICROSECONDS
+LARGEST_DRIFT = 0.005
+"""A rate further than this from the nominal one is worth a word."""
 
 
 def is_clock_set(start: datetime) -> bool:
@@ -32,12 +37,14 @@ def find_gaps(
 
 
 def flag_spans(code: str, spans: Sequence[Span]) -> tuple[QualityFlag, ...]:
-    """One flag for all spans of a kind: how many, how long together, from when to when; none for none."""
+    """One flag for all spans of a kind: how many, how long together, where (the longest); none for none."""
     if not spans:
         return ()
     total_s = sum(span.duration_us for span in spans) / MICROSECONDS
     first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
-    return (QualityFlag(code, len(spans), total_s, first_s, last_s),)
+    longest = sorted(spans, key=lambda span: -span.duration_us)[:MOST_TOLD]
+    told = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
+    return (QualityFlag(code, len(spans), total_s, first_s, last_s, spans_s=told),)
 
 
 def datetime_at_us(unix_us: int) -> datetime | None:
@@ -53,3 +60,11 @@ def datetime_at_us(unix_us: int) -> datetime | None:
 def hash_serial(serial: str) -> str | None:
     """SHA-256 of a serial, first 12 hexadecimal digits: tells devices apart, names none."""
     return hashlib.sha256(serial.strip().encode()).hexdigest()[:12] if serial.strip() else None
+
+
+def flag_days(recording: Recording) -> Recording:
+    """Say, once, where a recording spans more than a day."""
+    flags = tuple(flag for flag in recording.flags if flag.code != "W-MULTIDAY")
+    if recording.duration_us > DAY_US:
+        flags += (QualityFlag("W-MULTIDAY", -(-recording.duration_us // DAY_US)),)
+    return replace(recording, flags=flags)

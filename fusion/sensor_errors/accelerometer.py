@@ -1,8 +1,8 @@
 """Offset and scale of the accelerometer, from the recording's own still moments.
 
 At rest the length of the acceleration is 1 g in whatever direction it points. With still moments in many
-directions this gives three offsets and three scales. What few directions cannot tell is left to the priors: the
-correction is pulled towards none, so that a file with a single pose is not bent, and it is bounded.
+directions this gives three offsets and three scales. What few directions cannot tell is left to the priors:
+the correction is pulled towards none, so that a file with a single pose is not bent, and it is bounded.
 """
 
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ Table = NDArray[np.float64]
 class AccelerometerSettings:
     """How far the data may pull.
 
-    ``offset_g`` and ``scale`` are the standard deviations expected of parts as delivered, the bounds are three
-    times that; ``still_g`` is the error of the length in one direction, however many moments share it;
-    ``cell_deg`` says what counts as one direction; fewer than ``least_directions`` give no correction.
+    ``offset_g`` and ``scale`` are the standard deviations expected of parts as delivered, the bounds are
+    three times that; ``still_g`` is the error of the length in one direction, however many moments share
+    it; ``cell_deg`` says what counts as one direction; fewer than ``least_directions`` give no correction.
     """
 
     offset_g: float = 0.04
@@ -80,14 +80,20 @@ def calibrate_accelerometer(
 
 
 def _average_directions(gravity_g: Table, cell_deg: float) -> Table:
-    """Median reading of each occupied cell of the sphere, shape (d, 3), so that no pose outvotes the others."""
+    """One reading for each occupied cell of the sphere, (d, 3), so that no pose outvotes the others."""
     unit = gravity_g / np.maximum(np.linalg.norm(gravity_g, axis=1, keepdims=True), 1e-9)
     cells = np.round(unit / np.radians(cell_deg)).astype(np.int64)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()
     order = np.argsort(cell, kind="stable")
     groups = np.split(gravity_g[order], np.flatnonzero(np.diff(cell[order])) + 1) if len(order) else []
-    return np.array([np.median(group, axis=0) for group in groups]).reshape(-1, 3)
+    return np.array([_represent(group) for group in groups]).reshape(-1, 3)
+
+
+def _represent(readings: Table) -> Table:
+    """Median length in the mean direction (the mean itself would be too short by the spread of the cell)."""
+    mean = readings.mean(axis=0)
+    return np.asarray(mean * (np.median(np.linalg.norm(readings, axis=1)) / np.linalg.norm(mean)))
 
 
 def _fit(directions: Table, settings: AccelerometerSettings) -> Table:

@@ -17,6 +17,7 @@ from scipy.linalg import solveh_banded
 from fusion.sensor_errors.bias_track import GyroBias, hold_bias
 from fusion.sensor_errors.motion_windows import WindowEquations, form_equations
 from fusion.sensor_errors.nodes import Nodes, reduce_to_nodes
+from fusion.sensor_errors.rotation import RADIANS
 from fusion.sensor_errors.runs import SensorRun
 from fusion.sensor_errors.stillness import QuietTable, find_still_moments, reduce_run
 
@@ -43,7 +44,7 @@ class BiasSettings:
     wander_dps_per_root_min: float = 0.03
     still_floor_dps: float = 0.05
     least_stills: int = 3
-    rounds: int = 3
+    rounds: int = 2
 
 
 def estimate_gyro_bias(
@@ -56,12 +57,19 @@ def estimate_gyro_bias(
     Compared to the publication: the paper subtracts the mean of one still period; this is ours, for
     `smoothed`.
     """
-    settings = settings or BiasSettings()
     if stills is None:
         stills = find_still_moments([reduce_run(run) for run in runs])
-    bias, nodes = _start(runs, stills, settings)
-    knots_s = _place_knots(runs, settings)
-    dense = sum(run.duration_s for run in runs) <= settings.dense_up_to_s
+    return follow_gyro_bias(reduce_about_start(runs, stills, settings), stills, settings)
+
+
+def follow_gyro_bias(
+    nodes: Sequence[Nodes], stills: QuietTable, settings: BiasSettings | None = None
+) -> GyroBias:
+    """The same from nodes that have a bias near the true one taken off."""
+    settings = settings or BiasSettings()
+    bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
+    knots_s = _place_knots(nodes, settings)
+    dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= settings.dense_up_to_s
     every_s = settings.window_every_s if dense else settings.window_apart_s
     for _ in range(settings.rounds):
         windows = form_equations(nodes, bias, settings.window_s, every_s)
@@ -69,15 +77,16 @@ def estimate_gyro_bias(
     return bias
 
 
-def _start(
-    runs: Sequence[SensorRun], stills: QuietTable, settings: BiasSettings
-) -> tuple[GyroBias, list[Nodes]]:
-    """A constant to start from, and the nodes with it taken off."""
+def reduce_about_start(
+    runs: Sequence[SensorRun], stills: QuietTable, settings: BiasSettings | None = None
+) -> list[Nodes]:
+    """The nodes of all runs with a constant taken off: the median of the still moments, or grown from nil."""
+    settings = settings or BiasSettings()
     if len(stills) >= settings.least_stills:
         bias = hold_bias(np.median(stills.gyro_dps, axis=0))
     else:
         bias = _grow_windows([reduce_to_nodes(run, hold_bias(np.zeros(3))) for run in runs], settings)
-    return bias, [reduce_to_nodes(run, bias) for run in runs]
+    return [reduce_to_nodes(run, bias) for run in runs]
 
 
 def _grow_windows(nodes: Sequence[Nodes], settings: BiasSettings) -> GyroBias:
@@ -91,8 +100,9 @@ def _grow_windows(nodes: Sequence[Nodes], settings: BiasSettings) -> GyroBias:
     return bias
 
 
-def _place_knots(runs: Sequence[SensorRun], settings: BiasSettings) -> Table:
-    first_s, last_s = runs[0].start_s, runs[-1].start_s + runs[-1].duration_s
+def _place_knots(nodes: Sequence[Nodes], settings: BiasSettings) -> Table:
+    first_s = nodes[0].start_s
+    last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
     pieces = max(1, round((last_s - first_s) / settings.knot_s))
     return np.linspace(first_s, last_s, pieces + 1)
 

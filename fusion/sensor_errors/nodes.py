@@ -3,9 +3,13 @@
 A node stands at the middle sample of an odd number of rows. It holds their mean acceleration and the
 rotation from the node before, composed from the samples' own rotations (``a + b + a x b / 2``, the first
 terms of Baker-Campbell-Hausdorff), so that no motion of the arm is lost by the reduction.
+
+Between two samples the rate is a cubic through four of them: ``T (13 (w1 + w2) - w0 - w3) / 24``. A straight
+line loses ``(w T)^2 / 12`` of a movement, 0.8 % at 5 Hz and 100 samples a second. Taking a twelfth of the
+second difference off each sample and then the trapezoid is the same sum.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +17,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.recording import FloatArray
-from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.rotation import RADIANS, bend, carry, turn_factors
 from fusion.sensor_errors.runs import SensorRun
 
 NODE_RATE_HZ = 20.0
-GYRO_LAG_S = 0.0005
 LEAST_NODES = 30
 SMALL = (1.0, 0.5)  # the factors of a small turn: second order is enough within a node
 
@@ -29,25 +32,23 @@ class Nodes:
     """Node j stands at row ``rows_per_node * j + rows_per_node // 2``.
 
     ``acc_g`` (j, 3) mean acceleration; ``turn_rad`` (j, 3) rotation vector from the node before (the first
-    is nil); ``bias_rad`` (j, 3) the gyroscope's bias taken off, rad/s. ``start_s`` is the time of the first
-    node in the file.
+    is nil); ``bias_rad`` (j, 3) the gyroscope's bias taken off, rad/s; ``gyro_scale`` (3,) what the rest was
+    multiplied with. ``start_s`` is the time of the first node in the file; ``rows`` those of the run.
     """
 
     start_s: float
     period_s: float
     rows_per_node: int
+    rows: int
     lag_rows: float
     acc_g: NDArray[np.float32]
     turn_rad: NDArray[np.float64]
     bias_rad: NDArray[np.float64]
+    gyro_scale: NDArray[np.float64]
 
 
 def reduce_to_nodes(
-    run: SensorRun,
-    bias: GyroBias,
-    node_rate_hz: float = NODE_RATE_HZ,
-    gyro_lag_s: float = GYRO_LAG_S,
-    correction: AccelerometerCorrection | None = None,
+    run: SensorRun, bias: GyroBias, node_rate_hz: float = NODE_RATE_HZ, gyro_lag_s: float = 0.0
 ) -> Nodes:
     """Take an odd number of rows to a node, about ``node_rate_hz``; every row in a run of few samples.
 
@@ -56,49 +57,91 @@ def reduce_to_nodes(
     """
     rows = 2 * int((run.rate_hz / node_rate_hz - 1.0) / 2.0 + 0.25) + 1 if node_rate_hz < run.rate_hz else 1
     rows = rows if len(run) >= LEAST_NODES * rows else 1
-    middle_s = run.start_s + (np.arange(len(run) // rows) * rows + rows // 2) / run.rate_hz
-    bias_rad = np.ascontiguousarray(bias.at(middle_s)) * RADIANS
-    acc_g = np.zeros((len(middle_s), 3), dtype=np.float32)
-    turn_rad = np.zeros((len(middle_s), 3))
+    start_s, period_s, count = run.start_s + rows // 2 / run.rate_hz, rows / run.rate_hz, len(run) // rows
+    bias_rad = bias.along(start_s, period_s, count) * RADIANS
+    acc_g, turn_rad = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3))
     lag_rows = min(1.0, gyro_lag_s * run.rate_hz)
-    steps = (rows, 1.0 / run.rate_hz, lag_rows)
-    correction = correction or leave_accelerometer()
-    true_acc = np.stack([correction.offset_g, correction.scale])
-    _reduce(run.acc_g, run.gyr_dps, bias_rad, steps, true_acc, acc_g, turn_rad)
-    return Nodes(float(middle_s[0]), rows / run.rate_hz, rows, lag_rows, acc_g, turn_rad, bias_rad)
+    taps = _place_taps(lag_rows, np.ones(3))
+    _reduce(run.acc_g, run.gyr_dps, bias_rad, (rows, 1.0 / run.rate_hz, taps), acc_g, turn_rad)
+    return Nodes(start_s, period_s, rows, len(run), lag_rows, acc_g, turn_rad, bias_rad, np.ones(3))
 
 
-def spread_from_nodes(
-    run: SensorRun,
+def correct_nodes(
     nodes: Nodes,
-    up: NDArray[np.float64],
-    dtype: type[np.float32] | type[np.float64],
-) -> FloatArray:
-    """Carry the vertical from each node to its samples; the last node also serves the rows left over."""
-    out: NDArray[Any] = np.empty((len(run), 3), dtype=dtype)
-    steps = (nodes.rows_per_node, 1.0 / run.rate_hz, nodes.lag_rows)
-    _spread(run.gyr_dps, nodes.bias_rad, steps, up, out)
-    return out
+    bias: GyroBias,
+    gyro_scale: NDArray[np.float64] | None = None,
+    accelerometer: AccelerometerCorrection | None = None,
+) -> Nodes:
+    """The same nodes under another bias, gyroscope scale and accelerometer correction; no sample is read.
+
+    A constant rate adds to a rotation vector exactly where the axis stands still; within a node, a twentieth
+    of a second, it nearly does: 1e-4 deg for a bias wrong by 1 deg/s.
+    """
+    gyro_scale = np.ones(3) if gyro_scale is None else gyro_scale
+    bias_rad = bias.along(nodes.start_s, nodes.period_s, len(nodes.acc_g)) * RADIANS
+    turn_rad = np.empty_like(nodes.turn_rad)
+    _rebias(nodes.turn_rad, nodes.bias_rad, bias_rad, nodes.period_s, gyro_scale / nodes.gyro_scale, turn_rad)
+    acc_g = nodes.acc_g
+    if accelerometer is not None and accelerometer.directions:
+        offset_g, scale = accelerometer.offset_g.astype(np.float32), accelerometer.scale.astype(np.float32)
+        acc_g = (acc_g - offset_g) * scale
+    return replace(nodes, acc_g=acc_g, turn_rad=turn_rad, bias_rad=bias_rad, gyro_scale=gyro_scale)
 
 
-@njit(inline="always")
-def _rate(gyr: Any, row: int, lag_rows: float, bias: Any) -> Any:  # pragma: no cover
-    """Rate at the time of a row, rad/s: a little after its stamp, since the gyroscope is late."""
-    later = min(row + 1, len(gyr) - 1)
-    now, then = (1.0 - lag_rows) * RADIANS, lag_rows * RADIANS
+@njit(cache=True, nogil=True)
+def _rebias(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    turns: Any, before: Any, after: Any, period_s: float, scale: Any, out: Any
+) -> None:  # pragma: no cover
+    for axis in range(3):
+        out[0, axis] = 0.0
+    for node in range(1, len(turns)):
+        for axis in range(3):
+            change = period_s * (after[node, axis] - before[node, axis])
+            out[node, axis] = scale[axis] * (turns[node, axis] - change)
+
+
+def spread_rows(  # noqa: PLR0913, PLR0917 (it is asked for block by block)
+    gyr_dps: FloatArray, rate_hz: float, nodes: Nodes, up: NDArray[np.float64], out: FloatArray, first: int
+) -> None:
+    """Carry the vertical from each node to the rows about it, into ``out`` for the nodes from ``first`` on.
+
+    ``out`` begins with the first row of node ``first`` and ends with the last row of a node, or of the run:
+    the last node also serves the rows left over.
+    """
+    taps = _place_taps(nodes.lag_rows, nodes.gyro_scale)
+    steps = (nodes.rows_per_node, 1.0 / rate_hz, taps, tuple(nodes.gyro_scale.tolist()))
+    _spread(gyr_dps, nodes.bias_rad, steps, up, first, out)
+
+
+Triple = tuple[float, float, float]
+
+
+def _place_taps(lag_rows: float, gyro_scale: NDArray[np.float64]) -> tuple[Triple, Triple, Triple]:
+    """What the row before, the row and the row after give to its rate, rad/s for a deg/s on each axis."""
+    x, y, z = (RADIANS * gyro_scale).tolist()
+    before, now, after = -1.0 / 12.0, 14.0 / 12.0 - lag_rows, lag_rows - 1.0 / 12.0
     return (
-        now * gyr[row, 0] + then * gyr[later, 0] - bias[0],
-        now * gyr[row, 1] + then * gyr[later, 1] - bias[1],
-        now * gyr[row, 2] + then * gyr[later, 2] - bias[2],
+        (before * x, before * y, before * z),
+        (now * x, now * y, now * z),
+        (after * x, after * y, after * z),
     )
 
 
 @njit(inline="always")
-def _correct(acc: Any, row: int, offset_g: Any, scale: Any) -> Any:  # pragma: no cover
+def _read(table: Any, row: int) -> Any:  # pragma: no cover
+    """A row as a triple; the first and last stand for what lies outside."""
+    inside = min(max(row, 0), len(table) - 1)
+    return float(table[inside, 0]), float(table[inside, 1]), float(table[inside, 2])
+
+
+@njit(inline="always")
+def _mix(before: Any, now: Any, after: Any, taps: Any, offset: Any) -> Any:  # pragma: no cover
+    """Rate of a row, rad/s, as the trapezoid wants it; ``taps`` rad/s for each deg/s, ``offset`` rad/s."""
+    a, b, c = taps
     return (
-        scale[0] * (acc[row, 0] - offset_g[0]),
-        scale[1] * (acc[row, 1] - offset_g[1]),
-        scale[2] * (acc[row, 2] - offset_g[2]),
+        a[0] * before[0] + b[0] * now[0] + c[0] * after[0] - offset[0],
+        a[1] * before[1] + b[1] * now[1] + c[1] * after[1] - offset[1],
+        a[2] * before[2] + b[2] * now[2] + c[2] * after[2] - offset[2],
     )
 
 
@@ -111,36 +154,36 @@ def _add(table: Any, row: int, vector: Any, share: float) -> None:  # pragma: no
 
 @njit(cache=True, nogil=True)
 def _reduce(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    acc: Any, gyr: Any, bias: Any, steps: Any, true_acc: Any, mean_acc: Any, turns: Any
+    acc: Any, gyr: Any, bias: Any, steps: Any, mean_acc: Any, turns: Any
 ) -> None:  # pragma: no cover
     """Fill the nodes' mean accelerations and the rotations between them.
 
     One walk over the rows, from each node to the next: the rows still nearer to the node behind are carried
     back to it, those nearer to the node ahead are gathered and carried along.
     """
-    rows, period_s, lag_rows = steps
+    rows, period_s, taps = steps
     half, share = rows // 2, 1.0 / rows
-    offset_g = (true_acc[0, 0], true_acc[0, 1], true_acc[0, 2])
-    scale = (true_acc[1, 0], true_acc[1, 1], true_acc[1, 2])
     for node in range(len(mean_acc) + 1):
         start, stop = max(0, (node - 1) * rows + half), min(len(mean_acc) * rows - 1, node * rows + half)
         at = min(node, len(mean_acc) - 1)
         offset = (bias[at, 0], bias[at, 1], bias[at, 2])
-        before = _rate(gyr, start, lag_rows, offset)
+        last, now = _read(gyr, start), _read(gyr, start + 1)
+        before = _mix(_read(gyr, start - 1), last, now, taps, offset)
         whole, ahead = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if node == 0:
-            ahead = _correct(acc, 0, offset_g, scale)
+            ahead = _read(acc, 0)
         for row in range(start + 1, stop + 1):
-            after = _rate(gyr, row, lag_rows, offset)
+            following = _read(gyr, row + 1)
+            after = _mix(last, now, following, taps, offset)
             turn = bend(before, after, period_s)
-            before = after
+            last, now, before = now, following, after
             whole = _compose(whole, turn)
-            now = _correct(acc, row, offset_g, scale)
+            felt = _read(acc, row)
             if row < node * rows:
-                _add(mean_acc, node - 1, carry(now, (-whole[0], -whole[1], -whole[2]), SMALL), share)
+                _add(mean_acc, node - 1, carry(felt, (-whole[0], -whole[1], -whole[2]), SMALL), share)
             else:
                 ahead = carry(ahead, turn, SMALL)
-                ahead = (ahead[0] + now[0], ahead[1] + now[1], ahead[2] + now[2])
+                ahead = (ahead[0] + felt[0], ahead[1] + felt[1], ahead[2] + felt[2])
         if node < len(mean_acc):
             _add(mean_acc, node, ahead, share)
             if node > 0:
@@ -158,28 +201,36 @@ def _compose(first: Any, second: Any) -> Any:  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def _spread(gyr: Any, bias: Any, steps: Any, up: Any, out: Any) -> None:  # pragma: no cover
+def _spread(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    gyr: Any, bias: Any, steps: Any, up: Any, first: int, out: Any
+) -> None:  # pragma: no cover
     """Carry the vertical of each node to the rows before and after it."""
-    rows, period_s, lag_rows = steps
-    half = rows // 2
-    for node in range(len(up)):
-        middle = node * rows + half
-        stop = len(out) if node == len(up) - 1 else (node + 1) * rows
-        offset = (bias[node, 0], bias[node, 1], bias[node, 2])
+    rows, period_s, taps, scale = steps
+    shift = first * rows
+    backwards = (taps[2], taps[1], taps[0])
+    for node in range(first, min(len(up), first + (len(out) + rows - 1) // rows)):
+        middle = node * rows + rows // 2
+        stop = shift + len(out) if node == len(up) - 1 else (node + 1) * rows
+        offset = (bias[node, 0] * scale[0], bias[node, 1] * scale[1], bias[node, 2] * scale[2])
         vertical = (up[node, 0], up[node, 1], up[node, 2])
-        out[middle, 0], out[middle, 1], out[middle, 2] = vertical
-        before = _rate(gyr, middle, lag_rows, offset)
-        for row in range(middle + 1, stop):
-            after = _rate(gyr, row, lag_rows, offset)
-            turn = bend(before, after, period_s)
-            vertical = carry(vertical, turn, turn_factors(turn))
-            out[row, 0], out[row, 1], out[row, 2] = vertical
-            before = after
-        vertical = (up[node, 0], up[node, 1], up[node, 2])
-        before = _rate(gyr, middle, lag_rows, offset)
-        for row in range(middle - 1, node * rows - 1, -1):
-            after = _rate(gyr, row, lag_rows, offset)
-            turn = bend(before, after, -period_s)
-            vertical = carry(vertical, turn, turn_factors(turn))
-            out[row, 0], out[row, 1], out[row, 2] = vertical
-            before = after
+        out[middle - shift, 0], out[middle - shift, 1], out[middle - shift, 2] = vertical
+        _walk(gyr, (middle + 1, stop, 1), (period_s, taps, offset), vertical, shift, out)
+        _walk(gyr, (middle - 1, node * rows - 1, -1), (-period_s, backwards, offset), vertical, shift, out)
+
+
+@njit(inline="always")
+def _walk(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    gyr: Any, ends: Any, motion: Any, vertical: Any, shift: int, out: Any
+) -> None:  # pragma: no cover
+    """From the row beside a node outwards, forwards or backwards in time."""
+    first, stop, step = ends
+    period_s, taps, offset = motion
+    last, now = _read(gyr, first - step), _read(gyr, first)
+    before = _mix(_read(gyr, first - 2 * step), last, now, taps, offset)
+    for row in range(first, stop, step):
+        following = _read(gyr, row + step)
+        after = _mix(last, now, following, taps, offset)
+        turn = bend(before, after, period_s)
+        vertical = carry(vertical, turn, turn_factors(turn))
+        out[row - shift, 0], out[row - shift, 1], out[row - shift, 2] = vertical
+        last, now, before = now, following, after

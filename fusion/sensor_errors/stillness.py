@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.recording import FloatArray
 from fusion.sensor_errors.runs import SensorRun
 
 FloatTable = NDArray[np.float64]
@@ -53,38 +54,58 @@ class QuietTable:
         )
 
 
-@njit(cache=True, nogil=True)
-def reduce_to_blocks(samples: Any, per_block: int) -> Any:  # pragma: no cover
-    """Mean (3) and mean square (3) of each whole block of a (n, 3) array."""
-    blocks = len(samples) // per_block
-    out = np.zeros((blocks, 6))
-    for block in range(blocks):
-        for axis in range(3):
-            total, square = 0.0, 0.0
-            for row in range(block * per_block, (block + 1) * per_block):
-                value = float(samples[row, axis])
-                total += value
-                square += value * value
-            out[block, axis] = total / per_block
-            out[block, axis + 3] = square / per_block
-    return out
+@njit(cache=True, nogil=True, error_model="numpy")
+def reduce_to_blocks(samples: Any, per_block: int, moments: Any, extremes: Any) -> None:  # pragma: no cover
+    """Mean and mean square (m, 6), lowest and highest (6, m) of each block of rows; the last may be short."""
+    for block in range(len(moments)):
+        first, stop = block * per_block, min((block + 1) * per_block, len(samples))
+        x, y, z = float(samples[first, 0]), float(samples[first, 1]), float(samples[first, 2])
+        a, b, c, aa, bb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        low_x, low_y, low_z, high_x, high_y, high_z = x, y, z, x, y, z
+        for row in range(first, stop):
+            x, y, z = float(samples[row, 0]), float(samples[row, 1]), float(samples[row, 2])
+            a, b, c = a + x, b + y, c + z
+            aa, bb, cc = aa + x * x, bb + y * y, cc + z * z
+            low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+            high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+        share = 1.0 / (stop - first)
+        sums = (a, b, c, aa, bb, cc)
+        ends = (low_x, low_y, low_z, high_x, high_y, high_z)
+        for k in range(6):
+            moments[block, k] = sums[k] * share
+            extremes[k, block] = ends[k]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuarterSeconds:
-    """One run in blocks of a quarter second: columns mean (3) and mean square (3) of each sensor."""
+    """One run in blocks of a quarter second.
+
+    ``acc`` and ``gyr``: mean (3) and mean square (3) of each whole block; ``acc_ends`` and ``gyr_ends``:
+    lowest (3) and highest (3), shape (6, m), with one block more for rows left over.
+    """
 
     start_s: float
     block_s: float
+    rows_per_block: int
     acc: FloatTable
     gyr: FloatTable
+    acc_ends: FloatTable
+    gyr_ends: FloatTable
 
 
 def reduce_run(run: SensorRun) -> QuarterSeconds:
     """Walk once over the samples; all questions about stillness are answered from the result."""
     per_block = max(1, round(BLOCK_S * run.rate_hz))
-    acc, gyr = reduce_to_blocks(run.acc_g, per_block), reduce_to_blocks(run.gyr_dps, per_block)
-    return QuarterSeconds(run.start_s, per_block / run.rate_hz, acc, gyr)
+    acc, acc_ends = _reduce_sensor(run.acc_g, per_block)
+    gyr, gyr_ends = _reduce_sensor(run.gyr_dps, per_block)
+    return QuarterSeconds(run.start_s, per_block / run.rate_hz, per_block, acc, gyr, acc_ends, gyr_ends)
+
+
+def _reduce_sensor(samples: FloatArray, per_block: int) -> tuple[FloatTable, FloatTable]:
+    blocks = -(-len(samples) // per_block)
+    moments, extremes = np.empty((blocks, 6)), np.empty((6, blocks))
+    reduce_to_blocks(samples, per_block, moments, extremes)
+    return moments[: len(samples) // per_block], extremes
 
 
 def summarise_windows(blocks: Sequence[QuarterSeconds], duration_s: float) -> QuietTable:
@@ -94,23 +115,31 @@ def summarise_windows(blocks: Sequence[QuarterSeconds], duration_s: float) -> Qu
 
 def _summarise_run(blocks: QuarterSeconds, duration_s: float) -> QuietTable:
     length = max(1, round(duration_s / blocks.block_s))
-    acc, gyr = _slide(blocks.acc, length), _slide(blocks.gyr, length)
-    start_s = np.asarray(blocks.start_s + blocks.block_s * np.arange(len(acc)), dtype=np.float64)
-    return QuietTable(
-        start_s, length * blocks.block_s, acc[:, :3], gyr[:, :3], _largest_sd(acc), _largest_sd(gyr)
-    )
+    count = max(0, len(blocks.acc) - length + 1)
+    start_s = np.asarray(blocks.start_s + blocks.block_s * np.arange(count), dtype=np.float64)
+    means, sds = np.empty((2, count, 3)), np.empty((2, count))
+    for moments, mean, sd in ((blocks.acc, means[0], sds[0]), (blocks.gyr, means[1], sds[1])):
+        _slide(moments, length, mean, sd)
+    return QuietTable(start_s, length * blocks.block_s, means[0], means[1], sds[0], sds[1])
 
 
-def _slide(blocks: FloatTable, length: int) -> FloatTable:
-    if len(blocks) < length:
-        return np.zeros((0, 6))
-    sums = np.vstack([np.zeros((1, 6)), np.cumsum(blocks, axis=0)])
-    return np.asarray((sums[length:] - sums[:-length]) / length)
-
-
-def _largest_sd(moments: FloatTable) -> FloatTable:
-    variance = np.maximum(moments[:, 3:] - moments[:, :3] ** 2, 0.0)
-    return np.asarray(np.sqrt(np.maximum(np.maximum(variance[:, 0], variance[:, 1]), variance[:, 2])))
+@njit(cache=True, nogil=True)
+def _slide(moments: Any, length: int, mean: Any, largest_sd: Any) -> None:  # pragma: no cover
+    """Mean and largest standard deviation of each window of ``length`` blocks, by a running sum."""
+    sums = np.zeros(6)
+    for block in range(len(moments)):
+        for k in range(6):
+            sums[k] += moments[block, k]
+        first = block - length + 1
+        if first < 0:
+            continue
+        variance = 0.0
+        for k in range(3):
+            mean[first, k] = sums[k] / length
+            variance = max(variance, sums[k + 3] / length - mean[first, k] * mean[first, k])
+        largest_sd[first] = np.sqrt(variance)
+        for k in range(6):
+            sums[k] -= moments[first, k]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,13 +176,18 @@ def _join(tables: list[QuietTable]) -> QuietTable:
 
 def keep_apart(table: QuietTable) -> QuietTable:
     """Take windows that do not overlap, in time order."""
-    rows: list[int] = []
+    return table.select(_choose_apart(table.start_s, table.duration_s))
+
+
+@njit(cache=True, nogil=True)
+def _choose_apart(start_s: Any, duration_s: float) -> Any:  # pragma: no cover
+    chosen = np.zeros(len(start_s), dtype=np.bool_)
     free_from_s = -np.inf
-    for row, start_s in enumerate(table.start_s):
-        if start_s >= free_from_s - 1e-6:
-            rows.append(row)
-            free_from_s = start_s + table.duration_s
-    return table.select(np.array(rows, dtype=np.intp))
+    for row in range(len(start_s)):
+        if start_s[row] >= free_from_s - 1e-6:
+            chosen[row] = True
+            free_from_s = start_s[row] + duration_s
+    return chosen
 
 
 def find_quietest_rate(run: SensorRun, duration_s: float = 2.0) -> FloatTable:

@@ -11,9 +11,9 @@ from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.jobs.worker import Bench, open_bench
 from app.main import create_app
+from app.request import ReportRequest
 from app.settings import Settings
 from app.storage import Storage
-from app.workflow import ReportRequest
 
 AddJob = Callable[..., Job]
 OpenBench = Callable[..., Bench]

@@ -5,7 +5,7 @@ import signal
 import time
 from pathlib import Path
 
-from app.workflow import OnStage, ReportRequest
+from app.request import OnStage, ReportRequest
 from fusion.errors import TooShort
 
 RESULTS = (
@@ -15,14 +15,21 @@ RESULTS = (
     b' "quality": {"verdict": "good", "warnings": []}}'
 )
 
+EXPORTS = (
+    "summary.csv", "summary_fr.csv", "summary.xlsx", "summary.parquet",
+    "dictionary.csv", "redcap_import.csv", "redcap_dictionary.csv",
+)  # fmt: skip
+
 
 def write_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write every product at once; the report holds the first bytes of the recording."""
     on_stage("reading", 0.0)
     (out / "results.json").write_bytes(RESULTS)
     (out / "elevation.parquet").write_bytes(b"PAR1")
-    (out / "summary.csv").write_bytes(b"subject\r\n")
+    for name in EXPORTS:
+        (out / name).write_bytes(name.encode())
     for language in request.languages:
+        (out / f"answer.{language}.txt").write_bytes(language.encode())
         (out / f"report.{language}.html").write_bytes(b"<!doctype html>" + log.read_bytes()[:20])
         (out / f"report.{language}.pdf").write_bytes(b"%PDF-" + language.encode())
 

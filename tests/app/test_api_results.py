@@ -1,6 +1,8 @@
 """What an analysis gives: its state, its files, and refusals where there are none."""
 
 import hashlib
+import io
+import zipfile
 
 import pytest
 from fastapi.testclient import TestClient
@@ -10,7 +12,10 @@ from app.jobs.worker import run_next
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 
-NAMES = ("results.json", "report.html", "report.pdf", "elevation.parquet", "summary.csv")
+NAMES = (
+    "results.json", "report.html", "report.pdf", "answer.txt", "elevation.parquet", "bundle.zip",
+    *stand_ins.EXPORTS,
+)  # fmt: skip
 
 
 def analyse(client: TestClient, bench: OpenBench, make: MakeReport, **wishes: str) -> str:
@@ -145,3 +150,43 @@ def test_the_newest_analysis_is_listed_first(client: TestClient) -> None:
     names = [view["file_name"] for view in client.get("/api/v1/analyses").json()["items"]]
 
     assert names == ["two.csv", "one.csv"]
+
+
+def test_the_head_of_a_file_can_be_asked_alone(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    head = client.head(f"{address}/results.json")
+
+    assert head.status_code == 200
+    assert head.content == b""
+    assert head.headers["content-length"] == str(len(stand_ins.RESULTS))
+
+
+def test_a_wrong_verb_is_told_the_right_one(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    refused = client.delete(f"{address}/results.json")
+
+    assert refused.status_code == 405
+    assert "GET" in refused.headers["allow"]
+
+
+def test_the_bundle_holds_every_file_as_it_is_stored(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    bundle = zipfile.ZipFile(io.BytesIO(client.get(f"{address}/bundle.zip").content))
+
+    assert bundle.read("results.json") == stand_ins.RESULTS
+    assert len(bundle.namelist()) == 2 + len(stand_ins.EXPORTS) + 2 * 3
+
+
+def test_the_answer_to_paste_comes_in_the_language_asked_for(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    assert client.get(f"{address}/answer.txt", params={"lang": "fr"}).text == "fr"
+
+
+def test_a_file_that_is_not_offered_is_not_found(client: TestClient, bench: OpenBench) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    assert client.get(f"{address}/done.json").status_code == 404

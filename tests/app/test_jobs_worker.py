@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from app.jobs.attempt import choose_limits
 from app.jobs.job import Claimer, JobState
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
-from app.jobs.worker import choose_limits, run_next
+from app.jobs.worker import run_next
 from app.settings import Settings
 from app.storage import Storage
 from tests.app import stand_ins

@@ -8,7 +8,7 @@ import pytest
 from app.report.content import Report, build_report
 from app.report.parts import Section, Table
 from app.report.wording import LANGUAGES, Language
-from fusion.exposure import Entries, Episodes, Exposure, Interval, PeakWindow, Velocity
+from fusion.exposure import Entries, Episodes, Exposure, Interval, PartExposure, PeakWindow, Velocity
 from fusion.pipeline import Analysis
 from fusion.quality import Quality, TimeAccount
 from tests.app.analysis_factory import (
@@ -148,10 +148,17 @@ def test_the_verdict_comes_with_its_one_reason() -> None:
     assert verdict.reason.startswith("Holes in the recording.")
 
 
-def test_a_good_verdict_says_that_nothing_was_found() -> None:
+def test_a_good_verdict_of_a_ready_angle_series_says_that_nothing_was_found() -> None:
+    report = report_of(analysis=make_analysis(quality=make_quality("good"), calibrated=False))
+
+    assert report.verdict.reason.endswith("nothing was found in it that limits these figures.")
+
+
+def test_a_good_verdict_does_not_hide_what_the_pose_does_to_the_figures() -> None:
     report = report_of(analysis=make_analysis(quality=make_quality("good")))
 
-    assert report.verdict.reason == "Nothing was found that limits the use of these figures."
+    assert "limits these figures is the calibration pose" in report.verdict.reason
+    assert report.pose_caution != ""
 
 
 def test_the_error_of_the_n_pose_stands_beside_the_figures() -> None:
@@ -239,7 +246,14 @@ def test_poor_data_are_not_compared() -> None:
 def test_the_subject_code_is_cut_and_freed_of_what_cannot_be_seen() -> None:
     report = build_report(make_analysis(), make_subject(subject="A\u202e\x00" + "b" * 300), "en")
 
-    assert report.header[0].value == "A" + "b" * 199
+    told = {pair.name: pair.value for pair in section_of(report, "provenance").pairs}
+    assert told["Subject"] == "A" + "b" * 199
+
+
+def test_a_long_subject_code_is_cut_at_the_head_of_the_page() -> None:
+    report = build_report(make_analysis(), make_subject(subject="b" * 30), "en")
+
+    assert report.header[0].value == "b" * 23 + "…"
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -260,3 +274,81 @@ def test_the_figures_do_not_depend_on_the_language() -> None:
         return [re.sub(r"\D", "", cell) for cell in cells]
 
     assert digits(report_of()) == digits(report_of(language="fr"))
+
+
+def test_a_first_report_speaks_of_no_version() -> None:
+    assert report_of().amendment == ""
+
+
+def test_a_report_that_replaces_another_says_so_with_the_reason() -> None:
+    subject = replace(make_subject(), version=2, reason="side corrected")
+
+    report = build_report(make_analysis(), subject, "en")
+
+    assert report.amendment == ("Version 2 of this report; it replaces version 1. Reason: side corrected")
+
+
+def test_the_distribution_starts_at_nothing_and_ends_at_all() -> None:
+    curve = section_of(report_of(), "spread").figures[0]
+
+    assert [plain(cell) for row in (curve.table.rows[0], curve.table.rows[-1]) for cell in row] == [
+        "10°", "14.3", "180°", "100.0",
+    ]  # fmt: skip
+
+
+def test_the_range_of_a_percentile_stands_on_the_curve() -> None:
+    exposure = replace(make_exposure(), intervals={"elevation_p90_deg": Interval(47.2, 61.4)})
+
+    curve = section_of(report_of(exposure=exposure), "spread").figures[0]
+
+    assert "P90: 54° (47–61°)" in curve.wide
+
+
+def test_the_heat_map_sums_to_all() -> None:
+    heat = section_of(report_of(), "spread").figures[1]
+
+    assert [row[-1] for row in heat.table.rows] == ["20.0"] * 5
+
+
+def test_a_period_that_was_left_out_is_hatched_and_never_a_bar() -> None:
+    away = PartExposure("Lunch", 0.0, 1800.0, 0.0, {}, {}, None, "break", 1800.0, "break")
+    work = replace(make_exposure().by_hour[1], label="Shelves", kind="task", recorded_s=3600.0)
+
+    section = section_of(report_of(exposure=replace(make_exposure(), by_period=(away, work))), "hours")
+
+    chart = section.figures[1]
+    assert plain(chart.wide).count("left out, 30 min") == 2  # on the bar and in the description
+    assert chart.table.rows[0][1:] == ("–",) * 4
+
+
+def test_the_range_of_time_above_stands_beside_the_proposal() -> None:
+    report = report_of(exposure=make_exposure(above_60_interval=Interval(6.0, 9.5)))
+
+    statement = plain(report.references[1].statement)
+    assert statement == "Measured 7.6 % (range 6.0–9.5 %); proposal at most 10 % of a working day."
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_two_tables_bear_the_same_name(language: Language) -> None:
+    report = report_of(language=language)
+    figures = [report.bar, report.day, *(f for s in report.sections for f in s.figures)]
+    captions = [f.table.caption for f in figures] + [t.caption for s in report.sections for t in s.tables]
+
+    assert len(captions) == len(set(captions))
+
+
+def test_the_range_of_a_speed_stands_under_it() -> None:
+    exposure = replace(make_exposure(), intervals={"inclination_velocity_p50_dps": Interval(13.25, 16.0)})
+
+    rows = table_of(report_of(exposure=exposure), "figures", "Speed").rows
+
+    assert rows[1] == ("95\u202f% range", "", "13.2–16.0", "", "", "")
+
+
+def test_the_range_of_rises_and_stays_stands_under_them() -> None:
+    names = ("entries_above_60_per_h", "episodes_above_60_longest_s")
+    exposure = replace(make_exposure(), intervals=dict.fromkeys(names, Interval(20.0, 50.0)))
+
+    rows = table_of(report_of(exposure=exposure), "figures", "Repetitions").rows
+
+    assert [plain(cell) for cell in rows[2][1:]] == ["", "20–50", "", "", "20 s–50 s", ""]

@@ -72,7 +72,7 @@ def test_a_ready_angle_series_has_no_calibration_and_no_method() -> None:
 def test_the_figures_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
     assert list(results["exposure"]) == [
         "bins", "time_above", "percentiles_deg", "entries", "cycles", "episodes", "velocity_dps", "peak",
-        "eva", "by_hour", "by_period", "intervals",
+        "eva", "by_hour", "by_period", "intervals", "recovery", "frequency", "variation",
     ]  # fmt: skip
 
 
@@ -154,6 +154,7 @@ def test_a_warning_has_its_clock_times(results: dict[str, Any]) -> None:
         "seconds": 540.0,
         "first": "2026-03-03T13:38:12-05:00",
         "last": "2026-03-03T13:47:12-05:00",
+        "spans": [],
     }
 
 

@@ -7,13 +7,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.summary import (
-    COLUMNS,
-    encode_dictionary,
-    encode_summary,
-    encode_table,
-    summarise_failure,
-)
+from app.report.summary import COLUMNS, encode_summary, summarise_failure
+from app.report.tables import FRENCH_EXCEL, encode_table
 
 NAMES = [column.name for column in COLUMNS]
 
@@ -38,13 +33,6 @@ def test_column_names_are_unique() -> None:
     assert len(set(NAMES)) == len(NAMES)
 
 
-def test_every_column_is_explained_in_both_languages() -> None:
-    explained = read_rows(encode_dictionary())
-
-    assert [row["column"] for row in explained] == NAMES
-    assert all(row["english"] and row["french"] for row in explained)
-
-
 @given(st.sampled_from("=+-@\t\r"), st.text(max_size=20))
 def test_no_text_cell_can_become_a_formula(start: str, rest: str) -> None:
     encoded = encode_table(["subject"], [{"subject": start + rest}])
@@ -56,3 +44,26 @@ def test_a_negative_number_stays_a_number() -> None:
     row: dict[str, Any] = {"bias_deg": -1.5}
 
     assert encode_table(["bias_deg"], [row]) == b"bias_deg\n-1.5\n"
+
+
+def test_a_french_excel_gets_semicolons_commas_and_a_mark() -> None:
+    encoded = encode_table(["subject", "angle_deg"], [{"subject": "S1", "angle_deg": 12.5}], FRENCH_EXCEL)
+
+    assert encoded == "\ufeffsubject;angle_deg\r\nS1;12,5\r\n".encode()
+
+
+def test_the_decimal_sign_of_text_is_left_alone() -> None:
+    assert b"1.5 m" in encode_table(["label"], [{"label": "1.5 m"}], FRENCH_EXCEL)
+
+
+@given(st.sampled_from(";,\t\n"), st.sampled_from("=+-@"), st.text(max_size=5))
+def test_no_part_of_a_text_becomes_a_formula_for_a_reader_of_another_dialect(
+    gap: str, start: str, rest: str
+) -> None:
+    text = encode_table(["label"], [{"label": f"a{gap}{start}{rest}"}]).decode("utf-8")
+
+    assert f"{gap}{start}" not in text
+
+
+def test_the_ends_of_a_range_stand_beside_the_figure() -> None:
+    assert {"time_above_60_percent_low", "elevation_p90_deg_high"} <= set(NAMES)

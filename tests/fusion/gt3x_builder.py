@@ -40,10 +40,15 @@ def schema(acc_divisor: float = 2048.0, schema_id: int = 1) -> bytes:
 
 
 def rows(n_rows: int, second: int = 0) -> bytes:
-    """`n_rows` rows of 21 bytes: 1 g on z within two counts, and a rate that numbers the second."""
+    """`n_rows` rows of 21 bytes: 1 g on z within two counts, and a rate that numbers the second.
+
+    The other channels tremble by a count, as a living sensor's do.
+    """
     table = np.zeros(n_rows, np.dtype([("acc", ">i2", 3), ("t", ">i2"), ("gyr", ">i2", 3), ("rest", "V7")]))
     table["acc"][:, 2] = 2048 + (np.arange(n_rows) % 3)
+    table["acc"][:, 0], table["acc"][:, 1] = np.arange(n_rows) % 2, np.arange(n_rows) // 2 % 2
     table["gyr"][:, 0] = second % 1000 + 1
+    table["gyr"][:, 1], table["gyr"][:, 2] = np.arange(n_rows) % 2, np.arange(n_rows) // 2 % 2
     return table.tobytes()
 
 

@@ -46,7 +46,7 @@ def tumble(seconds: float = 20.0, rate_hz: float = 100.0, seed: int = 0, still_s
 
 
 def _sense(angle: Array, speed: Array, rate_hz: float) -> Motion:
-    """Heading, pitch, roll (rad) and their derivatives to what the sensor reads (body rates of Euler angles)."""
+    """Heading, pitch, roll (rad) and their derivatives to what the sensor reads (Euler angles)."""
     yaw, pitch, roll = angle
     body = np.stack(
         [
@@ -65,3 +65,27 @@ def angle_between_deg(first: Array, second: Array) -> Array:
     """Angle between the rows of two (n, 3) arrays."""
     across = np.linalg.norm(np.cross(first, second), axis=1)
     return np.asarray(np.degrees(np.arctan2(across, np.sum(first * second, axis=1))))
+
+
+def rest_and_turn(turns: int, seed: int = 0, rate_hz: float = 100.0) -> Motion:
+    """Rest for 2 s, turn by 40 to 120 deg about any axis in 1 s, rest again, and so on.
+
+    The share of each turn that is done at time t is ``t - sin(2 pi t) / (2 pi)``, so that rates are exact.
+    """
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(round(rate_hz)) / rate_hz
+    done, speed = time_s - np.sin(2.0 * np.pi * time_s) / (2.0 * np.pi), 1.0 - np.cos(2.0 * np.pi * time_s)
+    now, rest = Rotation.identity(), round(2.0 * rate_hz)
+    ups, rates = [], []
+    for _ in range(turns):
+        axis = rng.normal(size=3)
+        whole = axis / np.linalg.norm(axis) * np.radians(rng.uniform(40.0, 120.0))
+        ups += [np.tile(_see_up(now), (rest, 1)), _see_up(now * Rotation.from_rotvec(done[:, None] * whole))]
+        rates += [np.zeros((rest, 3)), speed[:, None] * whole]
+        now = now * Rotation.from_rotvec(whole)
+    up = np.concatenate(ups)
+    return Motion(up.copy(), np.degrees(np.concatenate(rates)), up, rate_hz)
+
+
+def _see_up(to_world: Rotation) -> Array:
+    return np.asarray(to_world.inv().apply(np.array([0.0, 0.0, 1.0])))

@@ -22,8 +22,9 @@ def codes(recording: Recording) -> list[str]:
 
 
 def line(k: int) -> str:
-    """A row at rest whose last value numbers it."""
-    return f"{0.001 * (k % 3):.3f},0,1,0.5,-0.25,{k % 1000}.5"
+    """A row at rest whose last value numbers it; the other channels twitch now and then, as live ones do."""
+    twitch = int(k % 7 == 3)
+    return f"{0.001 * (k % 3):.3f},0.00{twitch},1.00{twitch},0.5{twitch},-0.25{twitch},{k % 1000}.5"
 
 
 def table(stamps_us: Iterable[int], header: str = HEADER) -> str:

@@ -10,11 +10,12 @@ from fusion.calibration import (
     calibrate,
     find_still_period,
     propose_still_periods,
-    score_still_period,
     share_between,
 )
+from fusion.elevation import estimate_elevation
 from fusion.errors import UnusableCalibration
 from fusion.recording import Recording, Segment
+from fusion.still_proposals import score_still_period
 from tests.factories import hold, record
 
 
@@ -200,3 +201,37 @@ def test_an_arm_held_at_95_deg_after_hanging_is_calibrated_on_the_hanging() -> N
     made = hold((0.0, 20.0), (95.0, 20.0), rate_hz=50.0)
 
     assert calibrate(made.recording, "n-pose").calibration.still.start_s < 15.0
+
+
+@pytest.mark.parametrize(("raised_deg", "read_deg"), [(90.0, 74.1), (60.0, 44.1), (30.0, 14.1)])
+def test_an_arm_held_away_from_the_body_while_calibrating_reads_low_by_as_much(
+    raised_deg: float, read_deg: float
+) -> None:
+    # Oracle D22: calibrated at 15.9 deg of abduction, an abduction of q reads q - 15.9.
+    made = hold((15.9, 10.0), (raised_deg, 10.0))
+
+    segment = estimate_elevation(calibrate(made.recording, "n-pose", ((1.0, 8.0),))).segments[0]
+
+    assert segment.elevation_deg[1500] == pytest.approx(read_deg, abs=0.05)
+
+
+def test_two_points_share_that_error_between_hanging_and_level() -> None:
+    # Held at 15.9 and 90: 74.1 apart in place of 90, so hanging reads 7.95 and level 82.05.
+    made = hold((15.9, 10.0), (90.0, 10.0))
+    samples = calibrate(made.recording, "two-point", ((1.0, 8.0), (12.0, 18.0)))
+
+    elevation_deg = estimate_elevation(samples).segments[0].elevation_deg
+
+    assert elevation_deg[[500, 1500]] == pytest.approx([7.95, 82.05], abs=0.05)
+
+
+def test_a_lean_that_nobody_pointed_at_is_flagged() -> None:
+    samples = calibrate(rest((30.0, tilted(0.0))), "side-lean")
+
+    assert "W-LEAN" in [flag.code for flag in samples.flags]
+
+
+def test_a_lean_whose_window_was_given_is_not_flagged() -> None:
+    samples = calibrate(rest((30.0, tilted(0.0))), "side-lean", ((5.0, 15.0),))
+
+    assert "W-LEAN" not in [flag.code for flag in samples.flags]

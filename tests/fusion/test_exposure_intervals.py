@@ -7,7 +7,8 @@ from scipy.stats import norm
 from fusion.elevation import Elevation
 from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.exposure.bins import CELLS
-from fusion.exposure.intervals import DRAWS, draw_days
+from fusion.exposure.intervals import draw_days
+from fusion.exposure.resampling import DRAWS
 from tests.factories import elevate
 
 

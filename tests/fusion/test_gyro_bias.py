@@ -7,6 +7,7 @@ from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.gyro_bias import estimate_gyro_bias
 from fusion.sensor_errors.runs import SensorRun
 from fusion.sensor_errors.stillness import find_still_moments, reduce_run
+from fusion.simulation import simulate_shift
 from tests.fusion.made_motion import Motion, tumble
 
 OFFSET = np.array([10.0, -20.0, 15.0])
@@ -92,3 +93,17 @@ def test_too_short_a_recording_has_no_still_moment() -> None:
     run = SensorRun(0.0, 100.0, np.tile([0.0, 0.0, 1.0], (100, 1)), np.zeros((100, 3)))
 
     assert len(find_still_moments([reduce_run(run)])) == 0
+
+
+def test_a_bias_that_wanders_by_half_a_degree_per_second_over_a_shift_is_followed() -> None:
+    # Eight hours; the bias goes up and down by 0.5 deg/s about 10 deg/s, twice on x, once on y.
+    made = simulate_shift("lsm9ds1", 8.0, 3, 25.0, perfect=True).in_arrays()
+    hours = np.arange(len(made.acc_g)) / made.rate_hz / 3600.0
+    wander = 0.5 * np.stack([np.sin(np.pi * hours / 2.0), np.sin(np.pi * hours / 4.0), 0.0 * hours], axis=1)
+    run = SensorRun(0.0, made.rate_hz, made.acc_g, made.gyr_dps + (10.0 + wander).astype(np.float32))
+
+    bias = estimate_gyro_bias([run])
+
+    every_minute = slice(0, None, round(60.0 * made.rate_hz))
+    error_dps = bias.at(3600.0 * hours[every_minute]) - 10.0 - wander[every_minute]
+    assert np.sqrt(np.mean(error_dps**2)) < 0.02

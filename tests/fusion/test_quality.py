@@ -254,7 +254,9 @@ def assess(recording: Recording, calibration: Calibration | None = None) -> dict
 def test_holes_are_flagged_with_their_number_length_and_place() -> None:
     recording = record(rest(20), rest(20, 25_000_000), rest(30, 46_000_000))
 
-    assert assess(recording)["W-GAP"] == QualityFlag("W-GAP", 2, 6.0, 20.0, 46.0)
+    assert assess(recording)["W-GAP"] == QualityFlag(
+        "W-GAP", 2, 6.0, 20.0, 46.0, spans_s=((20.0, 25.0), (45.0, 46.0))
+    )
 
 
 def test_holes_the_reader_has_flagged_are_not_flagged_again() -> None:
@@ -267,7 +269,9 @@ def test_holes_the_reader_has_flagged_are_not_flagged_again() -> None:
 def test_clipping_is_flagged_with_its_number_length_and_place() -> None:
     recording = replace(record(strike(strike(rest(70), 500), 2000)), acc_range_g=16.0)
 
-    assert assess(recording)["W-CLIP"] == QualityFlag("W-CLIP", 2, 0.42, 4.9, 20.11)
+    assert assess(recording)["W-CLIP"] == QualityFlag(
+        "W-CLIP", 2, 0.42, 4.9, 20.11, spans_s=((4.9, 5.11), (19.9, 20.11))
+    )
 
 
 def test_under_a_minute_is_flagged_as_short() -> None:

@@ -149,7 +149,7 @@ def test_any_bit_layout_is_decoded() -> None:
             columns += struct.pack("<3BI", 3, base + 12 * axis, 12, 0x08400000) + label  # divisor 128
     bits = int("".join(f"{value & 0xFFF:012b}" for value in (0, 0, 128, -256, 64, 0)), 2)
     row = bits.to_bytes(9, "big")
-    data = b"".join(record(25, T0 + s, struct.pack("<H", 3) + row * 50) for s in range(12))
+    data = b"".join(record(25, T0 + s, struct.pack("<H", 3) + row * 50) for s in range(9))
 
     recording = read_log(record(24, T0, struct.pack("<3H", 3, 6, 0) + columns) + data)
 

@@ -36,7 +36,9 @@ IMU_COLUMNS = (
 
 
 def actilife_row(k: int) -> str:
-    return f"{0.001 * (k % 3):.6f},0.000000,1.000000,54.7,{k % 50}.500000,0.1,0.2,1,2,3\n"
+    twitch = int(k % 7 == 3)
+    acc = f"{0.001 * (k % 3):.6f},0.00{twitch},1.00{twitch}"
+    return f"{acc},54.7,{k % 50}.500000,0.1{twitch},0.2{twitch},1,2,3\n"
 
 
 def test_an_actilife_export_with_timestamps_is_read() -> None:

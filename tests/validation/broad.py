@@ -1,8 +1,8 @@
 """The BROAD recordings (Laidig, Caruso, Cereatti, Seel 2021): loading, stressing, scoring.
 
-The score of a trial is the root mean square angle between the estimated and the optical vertical over the moving
-phase. Estimator and optical system have different delays; `aligned` shifts the truth by one constant lag for all
-trials, the best for that estimator.
+The score of a trial is the root mean square angle between the estimated and the optical vertical over the
+moving phase. Estimator and optical system have different delays; `aligned` shifts the truth by one constant
+lag for all trials, the best for that estimator.
 """
 
 from collections.abc import Callable, Sequence

@@ -2,12 +2,16 @@
 
 import csv
 import json
+import shutil
+from datetime import datetime
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
+from app.batch.plan import plan_tasks
 from app.cli import app
+from app.request import ReportRequest
 
 
 def run(*arguments: str | Path) -> Result:
@@ -37,6 +41,8 @@ def test_the_tables_stand_beside_the_recordings(done: Path) -> None:
 
     assert made == {
         "summary.csv",
+        "summary_fr.csv",
+        "summary.xlsx",
         "periods.csv",
         "problems.csv",
         "dictionary.csv",
@@ -107,6 +113,65 @@ def test_a_path_that_is_not_there_is_a_problem_not_a_crash(tmp_path: Path) -> No
     assert "E-FILE" in result.stderr
 
 
+def test_a_folder_without_recordings_is_told(tmp_path: Path) -> None:
+    result = run("run", tmp_path, "-o", tmp_path / "out")
+
+    assert result.exit_code == 3
+    assert "E-NO-RECORDING" in result.stderr
+
+
+def test_own_tables_are_not_taken_for_recordings(shift_gt3x: Path, tmp_path: Path) -> None:
+    shutil.copy(shift_gt3x, tmp_path)
+    run("run", tmp_path, "-o", tmp_path / "out", "--report", "html")
+
+    assert run("run", tmp_path, "-o", tmp_path / "out", "--report", "html").exit_code == 0
+
+
+@pytest.mark.parametrize("name", ["...gt3x", "..gt3x", "summary.csv.gt3x", " .gt3x", "a:b.gt3x"])
+def test_no_file_name_can_lead_out_of_the_folder(name: str, tmp_path: Path) -> None:
+    log, out = tmp_path / name, tmp_path / "out"
+
+    (task,) = plan_tasks([log], out, ReportRequest(""), force=False)
+
+    assert task.folder.resolve().parent == out.resolve()
+    assert task.folder.name not in {"summary.csv", "", ".", ".."}
+
+
+def test_a_result_that_lost_a_file_is_made_again(shift_gt3x: Path, tmp_path: Path) -> None:
+    run("run", shift_gt3x, "-o", tmp_path, "--report", "html")
+    (tmp_path / shift_gt3x.stem / "results.json").unlink()
+
+    run("run", shift_gt3x, "-o", tmp_path, "--report", "html")
+
+    assert (tmp_path / shift_gt3x.stem / "results.json").exists()
+
+
+def test_results_where_a_file_stands_is_a_problem_not_a_crash(shift_gt3x: Path, tmp_path: Path) -> None:
+    blocked = tmp_path / "out"
+    blocked.write_text("mine")
+
+    result = run("run", shift_gt3x, "-o", blocked)
+
+    assert result.exit_code == 3
+    assert "E-FILE" in result.stderr
+    assert blocked.read_text() == "mine"
+
+
+@pytest.mark.parametrize("subject", ["a\nb", "\x1b[31m", "x" * 101])
+def test_a_subject_code_is_one_short_printable_line(subject: str, tmp_path: Path) -> None:
+    assert run("run", "x.gt3x", "-o", tmp_path, "--subject", subject).exit_code == 2
+
+
+def test_two_points_need_two_windows(tmp_path: Path) -> None:
+    assert run("run", "x.gt3x", "-o", tmp_path, "--pose", "two-point").exit_code == 2
+
+
+def test_the_run_says_when_it_was_made(done: Path) -> None:
+    made_at = json.loads((done / "run.json").read_text("utf-8"))["made_at"]
+
+    assert datetime.fromisoformat(made_at).tzinfo is not None
+
+
 def test_a_folder_that_is_not_ours_is_left_alone(shift_gt3x: Path, tmp_path: Path) -> None:
     theirs = tmp_path / shift_gt3x.stem / "notes.txt"
     theirs.parent.mkdir()
@@ -136,6 +201,27 @@ def test_two_files_of_one_name_get_a_folder_each(shift_gt3x: Path, tmp_path: Pat
 
     rows = json.loads((tmp_path / "out" / "run.json").read_text("utf-8"))["recordings"]
     assert [row["folder"] for row in rows] == [shift_gt3x.stem, f"{shift_gt3x.stem}-2"]
+
+
+def write_log(path: Path, start: str, seconds: int) -> Path:
+    rows = "\n".join(
+        f"{k * 10_000},{(k * 7 % 11) / 1e4},{(k * 3 % 5) / 1e4},{1 + (k % 3) / 1e4},{k % 2},{k % 3},{k % 5}"
+        for k in range(seconds * 100)
+    )
+    names = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
+    path.write_text(f"# device: LSM9DS1\n# start: {start}\n{names}\n{rows}\n")
+    return path
+
+
+def test_the_files_of_one_shift_are_joined_and_what_lies_between_is_missing(tmp_path: Path) -> None:
+    morning = write_log(tmp_path / "a.csv", "2026-03-03T08:00:00", 20)
+    later = write_log(tmp_path / "b.csv", "2026-03-03T08:00:50", 20)
+
+    result = run("run", morning, later, "--join", "-o", tmp_path / "out", "--report", "html")
+
+    results = json.loads((tmp_path / "out" / "a" / "results.json").read_text("utf-8"))
+    assert result.exit_code == 0
+    assert (results["time"]["recorded_s"], results["time"]["missing_s"]) == (70.0, 30.0)
 
 
 def test_exposure_of_a_ready_angle_series(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ import pytest
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
+from app.request import ReportRequest
 from app.settings import Settings
 from app.storage import Storage
-from app.workflow import ReportRequest
 from tests.app.stand_ins import write_report
 from tests.ways_in.conftest import StartServer
 from tests.ways_in.servers import ROOT, is_alive, wait_for

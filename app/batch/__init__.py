@@ -1,0 +1,1 @@
+"""A list of recordings in, a folder of reports and one table out."""

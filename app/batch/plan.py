@@ -1,0 +1,87 @@
+"""Which recordings are to be done, and where the products of each go."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.report.subject import clean_text
+from app.request import ReportRequest
+
+SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt")
+MARKER = "done.json"
+"""Written last into a recording's folder: the folder is ours, and complete."""
+
+TABLES = (
+    "summary.csv",
+    "summary_fr.csv",
+    "summary.xlsx",
+    "periods.csv",
+    "problems.csv",
+    "dictionary.csv",
+    "run.json",
+    "index.html",
+)
+"""What stands beside the recordings' folders."""
+
+_RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One recording to do: where it is, what is asked of it, where its products go."""
+
+    log: Path
+    request: ReportRequest
+    folder: Path
+    force: bool = False
+
+
+def find_recordings(paths: Iterable[Path], out: Path) -> list[Path]:
+    """List the recordings named, and those inside the folders named, each once, in a stable order.
+
+    What lies in the folder for the results is no recording.
+    """
+    found: dict[Path, None] = {}
+    for path in paths:
+        inside = sorted(p for p in path.rglob("*") if _looks_like_log(p)) if path.is_dir() else [path]
+        found.update(dict.fromkeys(p for p in inside if p is path or not _lies_in(p, out)))
+    return list(found)
+
+
+def _looks_like_log(path: Path) -> bool:
+    return path.is_file() and path.name.lower().endswith(SUFFIXES)
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    return folder.resolve() in path.resolve().parents
+
+
+def plan_tasks(logs: Iterable[Path], out: Path, request: ReportRequest, *, force: bool) -> list[Task]:
+    """Give each recording a folder named after its stem; equal stems get a number."""
+    taken = {name.casefold() for name in TABLES}
+    return [
+        Task(log, replace(request, file_name=log.name), out / _free_name(name_folder(log), taken), force)
+        for log in logs
+    ]
+
+
+def plan_joined(logs: Sequence[Path], out: Path, request: ReportRequest, *, force: bool) -> list[Task]:
+    """Make one task of the files of one shift; its folder is named after the first."""
+    others = tuple(str(log.resolve()) for log in logs[1:])
+    return plan_tasks(logs[:1], out, replace(request, joined=others), force=force)
+
+
+def name_folder(log: Path) -> str:
+    """Give the file's stem, as a name that can only be a folder directly below the results."""
+    stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
+    safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
+    return safe[:120] or "recording"
+
+
+def _free_name(stem: str, taken: set[str]) -> str:
+    name, number = stem, 2
+    while name.casefold() in taken:
+        name, number = f"{stem}-{number}", number + 1
+    taken.add(name.casefold())
+    return name

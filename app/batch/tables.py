@@ -1,0 +1,104 @@
+"""The tables beside the reports of a run: they say the same as the messages and the exit code."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from app.batch.run import Outcome
+from app.report.dictionary import encode_dictionary
+from app.report.index import IndexRow, render_index
+from app.report.messages import describe_problem
+from app.report.summary import (
+    PERIOD_COLUMNS,
+    encode_summary,
+    list_periods,
+    summarise_failure,
+    summarise_results,
+)
+from app.report.tables import FRENCH_EXCEL, Cell, Row, encode_table
+from app.report.wording import load_wording
+from app.report.workbook import encode_workbook
+from app.request import ReportRequest
+from app.version import software_revision, software_version
+
+_PROBLEM_COLUMNS = ["file", "code", "title", "detail", "fix"]
+
+
+def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime) -> None:
+    """Write what stands beside the recordings' folders: summary, problems, periods, dictionary, run."""
+    out.mkdir(parents=True, exist_ok=True)
+    rows = [_summarise(outcome) for outcome in outcomes]
+    (out / "summary.csv").write_bytes(encode_summary(rows))
+    (out / "summary_fr.csv").write_bytes(encode_summary(rows, FRENCH_EXCEL))
+    (out / "summary.xlsx").write_bytes(encode_workbook([_read_results(o) for o in outcomes if not o.code]))
+    (out / "problems.csv").write_bytes(encode_table(_PROBLEM_COLUMNS, _list_problems(outcomes, request)))
+    (out / "periods.csv").write_bytes(encode_table(PERIOD_COLUMNS, _list_periods(outcomes)))
+    (out / "dictionary.csv").write_bytes(encode_dictionary())
+    (out / "index.html").write_bytes(_render_index(outcomes, request))
+    run = {
+        "made_at": made_at.isoformat(timespec="seconds"),
+        "software": {"version": software_version(), "revision": software_revision()},
+        "settings": asdict(replace(request, file_name="")),
+        "recordings": [_record(outcome) for outcome in outcomes],
+    }
+    (out / "run.json").write_text(json.dumps(run, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def _record(outcome: Outcome) -> dict[str, str | None]:
+    return {"file": outcome.task.log.name, "folder": outcome.task.folder.name, "code": outcome.code}
+
+
+def _summarise(outcome: Outcome) -> Row:
+    if outcome.code:
+        return summarise_failure(outcome.task.log.name, outcome.task.request.subject, outcome.code)
+    return summarise_results(_read_results(outcome))
+
+
+def _read_results(outcome: Outcome) -> dict[str, Any]:
+    results: dict[str, Any] = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    return results
+
+
+def _list_periods(outcomes: Sequence[Outcome]) -> list[Row]:
+    good = (outcome for outcome in outcomes if not outcome.code)
+    return [row for outcome in good for row in list_periods(_read_results(outcome))]
+
+
+def _render_index(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes:
+    rows = [_show_row(outcome, request) for outcome in outcomes]
+    return render_index(rows, request.method, request.languages[0])
+
+
+def _show_row(outcome: Outcome, request: ReportRequest) -> IndexRow:
+    name, language = outcome.task.log.name, request.languages[0]
+    if outcome.code:
+        problem = describe_problem(outcome.code, outcome.facts, language)
+        return IndexRow(name, None, None, None, f"{outcome.code}. {problem.title}. {problem.fix}")
+    row = _summarise(outcome)
+    verdict = load_wording(language)["verdict"][row["verdict"]]["label"]
+    folder = outcome.task.folder.name
+    return IndexRow(name, folder, _number(row["analysed_s"]), _number(row["time_above_60_percent"]), verdict)
+
+
+def _number(cell: Cell) -> float | None:
+    return float(cell) if isinstance(cell, int | float) else None
+
+
+def _list_problems(outcomes: Sequence[Outcome], request: ReportRequest) -> list[Row]:
+    rows: list[Row] = []
+    for outcome in outcomes:
+        if outcome.code:
+            problem = describe_problem(outcome.code, outcome.facts, request.languages[0])
+            rows.append(
+                {
+                    "file": outcome.task.log.name,
+                    "code": outcome.code,
+                    "title": problem.title,
+                    "detail": problem.detail,
+                    "fix": problem.fix,
+                }
+            )
+    return rows

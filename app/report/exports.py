@@ -1,0 +1,51 @@
+"""Everything that is taken out of ``results.json`` for other programs."""
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from app.report.dictionary import encode_dictionary
+from app.report.parts import Report
+from app.report.redcap import encode_redcap_dictionary, encode_redcap_import
+from app.report.summary import COLUMNS, encode_summary, summarise_results
+from app.report.tables import FRENCH_EXCEL
+from app.report.wording import fill
+from app.report.workbook import encode_workbook
+
+
+def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
+    """Write the tables of one recording, by file name; every figure is the one of ``results.json``."""
+    row = summarise_results(results)
+    return {
+        "summary.csv": encode_summary([row]),
+        "summary_fr.csv": encode_summary([row], FRENCH_EXCEL),
+        "summary.xlsx": encode_workbook([results]),
+        "summary.parquet": encode_parquet([results]),
+        "dictionary.csv": encode_dictionary(),
+        "redcap_import.csv": encode_redcap_import([results]),
+        "redcap_dictionary.csv": encode_redcap_dictionary(),
+    }
+
+
+def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:
+    """Write one typed row for each recording: text or float64, null where it is not computable."""
+    rows = [summarise_results(results) for results in every]
+    types = {"text": pa.string(), "number": pa.float64()}
+    schema = pa.schema([pa.field(column.name, types[column.kind]) for column in COLUMNS])
+    columns = [pa.array([row[field.name] for row in rows], field.type) for field in schema]
+    body = io.BytesIO()
+    pq.write_table(pa.table(columns, schema=schema), body, compression="zstd")
+    return body.getvalue()
+
+
+def tell_in_brief(report: Report) -> bytes:
+    """Write the answer as five lines of plain text, to paste into a record."""
+    facts = {pair.name: pair.value for pair in report.header}
+    subject, date, arm, device, _ = facts.values()
+    told = {"subject": subject, "date": date, "arm": arm, "device": device, "footer": report.footer}
+    quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
+    lines = (*report.sentences, quality, fill(report.words["brief"], told))
+    return ("\n".join(lines) + "\n").encode("utf-8")

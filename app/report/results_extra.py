@@ -1,0 +1,81 @@
+"""The figures of ``results.json`` beyond those of the first contract; names are only ever added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fusion.exposure import Episodes, EvaSummary, Exposure, Frequency, HourVariation, Recovery
+
+
+def describe_episodes(episodes: Episodes) -> dict[str, object]:
+    """Lay out the stays above one threshold."""
+    return {
+        "threshold_deg": episodes.threshold_deg,
+        "count": episodes.count,
+        "longest_s": episodes.longest_s,
+        "median_s": episodes.median_s,
+        "per_hour": episodes.per_hour,
+        "total_s": episodes.total_s,
+        "p90_s": episodes.p90_s,
+        "censored": episodes.censored,
+        "longer": [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s],
+    }
+
+
+def describe_extra(exposure: Exposure) -> dict[str, object]:
+    """Lay out rest, frequency and variation; None where the exposure does not carry them."""
+    return {
+        "recovery": _describe_recovery(exposure.recovery),
+        "frequency": _describe_frequency(exposure.frequency),
+        "variation": {
+            "by_hour": _describe_variation(exposure.hour_variation),
+            "eva": _describe_eva_summary(exposure.eva_summary),
+        },
+    }
+
+
+def _describe_recovery(recovery: Recovery | None) -> dict[str, object] | None:
+    if recovery is None:
+        return None
+    return {
+        "neutral_slow_percent": recovery.neutral_slow_percent,
+        "neutral_slow_per_h": recovery.neutral_slow_per_hour,
+        "slow_percent": recovery.slow_percent,
+        "slow_per_h": recovery.slow_per_hour,
+        "longest_without_s": recovery.longest_without_s,
+    }
+
+
+def _describe_frequency(frequency: Frequency | None) -> dict[str, object] | None:
+    if frequency is None:
+        return None
+    return {
+        "inclination_velocity_mpf_hz": frequency.mean_power_hz,
+        "inclination_velocity_zero_crossings_per_h": frequency.crossings_per_hour,
+    }
+
+
+def _describe_variation(figures: Mapping[str, HourVariation]) -> dict[str, object]:
+    return {
+        name: {
+            "hours": item.hours,
+            "coefficient_percent": item.coefficient_percent,
+            "spread": item.spread,
+            "last_less_first": item.last_less_first,
+        }
+        for name, item in figures.items()
+    }
+
+
+def _describe_eva_summary(summary: EvaSummary | None) -> dict[str, object] | None:
+    if summary is None:
+        return None
+    return {
+        "by_angle_percent": list(summary.by_angle_percent),
+        "by_duration_percent": list(summary.by_duration_percent),
+        "cell_sd_percent": summary.cell_sd_percent,
+        "centroid_deg": summary.centroid_deg,
+        "centroid_s": summary.centroid_s,
+    }

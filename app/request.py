@@ -1,0 +1,111 @@
+"""What is asked of Acromion: one value from page, API and command line to the report.
+
+It knows nothing of the science, so that a process which only takes requests stays small.
+"""
+
+import json
+import math
+import re
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from typing import Literal
+
+from fusion.choices import MethodName, Pose, Side
+from fusion.diary import DiaryEntry
+
+Stage = Literal["reading", "checking", "calibrating", "fusing", "counting", "rendering"]
+Language = Literal["en", "fr"]
+ReportKind = Literal["html", "pdf"]
+OnStage = Callable[[Stage, float], None]
+
+
+# Control characters, and the marks that turn the direction of text around them.
+_UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_LONGEST_NAME = 200
+LONGEST_SUBJECT = 100
+SUBJECT_ALLOWED = f"<= {LONGEST_SUBJECT} printable characters"
+WINDOW_ALLOWED = "START_S,END_S"
+
+
+def clean_file_name(name: str) -> str:
+    """Give the last part of a path as one printable line; it is only ever shown, never a path on our disk."""
+    last = re.split(r"[/\\]", name)[-1]
+    kept = _UNPRINTABLE.sub("", last).strip()
+    stem, dot, ending = kept.rpartition(".")
+    if len(kept) > _LONGEST_NAME and dot and len(ending) <= 10:
+        kept = stem[: _LONGEST_NAME - len(ending) - 1] + dot + ending
+    return kept[:_LONGEST_NAME] or "recording"
+
+
+def check_subject(text: str) -> str:
+    """Take a subject code of one printable line.
+
+    Raises
+    ------
+    ValueError
+    """
+    if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
+        raise ValueError(SUBJECT_ALLOWED)
+    return text.strip()
+
+
+def parse_window(text: str) -> tuple[float, float]:
+    """Read ``START_S,END_S``.
+
+    Raises
+    ------
+    ValueError
+    """
+    start_s, end_s = (float(part) for part in text.split(","))
+    if not 0 <= start_s < end_s < math.inf:
+        raise ValueError(WINDOW_ALLOWED)
+    return start_s, end_s
+
+
+def list_window_counts(pose: Pose) -> tuple[int, ...]:
+    """Say how many calibration windows a pose can be asked with: both of two points, or else one or none."""
+    return (2,) if pose == "two-point" else (0, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class ReportRequest:
+    """Everything the person asked.
+
+    ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
+    profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
+    of the same shift, which only the command line can name.
+    """
+
+    file_name: str
+    subject: str = ""
+    side: Side | None = None
+    method: MethodName = "smoothed"
+    pose: Pose = "n-pose"
+    calibration_windows_s: tuple[tuple[float, float], ...] = ()
+    rate_hz: float | None = None
+    languages: tuple[Language, ...] = ("en", "fr")
+    kinds: tuple[ReportKind, ...] = ("html", "pdf")
+    source: Literal["samples", "angles"] = "samples"
+    diary: tuple[DiaryEntry, ...] = ()
+    profile: str = ""
+    joined: tuple[str, ...] = ()
+
+    def to_json(self) -> str:
+        """Give the request as text for a job row or a settings hash."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> "ReportRequest":
+        """Read what :meth:`to_json` wrote; names it does not know are left aside."""
+        known = {field.name for field in fields(cls)}
+        values = {name: value for name, value in json.loads(text).items() if name in known}
+        windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
+        diary = tuple(DiaryEntry(**entry) for entry in values.pop("diary", ()))
+        for name in ("languages", "kinds", "joined"):
+            if name in values:
+                values[name] = tuple(values[name])
+        return cls(calibration_windows_s=windows, diary=diary, **values)
+
+    def list_diary(self) -> tuple[DiaryEntry, ...]:
+        """Give the rows of the diary that are for this file."""
+        return tuple(entry for entry in self.diary if entry.file in {"", self.file_name})

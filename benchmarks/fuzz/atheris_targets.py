@@ -1,0 +1,61 @@
+"""Coverage-guided fuzzing with Atheris, which is imported here only when it is run.
+
+    python -m benchmarks.fuzz.atheris_targets --format "LSM9DS1 CSV" [libFuzzer options, a corpus folder]
+
+The bytes that libFuzzer gives are the file (for the parts of a `.gt3x`: the part, put back into an archive).
+Anything raised but a refusal of our own, and any second not accounted for, stops the run and is kept. The
+compiled kernels report no coverage: they are reached through the Python around them. NUMBA_BOUNDSCHECK=1 with
+a NUMBA_CACHE_DIR of its own makes them raise where they would read beside an array.
+"""
+
+import argparse
+import importlib
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+
+def make_target(name: str) -> Callable[[bytes], None]:
+    """Give the function that libFuzzer calls with each input."""
+    readers = importlib.import_module("fusion.readers")
+    errors = importlib.import_module("fusion.errors")
+    outcome = importlib.import_module("benchmarks.fuzz.outcome")
+    mutations = importlib.import_module("benchmarks.fuzz.mutations")
+    seeds = importlib.import_module("benchmarks.fuzz.seeds")
+
+    def read_one(content: bytes) -> None:
+        if name.endswith("checksums mended"):
+            content = b"".join(mutations.close_record(one) for one in mutations.split_records(content))
+        whole = seeds.wrap(name, content)
+        try:
+            recording = readers.read_recording(io.BytesIO(whole))
+        except errors.FusionError:
+            return
+        outcome.check_recording(recording, 20 * len(whole))
+
+    return read_one
+
+
+def write_corpus(name: str, folder: Path) -> None:
+    """Put the sound file of the format into the corpus, where libFuzzer starts from."""
+    folder.mkdir(parents=True, exist_ok=True)
+    seeds = importlib.import_module("benchmarks.fuzz.seeds")
+    (folder / "seed").write_bytes(seeds.SEEDS[name])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--format", required=True, help="as in benchmarks.fuzz.seeds")
+    parser.add_argument("--corpus", type=Path, required=True)
+    options, rest = parser.parse_known_args()
+    atheris = importlib.import_module("atheris")
+    with atheris.instrument_imports(include=["fusion"]):
+        target = make_target(options.format)
+    write_corpus(options.format, options.corpus)
+    atheris.Setup([sys.argv[0], str(options.corpus), *rest], target)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""Ways in which bytes get damaged. ``random.Random`` decides, so that Hypothesis can drive and shrink it."""
+
+import re
+from functools import reduce
+from random import Random
+
+NUMBERS = (
+    b"",
+    b"-",
+    b"0",
+    b"1e99",
+    b"-1e-99",
+    b"9" * 30,
+    b"nan",
+    b"inf",
+    b"4294967295",
+    b"-0.0",
+    b"1,5",
+    b'"1"',
+)
+ALPHABET = b'0123456789,.;-+eE \t\r\n"\0\x1e\xff'
+WORDS = (b"\xff\xff\xff\xff", b"\0\0\0\0", b"\x80\0\0\0", b"\x7f\xff\xff\xff", b"\x01\0\0\0")
+LONGEST_CUT = 4000
+
+
+def flip_bits(content: bytearray, random: Random) -> None:
+    for _ in range(random.choice((1, 1, 3, 20))):
+        content[random.randrange(len(content))] ^= 1 << random.randrange(8)
+
+
+def cut(content: bytearray, random: Random) -> None:
+    at = random.randrange(len(content))
+    del content[at : at + random.choice((1, 2, 9, 100, LONGEST_CUT))]
+
+
+def truncate(content: bytearray, random: Random) -> None:
+    del content[random.randrange(len(content)) :]
+
+
+def put_in(content: bytearray, random: Random) -> None:
+    at = random.randrange(len(content))
+    content[at:at] = bytes(random.choice(ALPHABET) for _ in range(random.choice((1, 3, 40))))
+
+
+def splice(content: bytearray, random: Random) -> None:
+    """Put a stretch over another one."""
+    source, to = random.randrange(len(content)), random.randrange(len(content))
+    length = random.choice((1, 8, 100, 1000))
+    content[to : to + length] = content[source : source + length]
+
+
+def double(content: bytearray, random: Random) -> None:
+    """Put a stretch in a second time."""
+    at = random.randrange(len(content))
+    length = random.choice((1, 30, 2150, len(content)))
+    content[at:at] = content[at : at + length]
+
+
+def swap_lines(content: bytearray, random: Random) -> None:
+    lines = bytes(content).split(b"\n")
+    first, second = random.randrange(len(lines)), random.randrange(len(lines))
+    lines[first], lines[second] = lines[second], lines[first]
+    content[:] = b"\n".join(lines)
+
+
+def edit_number(content: bytearray, random: Random) -> None:
+    found = [*re.finditer(rb"[-+]?\d[\d.]*", bytes(content))]
+    if found:
+        chosen = random.choice(found)
+        content[chosen.start() : chosen.end()] = random.choice(NUMBERS)
+
+
+def edit_head(content: bytearray, random: Random) -> None:
+    at = random.randrange(min(len(content), 400))
+    content[at : at + 1] = bytes([random.choice(ALPHABET)])
+
+
+def set_word(content: bytearray, random: Random) -> None:
+    at = random.randrange(len(content))
+    content[at : at + 4] = random.choice(WORDS)
+
+
+MUTATIONS = (
+    flip_bits,
+    cut,
+    truncate,
+    put_in,
+    splice,
+    double,
+    swap_lines,
+    edit_number,
+    edit_head,
+    set_word,
+)
+
+
+def mutate(content: bytes, random: Random) -> bytes:
+    """Damage a file in one to eight ways."""
+    damaged = bytearray(content)
+    for _ in range(random.choice((1, 1, 2, 3, 8))):
+        if not damaged:
+            break
+        random.choice(MUTATIONS)(damaged, random)
+    return bytes(damaged)
+
+
+def mutate_records(log: bytes, random: Random) -> bytes:
+    """Damage records of a log.bin inside, and mend sizes and checksums, so that the damage is reached."""
+    records = split_records(log)
+    for _ in range(random.choice((1, 1, 2, 5))):
+        place = random.randrange(len(records))
+        choice = random.randrange(5)
+        if choice == 0:
+            records.insert(random.randrange(len(records)), records[place])
+        elif choice == 1 and len(records) > 1:
+            del records[place]
+        elif choice == 2:
+            records[place] = _change_stamp(records[place], random)
+        else:
+            records[place] = records[place][:6] + _change_payload(records[place], random)
+    return b"".join(close_record(record) for record in records)
+
+
+def split_records(log: bytes) -> list[bytes]:
+    """Records without size and checksum: separator, kind, stamp; then the payload."""
+    records = []
+    at = 0
+    while at + 8 < len(log):
+        size = int.from_bytes(log[at + 6 : at + 8], "little")
+        records.append(log[at : at + 6] + log[at + 8 : at + 8 + size])
+        at += 9 + size
+    return records
+
+
+def close_record(record: bytes) -> bytes:
+    """Put size and checksum back."""
+    payload = record[6 : 6 + 65_535]
+    frame = record[:6] + len(payload).to_bytes(2, "little") + payload
+    return frame + bytes([~reduce(lambda folded, byte: folded ^ byte, frame) & 0xFF])
+
+
+def _change_stamp(record: bytes, random: Random) -> bytes:
+    stamp = int.from_bytes(record[2:6], "little")
+    changed = random.choice((stamp + random.randrange(-5, 6), stamp + 90_000, 0, 2**32 - 1, 2**31))
+    kind = random.choice((record[1], record[1], random.randrange(27)))
+    return record[:1] + bytes([kind]) + (changed % 2**32).to_bytes(4, "little") + record[6:]
+
+
+def _change_payload(record: bytes, random: Random) -> bytes:
+    payload = bytearray(record[6:]) or bytearray(1)
+    random.choice((flip_bits, cut, truncate, put_in, splice, double, set_word))(payload, random)
+    return bytes(payload)

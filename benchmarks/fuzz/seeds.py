@@ -1,0 +1,104 @@
+"""One small, sound recording of each format, for mutations to start from."""
+
+import gzip
+import struct
+
+import numpy as np
+
+from tests.fusion.gt3x_builder import INFO, T0, log_of, pack, record
+from tests.fusion.table_builder import HEADER, PREAMBLE
+
+ROWS = 90
+ACTILIFE_HEADER = (
+    "------------ Data File Created By ActiGraph Link IMU 9DOF Sensor ActiLife v6.13.3 Firmware v1.7.2 "
+    "date format M/d/yyyy at 100 Hz  -----------\nSerial Number: TAS1E00000001\nStart Time 07:00:00\n"
+    "Start Date 3/2/2026\nEpoch Period (hh:mm:ss) 00:00:00\nDownload Time 15:05:01\nDownload Date 3/2/2026\n"
+    "Current Memory Address: 0\nCurrent Battery Voltage: 4.12     Mode = 12\n" + 50 * "-" + "\n"
+)
+CHANNELS = "".join(
+    f",{sensor} {axis}" for sensor in ("Accelerometer", "Gyroscope", "Magnetometer") for axis in "XYZ"
+).replace(",Gyroscope X", ",Temperature,Gyroscope X")
+
+
+def motion() -> list[list[float]]:
+    """Six channels that differ in every row, near 1 g."""
+    noise = np.random.default_rng(1).normal(0.0, 0.02, (ROWS, 6))
+    values: list[list[float]] = (noise + np.array([0.1, 0.97, 0.1, 1.0, -2.0, 3.0])).tolist()
+    return values
+
+
+def canonical() -> bytes:
+    rows = (
+        f"{9_990_000 + 10_000 * k}," + ",".join(f"{v:.6f}" for v in row) for k, row in enumerate(motion())
+    )
+    return (PREAMBLE + HEADER + "\n" + "\n".join(rows) + "\n").encode()
+
+
+def semicolon() -> bytes:
+    rows = (f"{10 * k};" + ";".join(f"{v:.4f}" for v in row) for k, row in enumerate(motion()))
+    header = "time_ms;acc_x_g;acc_y_g;acc_z_g;gyr_x_dps;gyr_y_dps;gyr_z_dps"
+    return (header + "\r\n" + "\r\n".join(rows).replace(".", ",") + "\r\n").encode()
+
+
+def actilife(*, has_stamps: bool) -> bytes:
+    lines = []
+    for k, row in enumerate(motion()):
+        stamp = f"2026-03-02T07:00:{k // 100:02d}.{k % 100:02d}00000," if has_stamps else ""
+        acc, gyr = (",".join(f"{v:.6f}" for v in row[a : a + 3]) for a in (0, 3))
+        lines.append(f"{stamp}{acc},23.369186,{gyr},-20.800780,-48.632810,-4.394531")
+    names = ("Timestamp" if has_stamps else "") + CHANNELS
+    return (ACTILIFE_HEADER + names.lstrip(",") + "\n" + "\n".join(lines) + "\n").encode()
+
+
+def registers_binary() -> bytes:
+    return b"".join(
+        struct.pack("<2I9h", T0, 10_000 * k, *(round(v * 8) for v in row[3:]), *_counts(row), 1, 2, 3)
+        for k, row in enumerate(motion())
+    )
+
+
+def registers_text() -> bytes:
+    lines = (
+        f"{T0}.{10_000 * k:06d},"
+        + ",".join(str(v) for v in [*(round(v * 8) for v in row[3:]), *_counts(row), 1, 2, 3])
+        for k, row in enumerate(motion())
+    )
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _counts(row: list[float]) -> list[int]:
+    return [round(value / 0.000244) for value in row[:3]]
+
+
+def device_log() -> bytes:
+    """log.bin with a sleep of three seconds and a dock event."""
+    awake = log_of([*range(8), *range(11, 15)])
+    return record(3, T0, b"\x08") + awake + record(26, T0 + 3, b"\0") + record(3, T0 + 12, b"\x09")
+
+
+def archive(log: bytes, info: bytes = INFO.encode()) -> bytes:
+    return pack(log, info).getvalue()
+
+
+SEEDS = {
+    "gt3x": archive(device_log()),
+    "gt3x log": device_log(),
+    "gt3x log, checksums mended": device_log(),
+    "gt3x info.txt": INFO.encode(),
+    "ActiLife CSV with stamps": actilife(has_stamps=True),
+    "ActiLife CSV without stamps": actilife(has_stamps=False),
+    "LSM9DS1 CSV": canonical(),
+    "CSV with ; and decimal comma": semicolon(),
+    "LSM9DS1 registers, binary": registers_binary(),
+    "LSM9DS1 registers, text": registers_text(),
+    "CSV, gzip": canonical(),
+}
+
+
+def wrap(name: str, content: bytes) -> bytes:
+    """Put a mutated part back into a whole file."""
+    if name.startswith("gt3x log"):
+        return archive(content)
+    if name == "gt3x info.txt":
+        return archive(SEEDS["gt3x log"], content)
+    return gzip.compress(content, 1, mtime=0) if name == "CSV, gzip" else content

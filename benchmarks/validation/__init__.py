@@ -1,0 +1,1 @@
+"""Validation as a part of the product: `python -m benchmarks.validation` writes docs/validation.md."""

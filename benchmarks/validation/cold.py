@@ -1,0 +1,49 @@
+"""Answers one question in a process of its own: `python -m benchmarks.validation.cold memory 100` (or first).
+
+memory: peak MiB above the input while eight hours are turned into elevation; first: processor seconds of the
+first call of estimate_vertical, imports included. Reads the peak from /proc, so only on Linux.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+OWN = Path("/proc/self")
+KIBIBYTES = 1024.0
+
+
+def measure_memory(rate_hz: float) -> float:
+    from benchmarks.validation.speed import repeat_quarter  # noqa: PLC0415 (the other question must not pay)
+    from fusion.calibration import calibrate  # noqa: PLC0415
+    from fusion.elevation import estimate_elevation  # noqa: PLC0415
+
+    warming, recording = repeat_quarter(rate_hz, 0.1), repeat_quarter(rate_hz)
+    estimate_elevation(calibrate(warming, "n-pose"))
+    (OWN / "clear_refs").write_text("5")
+    before = _read_mib("VmRSS")
+    estimate_elevation(calibrate(recording, "n-pose"))
+    return _read_mib("VmHWM") - before
+
+
+def measure_first() -> float:
+    began = time.process_time()
+    from fusion import estimate_vertical  # noqa: PLC0415 (its import is what is measured)
+
+    estimate_vertical(np.tile([0.0, 0.0, 1.0], (1000, 1)), np.zeros((1000, 3)), 100.0)
+    return time.process_time() - began
+
+
+def _read_mib(field: str) -> float:
+    line = next(line for line in (OWN / "status").read_text().splitlines() if line.startswith(field))
+    return float(line.split()[1]) / KIBIBYTES
+
+
+def main() -> None:
+    question = sys.argv[1]
+    print(measure_memory(float(sys.argv[2])) if question == "memory" else measure_first())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Section (f): what must not change the angle: how the sensor is strapped on, units, cuts, the rate."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from benchmarks.validation.document import Goal, Section, draw_table, judge
+from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg, wear
+from fusion.calibration import CalibratedSamples, calibrate
+from fusion.elevation import estimate_elevation
+from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.sensor_errors.runs import view_segment
+from fusion.sensor_errors.stillness import find_still_moments, reduce_run
+from fusion.simulation import simulate_shift
+
+HOURS, SEED = 0.5, 1
+MOUNTINGS, CUTS = 5, 4
+STANDARD_GRAVITY = np.float32(9.80665)
+Angle = NDArray[np.float64]
+
+PROSE = f"""\
+Half a simulated hour of each device (seed {SEED}), `smoothed`, changed in ways that do not change the motion;
+the difference from the angle of the unchanged recording. *Strapped on another way*: all samples turned by
+{MOUNTINGS} random rotations, the worst of them; as recorded, and from a sensor without errors (offset and
+scale belong to a sensor's own axes and are corrected by axis, so that turning the samples of an imperfect
+sensor makes errors that no mounting makes). *Units*: acceleration in m/s2 and back, in single precision.
+*Cut*: at {CUTS} still moments, each piece fused by itself with the whole file's calibration. *Rate halved*:
+every second sample left out, no filter. The goals are taken for the largest difference at any sample."""
+
+LIMITS_DEG: Mapping[str, float] = {
+    "strapped on another way": 0.01,
+    "strapped on another way, no errors": 0.01,
+    "units": 0.01,
+    "cut at still moments": 0.1,
+    "rate halved": 0.2,
+}
+
+
+def compare_changes() -> Section:
+    rows, goals = [], list[Goal]()
+    for device in DEVICES:
+        recording = wear(simulate_shift(device, HOURS, SEED)).recording
+        perfect = wear(simulate_shift(device, HOURS, SEED, perfect=True)).recording
+        changed = change_all(recording) | {"strapped on another way, no errors": strap_on(perfect)}
+        for what, difference_deg in changed.items():
+            largest_deg = float(np.abs(difference_deg).max())
+            rms_deg = find_rmse_deg(difference_deg)
+            rows.append([f"{NAMES[device]}, {what}", f"{rms_deg:.4f}", f"{largest_deg:.4f}"])
+            goals.append(judge(f"same angle, {NAMES[device]}, {what}", largest_deg, LIMITS_DEG[what]))
+    table = draw_table(("change", "root mean square deg", "largest deg"), rows)
+    return Section("(f) What must not change the angle", (PROSE, table), tuple(goals))
+
+
+def change_all(recording: Recording) -> dict[str, Angle]:
+    """Give the difference from the unchanged recording, by change, at each sample kept."""
+    samples = calibrate(recording, "n-pose")
+    whole = fuse(samples)
+    return {
+        "strapped on another way": strap_on(recording),
+        "units": fuse(calibrate(convert(recording), "n-pose")) - whole,
+        "cut at still moments": fuse(replace(samples, recording=cut(recording))) - whole,
+        "rate halved": fuse(calibrate(halve(recording), "n-pose")) - whole[::2],
+    }
+
+
+def strap_on(recording: Recording) -> Angle:
+    """Give the difference that the worst of some random rotations makes."""
+    whole = fuse(calibrate(recording, "n-pose"))
+    rotations = Rotation.random(MOUNTINGS, rng=np.random.default_rng(SEED)).as_matrix()
+    turned = [fuse(calibrate(turn(recording, rotation), "n-pose")) - whole for rotation in rotations]
+    return max(turned, key=lambda difference_deg: float(np.abs(difference_deg).max()))
+
+
+def fuse(samples: CalibratedSamples) -> Angle:
+    segments = estimate_elevation(samples).segments
+    return np.concatenate([segment.elevation_deg for segment in segments]).astype(np.float64)
+
+
+def turn(recording: Recording, rotation: NDArray[np.float64]) -> Recording:
+    segment = recording.segments[0]
+    acc_g = (segment.acc_g @ rotation.T).astype(np.float32)
+    gyr_dps = (segment.gyr_dps @ rotation.T).astype(np.float32)
+    return replace(recording, segments=(replace(segment, acc_g=acc_g, gyr_dps=gyr_dps),))
+
+
+def convert(recording: Recording) -> Recording:
+    segment = recording.segments[0]
+    acc_g = (segment.acc_g * STANDARD_GRAVITY) / STANDARD_GRAVITY
+    return replace(recording, segments=(replace(segment, acc_g=acc_g),))
+
+
+def cut(recording: Recording) -> Recording:
+    """Cut at still moments spread over the recording."""
+    segment = recording.segments[0]
+    middles_s = find_still_moments([reduce_run(view_segment(segment))]).middle_s
+    chosen_s = middles_s[np.linspace(0, len(middles_s) - 1, CUTS + 2).astype(np.int64)[1:-1]]
+    edges = [0, *(round(time_s * segment.rate_hz) for time_s in chosen_s), len(segment)]
+    pieces = tuple(_take(segment, first, stop) for first, stop in pairwise(edges))
+    return replace(recording, segments=pieces)
+
+
+def _take(segment: Segment, first: int, stop: int) -> Segment:
+    start_us = round(first * MICROSECONDS / segment.rate_hz)
+    return Segment(start_us, segment.rate_hz, segment.acc_g[first:stop], segment.gyr_dps[first:stop])
+
+
+def halve(recording: Recording) -> Recording:
+    segment = recording.segments[0]
+    acc_g, gyr_dps = (np.ascontiguousarray(table[::2]) for table in (segment.acc_g, segment.gyr_dps))
+    half = Segment(0, segment.rate_hz / 2.0, acc_g, gyr_dps)
+    return replace(recording, segments=(half,), duration_us=half.duration_us)

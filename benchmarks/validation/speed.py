@@ -1,0 +1,139 @@
+"""Section (e): what eight hours cost, every estimator in turn in one process; and the memory it takes."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+import vqf
+
+from benchmarks.validation.document import Goal, Section, draw_table, judge
+from benchmarks.validation.peers import run_imufusion, run_madgwick, run_mahony, to_vqf
+from benchmarks.validation.worn import wear
+from fusion.calibration import calibrate
+from fusion.elevation import estimate_elevation
+from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.simulation import simulate_shift
+
+ROUNDS = 3
+HOURS = 8.0
+RATES_HZ = (100.0, 500.0)
+LIMITS_S = {100.0: 0.25, 500.0: 1.0}
+PIECE_S = 30.0
+OURS = "smoothed"
+COLD = "benchmarks.validation.cold"
+
+PROSE = f"""\
+Eight hours of a simulated recording (a quarter of an hour, repeated), float32 as the readers give it.
+`smoothed` is the whole elevation path: still moments, bias, accelerometer, calibration, fusion, angle. The
+peers get their arrays ready made in their own units and give quaternions. All estimators run in turn,
+{ROUNDS} rounds after one that warms up, in one process and one thread; the figure is the median of the
+processor time (which other programs on the machine disturb less), wall time in the next column. imufusion
+(its Python loop) and the filters of `ahrs` run over {PIECE_S:.0f} s only, once each round, scaled to eight
+hours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Processor and wall time of one run, scaled to eight hours."""
+
+    cpu_s: float
+    wall_s: float
+
+
+def compare_speed() -> Section:
+    paragraphs, goals = [PROSE], list[Goal]()
+    for rate_hz in RATES_HZ:
+        costs = measure_rate(rate_hz)
+        paragraphs += [f"### 8 h at {rate_hz:.0f} Hz", _draw_costs(costs)]
+        what = f"8 h at {rate_hz:.0f} Hz, `smoothed`, one core, warm"
+        goals.append(judge(what, costs[OURS].cpu_s, LIMITS_S[rate_hz], "s", 2))
+    paragraphs += ["### Memory and first call, each in a process of its own", *_measure_cold(goals)]
+    return Section("(e) Speed", tuple(paragraphs), tuple(goals))
+
+
+def repeat_quarter(rate_hz: float, hours: float = HOURS) -> Recording:
+    """Many hours from a simulated quarter of an hour."""
+    quarter = wear(simulate_shift("gt9x" if rate_hz < 300.0 else "lsm9ds1", 0.25, 1, rate_hz)).recording
+    piece = quarter.segments[0]
+    rows = round(hours * 3600 * rate_hz)
+    copies = rows // len(piece) + 1
+    acc_g, gyr_dps = (np.tile(table, (copies, 1))[:rows] for table in (piece.acc_g, piece.gyr_dps))
+    segment = Segment(0, rate_hz, acc_g, gyr_dps)
+    return Recording(quarter.device, "0" * 64, None, None, round(hours * 3600 * MICROSECONDS), (segment,))
+
+
+def measure_rate(rate_hz: float) -> Mapping[str, Cost]:
+    runs = _prepare(repeat_quarter(rate_hz), rate_hz)
+    costs: dict[str, list[Cost]] = {name: [] for name in runs}
+    for number in range(ROUNDS + 1):
+        for name, (run, scale) in runs.items():
+            cost = _time(run, scale)
+            if number > 0:
+                costs[name].append(cost)
+    return {
+        name: Cost(median(c.cpu_s for c in found), median(c.wall_s for c in found))
+        for name, found in costs.items()
+    }
+
+
+def _prepare(recording: Recording, rate_hz: float) -> dict[str, tuple[Callable[[], object], float]]:
+    """Each estimator ready to run, and how many times longer eight hours are than what it runs over."""
+    segment = recording.segments[0]
+    gyr, acc = to_vqf(segment.acc_g.astype(np.float64), segment.gyr_dps.astype(np.float64))
+    rows = slice(0, round(PIECE_S * rate_hz))
+    piece = (segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64), rate_hz)
+    scale = HOURS * 3600.0 / PIECE_S
+    return {
+        OURS: (lambda: estimate_elevation(calibrate(recording, "n-pose")), 1.0),
+        "published": (lambda: estimate_elevation(calibrate(recording, "n-pose"), "published"), 1.0),
+        "live": (lambda: estimate_elevation(calibrate(recording, "n-pose"), "live"), 1.0),
+        "offlineVQF": (lambda: vqf.offlineVQF(gyr, acc, None, 1.0 / rate_hz), 1.0),
+        "VQF": (lambda: vqf.VQF(1.0 / rate_hz).updateBatch(gyr, acc), 1.0),
+        "imufusion": (lambda: run_imufusion(*piece), scale),
+        "Madgwick": (lambda: run_madgwick(*piece), scale),
+        "Mahony": (lambda: run_mahony(*piece), scale),
+    }
+
+
+def _time(run: Callable[[], object], scale: float) -> Cost:
+    wall, cpu = time.perf_counter(), time.process_time()
+    run()
+    return Cost((time.process_time() - cpu) * scale, (time.perf_counter() - wall) * scale)
+
+
+def _draw_costs(costs: Mapping[str, Cost]) -> str:
+    rows = [
+        [name, f"{cost.cpu_s:.2f}", f"{cost.wall_s:.2f}", f"{cost.cpu_s / costs[OURS].cpu_s:.1f}"]
+        for name, cost in costs.items()
+    ]
+    return draw_table(("estimator", "processor s", "wall s", "times `smoothed`"), rows)
+
+
+def _measure_cold(goals: list[Goal]) -> list[str]:
+    """Peak memory above the input, and how long the first call takes with and without compiled code."""
+    rows = []
+    for rate_hz in RATES_HZ:
+        what, above_mib = f"peak above the input, 8 h at {rate_hz:.0f} Hz", _ask("memory", str(rate_hz))
+        rows.append([what, f"{above_mib:.0f} MiB, the result included"])
+        goals.append(judge(what, above_mib, 200.0, "MiB", 0))
+    with tempfile.TemporaryDirectory() as cache:
+        for what, limit_s in (("first call after installation", 2.0), ("first call later", 0.3)):
+            seconds = _ask("first", cache=Path(cache))
+            rows.append([what, f"{seconds:.2f} s of processor time, imports included"])
+            goals.append(judge(f"{what}, `estimate_vertical`", seconds, limit_s, "s", 2))
+    return [draw_table(("what", "figure"), rows)]
+
+
+def _ask(*question: str, cache: Path | None = None) -> float:
+    """Put a question to a new process, where need be with a cache of compiled code of its own."""
+    environment = os.environ | ({"NUMBA_CACHE_DIR": str(cache)} if cache else {})
+    command = [sys.executable, "-m", COLD, *question]
+    answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return float(answer.stdout)

@@ -1,0 +1,174 @@
+"""Section (a): the ten tasks of the paper, simulated, with the statistics of its Table 1."""
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+
+import numpy as np
+
+from benchmarks.validation.document import Goal, Section, draw_table, judge
+from benchmarks.validation.table_1 import QUASI_STATIC, TABLE_1, TITLES, Agreement
+from benchmarks.validation.weights import PROSE as WEIGHTS_PROSE
+from benchmarks.validation.weights import draw_sweep
+from benchmarks.validation.worn import DEVICES, NAMES, Worn, compare, find_rows, wear
+from fusion.calibration import calibrate
+from fusion.elevation import estimate_elevation
+from fusion.orientation import MethodName
+from fusion.simulation.parts import Device
+from fusion.simulation.tasks import TASKS, simulate_session, simulate_task
+
+PEOPLE = (1, 2, 3, 4, 5)
+METHODS: tuple[MethodName, ...] = ("published", "smoothed")
+SLOW_TASKS, FAST_TASKS = (1, 2, 4, 5, 7, 8, 9), (3, 6, 10)
+
+Results = dict[tuple[Device, MethodName, int], Agreement]
+
+PROSE = """\
+Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth,
+sensors with offset, scale, misalignment, drift, noise, resolution and range as in
+`fusion/simulation/parts.py`. Each repetition counts from the first movement until the arm hangs again; the
+repetitions of a person are pooled, r, RMSE and mean absolute error are taken of the pool, and the table
+gives their means over people. r is not given (NA) where elevation is quasi-static, as in the paper. All
+angles rest on the N-pose held for 10 s at the start; the simulated arm then hangs plumb, so no error of the
+pose is in these figures.
+
+**Not blind.** The paper gives tempi, not amplitudes. The amplitudes were chosen here, and two of them after
+`published` had been seen beside Table 1: the range at 3 Hz was reduced from 45 to 30 deg, and the throws
+were made harder (faster turn of the trunk, a stop after the step), twice. What agrees or not in size at 3
+Hz and in throws is therefore no evidence; the comparison of methods on the same motion is. The paper's
+errors also hold what a rigid simulated arm has not: skin and muscle under the sensor, and the error of
+Xsens MVN itself.
+
+**Three protocols.** *Seated*: all ten tasks of a person are one recording: the pose, then the tasks, and
+after each 20 to 40 s of sitting with the arm in the lap or on a table (our assumption; the paper does not
+say what people did between tasks). *Standing*: the same, but the person stands with the arm hanging in
+between. *Separate*: each task is a recording of its own with its own pose, of about a minute. We hold the
+first for the truest picture of a session, and the main tables show it: the sensor is the same all along,
+and its still moments point in several directions, so that the accelerometer can calibrate itself. In the
+other two it nearly always hangs when it is still, and keeps the offset it left the factory with: that is
+what their larger errors are. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals
+below are judged for all three."""
+
+
+def compare_on_tasks() -> Section:
+    protocols = {
+        "seated": summarise(play_sessions(seated=True)),
+        "standing": summarise(play_sessions(seated=False)),
+        "separate": summarise(play_separately()),
+    }
+    main = protocols["seated"]
+    paragraphs = [PROSE]
+    for method in METHODS:
+        paragraphs.append(f"### `{method}`, seated session, beside Table 1 (in brackets)")
+        paragraphs.append(draw_pair([draw_with_paper(main, device, method) for device in DEVICES]))
+    paragraphs += ["### RMSE by protocol, degrees", draw_protocols(protocols)]
+    paragraphs += ["### The weight of the slerp in `published`", WEIGHTS_PROSE]
+    paragraphs.append(draw_sweep(wear_sessions("gt9x", seated=True), "gt9x"))
+    goals = [goal for name, results in protocols.items() for goal in judge_smoothed(name, results)]
+    return Section(
+        "(a) The ten tasks of the paper, simulated", tuple(paragraphs), (*goals, *judge_published(main))
+    )
+
+
+@cache
+def wear_sessions(device: Device, *, seated: bool) -> tuple[Worn, ...]:
+    return tuple(wear(simulate_session(person, device, seated=seated)) for person in PEOPLE)
+
+
+def play_sessions(*, seated: bool) -> Iterable[Results]:
+    """Give each person's results for each device."""
+    for device in DEVICES:
+        for worn in wear_sessions(device, seated=seated):
+            yield measure(worn, {number: f"repetition {number}" for number in TASKS})
+
+
+def play_separately() -> Iterable[Results]:
+    for device in DEVICES:
+        for person in PEOPLE:
+            for number in TASKS:
+                yield measure(wear(simulate_task(number, person, device)), {number: "repetition"})
+
+
+def measure(worn: Worn, names: Mapping[int, str]) -> Results:
+    """Compare every method on the repetitions of every task in one recording."""
+    samples = calibrate(worn.recording, "n-pose", (worn.shift.calibration_s,))
+    results: Results = {}
+    for method in METHODS:
+        found_deg = estimate_elevation(samples, method).segments[0].elevation_deg.astype(np.float64)
+        for number, name in names.items():
+            rows = find_rows(worn, name)
+            agreement = compare(found_deg[rows], worn.truth_deg[rows])
+            results[worn.shift.device, method, number] = agreement
+    return results
+
+
+def summarise(recordings: Iterable[Results]) -> Results:
+    """Mean over people."""
+    pooled: dict[tuple[Device, MethodName, int], list[Agreement]] = {}
+    for results in recordings:
+        for key, agreement in results.items():
+            pooled.setdefault(key, []).append(agreement)
+    return {key: Agreement.mean(found) for key, found in pooled.items()}
+
+
+def draw_with_paper(results: Results, device: Device, method: MethodName) -> dict[int, list[str]]:
+    """Three cells for each task: ours, the paper's in brackets."""
+    cells = {}
+    for number in TASKS:
+        ours, paper = results[device, method, number], TABLE_1[device][number]
+        r = "NA" if number in QUASI_STATIC else f"{ours.r:.3f} ({paper.r:.3f})"
+        rmse = f"{ours.rmse_deg:.2f} ({paper.rmse_deg:.2f})"
+        cells[number] = [r, rmse, f"{ours.absolute_deg:.2f} ({paper.absolute_deg:.2f})"]
+    return cells
+
+
+def draw_pair(cells: list[dict[int, list[str]]]) -> str:
+    statistics = ("r", "RMSE deg", "abs deg")
+    header = ["task", *(f"{statistic} {NAMES[device]}" for device in DEVICES for statistic in statistics)]
+    rows = [[_title(number), *(cell for of in cells for cell in of[number])] for number in TASKS]
+    return draw_table(header, rows)
+
+
+def draw_protocols(protocols: Mapping[str, Results]) -> str:
+    columns = [(protocol, d, m) for m in METHODS for d in DEVICES for protocol in protocols]
+    header = ["task", *(f"{method} {NAMES[device]} {protocol}" for protocol, device, method in columns)]
+    rows = [
+        [
+            _title(number),
+            *(f"{protocols[p][device, method, number].rmse_deg:.2f}" for p, device, method in columns),
+        ]
+        for number in TASKS
+    ]
+    return draw_table(header, rows)
+
+
+def judge_smoothed(protocol: str, results: Results) -> tuple[Goal, ...]:
+    goals = []
+    for device in DEVICES:
+        worst = max(TASKS, key=lambda number: results[device, "smoothed", number].rmse_deg)
+        what = f"ten tasks, {protocol}, {NAMES[device]}: `smoothed`, RMSE of the worst task ({worst})"
+        goals.append(judge(what, results[device, "smoothed", worst].rmse_deg, 1.0, decimals=2))
+    return tuple(goals)
+
+
+def judge_published(results: Results) -> tuple[Goal, ...]:
+    """Whether the pattern is there: slow tasks at 2 to 4 deg, fast ones at about 10 (taken as 7 to 13)."""
+    goals = []
+    for device in DEVICES:
+        for what, tasks, low_deg, high_deg in (
+            ("slow tasks", SLOW_TASKS, 2.0, 4.0),
+            ("3 Hz and throws", FAST_TASKS, 7.0, 13.0),
+        ):
+            found = [results[device, "published", number].rmse_deg for number in tasks]
+            goals.append(
+                Goal(
+                    f"ten tasks, {NAMES[device]}: `published`, pattern of Table 1, RMSE of {what}",
+                    f"{low_deg:.0f} to {high_deg:.0f} deg",
+                    f"{min(found):.2f} to {max(found):.2f} deg",
+                    low_deg <= min(found) and max(found) <= high_deg,
+                )
+            )
+    return tuple(goals)
+
+
+def _title(number: int) -> str:
+    return f"{number} {TITLES[number]}"

@@ -1,0 +1,40 @@
+"""What counts as still enough to calibrate on."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRules:
+    """What counts as still, and as too much motion to calibrate on.
+
+    The first block is EXPOSURE.md A15: at least ``length_s`` with the acceleration's standard deviation
+    (largest axis) under ``quiet_acc_sd_g`` and its mean within ``one_g_within`` of 1 g.
+    ``quiet_gyro_sd_dps`` is ours: it keeps out a turn about the vertical, which the accelerometer cannot
+    see. The second block refuses windows; the third orders proposals.
+    """
+
+    length_s: float = 5.0
+    quiet_acc_sd_g: float = 0.01
+    quiet_gyro_sd_dps: float = 3.0
+    one_g_within: float = 0.10
+
+    fallback_s: float = 2.0
+    shortest_window_s: float = 1.0
+    refuse_acc_sd_g: float = 0.05
+    refuse_gyro_sd_dps: float = 15.0
+    refuse_from_one_g: float = 0.20
+
+    longest_proposal_s: float = 10.0
+    same_direction_deg: float = 20.0
+    good_score: float = 0.5
+    good_agreement: float = 0.25
+    early_s: float = 600.0
+
+
+GT9X_RULES = CalibrationRules(one_g_within=0.05)
+OTHER_RULES = CalibrationRules()
+
+
+def rules_for(device: str) -> CalibrationRules:
+    """An LSM9DS1 (and anything unknown) may read 0.10 g off at rest, a GT9X 0.05 g."""
+    return GT9X_RULES if device == "gt9x" else OTHER_RULES

@@ -1,0 +1,108 @@
+"""Days as they might have been: 5-minute blocks drawn again, with an error of the angle (CONTRACT §5).
+
+200 draws. Draw k takes the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as
+the day has analysed ones, with replacement, by PCG64(0): the same recording always gives the same interval.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from fusion.exposure.rows import IntArray
+from fusion.exposure.types import Interval
+from fusion.recording import MICROSECONDS
+
+DRAWS = 200
+BLOCK_US = 300 * MICROSECONDS
+SEED = 0
+LOW_HIGH_PERCENT = (2.5, 97.5)
+ERRORS = 11
+"""Errors of the angle at which counts are made again; between them they are taken as linear."""
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resampling:
+    """The draws. ``kept``, shape (b,), are the blocks with analysed time; ``times``, shape (200, kept),
+    how often each is in a draw; ``error_deg``, shape (200,), the error of the angle.
+    """
+
+    kept: NDArray[np.bool_]
+    times: FloatArray
+    error_deg: FloatArray
+
+    def sum(self, blocks: NDArray[np.float64] | IntArray) -> FloatArray:
+        """Sum blocks, shape (b, ...), over each draw: shape (200, ...)."""
+        kept = np.ascontiguousarray(blocks[self.kept], np.float64)
+        sums = np.zeros((DRAWS, kept[0].size))
+        _sum_draws(self.times, kept.reshape(len(kept), -1), sums)
+        return sums.reshape(DRAWS, *kept.shape[1:])
+
+    def sum_with_error(self, blocks: FloatArray, grid_deg: FloatArray) -> FloatArray:
+        """Sum what was counted at each error of a grid, shape (g, b, ...), at each draw's error."""
+        place = np.interp(self.error_deg, grid_deg, np.arange(len(grid_deg)))
+        left = np.minimum(place.astype(np.int64), len(grid_deg) - 2)
+        share = (place - left).reshape(-1, *([1] * (blocks.ndim - 2)))
+        sums = self.sum(np.swapaxes(blocks, 0, 1))  # shape (200, g, ...)
+        draw = np.arange(DRAWS)
+        return np.asarray((1 - share) * sums[draw, left] + share * sums[draw, left + 1])
+
+    def look_up(self, figure: FloatArray, grid_deg: FloatArray) -> FloatArray:
+        """Give a figure known at each error of a grid, shape (g,), at each draw's error: shape (200,)."""
+        return np.asarray(np.interp(self.error_deg, grid_deg, figure))
+
+
+@njit(cache=True, nogil=True)
+def _sum_draws(times, blocks, sums):  # type: ignore[no-untyped-def]
+    """Matrix product in a fixed order: the same on every machine, and on one core."""
+    for draw in range(len(times)):
+        for block in range(len(blocks)):
+            count = times[draw, block]
+            if count > 0:
+                for k in range(blocks.shape[1]):
+                    sums[draw, k] += count * blocks[block, k]
+
+
+def split_blocks(duration_us: int) -> IntArray:
+    """Give the edges of the 5-minute blocks from the first sample."""
+    return np.arange(-(-duration_us // BLOCK_US) + 1, dtype=np.int64) * BLOCK_US
+
+
+def spread_errors(sigma_deg: float) -> FloatArray:
+    """Give the errors, shape (11,), between those of the first and the last draw."""
+    furthest = max(sigma_deg * float(ndtri(1 - 0.5 / DRAWS)), 1e-6)  # an exact angle too has a grid
+    return np.linspace(-furthest, furthest, ERRORS)
+
+
+def draw_blocks(analysed: FloatArray | IntArray, sigma_deg: float) -> Resampling:
+    """Draw from the blocks that hold analysed time; ``analysed`` has shape (b,)."""
+    kept = analysed > 0
+    count = int(kept.sum())
+    chosen = np.random.Generator(np.random.PCG64(SEED)).integers(0, count, (DRAWS, count))
+    times = np.array([np.bincount(row, minlength=count) for row in chosen], np.float64)
+    return Resampling(kept, times, sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS))
+
+
+def find_interval(figures: FloatArray) -> Interval | None:
+    """Give the 2.5th and 97.5th percentiles of the draws; None where over 5 % of them lack the figure."""
+    known = figures[~np.isnan(figures)]
+    if len(known) < 0.95 * len(figures):
+        return None
+    low, high = np.percentile(known, LOW_HIGH_PERCENT)
+    return Interval(float(low), float(high))
+
+
+def scale_interval(value: float | None, drawn: FloatArray, coarse: float) -> Interval | None:
+    """Give the interval of a figure whose draws were taken from coarser classes than the figure itself."""
+    if value is None or not coarse > 0:
+        return None if value is None else find_interval(drawn)
+    return find_interval(value / coarse * drawn)
+
+
+def name_intervals(found: dict[str, Interval | None]) -> dict[str, Interval]:
+    """Leave out the figures without an interval."""
+    return {name: interval for name, interval in found.items() if interval is not None}

@@ -1,0 +1,180 @@
+"""Entries and episodes once more, with the angle read a little too high or too low (EXPOSURE.md A12).
+
+An angle read ``b`` too high is above c where the true one is above c - b: the trigger is run at 33 thresholds
+(30, 60 and 90 deg, each with 11 errors) in one pass. The thresholds that are "above" at any moment are the
+lowest k of them, for all have the same hysteresis; so one number is the state of all triggers.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.exposure.bins import THRESHOLDS_DEG, find_percentile_cells
+from fusion.exposure.episodes import HALF_HYSTERESIS_DEG, MERGED_GAP_S, SHORTEST_S
+from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
+from fusion.exposure.rows import IntArray, find_first_rows
+from fusion.exposure.types import Episodes, Interval
+
+CELLS_PER_OCTAVE = 4
+CELLS = 16 * CELLS_PER_OCTAVE  # from 0.5 s to 9 h
+ENTRIES, STAYS, STAY_S = range(3)
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftedStays:
+    """What was counted at each threshold and error in each 5-minute block, filled in place.
+
+    ``order`` sorts the thresholds of :data:`THRESHOLDS_DEG` with each error; ``sums``, shape (t, b, 3), are
+    entries, episodes and their seconds; ``cells``, shape (t, b, 64), the episodes by length in quarters
+    of an octave; ``longest_s``, shape (t,). An episode belongs to the block in which it begins.
+    """
+
+    errors_deg: FloatArray
+    edges_us: IntArray
+    levels_deg: FloatArray
+    sums: FloatArray
+    cells: NDArray[np.int32]
+    longest_s: FloatArray
+
+    def add(self, angle: MetricAngle) -> None:
+        """Count a segment."""
+        rows = find_first_rows(angle, self.edges_us)
+        rows[0], rows[-1] = 0, len(angle)
+        limits = np.array([MERGED_GAP_S, SHORTEST_S]) * angle.rate_hz - 1e-3
+        scan_levels(
+            angle.elevation_deg,
+            angle.valid,
+            (self.levels_deg, limits, rows, angle.rate_hz),
+            (self.sums, self.cells, self.longest_s),
+        )
+
+    def pick(self, array: NDArray[np.float64] | NDArray[np.int32], threshold_deg: int) -> FloatArray:
+        """Give the rows of one threshold in the order of the errors, shape (11, ...)."""
+        wanted = np.searchsorted(self.levels_deg, np.round(threshold_deg - self.errors_deg, 9))
+        return np.asarray(array[wanted], np.float64)
+
+
+def start_shifted_stays(errors_deg: FloatArray, edges_us: IntArray) -> ShiftedStays:
+    """Start with nothing counted."""
+    levels_deg = np.unique([np.round(c - errors_deg, 9) for c in THRESHOLDS_DEG])
+    shape = (len(levels_deg), len(edges_us) - 1)
+    return ShiftedStays(
+        errors_deg,
+        edges_us,
+        levels_deg,
+        np.zeros((*shape, 3)),
+        np.zeros((*shape, CELLS), np.int32),
+        np.zeros(len(levels_deg)),
+    )
+
+
+@njit(cache=True, nogil=True)
+def scan_levels(angle_deg, valid, how, tally):  # type: ignore[no-untyped-def]
+    """Run the triggers of all levels; ``above`` is how many of them, from the lowest, are up.
+
+    ``state``, shape (t, 2), holds the first row and the row after the last of each level's last stay.
+    """
+    levels = how[0]
+    state = np.full((len(levels), 2), -1)
+    above, inside, enter, leave = 0, False, levels[0] + HALF_HYSTERESIS_DEG, -np.inf
+    for i in range(len(angle_deg) + 1):
+        if i == len(angle_deg) or not valid[i]:
+            if inside:
+                _close_all(above, i, state, how, tally)
+                above, inside = 0, False
+                enter, leave = levels[0] + HALF_HYSTERESIS_DEG, -np.inf
+            continue
+        if angle_deg[i] > enter or angle_deg[i] < leave:
+            above = _move(angle_deg[i], i, above if inside else -1, state, how, tally)
+            enter = levels[above] + HALF_HYSTERESIS_DEG if above < len(levels) else np.inf
+            leave = levels[above - 1] - HALF_HYSTERESIS_DEG if above > 0 else -np.inf
+        inside = True
+
+
+@njit(cache=True, nogil=True)
+def _move(x, row, above, state, how, tally):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
+    """Let levels go up or down to the angle ``x``; at the first row of a run (``above`` -1) uncounted."""
+    levels, limits, block_rows, _ = how
+    counted, above = above >= 0, max(above, 0)
+    while above < len(levels) and x > levels[above] + HALF_HYSTERESIS_DEG:
+        if counted:
+            block = np.searchsorted(block_rows, row, side="right") - 1
+            tally[0][above, block, ENTRIES] += 1
+        if state[above, 0] < 0 or row - state[above, 1] >= limits[0]:
+            _record(above, state, how, tally)
+            state[above, 0] = row
+        above += 1
+    while above > 0 and x < levels[above - 1] - HALF_HYSTERESIS_DEG:
+        above -= 1
+        state[above, 1] = row
+    return above
+
+
+@njit(cache=True, nogil=True)
+def _close_all(above, row, state, how, tally):  # type: ignore[no-untyped-def]
+    """End all stays where a run of valid rows ends."""
+    for level in range(len(state)):
+        if level < above:
+            state[level, 1] = row
+        _record(level, state, how, tally)
+
+
+@njit(cache=True, nogil=True)
+def _record(level, state, how, tally):  # type: ignore[no-untyped-def]
+    """Count a finished stay, unless it is too short, and forget it."""
+    _, limits, block_rows, rate_hz = how
+    sums, cells, longest_s = tally
+    first, rows = state[level, 0], state[level, 1] - state[level, 0]
+    state[level, 0] = -1
+    if first < 0 or rows < limits[1]:
+        return
+    seconds = rows / rate_hz
+    block = min(np.searchsorted(block_rows, first, side="right") - 1, sums.shape[1] - 1)
+    sums[level, block, STAYS] += 1
+    sums[level, block, STAY_S] += seconds
+    cell = int(np.log2(max(seconds / SHORTEST_S, 1.0)) * CELLS_PER_OCTAVE)
+    cells[level, block, min(cell, CELLS - 1)] += 1
+    longest_s[level] = max(longest_s[level], seconds)
+
+
+def name_stay_intervals(
+    shifted: ShiftedStays, episodes: tuple[Episodes, ...], draws: Resampling, block_s: FloatArray
+) -> dict[str, Interval]:
+    """Give the intervals of repetitions and episodes; ``block_s``, shape (b,), is the analysed time.
+
+    They cover the error of the angle and the sampling of the day; that of the longest episode the error
+    alone, for the longest of other days cannot be drawn from this one.
+    """
+    found: dict[str, Interval | None] = {}
+    drawn_h = draws.sum(block_s) / 3600.0
+    for item in episodes:
+        c = int(item.threshold_deg)
+        drawn = draws.sum_with_error(shifted.pick(shifted.sums, c), shifted.errors_deg)
+        found[f"entries_above_{c}_per_h"] = find_interval(drawn[:, ENTRIES] / drawn_h)
+        found[f"episodes_above_{c}_per_h"] = find_interval(drawn[:, STAYS] / drawn_h)
+        longest_s = draws.look_up(shifted.pick(shifted.longest_s, c), shifted.errors_deg)
+        found[f"episodes_above_{c}_longest_s"] = find_interval(longest_s) if item.longest_s else None
+        found |= _name_lengths(shifted, item, draws)
+    return name_intervals(found)
+
+
+def _name_lengths(shifted: ShiftedStays, item: Episodes, draws: Resampling) -> dict[str, Interval | None]:
+    c = int(item.threshold_deg)
+    cells = shifted.pick(shifted.cells, c)
+    drawn_s = _find_lengths(draws.sum_with_error(cells, shifted.errors_deg))
+    coarse_s = _find_lengths(cells[len(cells) // 2].sum(axis=0)[np.newaxis])[0]
+    return {
+        f"episodes_above_{c}_median_s": scale_interval(item.median_s, drawn_s[:, 0], coarse_s[0]),
+        f"episodes_above_{c}_p90_s": scale_interval(item.p90_s, drawn_s[:, 1], coarse_s[1]),
+    }
+
+
+def _find_lengths(cells: FloatArray) -> FloatArray:
+    """Give median and P90 of lengths from their cells, shape (k, 64): shape (k, 2), NaN without any."""
+    places = find_percentile_cells(cells, np.array([50.0, 90.0]))
+    return np.asarray(SHORTEST_S * 2.0 ** (places / CELLS_PER_OCTAVE))

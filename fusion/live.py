@@ -1,0 +1,45 @@
+"""Elevation while the sensor is worn: samples in, angle out, nothing kept but a few numbers."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusion.calibration import Vector
+from fusion.elevation import measure_elevation
+from fusion.orientation.live import LiveVertical
+
+
+class LiveElevation:
+    """Arm elevation for real-time feedback.
+
+    Feed samples one at a time or in chunks of any size: the result does not depend on how they were cut.
+    Without ``arm_axis`` the arm is taken to hang at the first still moment (the N-pose); until then the
+    elevation is NaN.
+    """
+
+    def __init__(self, rate_hz: float, arm_axis: Vector | None = None) -> None:
+        self._vertical = LiveVertical(rate_hz)
+        self._arm_axis = arm_axis
+
+    def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
+        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.
+
+        Raises
+        ------
+        fusion.orientation.arrays.UnusableArrays
+        """
+        acc, gyr = np.atleast_2d(acc_g), np.atleast_2d(gyr_dps)
+        if self._arm_axis is not None:
+            return measure_elevation(self._vertical.update(acc, gyr), self._arm_axis)
+        return self._wait_for_rest(acc, gyr)
+
+    def _wait_for_rest(self, acc: NDArray[np.generic], gyr: NDArray[np.generic]) -> NDArray[np.float32]:
+        """Sample by sample, so that the arm axis is set at the same sample however the chunks were cut."""
+        waiting = np.full(len(acc), np.nan, dtype=np.float32)
+        for row in range(len(acc)):
+            up = self._vertical.update(acc[row], gyr[row])
+            if self._vertical.has_rested:
+                self._arm_axis = up[0]
+                waiting[row] = 0.0
+                waiting[row + 1 :] = self.update(acc[row + 1 :], gyr[row + 1 :]) if row + 1 < len(acc) else []
+                break
+        return waiting

@@ -1,0 +1,147 @@
+"""`live`: only the past, sample by sample or in chunks of any size, in constant memory.
+
+The same idea as :mod:`fusion.orientation.smoothed`, one-sided: the acceleration is low-passed in a frame
+that turns with the gyroscope, and the filter's state is carried along. Weights at the age ``s = t /
+time_constant_s``: ``exp(-s) (freshness cos s + sin s)``, a second-order Butterworth low-pass with a little
+of the newest samples, which a start needs. The bias is the mean rate of still moments; it is not followed
+while the arm never rests.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from fusion.orientation.arrays import check_arrays
+from fusion.sensor_errors.rotation import RADIANS, bend, carry, turn_factors
+from fusion.sensor_errors.stillness import StillRules
+
+# Places in the state: filter, previous rate, bias, then the still moment being gathered.
+REAL, IMAGINARY, RATE, BIAS, ACC_SUM, ACC_SQUARE, GYR_SUM, GYR_SQUARE = range(0, 24, 3)
+SAMPLES, GATHERED, STILLS, SIZE = 24, 25, 26, 27
+
+
+@dataclass(frozen=True, slots=True)
+class LiveParameters:
+    """Chosen on the even-numbered half of BROAD; ``memory_stills`` still moments share in the bias."""
+
+    time_constant_s: float = 3.0
+    freshness: float = 0.05
+    memory_stills: float = 8.0
+
+
+class LiveVertical:
+    """Direction of the vertical in the sensor frame, as the samples come."""
+
+    def __init__(
+        self,
+        rate_hz: float,
+        bias_dps: NDArray[np.float64] | None = None,
+        parameters: LiveParameters | None = None,
+    ) -> None:
+        parameters, rules = parameters or LiveParameters(), StillRules()
+        self._rate_hz = rate_hz
+        self._state = np.zeros(SIZE)
+        if bias_dps is not None:
+            self._state[BIAS : BIAS + 3] = bias_dps
+            self._state[STILLS] = 1.0
+        decay = np.exp(-(1.0 + 1.0j) / (rate_hz * parameters.time_constant_s))
+        self._filter = (1.0 / rate_hz, decay.real, decay.imag, parameters.freshness)
+        block = float(max(2, round(rules.still_s * rate_hz)))
+        limits = (rules.acc_sd_g**2, rules.gyro_sd_dps**2, rules.largest_bias_dps**2)
+        self._still = (block, *limits, parameters.memory_stills)
+
+    def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float64]:
+        """Take the next samples, shapes (n, 3) or (3,), and give the unit vectors to the zenith, (n, 3).
+
+        Raises
+        ------
+        fusion.orientation.arrays.UnusableArrays
+        """
+        acc, gyr = check_arrays(np.atleast_2d(acc_g), np.atleast_2d(gyr_dps), self._rate_hz)
+        out = np.empty((len(acc), 3))
+        _advance(acc, gyr, self._state, (self._filter, self._still), out)
+        return out
+
+    @property
+    def bias_dps(self) -> NDArray[np.float64]:
+        """The gyroscope's bias as known now, shape (3,)."""
+        return self._state[BIAS : BIAS + 3].copy()
+
+    @property
+    def has_rested(self) -> bool:
+        """Whether a still moment (or a bias given) stands behind the bias."""
+        return bool(self._state[STILLS] > 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  # pragma: no cover
+    period_s, keep, mix, freshness = settings[0]
+    for k in range(len(acc)):
+        _gather(acc, gyr, k, state, settings)
+        rate = (
+            (gyr[k, 0] - state[BIAS]) * RADIANS,
+            (gyr[k, 1] - state[BIAS + 1]) * RADIANS,
+            (gyr[k, 2] - state[BIAS + 2]) * RADIANS,
+        )
+        real = (state[REAL], state[REAL + 1], state[REAL + 2])
+        imaginary = (state[IMAGINARY], state[IMAGINARY + 1], state[IMAGINARY + 2])
+        if state[SAMPLES] > 0.0:
+            turn = bend((state[RATE], state[RATE + 1], state[RATE + 2]), rate, period_s)
+            factors = turn_factors(turn)
+            real, imaginary = carry(real, turn, factors), carry(imaginary, turn, factors)
+        state[SAMPLES] = 1.0
+        square = 1e-30
+        for i in range(3):
+            state[RATE + i] = rate[i]
+            state[REAL + i] = keep * real[i] - mix * imaginary[i] + acc[k, i]
+            state[IMAGINARY + i] = keep * imaginary[i] + mix * real[i]
+            out[k, i] = freshness * state[REAL + i] - state[IMAGINARY + i]
+            square += out[k, i] * out[k, i]
+        for i in range(3):
+            out[k, i] /= np.sqrt(square)
+
+
+@njit(inline="always")
+def _gather(acc: Any, gyr: Any, k: int, state: Any, settings: Any) -> None:  # pragma: no cover
+    """Add a sample to the moment being gathered; when it is full, see whether it was still."""
+    for i in range(3):
+        state[ACC_SUM + i] += acc[k, i]
+        state[ACC_SQUARE + i] += float(acc[k, i]) ** 2
+        state[GYR_SUM + i] += gyr[k, i]
+        state[GYR_SQUARE + i] += float(gyr[k, i]) ** 2
+    state[GATHERED] += 1.0
+    if state[GATHERED] >= settings[1][0]:
+        _judge(state, settings)
+        for place in range(ACC_SUM, GYR_SQUARE + 3):
+            state[place] = 0.0
+        state[GATHERED] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
+    """If the moment was still, its mean rate goes into the bias; the first one also sets the vertical."""
+    (_, keep, mix, _), (block, acc_limit, gyr_limit, bias_limit, memory) = settings
+    level = 0.0
+    for i in range(3):
+        acc_mean, gyr_mean = state[ACC_SUM + i] / block, state[GYR_SUM + i] / block
+        level += gyr_mean * gyr_mean
+        if state[ACC_SQUARE + i] / block - acc_mean * acc_mean > acc_limit:
+            return
+        if state[GYR_SQUARE + i] / block - gyr_mean * gyr_mean > gyr_limit:
+            return
+    if level > bias_limit:
+        return
+    state[STILLS] += 1.0
+    share = 1.0 / min(state[STILLS], memory)
+    for i in range(3):
+        state[BIAS + i] += share * (state[GYR_SUM + i] / block - state[BIAS + i])
+        if state[STILLS] == 1.0:
+            # What was carried with an unknown bias is forgotten: the filter stands as if it had always
+            # rested so.
+            settle = 1.0 / ((1.0 - keep) ** 2 + mix * mix)
+            state[REAL + i] = settle * (1.0 - keep) * state[ACC_SUM + i] / block
+            state[IMAGINARY + i] = settle * mix * state[ACC_SUM + i] / block
+            state[RATE + i] = 0.0

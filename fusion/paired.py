@@ -1,0 +1,141 @@
+"""Both arms of one shift side by side, and the arm beside the trunk (EXPOSURE.md A9).
+
+The two recordings are put on one time axis by their clocks and an offset that the person may correct; only
+time in which both are valid is compared. Angles pass the metric filter first and are read on a 20 Hz grid.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.elevation import Elevation
+from fusion.errors import TooShort
+from fusion.exposure.bins import THRESHOLDS_DEG
+from fusion.exposure.metric_filter import MetricAngle, filter_elevation
+
+GRID_HZ = 20.0
+PERCENTS = (10, 50, 90, 99)
+
+FloatVector = NDArray[np.float64]
+TrunkLimit = Literal["no trunk sensor", "sagittal plane only"]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmShare:
+    """One arm in the time in which both were valid."""
+
+    percentiles_deg: dict[int, float]
+    percent_above: dict[int, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PairedArms:
+    """Both arms over the ``shared_s`` seconds in which both were valid.
+
+    ``both_above_60_percent`` is the share with both at or above 60 deg at once; ``ratio_above_60`` the right
+    arm's time above 60 deg to the left's, and ``ratio_p50`` of their medians; None where the left has none.
+    """
+
+    shared_s: float
+    left: ArmShare
+    right: ArmShare
+    both_above_60_percent: float
+    ratio_above_60: float | None
+    ratio_p50: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TrunkRelative:
+    """Elevation of the arm less the inclination of the trunk, deg.
+
+    ``limit`` is a key for the wording: the difference of two angles from the vertical is the angle between
+    arm and trunk only while both move in the sagittal plane (Schall et al. 2016 found 12.1 deg RMS against
+    optical measurement); without a trunk sensor nothing is computed.
+    """
+
+    limit: TrunkLimit
+    shared_s: float = 0.0
+    percentiles_deg: dict[int, float] | None = None
+
+
+def pair_arms(left: Elevation, right: Elevation, offset_s: float = 0.0) -> PairedArms:
+    """Set two arms side by side.
+
+    Parameters
+    ----------
+    left, right
+        Before the metric filter; what a diary leaves out must not be valid.
+    offset_s
+        When the right recording's first sample was taken, seconds after the left's (negative: before).
+
+    Raises
+    ------
+    TooShort
+        When there is no time in which both are valid.
+    """
+    a, b = _share_grid(left, right, offset_s)
+    shared_s = len(a) / GRID_HZ
+    both = 100.0 * float(np.mean((a >= 60.0) & (b >= 60.0)))
+    left_share, right_share = _describe(a), _describe(b)
+    return PairedArms(
+        shared_s,
+        left_share,
+        right_share,
+        both,
+        _divide(right_share.percent_above[60], left_share.percent_above[60]),
+        _divide(right_share.percentiles_deg[50], left_share.percentiles_deg[50]),
+    )
+
+
+def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0.0) -> TrunkRelative:
+    """Give the arm's elevation less the trunk's inclination; without a trunk sensor, only what is missing.
+
+    ``trunk`` is an elevation too: 0 upright, as calibrated standing.
+
+    Raises
+    ------
+    TooShort
+        When there is no time in which both are valid.
+    """
+    if trunk is None:
+        return TrunkRelative("no trunk sensor")
+    a, b = _share_grid(arm, trunk, offset_s)
+    return TrunkRelative("sagittal plane only", len(a) / GRID_HZ, _find_percentiles(a - b))
+
+
+def _share_grid(first: Elevation, second: Elevation, offset_s: float) -> tuple[FloatVector, FloatVector]:
+    """Give both angles at the grid points at which both are valid, shapes (n,)."""
+    runs, others = ([filter_elevation(s) for s in arm.segments if len(s)] for arm in (first, second))
+    end_s = max((run.start_us / 1e6 + len(run) / run.rate_hz for run in runs), default=0.0)
+    time_s = np.arange(int(end_s * GRID_HZ)) / GRID_HZ
+    a, b = _read_at(runs, time_s), _read_at(others, time_s - offset_s)
+    known = np.isfinite(a) & np.isfinite(b)
+    if not known.any():
+        raise TooShort(s=0.0)
+    return a[known], b[known]
+
+
+def _read_at(runs: list[MetricAngle], time_s: FloatVector) -> FloatVector:
+    """Read at each time the angle of the row whose period holds it; NaN where none is valid."""
+    angle_deg = np.full(len(time_s), np.nan)
+    for run in runs:
+        rows = np.floor((time_s - run.start_us / 1e6) * run.rate_hz + 1e-6).astype(np.int64)
+        inside = (rows >= 0) & (rows < len(run))
+        rows = rows[inside]
+        angle_deg[inside] = np.where(run.valid[rows], run.elevation_deg[rows], np.nan)
+    return angle_deg
+
+
+def _describe(angle_deg: FloatVector) -> ArmShare:
+    above = {c: 100.0 * float(np.mean(angle_deg >= c)) for c in THRESHOLDS_DEG}
+    return ArmShare(_find_percentiles(angle_deg), above)
+
+
+def _find_percentiles(values: FloatVector) -> dict[int, float]:
+    return {p: float(value) for p, value in zip(PERCENTS, np.percentile(values, PERCENTS), strict=True)}
+
+
+def _divide(right: float, left: float) -> float | None:
+    return right / left if left > 0.0 else None

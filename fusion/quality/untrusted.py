@@ -1,0 +1,33 @@
+"""Where samples were recorded but the fusion did not trust their direction."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fusion.elevation import Elevation
+from fusion.exposure.rows import find_runs, find_touched_rows
+from fusion.quality.spans import flag_spans
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
+
+
+def flag_untrusted(
+    recording: Recording, elevation: Elevation, exclusions: Sequence[Span]
+) -> tuple[QualityFlag, ...]:
+    """Flag, with their times, the stretches that count as missing though samples are there.
+
+    ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
+    part of that hole, and what is excluded is not missing. Less than a second in all is not told.
+    """
+    bridged = {segment.start_us: segment.bridged for segment in recording.segments}
+    spans: list[Span] = []
+    for segment in elevation.segments:
+        doubted = ~segment.valid
+        for first, stop in bridged.get(segment.start_us, ()):
+            doubted[first:stop] = False
+        for span in exclusions:
+            doubted[find_touched_rows(segment, span.start_us, span.end_us)] = False
+        times_us = segment.start_us + np.rint(find_runs(doubted) * (MICROSECONDS / segment.rate_hz))
+        spans += [Span(int(a), int(b - a), "untrusted") for a, b in times_us]
+    if sum(span.duration_us for span in spans) < MICROSECONDS:
+        return ()
+    return flag_spans("W-UNTRUSTED", spans)

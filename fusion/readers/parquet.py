@@ -1,0 +1,151 @@
+"""Parquet tables with columns named as in our CSV: `time_us` or `time_s`, `acc_x_g`, ..., `gyr_z_dps`."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
+from fusion.readers.columns import (
+    TIME_UNITS_EXPONENT,
+    Column,
+    acc_scale_g,
+    choose_vector,
+    gyr_scale_dps,
+    understand_column,
+)
+from fusion.readers.samples import SampleColumns
+from fusion.readers.segments import cut_counted, cut_stamped
+from fusion.readers.source import Source
+from fusion.readers.text_kernel import LARGEST_VALUE
+from fusion.readers.timing import datetime_at_us, is_clock_set
+from fusion.recording import QualityFlag, Recording
+
+MAGIC = b"PAR1"
+BATCH_ROWS = 65_536
+MAX_RATIO = 400
+FREE_BYTES = 16 << 20
+ROW_BYTES = 32
+"""Decoded; a table of few distinct values packs well, but not without limit."""
+
+
+def recognise(source: Source) -> bool:
+    """Whether the bytes begin as Parquet does."""
+    return source.head.startswith(MAGIC)
+
+
+def read(source: Source, rate_hz: float | None = None) -> Recording:
+    """Read a Parquet table.
+
+    Raises
+    ------
+    DamagedFile
+        Parquet's own reader refuses it.
+    NoGyroscope, UnknownColumns, UnsafeArchive, TooShort
+    fusion.errors.UnusableTime, fusion.errors.UnknownRate
+    """
+    try:
+        table = pq.ParquetFile(source.file)
+        chosen = _choose_columns(table.schema_arrow)
+        columns, absent = _gather(table, chosen, source.size_bytes)
+    except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
+        raise DamagedFile from error
+    if columns.rows == 0:
+        raise TooShort(s=0.0)
+    return _build(columns, chosen, absent, rate_hz)
+
+
+def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
+    """Time, if there is one, then acceleration and angular rate x, y, z."""
+    columns = tuple(understand_column(name) for name in schema.names)
+    acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
+    if acc is None or gyr is None:
+        if acc is not None and not any(column.channel == "gyr" for column in columns):
+            raise NoGyroscope
+        raise UnknownColumns(list=", ".join(schema.names)[:200])
+    stamps = [
+        column
+        for column, kind in zip(columns, schema.types, strict=True)
+        if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
+    ]
+    return (*stamps[:1], *(columns[place] for place in (*acc, *gyr)))
+
+
+def _gather(table: pq.ParquetFile, chosen: Sequence[Column], size_bytes: int) -> tuple[SampleColumns, int]:
+    """Read batch by batch; rows with a value that is absent or not finite are counted and left out."""
+    columns = SampleColumns()
+    seen = absent = 0
+    for values, stamps in _read_batches(table, chosen):
+        rows = len(values)
+        if (seen + rows) * ROW_BYTES > max(FREE_BYTES, MAX_RATIO * size_bytes):
+            raise UnsafeArchive(reason="ratio", limit=MAX_RATIO)
+        kept = (np.abs(values) < LARGEST_VALUE).all(axis=1)  # false for what is not a number, too
+        columns.make_room(int(kept.sum()))
+        place = slice(columns.rows, columns.rows + int(kept.sum()))
+        columns.acc[place], columns.gyr[place] = values[kept, :3], values[kept, 3:]
+        columns.stamps[place] = (np.arange(seen, seen + rows) if stamps is None else stamps)[kept]
+        columns.rows = place.stop
+        seen, absent = seen + rows, absent + rows - columns.rows + place.start
+    columns.trim()
+    return columns, absent
+
+
+def _read_batches(
+    table: pq.ParquetFile, chosen: Sequence[Column]
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64] | None]]:
+    """Values in g and deg/s, shape (n, 6), and stamps in microseconds where there are any."""
+    for batch in table.iter_batches(BATCH_ROWS, columns=[column.name for column in chosen]):
+        vectors = [batch.column(column.name).cast(pa.float64()) for column in chosen[-6:]]
+        values = np.stack([vector.to_numpy(zero_copy_only=False) for vector in vectors], axis=1)
+        values[:, :3] *= acc_scale_g(chosen[-6].unit) or 1.0
+        values[:, 3:] *= gyr_scale_dps(chosen[-3].unit) or 1.0
+        stamps = _to_microseconds(batch.column(chosen[0].name), chosen[0]) if len(chosen) == 7 else None
+        yield values, stamps
+
+
+def _to_microseconds(stamps: pa.Array, column: Column) -> NDArray[np.int64]:
+    if stamps.null_count:
+        raise DamagedFile
+    if pa.types.is_timestamp(stamps.type):
+        micros = stamps.cast(pa.timestamp("us", tz=stamps.type.tz), safe=False)
+        return np.asarray(micros.cast(pa.int64()).to_numpy(zero_copy_only=False), np.int64)
+    exponent = TIME_UNITS_EXPONENT[column.unit or "us"]
+    if pa.types.is_integer(stamps.type) and exponent >= 0:
+        whole: NDArray[np.int64] = stamps.cast(pa.int64()).to_numpy() * np.int64(10**exponent)
+        return whole
+    seconds = stamps.cast(pa.float64()).to_numpy(zero_copy_only=False)
+    rounded: NDArray[np.int64] = np.rint(seconds * 10.0**exponent).astype(np.int64)
+    return rounded
+
+
+def _build(columns: SampleColumns, chosen: Sequence[Column], absent: int, rate_hz: float | None) -> Recording:
+    has_time = len(chosen) == 7
+    n_rows, first_us = columns.rows, int(columns.stamps[0])
+    if not has_time and rate_hz is None:
+        raise UnknownRate(h="-", m="-")
+    grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
+    is_calendar = has_time and chosen[0].unit is None
+    start = datetime_at_us(first_us) if is_calendar else None
+    is_set = start is not None and is_clock_set(start)
+    flags = grid.flags if absent == 0 else (QualityFlag("W-NAN", absent), *grid.flags)
+    if is_calendar and not is_set:
+        flags += (QualityFlag("W-CLOCK-UNSET"),)
+    return Recording(
+        device="other",
+        sha256="",
+        start=start if is_set else None,
+        time_zone=None,
+        duration_us=grid.duration_us,
+        segments=grid.segments,
+        flags=flags,
+        understood={
+            "layout": "Parquet",
+            "columns": ", ".join(column.name for column in chosen),
+            "acceleration_unit": chosen[-6].unit or "",
+            "angular_rate_unit": chosen[-3].unit or "",
+            "jitter_us": f"{grid.jitter_us:.1f}",
+            "samples": str(n_rows),
+        },
+    )

@@ -1,0 +1,161 @@
+"""Stamps that need mending before they are cut into segments: rows out of order, stamps too coarse, a clock
+that followed daylight saving.
+"""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.readers.samples import SampleColumns
+from fusion.readers.timing import datetime_at_us
+from fusion.recording import MICROSECONDS, QualityFlag
+
+LONGEST_DELAY_US = MICROSECONDS
+"""A row that comes later than this is no late row: its clock was set."""
+LONGEST_WINDOW_ROWS = 8192
+EVEN_STEP = 0.4
+"""Sorted rows lie at least so many periods apart, else two runs of samples would be mixed."""
+COARSE_ROWS = 4.0
+"""Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
+FULL_RUN = 0.1
+HOUR_US = 3600 * MICROSECONDS
+CHANGE_HOURS = (1, 2, 3)
+"""Hours of the wall clock at which a country's clocks change."""
+CHANGE_MONTHS = (3, 4, 9, 10, 11)
+SUNDAY = 6
+
+
+@njit(cache=True, nogil=True)
+def find_late_window(stamps: NDArray[np.int64], row: int) -> tuple[int, int]:
+    """The rows among which ``row`` and what follows it belong: first, and first after; (row, row): none."""
+    highest = stamps[row - 1]
+    if highest - stamps[row] > LONGEST_DELAY_US:
+        return row, row
+    first = row - 1
+    while first > 0 and stamps[first - 1] > stamps[row]:
+        first -= 1
+    stop = row
+    while stop < len(stamps) and stamps[stop] < highest:
+        if stop - first > LONGEST_WINDOW_ROWS:
+            return row, row
+        stop += 1
+    return first, stop
+
+
+@njit(cache=True, nogil=True)
+def is_even(
+    stamps: NDArray[np.int64], order: NDArray[np.int64], window: tuple[int, int], least: float
+) -> bool:
+    """Whether the sorted window and its neighbours are never closer than ``least``."""
+    first, stop = window
+    before = stamps[first - 1] if first > 0 else stamps[first + order[0]] - 2 * np.int64(least) - 1
+    for k in order:
+        if stamps[first + k] - before < least:
+            return False
+        before = stamps[first + k]
+    return stop == len(stamps) or stamps[stop] - before >= least
+
+
+@njit(cache=True, nogil=True)
+def sort_windows(
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], least_us: float
+) -> int:
+    """Put rows that came late into their place, in place; return how many came late."""
+    late = 0
+    row = 1
+    while row < len(stamps):
+        if stamps[row] >= stamps[row - 1]:
+            row += 1
+            continue
+        first, stop = find_late_window(stamps, row)
+        if stop > first:
+            order = np.argsort(stamps[first:stop], kind="mergesort")
+            if is_even(stamps, order, (first, stop), least_us):
+                late += stop - row
+                stamps[first:stop] = stamps[first:stop][order]
+                acc[first:stop] = acc[first:stop][order]
+                gyr[first:stop] = gyr[first:stop][order]
+                row = stop
+                continue
+        row += 1
+    return late
+
+
+def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFlag, ...]:
+    """Sort rows that came at most a second late; whatever is more is a clock that was set."""
+    late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP * period_us)
+    return (QualityFlag("W-ORDER", late),) if late else ()
+
+
+@njit(cache=True, nogil=True)
+def spread_runs(stamps: NDArray[np.int64], edges: NDArray[np.int64], step_us: float, usual: float) -> None:
+    """Place the rows of each run of equal stamps evenly over the time until the next stamp, in place."""
+    for run in range(len(edges) - 1):
+        first, stop = edges[run], edges[run + 1]
+        rows = stop - first
+        length_us = step_us
+        if stop < len(stamps) and 0 < stamps[stop] - stamps[first] < 1.5 * step_us:
+            length_us = float(stamps[stop] - stamps[first])
+        is_full = abs(rows - usual) <= FULL_RUN * usual
+        share_us = length_us / (rows if is_full or rows > usual else usual)
+        late = usual - rows if run == 0 and rows < usual else 0.0  # began in the middle of its stamp
+        base = stamps[first]
+        for k in range(rows):
+            stamps[first + k] = base + np.int64(np.round((k + late) * share_us))
+
+
+@njit(cache=True, nogil=True)
+def count_runs(stamps: NDArray[np.int64]) -> int:
+    """How many runs of equal stamps there are."""
+    runs = 1
+    for k in range(1, len(stamps)):
+        runs += int(stamps[k] != stamps[k - 1])
+    return runs
+
+
+def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
+    """Give the rows that share a stamp (whole seconds, say) times of their own, in place.
+
+    The n rows of a second T lie at T + k/n, as those of a `.gt3x` do; where clearly fewer than usual share a
+    stamp, they keep the usual distance and the rest is a hole.
+    """
+    if count_runs(stamps) < 3 or len(stamps) < COARSE_ROWS * count_runs(stamps):
+        return ()
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps)) + 1, [len(stamps)]])
+    counts = np.diff(edges)
+    steps = np.diff(stamps[edges[:-1]])
+    if not np.any(steps > 0):
+        return ()
+    spread_runs(stamps, edges.astype(np.int64), float(np.median(steps[steps > 0])), float(np.median(counts)))
+    return (QualityFlag("W-JITTER"),)
+
+
+def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
+    """Take an hour's step out of wall-clock stamps where the clocks were changed, in place.
+
+    Only a step of exactly one hour on a Sunday of spring or autumn, at a full hour of the night, with no row
+    missing, is taken for that. The stamps go on by the clock of the first row.
+    """
+    steps = np.diff(stamps)
+    usual = float(np.median(steps[:4096])) if len(steps) else 0.0
+    places = np.flatnonzero(np.abs(np.abs(steps - usual) - HOUR_US) <= max(1.5 * usual, 1.0))
+    flags: tuple[QualityFlag, ...] = ()
+    for place in places.tolist():
+        step_us = int(steps[place])
+        if not _is_change(int(stamps[place]) + round(usual)):
+            continue
+        at_s = float(stamps[place + 1] - np.sign(step_us) * HOUR_US - stamps[0]) / MICROSECONDS
+        stamps[place + 1 :] -= np.int64(np.sign(step_us) * HOUR_US)
+        flags += (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": int(np.sign(step_us)) * 3600}),)
+    return flags
+
+
+def _is_change(unix_us: int) -> bool:
+    """Whether clocks may change at this reading of the wall clock, give or take a second."""
+    moment = datetime_at_us(unix_us + MICROSECONDS // 2)
+    if moment is None:
+        return False
+    is_full_hour = (moment.minute, moment.second) == (0, 0) and moment.hour in CHANGE_HOURS
+    return is_full_hour and moment.weekday() == SUNDAY and moment.month in CHANGE_MONTHS

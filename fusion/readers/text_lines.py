@@ -1,0 +1,93 @@
+"""The hot path of every text layout, in the large: whole lines of bytes to float32 columns."""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.readers.text_kernel import (
+    BLANKS,
+    COUNTER,
+    HEADERS,
+    LINES,
+    PAUSE,
+    SAMPLES,
+    Rules,
+    Values,
+    is_blank,
+    keep_row,
+    next_line,
+    note_loss,
+    starts_with,
+    take_row,
+)
+from fusion.readers.text_numbers import NUMBER, SPACE
+from fusion.readers.text_plain import take_plain_rows
+from fusion.readers.text_words import find_marks
+
+Piece = tuple[NDArray[np.uint8], int, int, NDArray[np.int32]]
+"""Buffer; first byte of the first line; first byte after the last one; room for the field ends."""
+SHORTEST_RUN, LONGEST_RUN = 1, 1024
+"""Lines that are tried together on the plain path; few enough that they stay in the processor's cache."""
+
+
+@njit(cache=True, nogil=True)
+def parse_line(
+    piece: Piece, place: tuple[int, int], rules: Rules, values: Values, tally: NDArray[np.int64]
+) -> tuple[int, int]:
+    """Read one line of any form with care; return the first byte after it and how many rows it gave.
+
+    ``place``: first byte of the line; its row.
+    """
+    buffer = piece[0]
+    at, row = place
+    header, targets, _, signs, scales = rules
+    acc, gyr, stamps = values
+    is_header = starts_with(buffer, at, header)
+    if is_header or is_blank(buffer, at, signs[0]):
+        tally[HEADERS if is_header else BLANKS] += 1
+        tally[SAMPLES] += PAUSE
+        return next_line(buffer, at), 0
+    fields = np.zeros(7)
+    at, kind = take_row(buffer, at, (targets, signs), fields, stamps[row:])
+    if signs[2] == COUNTER:
+        stamps[row] = tally[SAMPLES]
+    tally[SAMPLES] += 1
+    if kind == NUMBER:
+        keep_row(fields, scales, acc, gyr, row)
+    else:
+        note_loss(kind, tally)
+    return next_line(buffer, at), int(kind == NUMBER)
+
+
+@njit(cache=True, nogil=True)
+def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDArray[np.int64]) -> int:
+    """Read all lines of a piece into the columns from ``row`` on; return the first row not filled.
+
+    Runs of lines are first tried on the plain path; the line at which it stops is read with care, so that
+    the plain path decides nothing but the time it takes. Runs that succeed grow, so that the work stays
+    linear where few lines are plain.
+    """
+    buffer, at, stop, marks = piece
+    may_be_plain = rules[3][0] != SPACE and rules[2][1:].min() >= 0
+    n_marks = find_marks(buffer, at, stop, rules[3][0], marks) if may_be_plain else 0
+    mark = 0
+    run = SHORTEST_RUN
+    while at < stop:
+        rows, used = take_plain_rows(buffer, marks[mark:n_marks], rules, values, (row, run, tally[SAMPLES]))
+        if rows > 0:
+            tally[LINES] += rows
+            tally[SAMPLES] += rows
+            row += rows
+            mark += used
+            at = np.int64(marks[mark]) + 1
+            run = min(2 * run, LONGEST_RUN)
+            continue
+        tally[LINES] += 1
+        at, kept = parse_line(piece, (at, row), rules, values, tally)
+        row += kept
+        while mark + 1 < n_marks and marks[mark + 1] < at:
+            mark += 1
+        run = SHORTEST_RUN
+    return row

@@ -1,0 +1,66 @@
+"""Clocks that follow a zone: the offset at the first sample, and whether it changed before the last.
+
+Only files that count UTC and name their zone are concerned; a device's own wall clock is never converted.
+"""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, timezone
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from fusion.recording import QualityFlag
+
+WINDOWS_ZONES = {
+    "Eastern Time (US": "America/Toronto",
+    "Atlantic Time (Canada)": "America/Halifax",
+    "Newfoundland": "America/St_Johns",
+    "Central Time (US": "America/Winnipeg",
+    "Mountain Time (US": "America/Edmonton",
+    "Pacific Time (US": "America/Vancouver",
+    "Dublin, Edinburgh, Lisbon, London": "Europe/London",
+    "Brussels, Copenhagen, Madrid, Paris": "Europe/Paris",
+    "Amsterdam, Berlin, Bern, Rome, Stockholm, Vienna": "Europe/Berlin",
+}
+"""Parts of Windows' display names, as ActiGraph's METADATA records hold them."""
+
+
+@dataclass(frozen=True, slots=True)
+class FollowedZone:
+    """The wall clock at the first sample, and the change of its offset during the recording, if any."""
+
+    start: datetime
+    flags: tuple[QualityFlag, ...]
+
+
+def find_zone(display_name: str) -> ZoneInfo | None:
+    """The zone that a Windows display name speaks of; None where it is not known here."""
+    keys = [key for part, key in WINDOWS_ZONES.items() if part in display_name]
+    try:
+        return ZoneInfo(keys[0]) if keys else None
+    except ZoneInfoNotFoundError:
+        return None
+
+
+def follow_zone(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> FollowedZone:
+    """Give the start with the offset that the zone had then, and say if it changed until the end."""
+    first = datetime.fromtimestamp(first_unix_s, UTC).astimezone(zone)
+    before, after = (
+        datetime.fromtimestamp(unix_s, UTC).astimezone(zone).utcoffset() or timedelta()
+        for unix_s in (first_unix_s, first_unix_s + duration_s)
+    )
+    start = first.replace(tzinfo=timezone(before))
+    if before == after:
+        return FollowedZone(start, ())
+    at_s = _find_change_s(first_unix_s, duration_s, zone)
+    step_s = round((after - before).total_seconds())
+    return FollowedZone(start, (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": step_s}),))
+
+
+def _find_change_s(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> float:
+    """Halve the recording until the second of the change is found."""
+    low, high = 0, duration_s
+    before = datetime.fromtimestamp(first_unix_s, UTC).astimezone(zone).utcoffset()
+    while high - low > 1:
+        middle = (low + high) // 2
+        moment = datetime.fromtimestamp(first_unix_s + middle, UTC).astimezone(zone)
+        low, high = (middle, high) if moment.utcoffset() == before else (low, middle)
+    return float(high)

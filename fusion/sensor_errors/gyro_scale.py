@@ -1,0 +1,149 @@
+"""Scale of the gyroscope's axes, from how the arm turned between one still moment and the next.
+
+At rest the accelerometer alone tells the vertical. Carried from one still moment to the next by the
+gyroscope, it should arrive where the next one has it; what is missing is linear in the scale errors (and in
+the axes' misalignment, which is fitted beside them and not applied). Unlike the motion windows, still moments
+carry no acceleration of the arm's own, which would pass for a scale error of up to 0.5 %.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection
+from fusion.sensor_errors.bias_track import GyroBias
+from fusion.sensor_errors.nodes import Nodes
+from fusion.sensor_errors.rotation import RADIANS, carry, turn_factors
+from fusion.sensor_errors.stillness import QuietTable
+
+Table = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class GyroScaleSettings:
+    """How scale is sought, and when it is believed.
+
+    Still moments up to ``longest_s`` apart are compared. ``scale`` and ``misalignment`` are the standard
+    deviations expected of parts; ``still_g``, ``bias_dps`` and ``turn_share`` the error of a vertical at
+    rest, of the bias, and for each radian turned. The scale is applied only where its standard error is under
+    ``believed_error`` on every axis and all of it is within ``most``; otherwise it stays 1. Of more than
+    ``most_pairs`` in a run, as many are taken at even steps.
+    """
+
+    longest_s: float = 40.0
+    scale: float = 0.01
+    misalignment: float = 0.003
+    still_g: float = 0.004
+    bias_dps: float = 0.03
+    turn_share: float = 0.0005
+    believed_error: float = 0.002
+    most: float = 0.03
+    most_pairs: int = 2000
+    rounds: int = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroScale:
+    """True rate = ``scale`` (3,) times the measured one; ``error`` (3,) standard error; ``pairs`` used."""
+
+    scale: Table
+    error: Table
+    pairs: int = 0
+
+
+def leave_gyro_scale() -> GyroScale:
+    """No correction."""
+    return GyroScale(np.ones(3), np.full(3, GyroScaleSettings().scale))
+
+
+def estimate_gyro_scale(
+    nodes: Sequence[Nodes],
+    stills: QuietTable,
+    bias: GyroBias,
+    accelerometer: AccelerometerCorrection,
+    settings: GyroScaleSettings | None = None,
+) -> GyroScale:
+    """Compare successive still moments; ``nodes`` with some bias taken off, ``bias`` the true one."""
+    settings = settings or GyroScaleSettings()
+    up = accelerometer.apply(stills.gravity_g)
+    up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+    parts = [_compare_in_run(run, stills.middle_s, up, bias, settings) for run in nodes]
+    slope, miss, variance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if len(miss) == 0:
+        return leave_gyro_scale()
+    solution, error = _fit(slope, miss, variance, settings)
+    believed = error.max() < settings.believed_error and np.abs(solution).max() < settings.most
+    if not believed:
+        return leave_gyro_scale()
+    return GyroScale(1.0 + solution, error, len(miss))
+
+
+def _compare_in_run(
+    nodes: Nodes, middle_s: Table, up: Table, bias: GyroBias, settings: GyroScaleSettings
+) -> tuple[Table, Table, Table]:
+    """Slopes (w, 3, 9), misses (w, 3) and variances (w,) of the pairs of still moments inside a run."""
+    place = np.round((middle_s - nodes.start_s) / nodes.period_s).astype(np.int64)
+    inside = np.flatnonzero((place >= 0) & (place < len(nodes.acc_g)))
+    gap_s = np.diff(middle_s[inside])
+    near = np.flatnonzero(gap_s < settings.longest_s)
+    near = near[:: -(-len(near) // settings.most_pairs) or 1]
+    first, second = inside[near], inside[near + 1]
+    left_rad = bias.at(middle_s[first] + gap_s[near] / 2.0) * RADIANS - nodes.bias_rad[place[first]]
+    slope, miss, turned = _carry_between(
+        nodes.turn_rad, left_rad * nodes.period_s, place[first], place[second], up[first], up[second]
+    )
+    variance = settings.still_g**2 + (np.radians(settings.bias_dps) * gap_s[near]) ** 2
+    return slope, miss, variance + (settings.turn_share * turned) ** 2
+
+
+def _fit(slope: Table, miss: Table, variance: Table, settings: GyroScaleSettings) -> tuple[Table, Table]:
+    """Damped least squares with Cauchy weights; the three scales less one, and their standard errors."""
+    diagonal = np.eye(3, dtype=bool).ravel()
+    prior = np.where(diagonal, settings.scale, settings.misalignment) ** -2.0
+    weight, solution, normal = 1.0 / variance, np.zeros(9), np.diag(prior)
+    for _ in range(settings.rounds):
+        normal = np.einsum("w,wij,wik->jk", weight, slope, slope, optimize=True) + np.diag(prior)
+        solution = np.linalg.solve(normal, np.einsum("w,wij,wi->j", weight, slope, miss, optimize=True))
+        square = ((miss - slope @ solution) ** 2).sum(axis=1)
+        excess = max(1.0, float(np.median(square / variance)) / 1.4)
+        weight = 1.0 / (excess * variance * (1.0 + square / (5.7 * excess * variance)))
+    error = np.sqrt(np.diag(np.linalg.inv(normal)))
+    return solution[diagonal], error[diagonal]
+
+
+@njit(cache=True, nogil=True)
+def _carry_between(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    turns: Any, left: Any, first: Any, second: Any, up_first: Any, up_second: Any
+) -> tuple[Any, Any, Any]:  # pragma: no cover
+    """Carry the later vertical back to the earlier one, in the earlier one's frame, for each pair.
+
+    ``left`` (w, 3) is the rotation of each step that is bias still.
+    Column 3 j + k of the slopes: what a share of the rate about axis k that shows on axis j does.
+    """
+    slope, miss, turned = np.zeros((len(first), 3, 9)), np.zeros((len(first), 3)), np.zeros(len(first))
+    for w in range(len(first)):
+        frame, drift = np.eye(3), np.zeros((3, 9))
+        for row in range(first[w] + 1, second[w] + 1):
+            turn = (turns[row, 0] - left[w, 0], turns[row, 1] - left[w, 1], turns[row, 2] - left[w, 2])
+            factors = turn_factors(turn)
+            turned[w] += np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+            for i in range(3):
+                frame[i, 0], frame[i, 1], frame[i, 2] = carry(
+                    (frame[i, 0], frame[i, 1], frame[i, 2]), turn, factors
+                )
+                for j in range(3):
+                    for k in range(3):
+                        drift[i, 3 * j + k] -= frame[i, j] * turn[k]
+        x, y, z = up_first[w, 0], up_first[w, 1], up_first[w, 2]
+        for j in range(9):
+            slope[w, 0, j] = drift[1, j] * z - drift[2, j] * y
+            slope[w, 1, j] = drift[2, j] * x - drift[0, j] * z
+            slope[w, 2, j] = drift[0, j] * y - drift[1, j] * x
+        for i in range(3):
+            carried = frame[i, 0] * up_second[w, 0] + frame[i, 1] * up_second[w, 1]
+            miss[w, i] = carried + frame[i, 2] * up_second[w, 2] - up_first[w, i]
+    return slope, miss, turned

@@ -1,0 +1,65 @@
+"""Which quiet stretches could be the calibration pose, and how good each is."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.calibration_rules import OTHER_RULES, CalibrationRules
+from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise_windows
+
+Vector = NDArray[np.float64]
+
+
+def score_still_period(
+    duration_s: float, acc_sd_g: float, gravity_g: Vector, rules: CalibrationRules = OTHER_RULES
+) -> float:
+    """Grade a still period, 0 to 1: the product of how still, how near 1 g and how long.
+
+    Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a
+    half at the limit, not below 0. Long: ``duration / 5 s``, at most 1.
+    """
+    still = 1.0 / (1.0 + (acc_sd_g / rules.quiet_acc_sd_g) ** 2)
+    near = max(0.0, 1.0 - abs(float(np.linalg.norm(gravity_g)) - 1.0) / (2.0 * rules.one_g_within))
+    return still * near * min(1.0, duration_s / rules.length_s)
+
+
+def find_quiet_windows(blocks: list[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
+    """Windows of the length a pose is held for that are still and near 1 g."""
+    table = summarise_windows(blocks, rules.length_s)
+    off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
+    return table.select(
+        (table.acc_sd_g < rules.quiet_acc_sd_g)
+        & (table.gyro_sd_dps < rules.quiet_gyro_sd_dps)
+        & (off < rules.one_g_within)
+    )
+
+
+def join_stretches(quiet: QuietTable, rules: CalibrationRules) -> tuple[NDArray[np.intp], Vector]:
+    """First window and end of each stretch of overlapping quiet windows; a long one ends after 10 s."""
+    breaks = np.flatnonzero(np.diff(quiet.start_s) > quiet.duration_s) + 1
+    first = np.concatenate([np.zeros(1, dtype=np.intp), breaks])
+    last = np.concatenate([breaks - 1, [len(quiet) - 1]])
+    end_s = quiet.start_s[last] + quiet.duration_s
+    return first, np.minimum(end_s, quiet.start_s[first] + rules.longest_proposal_s)
+
+
+def rank_stretches(windows: QuietTable, end_s: Vector, rules: CalibrationRules) -> Vector:
+    """The product that ``propose_still_periods`` describes, from the first window of each stretch."""
+    scores = [
+        score_still_period(windows.duration_s, float(sd), gravity, rules)
+        for sd, gravity in zip(windows.acc_sd_g, windows.gravity_g, strict=True)
+    ]
+    good = np.minimum(1.0, np.array(scores) / rules.good_score)
+    early = 1.0 / (1.0 + windows.start_s / rules.early_s)
+    agreement = _agree(windows.gravity_g, end_s - windows.start_s, rules.same_direction_deg)
+    agreed = np.minimum(1.0, agreement / (rules.good_agreement * agreement.max()))
+    return np.asarray(good * early * agreed)
+
+
+def _agree(gravity_g: Vector, seconds: Vector, within_deg: float) -> Vector:
+    """Seconds of stillness near each direction; counted in cells of 5 deg, so that a long day stays cheap."""
+    unit = gravity_g / np.linalg.norm(gravity_g, axis=1, keepdims=True)
+    _, rows, cell = np.unique(np.round(unit / 0.09), axis=0, return_index=True, return_inverse=True)
+    cell = cell.ravel()
+    in_cell = np.bincount(cell, weights=seconds)
+    near = unit[rows] @ unit[rows].T >= np.cos(np.radians(within_deg))
+    return np.asarray((near @ in_cell)[cell])

@@ -1,0 +1,277 @@
+"""Bad `.gt3x` files: RELIABILITY.md §1.3 A (container), B (records) and C (info.txt and time)."""
+
+import io
+import struct
+import warnings
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+
+import numpy as np
+
+from tests.badfiles.arm import Matrix, minute
+from tests.fusion.gt3x_builder import INFO, T0, record, schema, ssp
+
+SECONDS = range(60)
+YEAR_S = 366 * 86_400
+ACC_DIVISOR, GYR_DIVISOR = 2048.0, 16.384
+
+
+def rows_of(acc_g: Matrix, gyr_dps: Matrix) -> bytes:
+    """Rows of 21 bytes as a Link writes them."""
+    table = np.zeros(len(acc_g), np.dtype([("a", ">i2", 3), ("t", ">i2"), ("g", ">i2", 3), ("m", "V7")]))
+    table["a"] = np.clip(np.rint(acc_g * ACC_DIVISOR), -32768, 32767)
+    table["g"] = np.clip(np.rint(gyr_dps * GYR_DIVISOR), -32768, 32767)
+    return table.tobytes()
+
+
+@cache
+def second(number: int, stamp: int | None = None, n_rows: int = 100, schema_id: int = 1) -> bytes:
+    """The record of one second of the minute; ``n_rows`` other than 100 drops or repeats the last row."""
+    acc_g, gyr_dps = minute()
+    places = np.minimum(np.arange(n_rows), 99) + 100 * (number % 60)
+    payload = struct.pack("<H", schema_id) + rows_of(acc_g[places], gyr_dps[places])
+    return record(25, T0 + (number if stamp is None else stamp), payload)
+
+
+def seconds(numbers: Iterable[int] = SECONDS) -> bytes:
+    return b"".join(second(number) for number in numbers)
+
+
+SCHEMA = record(24, T0, schema())
+LOG = SCHEMA + seconds()
+
+
+def pack(log: bytes, info: str | bytes = INFO, compression: int = zipfile.ZIP_STORED) -> bytes:
+    return archive({"log.bin": log, "info.txt": info}, compression)
+
+
+def archive(members: Mapping[str, bytes | str], compression: int = zipfile.ZIP_STORED) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", compression) as zipped:
+        for name, content in members.items():
+            zipped.writestr(name, content)
+    return file.getvalue()
+
+
+def spoil(log: bytes, at: int, *values: int) -> bytes:
+    return log[:at] + bytes(values) + log[at + len(values) :]
+
+
+def start_of(number: int) -> int:
+    return LOG.index(second(number))
+
+
+# ------------------------------------------------------------------ A. container
+
+
+def cut_in_half() -> bytes:
+    return pack(LOG)[: len(pack(LOG)) // 2]
+
+
+def index_lost() -> bytes:
+    return pack(LOG)[:-22]
+
+
+def deflate_flipped() -> bytes:
+    content = pack(LOG, compression=zipfile.ZIP_DEFLATED)
+    return spoil(content, 20_000, content[20_000] ^ 0x55)
+
+
+def doubled_log() -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as zipped, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, content in (("log.bin", LOG), ("log.bin", b""), ("info.txt", INFO.encode())):
+            zipped.writestr(name, content)
+    return file.getvalue()
+
+
+def with_member(name: str, link: bool = False) -> bytes:
+    file = io.BytesIO(pack(LOG))
+    member = zipfile.ZipInfo(name)
+    member.filename = name
+    member.external_attr = (0o120777 if link else 0o644) << 16
+    with zipfile.ZipFile(file, "a") as zipped:
+        zipped.writestr(member, b"x")
+    return file.getvalue()
+
+
+def many_members() -> bytes:
+    return archive({"log.bin": LOG, "info.txt": INFO, **{f"m{k}": b"" for k in range(200)}})
+
+
+def zip_bomb() -> bytes:
+    return pack(bytes(64 << 20), compression=zipfile.ZIP_DEFLATED)
+
+
+def lying_index() -> bytes:
+    """The index says 1000 bytes where the member unpacks to many more."""
+    content = bytearray(pack(LOG, compression=zipfile.ZIP_DEFLATED))
+    index = content.index(b"PK\x01\x02")
+    struct.pack_into("<I", content, index + 24, 1000)
+    return bytes(content)
+
+
+def encrypted() -> bytes:
+    content = bytearray(pack(LOG))
+    content[content.index(b"PK\x01\x02") + 8] |= 1
+    content[6] |= 1
+    return bytes(content)
+
+
+def strange_compression() -> bytes:
+    return archive({"log.bin": LOG, "info.txt": INFO}, zipfile.ZIP_LZMA)
+
+
+def zip_in_zip() -> bytes:
+    return archive({"shift.gt3x": pack(LOG)})
+
+
+# ------------------------------------------------------------------ B. records
+
+
+def replaced(number: int, instead: bytes) -> Callable[[], bytes]:
+    return lambda: pack(LOG.replace(second(number), instead))
+
+
+def cut_in_a_record() -> bytes:
+    return pack(LOG[:-700])
+
+
+def wrong_checksum() -> bytes:
+    at = start_of(21) - 1
+    return pack(spoil(LOG, at, LOG[at] ^ 0xFF))
+
+
+def wrong_checksum_in_sleep() -> bytes:
+    """The last record of an idle sleep is damaged and its stamp must not count."""
+    asleep = record(3, T0 + 20, b"\x08") + spoil(record(2, T0 + 5000, b"\0\0"), 10, 0xEE)
+    return pack(SCHEMA + seconds(range(20)) + asleep + record(3, T0 + 30, b"\x09") + seconds(range(30, 60)))
+
+
+def broken_separator() -> bytes:
+    return pack(spoil(LOG, start_of(20), 0x1F))
+
+
+def size_says_60000() -> bytes:
+    return pack(spoil(LOG, start_of(20) + 6, 0x60, 0xEA))
+
+
+def block_of_zeros() -> bytes:
+    return pack(spoil(LOG, start_of(20) + 100, *bytes(4096)))
+
+
+def block_of_another_file() -> bytes:
+    text = (b"the quick brown fox jumps over the lazy dog. " * 100)[:4096]
+    return pack(spoil(LOG, start_of(20) + 100, *text))
+
+
+def without_a_stretch() -> bytes:
+    return pack(SCHEMA + seconds(range(20)) + b"".join(second(k, stamp=k + 60) for k in range(20, 60)))
+
+
+def three_days() -> bytes:
+    """Twenty seconds, 22 hours of nothing, twenty seconds, and again."""
+    return pack(SCHEMA + b"".join(second(k % 20, stamp=k + k // 20 * 22 * 3600) for k in SECONDS))
+
+
+def clock_back() -> bytes:
+    return pack(SCHEMA + seconds(range(20)) + b"".join(second(k, stamp=k - 3600) for k in range(20, 60)))
+
+
+def never_set(first_unix_s: int) -> Callable[[], bytes]:
+    stamps = {k: first_unix_s - T0 + k for k in SECONDS}
+    return lambda: pack(SCHEMA + b"".join(second(k, stamp=stamps[k]) for k in SECONDS))
+
+
+def asleep(first: int, stop: int, *, leaves: bool = True) -> Callable[[], bytes]:
+    """Idle sleep from one second to another, with no samples in between."""
+
+    def make() -> bytes:
+        log = SCHEMA + seconds(range(first)) + record(3, T0 + first, b"\x08")
+        if not leaves:
+            return pack(log + record(2, T0 + stop, b"\x68\x10"))
+        return pack(log + record(3, T0 + stop, b"\x09") + seconds(range(stop, 60)))
+
+    return make
+
+
+def forged_sleep() -> bytes:
+    return pack(LOG + record(3, T0 + 30, b"\x08") + record(3, T0 + 200_000, b"\x09"))
+
+
+def odd_records() -> bytes:
+    odd = record(77, T0, b"?") + record(4, T0, b"\x01") + record(2, T0, b"") + record(13, T0, b"\xff" * 3)
+    return pack(SCHEMA + odd + seconds())
+
+
+def million_records(kind: int, payload: bytes, count: int) -> bytes:
+    return pack(SCHEMA + record(kind, T0, payload) * count + seconds(), compression=zipfile.ZIP_DEFLATED)
+
+
+def primary_only() -> bytes:
+    return pack(b"".join(record(26, T0 + k, bytes(540)) for k in SECONDS))
+
+
+def schema_late() -> bytes:
+    return pack(seconds(range(5)) + SCHEMA + seconds(range(5, 60)))
+
+
+def schema_changed() -> bytes:
+    """From second 30 on the same readings are written with another schema id."""
+    later = b"".join(second(k, schema_id=2) for k in range(30, 60))
+    return pack(SCHEMA + seconds(range(30)) + record(24, T0 + 30, schema(schema_id=2)) + later)
+
+
+def strange_column() -> bytes:
+    """A column of 8 bits that nobody knows stands where padding was."""
+    content = bytearray(schema())
+    content[-16:] = b"Barometer       "
+    return pack(record(24, T0, bytes(content)) + seconds())
+
+
+def primary(number: int, acc_g: float) -> bytes:
+    """A second of the primary accelerometer, 100 rows of int16 at 256 per g."""
+    turned, _ = minute()
+    rows = turned[100 * number : 100 * number + 100] * acc_g
+    return record(26, T0 + number, np.rint(rows * 256).astype("<i2").tobytes())
+
+
+def with_primary(acc_g: float = 1.0) -> bytes:
+    return SCHEMA + b"".join(primary(k, acc_g) + second(k) for k in SECONDS)
+
+
+def flat_battery() -> bytes:
+    return pack(LOG + record(2, T0 + 59, struct.pack("<H", 3300)))
+
+
+def with_info(info: str | bytes, log: bytes = LOG) -> Callable[[], bytes]:
+    return lambda: pack(log, info)
+
+
+def utc_log(first_unix_s: int, name: str) -> bytes:
+    """A CentrePoint log of an hour in minutes: counts UTC and names its zone."""
+    metadata = f'{{"MetadataType":"Device","UsedUtc":true,"UtcOffset":"-04:00:00","Name":"{name}"}}'
+    stamped = b"".join(second(k, stamp=first_unix_s - T0 + k) for k in range(3660))
+    return SCHEMA + record(6, first_unix_s, metadata.encode()) + stamped
+
+
+def scale_zero() -> bytes:
+    return pack(record(24, T0, schema(acc_divisor=0.0)) + seconds())
+
+
+def eight_bits() -> bytes:
+    """The accelerometer in 8 bits of 1/16 g, the gyroscope in 16: read as the schema says."""
+    columns = b""
+    for channel, base, bits, divisor in (("Accelerometer", 0, 8, 16.0), ("Gyroscope", 24, 16, GYR_DIVISOR)):
+        for axis, letter in enumerate("XYZ"):
+            label = f"{channel} {letter}".ljust(16).encode()
+            columns += struct.pack("<3BI", 3, base + bits * axis, bits, ssp(divisor)) + label
+    acc_g, gyr_dps = minute()
+    table = np.zeros(len(acc_g), np.dtype([("a", "i1", 3), ("g", ">i2", 3)]))
+    table["a"], table["g"] = np.rint(acc_g * 16), np.rint(gyr_dps * GYR_DIVISOR)
+    data = b"".join(
+        record(25, T0 + k, struct.pack("<H", 1) + table[100 * k : 100 * k + 100].tobytes()) for k in SECONDS
+    )
+    return pack(record(24, T0, struct.pack("<3H", 1, 6, 0) + columns) + data)

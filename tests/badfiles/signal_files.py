@@ -1,0 +1,100 @@
+"""Files whose form is right and whose readings are not: RELIABILITY.md §1.3 E."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tests.badfiles.arm import Matrix, minute
+from tests.badfiles.table_files import changed
+from tests.fusion.made_motion import tumble
+from tests.fusion.table_builder import HEADER
+
+PREAMBLE = "# acc_range_g: 16\n# gyr_range_dps: 2000\n"
+UNITLESS = "time_us,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"
+
+
+def tumbled(change: Callable[[Matrix], None]) -> Callable[[], bytes]:
+    """Four minutes of turning about all axes with rests between, changed in place."""
+
+    def make() -> bytes:
+        parts = [tumble(10.0, 100.0, seed, 2.0) for seed in range(24)]
+        columns = np.vstack([np.hstack([part.acc_g, part.gyr_dps]) for part in parts])
+        chance = np.random.default_rng(1)
+        columns += chance.normal(0.0, 1.0, columns.shape) * ([0.002] * 3 + [0.1] * 3)
+        change(columns)
+        return changed(columns).encode()
+
+    return make
+
+
+def readings(times: int = 1) -> Matrix:
+    """Shape (n, 6): g and deg/s."""
+    return np.hstack(minute(100.0, times))
+
+
+def altered(change: Callable[[Matrix], None], header: str = HEADER, times: int = 1) -> Callable[[], bytes]:
+    """The minute with its readings changed in place."""
+
+    def make() -> bytes:
+        columns = readings(times)
+        change(columns)
+        return changed(columns, header).encode()
+
+    return make
+
+
+def scaled(acc: float, gyr: float, header: str = UNITLESS, times: int = 1) -> Callable[[], bytes]:
+    def change(columns: Matrix) -> None:
+        columns[:, :3] *= acc
+        columns[:, 3:] *= gyr
+
+    return altered(change, header, times)
+
+
+def leave(columns: Matrix) -> None:
+    """Nothing is changed: the control."""
+
+
+def swap_sensors(columns: Matrix) -> None:
+    columns[:] = columns[:, [3, 4, 5, 0, 1, 2]].copy()
+
+
+def permute_gyro(columns: Matrix) -> None:
+    columns[:] = columns[:, [0, 1, 2, 4, 5, 3]].copy()
+
+
+def flip_gyro_y(columns: Matrix) -> None:
+    columns[:, 4] *= -1
+
+
+def left_handed(columns: Matrix) -> None:
+    columns[:, [0, 3]] *= -1
+
+
+def throw(columns: Matrix) -> None:
+    """A jerk to one side and back, cut off at 2000 deg/s."""
+    columns[4800:4805, 3] = 1999.94
+    columns[4805:4810, 3] = -1999.94
+
+
+def freeze_axis(columns: Matrix) -> None:
+    """One axis of the accelerometer stands still while the arm goes from 5 to 90 degrees."""
+    columns[3000:4000, 0] = columns[3000, 0]
+
+
+def dead_axis(columns: Matrix) -> None:
+    columns[:, 4] = 0.25
+
+
+def all_zero(columns: Matrix) -> None:
+    columns[:] = 0.0
+
+
+def zero_part(columns: Matrix) -> None:
+    columns[2000:2300] = 0.0
+
+
+def spikes(columns: Matrix) -> None:
+    """Bits that flipped on the bus: eight samples in all."""
+    for k, row in enumerate(range(1700, 5700, 500)):
+        columns[row, k % 6] += 8.0 if k % 6 < 3 else 1500.0

@@ -1,0 +1,209 @@
+"""Bad tables: RELIABILITY.md §1.3 D (ActiLife, LSM9DS1 logger, generic) and the text containers of A."""
+
+import gzip
+import io
+import zipfile
+from collections.abc import Callable, Sequence
+from datetime import datetime, timedelta
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.badfiles.arm import minute
+from tests.fusion.table_builder import HEADER
+
+NAMES = "ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps"
+ACTILIFE = (
+    "------------ Data File Created By ActiGraph Link IMU 9DOF Sensor ActiLife v6.13.3 Firmware v1.7.2 "
+    "date format {order} at 100 Hz  -----------\nSerial Number: TAS1E00000001\nStart Time 08:00:00\n"
+    "Start Date {date}\nEpoch Period (hh:mm:ss) {epoch}\nDownload Time 09:00:00\nDownload Date {date}\n"
+    "Current Memory Address: 0\nCurrent Battery Voltage: 4.15     Mode = 12\n" + "-" * 50 + "\n"
+)
+ACTILIFE_COLUMNS = "Accelerometer X,Accelerometer Y,Accelerometer Z,Gyroscope X,Gyroscope Y,Gyroscope Z"
+
+
+@cache
+def values(rate_hz: float = 100.0, times: int = 1) -> tuple[str, ...]:
+    """The six readings of each row as a logger prints them."""
+    acc_g, gyr_dps = minute(rate_hz, times)
+    rows = np.hstack([acc_g, gyr_dps])
+    return tuple("{:.4f},{:.4f},{:.4f},{:.3f},{:.3f},{:.3f}".format(*tuple(row)) for row in rows.tolist())
+
+
+def stamped(stamps: Sequence[object], rows: Sequence[str], header: str = HEADER) -> str:
+    return header + "\n" + "".join(f"{stamp},{row}\n" for stamp, row in zip(stamps, rows, strict=True))
+
+
+@cache
+def canon() -> str:
+    """The minute in our own form: microseconds, g, deg/s."""
+    return stamped(range(0, 60_000_000, 10_000), values())
+
+
+def encoded(text: str, encoding: str = "utf-8") -> Callable[[], bytes]:
+    return lambda: text.encode(encoding)
+
+
+def lines_changed(change: Callable[[list[str]], list[str]]) -> Callable[[], bytes]:
+    """The minute with its lines (the header is line 0) changed."""
+    return lambda: "\n".join(change(canon().split("\n"))).encode()
+
+
+def line_changed(number: int, change: Callable[[str], str]) -> Callable[[], bytes]:
+    return lines_changed(lambda lines: [*lines[:number], change(lines[number]), *lines[number + 1 :]])
+
+
+def gzipped(content: bytes, keep: float = 1.0) -> Callable[[], bytes]:
+    packed = gzip.compress(content, 6, mtime=0)
+    return lambda: packed[: int(len(packed) * keep)]
+
+
+def gzip_flipped() -> bytes:
+    packed = bytearray(gzip.compress(canon().encode(), 6, mtime=0))
+    packed[len(packed) // 2] ^= 0x55
+    return bytes(packed)
+
+
+def gzip_bomb() -> bytes:
+    head = canon().encode()
+    return gzip.compress(head + b"0,0,0,0,0,0,0\n" * (4 << 20), 9, mtime=0)
+
+
+def zipped(*names: str) -> Callable[[], bytes]:
+    def make() -> bytes:
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in names:
+                archive.writestr(name, canon())
+        return file.getvalue()
+
+    return make
+
+
+def workbook() -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("[Content_Types].xml", "<Types/>")
+        archive.writestr("xl/workbook.xml", "<workbook/>")
+    return file.getvalue()
+
+
+def french(text: str, delimiter: str = ";") -> str:
+    return text.replace(",", delimiter).replace(".", ",")
+
+
+def wholes_first(count: int) -> str:
+    """Whole numbers for ``count`` rows, then French decimals."""
+    still = [f"{10 * k};0;0;1;0;{k % 2};-{k % 2}" for k in range(count)]
+    moving = [f"{10 * (count + k)};" + french(row) for k, row in enumerate(values())]
+    return "t_ms;ax;ay;az;gx;gy;gz\n" + "\n".join([*still, *moving]) + "\n"
+
+
+def thousands() -> str:
+    """Microseconds with a comma between thousands, in a comma-separated table."""
+    rows = [f"{10_000 * k:,},{row}" for k, row in enumerate(values())]
+    return HEADER + "\n" + "\n".join(rows[1000:]) + "\n"
+
+
+def wrapped() -> str:
+    """A micros() counter that starts over after twenty seconds."""
+    stamps = [(2**32 - 20_000_000 + 10_000 * k) % 2**32 for k in range(6000)]
+    return stamped(stamps, values())
+
+
+def whole_milliseconds() -> str:
+    """476 Hz stamped in whole milliseconds."""
+    rate_hz = 476.0
+    rows = values(rate_hz)
+    return stamped([int(1000 * k / rate_hz) for k in range(len(rows))], rows, "t_ms," + NAMES)
+
+
+def whole_seconds() -> str:
+    """Stamps without decimals: a hundred rows share each."""
+    start = datetime(2026, 3, 2, 8, 0)  # noqa: DTZ001 - a device's own clock
+    stamps = [(start + timedelta(seconds=k // 100)).strftime("%Y-%m-%d %H:%M:%S") for k in range(6000)]
+    return stamped(stamps, values(), "timestamp," + NAMES)
+
+
+def calendar(pattern: str, *, first: datetime = datetime(2026, 3, 14, 8, 0)) -> list[str]:  # noqa: DTZ001
+    return [(first + timedelta(milliseconds=10 * k)).strftime(pattern)[:-3] for k in range(6000)]
+
+
+def calendar_table(pattern: str, first: datetime = datetime(2026, 3, 14, 8, 0)) -> str:  # noqa: DTZ001
+    return stamped(calendar(pattern, first=first), values(), "timestamp," + NAMES)
+
+
+def date_and_time() -> str:
+    stamps = [stamp.replace(" ", ",") for stamp in calendar("%Y-%m-%d %H:%M:%S.%f")]
+    return stamped(stamps, values(), "date,time," + NAMES)
+
+
+def stalls() -> str:
+    """The card is busy for 0.2 s every ten seconds, and once for three."""
+    holes = {1800, 2800, 3800} | {5000}
+    stamps, now_us = [], 0
+    for k in range(6000):
+        now_us += 10_000 + (190_000 if k in holes - {5000} else 2_990_000 if k == 5000 else 0)
+        stamps.append(now_us)
+    return stamped(stamps, values())
+
+
+def late_rows() -> str:
+    """Ten times two rows have changed places, and once a block of twenty came before the one ahead of it."""
+    stamps = list(range(0, 60_000_000, 10_000))
+    order = list(range(6000))
+    for k in range(1600, 2600, 100):
+        order[k], order[k + 1] = order[k + 1], order[k]
+    order[5000:5040] = [*range(5020, 5040), *range(5000, 5020)]
+    rows = values()
+    return stamped([stamps[k] for k in order], [rows[k] for k in order])
+
+
+def clock_back() -> str:
+    stamps = [10_000 * k - (3_600_000_000 if k >= 3000 else 0) + 4_000_000_000 for k in range(6000)]
+    return stamped(stamps, values())
+
+
+def excel_cut() -> bytes:
+    row = ",0.0010,0.0020,1.0000,0.100,0.200,0.300\n"
+    return (HEADER + "\n" + "".join(f"{2000 * k}{row}" for k in range(1_048_575))).encode()
+
+
+def excel_times() -> str:
+    """What Excel shows of 08:00:00.010 unless told otherwise: minutes and tenths."""
+    stamps = [f"{k // 6000:02d}:{k // 100 % 60:02d}.{k // 10 % 10}" for k in range(6000)]
+    return stamped(stamps, values(), "timestamp," + NAMES)
+
+
+def excel_minutes() -> str:
+    return stamped(["3/14/2026 8:00"] * 6000, values(), "timestamp," + NAMES)
+
+
+def rounded() -> str:
+    """Two decimals are left of the readings."""
+    acc_g, gyr_dps = minute()
+    rows = [",".join(f"{value:.2f}" for value in row) for row in np.hstack([acc_g, gyr_dps]).tolist()]
+    return stamped(range(0, 60_000_000, 10_000), rows)
+
+
+def actilife(
+    order: str = "M/d/yyyy", date: str = "3/14/2026", epoch: str = "00:00:00", *, stamps: bool = False
+) -> str:
+    head = ACTILIFE.format(order=order, date=date, epoch=epoch)
+    if not stamps:
+        return head + ACTILIFE_COLUMNS + "\n" + "".join(row + "\n" for row in values())
+    times = calendar("%Y-%m-%dT%H:%M:%S.%f0")
+    return head + stamped([f"{stamp}0000"[:27] for stamp in times], values(), "Timestamp," + ACTILIFE_COLUMNS)
+
+
+def counts() -> str:
+    """ActiLife's one-second counts."""
+    head = ACTILIFE.format(order="M/d/yyyy", date="3/14/2026", epoch="00:00:01")
+    return head + "Axis1,Axis2,Axis3,Steps\n" + "12,5,9,0\n" * 600
+
+
+def changed(columns: NDArray[np.float64], header: str = HEADER, rate_hz: float = 100.0) -> str:
+    """A table of other readings, shape (n, 6), stamped in microseconds."""
+    rows = ["{:.5f},{:.5f},{:.5f},{:.4f},{:.4f},{:.4f}".format(*tuple(row)) for row in columns.tolist()]
+    return stamped([round(1e6 * k / rate_hz) for k in range(len(rows))], rows, header)

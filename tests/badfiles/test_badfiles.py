@@ -1,0 +1,172 @@
+"""Every bad file of RELIABILITY.md §1.3 A to E, through `fusion`, the command line and the API."""
+
+import io
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.jobs.worker import open_bench, run_next
+from app.main import create_app
+from app.report.messages import describe_problem
+from app.report.wording import LANGUAGES, Language
+from app.settings import Settings
+from fusion.errors import FusionError
+from fusion.pipeline import analyse
+from fusion.readers import read_recording
+from tests.badfiles.expected import ALWAYS, BAD_FILES, BadFile
+
+REFUSED = [bad for bad in BAD_FILES if bad.code]
+ONE_OF_EACH = list({bad.code: bad for bad in REFUSED}.values())
+READ = [bad for bad in BAD_FILES if not bad.code]
+SENT = READ[:: len(READ) // 3]
+"""A few of those that give a report go all the way through the server: one road serves them all."""
+
+
+@cache
+def content_of(bad: BadFile) -> bytes:
+    return bad.make()
+
+
+def name_row(bad: BadFile) -> str:
+    return f"row {bad.row}"
+
+
+def test_no_row_is_named_twice() -> None:
+    rows = [bad.row for bad in BAD_FILES]
+
+    assert len(set(rows)) == len(rows)
+
+
+@pytest.mark.parametrize("bad", REFUSED, ids=name_row)
+def test_it_is_refused_with_its_code(bad: BadFile) -> None:
+    with pytest.raises(FusionError) as refusal:
+        analyse(read_recording(io.BytesIO(content_of(bad)), file_name=bad.name))
+
+    assert refusal.value.code == bad.code
+
+
+@pytest.mark.parametrize("bad", READ, ids=name_row)
+def test_it_is_read_with_its_warnings_and_times(bad: BadFile) -> None:
+    analysis = analyse(read_recording(io.BytesIO(content_of(bad)), file_name=bad.name))
+
+    time = analysis.time
+    seen_s = [us / 1e6 for us in (time.analysed_us, time.missing_us, time.excluded_us)]
+    assert {flag.code for flag in analysis.quality.flags} - ALWAYS == bad.warnings
+    assert seen_s == pytest.approx([bad.analysed_s, bad.missing_s, bad.excluded_s], abs=0.006)
+    assert time.analysed_us + time.missing_us + time.excluded_us == time.recorded_us
+
+
+@dataclass(frozen=True, slots=True)
+class Server:
+    """The application and a worker of the same folder, called in turns."""
+
+    client: TestClient
+    settings: Settings
+
+    def send(self, bad: BadFile) -> str:
+        """Send a file, let a worker do it, and give the address of what became of it."""
+        answer = self.client.post("/api/v1/analyze", content=content_of(bad), params={"file_name": bad.name})
+        bench = open_bench(self.settings)
+        run_next(bench)
+        bench.store.close()
+        return str(answer.headers["location"])
+
+    def tell_problem(self, address: str, language: Language) -> dict[str, str]:
+        """Why there is no report, in a language."""
+        seen = self.client.get(address, headers={"Accept-Language": language})
+        problem: dict[str, str] = seen.json()["problem"]
+        return problem
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server of this module's own."""
+    settings = Settings(data_dir=tmp_path_factory.mktemp("bad") / "data", min_free_bytes=0)
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as client:
+        yield Server(client, settings)
+
+
+@pytest.mark.parametrize(
+    ("language", "files"),
+    [
+        ("en", ONE_OF_EACH),
+        ("fr", ONE_OF_EACH),
+        pytest.param("en", REFUSED, marks=pytest.mark.slow),
+        pytest.param("fr", REFUSED, marks=pytest.mark.slow),
+    ],
+    ids=["en", "fr", "all en", "all fr"],
+)
+def test_the_command_line_names_every_refusal(
+    language: Language, files: list[BadFile], tmp_path: Path
+) -> None:
+    paths = [tmp_path / f"{number:03d}" / bad.name for number, bad in enumerate(files)]
+    for path, bad in zip(paths, files, strict=True):
+        path.parent.mkdir()
+        path.write_bytes(content_of(bad))
+
+    ended = CliRunner().invoke(
+        app, ["run", *map(str, paths), "-o", str(tmp_path / "out"), "--lang", language]
+    )
+
+    told = [line.split(": ", 1)[1] for line in ended.stderr.splitlines() if line.startswith("[")]
+    assert ended.exit_code == 3
+    assert told == [f"{bad.code} {title_of(bad, language)}" for bad in files]
+
+
+def title_of(bad: BadFile, language: Language) -> str:
+    return describe_problem(bad.code or "", {}, language).title
+
+
+@pytest.mark.parametrize("files", [SENT, pytest.param(READ, marks=pytest.mark.slow)], ids=["some", "all"])
+def test_the_command_line_gives_the_other_files_their_warnings(files: list[BadFile], tmp_path: Path) -> None:
+    paths = []
+    for number, bad in enumerate(files):
+        paths.append(tmp_path / f"{number:03d}-{bad.name}")
+        paths[-1].write_bytes(content_of(bad))
+
+    ended = CliRunner().invoke(
+        app, ["run", *map(str, paths), "-o", str(tmp_path / "out"), "--report", "html"]
+    )
+
+    results = sorted((tmp_path / "out").glob("*/results.json"))
+    assert ended.exit_code == 0
+    assert [codes_in(json.loads(path.read_text())) for path in results] == [bad.warnings for bad in files]
+
+
+def codes_in(results: dict[str, dict[str, list[dict[str, str]]]]) -> set[str]:
+    return {warning["code"] for warning in results["quality"]["warnings"]} - ALWAYS
+
+
+def test_the_api_names_a_refusal_of_each_code_in_both_languages(server: Server) -> None:
+    sent = {server.send(bad): bad for bad in ONE_OF_EACH if bad.code != "E-EMPTY"}
+
+    told = [
+        (server.tell_problem(address, language), title_of(bad, language), bad.code)
+        for address, bad in sent.items()
+        for language in LANGUAGES
+    ]
+
+    assert all((problem["title"], problem["code"]) == (title, code) for problem, title, code in told)
+    assert all(problem["detail"] and problem["fix"] for problem, _, _ in told)
+
+
+def test_the_api_refuses_an_empty_file_before_it_is_a_job(server: Server) -> None:
+    answer = server.client.post("/api/v1/analyze", content=b"", params={"file_name": "shift.csv"})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-EMPTY")
+
+
+@pytest.mark.parametrize("files", [SENT[:2], pytest.param(READ, marks=pytest.mark.slow)], ids=["some", "all"])
+def test_the_api_gives_the_same_warnings(server: Server, files: list[BadFile]) -> None:
+    addresses = [server.send(bad) for bad in files]
+
+    results = [server.client.get(f"{address}/results.json").json() for address in addresses]
+
+    assert [codes_in(result) for result in results] == [bad.warnings for bad in files]

@@ -1,0 +1,64 @@
+"""A change between two days is told beside what days differ by anyway."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusion.comparison import ComparedDay, FigureChange, compare_days, find_detectable_change
+from fusion.exposure import summarise_exposure
+from tests.factories import elevate
+
+
+def spend_above(percent: int, hours: int = 5) -> ComparedDay:
+    """A day at 20 deg, ``percent`` of it at 70 deg."""
+    minute = np.where(np.arange(100) < percent, 70.0, 20.0)
+    exposure = summarise_exposure(elevate(np.tile(minute, 36 * hours), rate_hz=1.0))
+    return ComparedDay(exposure, "smoothed", "n-pose", "right", "good")
+
+
+def find(before: ComparedDay, after: ComparedDay, name: str) -> FigureChange:
+    return next(change for change in compare_days(before, after).changes if change.name == name)
+
+
+@pytest.mark.parametrize(
+    ("days", "above_60", "median"), [(1, 5.5, 9.4), (2, 3.9, 6.7), (3, 3.2, 5.4), (5, 2.5, 4.2)]
+)
+def test_the_least_detectable_change_is_that_of_the_published_table(
+    days: int, above_60: float, median: float
+) -> None:
+    assert find_detectable_change(2.0, days) == pytest.approx(above_60, abs=0.05)
+    assert find_detectable_change(3.4, days) == pytest.approx(median, abs=0.05)
+
+
+@pytest.mark.parametrize(("after", "verdict"), [(15, "not larger"), (16, "larger"), (4, "larger")])
+def test_a_change_is_larger_than_day_to_day_variation_from_5_and_a_half_points_on(
+    after: int, verdict: str
+) -> None:
+    change = find(spend_above(10), spend_above(after), "time_above_60_percent")
+
+    assert change.verdict == verdict
+    assert change.change == pytest.approx(after - 10)
+
+
+def test_a_figure_without_published_variation_gets_no_verdict() -> None:
+    change = find(spend_above(10), spend_above(50), "time_above_90_percent")
+
+    assert (change.detectable, change.verdict) == (None, "unknown")
+
+
+def test_days_that_were_measured_alike_differ_in_nothing() -> None:
+    assert compare_days(spend_above(10), spend_above(20)).differences == ()
+
+
+def test_what_the_days_differ_in_besides_the_work_is_named() -> None:
+    after = replace(
+        spend_above(10, hours=3), method="published", pose="side-lean", side="left", verdict="poor"
+    )
+
+    assert compare_days(spend_above(10), after).differences == ("method", "pose", "side", "short", "poor")
+
+
+def test_no_days_are_no_comparison() -> None:
+    with pytest.raises(ValueError, match="0"):
+        find_detectable_change(2.0, 0)

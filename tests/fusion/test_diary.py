@@ -1,0 +1,113 @@
+"""A diary is read in the forms people already have, and a slip in it is named with its line and its cure."""
+
+import pytest
+
+from fusion.diary import DiaryEntry, read_diary
+from fusion.errors import UnusableDiary
+
+
+def refuse(text: str) -> dict[str, object]:
+    with pytest.raises(UnusableDiary) as refusal:
+        read_diary(text.encode())
+    return dict(refusal.value.facts)
+
+
+def test_our_own_form_gives_start_end_kind_and_label() -> None:
+    entries = read_diary(b"start,end,kind,label\n07:58,12:00,task,Painting\n12:00,12:30,break,\n")
+
+    assert entries == (
+        DiaryEntry("07:58:00", "12:00:00", "task", "Painting", line=2),
+        DiaryEntry("12:00:00", "12:30:00", "break", line=3),
+    )
+
+
+def test_in_the_sequential_form_an_event_lasts_until_the_next() -> None:
+    entries = read_diary(b"time,event\n08:00,Painting\n10:00,break\n10:15,Sanding\n")
+
+    assert [(e.start, e.end, e.kind, e.label) for e in entries] == [
+        ("08:00:00", None, "task", "Painting"),
+        ("10:00:00", None, "break", "break"),
+        ("10:15:00", None, "task", "Sanding"),
+    ]
+
+
+def test_the_event_end_ends_the_one_before() -> None:
+    entries = read_diary(b"time,event\n08:00,Painting\n10:00,end\n")
+
+    assert [(e.start, e.end) for e in entries] == [("08:00:00", "10:00:00")]
+
+
+def test_a_french_diary_from_a_spreadsheet_is_read() -> None:
+    text = "\ufeffdébut;fin;genre;libellé\n7 h 58;12h00;tâche;Peinture\n12:00;12:30;pause;\n"
+    entries = read_diary(text.encode())
+
+    assert [(e.start, e.end, e.kind, e.label) for e in entries] == [
+        ("07:58:00", "12:00:00", "task", "Peinture"),
+        ("12:00:00", "12:30:00", "break", ""),
+    ]
+
+
+def test_a_diary_in_the_encoding_of_windows_is_read() -> None:
+    assert read_diary("début,fin,genre\n1,2,retiré\n".encode("cp1252"))[0].kind == "not_worn"
+
+
+def test_seconds_may_have_a_decimal_comma() -> None:
+    (entry,) = read_diary(b"start;end;kind\n12,5;60.25;work\n")
+
+    assert (entry.start, entry.end) == (12.5, 60.25)
+
+
+def test_a_time_may_bear_its_date() -> None:
+    (entry,) = read_diary(b"start,end,kind\n2026-03-02 7:58,2026-03-02T09:00:30,work\n")
+
+    assert (entry.start, entry.end) == ("2026-03-02T07:58:00", "2026-03-02T09:00:30")
+
+
+@pytest.mark.parametrize(("word", "left_out"), [("oui", True), ("no", False), ("", None)])
+def test_a_row_may_say_itself_whether_it_is_left_out(word: str, left_out: bool | None) -> None:
+    (entry,) = read_diary(f"start,end,kind,left_out\n1,2,seated,{word}\n".encode())
+
+    assert entry.left_out is left_out
+
+
+def test_remarks_and_empty_lines_are_passed_over_and_lines_still_counted() -> None:
+    (entry,) = read_diary(b"# my day\n\nstart,end,kind\n\n1,2,work\n")
+
+    assert entry.line == 5
+
+
+def test_a_row_may_be_for_one_file_only() -> None:
+    (entry,) = read_diary(b"file,start,end,kind\na.gt3x,1,2,work\n")
+
+    assert entry.file == "a.gt3x"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "why"),
+    [
+        ("", 1, "empty"),
+        ("start,end,kind\n", 1, "empty"),
+        ("kind,label\nwork,a\n", 1, "header"),
+        ("start,start,kind\n1,2,work\n", 1, "header"),
+        ("start,end,kind\n1,2,work\n3,4,wrk\n", 3, "kind"),
+        ("start,end,kind\n8.30 am,9:00,work\n", 2, "time"),
+        ("start,end,kind\n25:00,26:00,work\n", 2, "time"),
+        ("start,end,kind\n03/02/2026 08:00,,work\n", 2, "time"),
+        ("start,end,kind\n,9:00,work\n", 2, "time"),
+        ("start,end,kind,left_out\n1,2,work,perhaps\n", 2, "yes or no"),
+        ("time,event\n08:00,end\n", 2, "end alone"),
+    ],
+    ids=lambda value: str(value)[-24:],
+)
+def test_a_slip_is_named_with_its_line_and_its_reason(text: str, line: int, why: str) -> None:
+    facts = refuse(text)
+
+    assert (facts["line"], facts["why"]) == (line, why)
+
+
+def test_a_refused_word_is_told_back() -> None:
+    assert refuse("start,end,kind\n1,2,wrk\n")["value"] == "wrk"
+
+
+def test_a_diary_without_end_is_refused() -> None:
+    assert refuse("start,end,kind\n" + "1,2,work\n" * 10_000)["why"] == "too many rows"

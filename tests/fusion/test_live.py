@@ -1,0 +1,85 @@
+"""Real-time elevation: causal, the same however the samples are cut."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fusion.live import LiveElevation
+from fusion.orientation.arrays import UnusableArrays
+from fusion.orientation.live import LiveVertical
+from tests.factories import hold
+from tests.fusion.made_motion import angle_between_deg, tumble
+
+OFFSET = np.array([10.0, -20.0, 15.0])
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(1, 999), max_size=6))
+def test_the_result_does_not_depend_on_how_the_samples_are_cut(cuts: list[int]) -> None:
+    motion = tumble(10.0, seed=1)
+    bounds = [0, *sorted(set(cuts)), 1000]
+    chunked = LiveElevation(100.0)
+
+    pieces = [chunked.update(motion.acc_g[a:b], motion.gyr_dps[a:b]) for a, b in itertools.pairwise(bounds)]
+
+    whole = LiveElevation(100.0).update(motion.acc_g, motion.gyr_dps)
+    assert np.array_equal(np.concatenate(pieces), whole, equal_nan=True)
+
+
+def test_what_comes_later_changes_nothing_before() -> None:
+    motion = tumble(20.0, seed=2)
+    other = motion.gyr_dps.copy()
+    other[1200:] += 300.0
+
+    first = LiveVertical(100.0).update(motion.acc_g, motion.gyr_dps)
+    second = LiveVertical(100.0).update(motion.acc_g, other)
+
+    assert np.array_equal(first[:1200], second[:1200])
+
+
+def test_until_the_first_rest_there_is_no_elevation() -> None:
+    # A still moment is 1.5 s: the 150th sample completes it.
+    made = hold((0.0, 5.0), rate_hz=100.0).recording.segments[0]
+
+    elevation_deg = LiveElevation(100.0).update(made.acc_g, made.gyr_dps)
+
+    assert np.isnan(elevation_deg[:149]).all()
+    assert np.isfinite(elevation_deg[149:]).all()
+
+
+def test_an_arm_raised_after_hanging_is_read() -> None:
+    made = hold((0.0, 5.0), (95.0, 10.0), rate_hz=100.0).recording.segments[0]
+
+    assert LiveElevation(100.0).update(made.acc_g, made.gyr_dps)[-1] == pytest.approx(95.0, abs=0.5)
+
+
+def test_with_a_known_arm_axis_it_starts_at_once() -> None:
+    live = LiveElevation(100.0, arm_axis=np.array([0.0, 0.0, 1.0]))
+
+    assert live.update([1.0, 0.0, 0.0], [0.0, 0.0, 0.0]) == pytest.approx([90.0])
+
+
+def test_an_offset_of_27_deg_per_s_is_taken_off_at_the_first_rest() -> None:
+    motion = tumble(60.0, seed=3)
+    live = LiveVertical(100.0)
+
+    up = live.update(motion.acc_g, motion.gyr_dps + OFFSET)
+
+    assert live.bias_dps == pytest.approx(OFFSET, abs=0.05)
+    assert angle_between_deg(up[200:], motion.up[200:]).max() < 1.0
+
+
+def test_a_bias_given_beforehand_is_used_from_the_first_sample() -> None:
+    motion = tumble(30.0, seed=4, still_s=0.0)
+
+    up = LiveVertical(100.0, bias_dps=OFFSET).update(motion.acc_g, motion.gyr_dps + OFFSET)
+
+    assert angle_between_deg(up, motion.up).max() < 1.0
+
+
+def test_samples_that_are_not_numbers_are_refused() -> None:
+    with pytest.raises(UnusableArrays):
+        LiveElevation(100.0).update([np.nan, 0.0, 0.0], [0.0, 0.0, 0.0])

@@ -1,0 +1,101 @@
+"""A sensor on a desk is proposed as not worn; an arm at rest for a while is not, and nothing is left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusion.elevation import Elevation, ElevationSegment
+from fusion.quality import flag_spans, flag_untrusted, propose_nonwear
+from fusion.recording import QualityFlag, Recording, Segment, Span
+
+MINUTE = 60_000_000
+
+
+def lie(*, still_min: float, noise_g: float = 0.005, moving_min: float = 10.0) -> Recording:
+    """Move, lie still, move again; 20 samples a second."""
+    random, parts = np.random.default_rng(0), []
+    for minutes, spread_g in ((moving_min, 0.2), (still_min, noise_g), (moving_min, 0.2)):
+        parts.append(random.normal(0, spread_g, (round(minutes * 1200), 3)) + np.array([0, 0, 1]))
+    acc_g = np.concatenate(parts).astype(np.float32)
+    segment = Segment(0, 20.0, acc_g, np.zeros_like(acc_g))
+    return Recording("other", "", None, None, segment.duration_us, (segment,))
+
+
+def test_ten_minutes_without_movement_are_proposed() -> None:
+    assert propose_nonwear(lie(still_min=10)) == (Span(10 * MINUTE, 10 * MINUTE, "not-worn"),)
+
+
+def test_nine_minutes_are_not() -> None:
+    assert propose_nonwear(lie(still_min=9)) == ()
+
+
+def test_an_arm_that_moves_a_little_is_worn() -> None:
+    assert propose_nonwear(lie(still_min=30, noise_g=0.015)) == ()
+
+
+@pytest.mark.parametrize(("swing_g", "count"), [(0.0129, 1), (0.0131, 0)])
+def test_still_is_a_standard_deviation_under_0_013_g(swing_g: float, count: int) -> None:
+    recording = lie(still_min=30, noise_g=0.0)
+    recording.segments[0].acc_g[12_000:48_000, 0] += np.tile([swing_g, -swing_g], 18_000).astype(np.float32)
+
+    assert len(propose_nonwear(recording)) == count
+
+
+def test_one_axis_that_moves_is_enough() -> None:
+    recording = lie(still_min=30)
+    recording.segments[0].acc_g[12_000:48_000, 1] += np.tile([0.02, -0.02], 18_000).astype(np.float32)
+
+    assert propose_nonwear(recording) == ()
+
+
+def test_a_slow_drift_of_temperature_is_no_movement() -> None:
+    recording = lie(still_min=30)
+    recording.segments[0].acc_g[12_000:48_000, 2] += np.linspace(0, 0.1, 36_000, dtype=np.float32)
+
+    assert len(propose_nonwear(recording)) == 1
+
+
+@pytest.mark.parametrize(("end_min", "count"), [(20, 0), (14, 1)], ids=["all of it", "a part of it"])
+def test_what_the_diary_leaves_out_already_is_not_proposed(end_min: int, count: int) -> None:
+    left_out = (Span(5 * MINUTE, (end_min - 5) * MINUTE, "break"),)
+
+    assert len(propose_nonwear(lie(still_min=15), left_out)) == count
+
+
+def test_a_caveat_tells_where_its_stretches_lie() -> None:
+    (flag,) = flag_spans("W-GAP", [Span(0, 2_000_000), Span(5_000_000, 1_000_000)])
+
+    assert flag == QualityFlag("W-GAP", 2, 3.0, 0.0, 6.0, spans_s=((0.0, 2.0), (5.0, 6.0)))
+
+
+def test_of_many_stretches_the_hundred_longest_are_told() -> None:
+    (flag,) = flag_spans("W-GAP", [Span(1000 * k, k + 1) for k in range(150)])
+
+    assert (flag.count, len(flag.spans_s), flag.spans_s[0][0]) == (150, 100, 0.05)
+
+
+def distrust(*rows: slice) -> tuple[Recording, Elevation]:
+    recording = lie(still_min=1, moving_min=1)
+    valid = np.ones(len(recording.segments[0]), np.bool_)
+    for stretch in rows:
+        valid[stretch] = False
+    angle = np.zeros(len(valid), np.float32)
+    return recording, Elevation((ElevationSegment(0, 20.0, angle, valid),), None)
+
+
+def test_where_the_direction_was_not_trusted_is_told_with_its_times() -> None:
+    (flag,) = flag_untrusted(*distrust(slice(100, 140), slice(200, 300)), ())
+
+    assert (flag.code, flag.seconds, flag.spans_s) == ("W-UNTRUSTED", 7.0, ((5.0, 7.0), (10.0, 15.0)))
+
+
+def test_a_bridged_hole_is_not_distrust() -> None:
+    recording, elevation = distrust(slice(100, 140))
+    bridged = replace(recording.segments[0], bridged=((100, 140),))
+
+    assert flag_untrusted(replace(recording, segments=(bridged,)), elevation, ()) == ()
+
+
+def test_what_is_left_out_is_not_distrust() -> None:
+    assert flag_untrusted(*distrust(slice(100, 140)), (Span(5_000_000, 2_000_000, "break"),)) == ()

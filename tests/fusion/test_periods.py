@@ -1,0 +1,197 @@
+"""The rows of a diary find their place on the recording, and the parts of the day make the whole."""
+
+from datetime import UTC, datetime, timedelta
+from zoneinfo import ZoneInfo
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fusion.diary import KINDS, DiaryEntry, Kind
+from fusion.errors import UnusableDiary
+from fusion.periods import (
+    Period,
+    Placed,
+    divide_day,
+    list_exclusions,
+    place_diary,
+)
+
+SECOND = 1_000_000
+HOUR = 3600 * SECOND
+START = datetime(2026, 3, 2, 7, 0)  # noqa: DTZ001 - a device's own clock
+
+
+def place(*entries: DiaryEntry, start: datetime | None = START, hours: int = 8) -> Placed:
+    return place_diary(entries, start, hours * HOUR)
+
+
+def hours_of(placed: Placed) -> list[tuple[float, float]]:
+    return [(period.start_us / HOUR, period.end_us / HOUR) for period in placed.periods]
+
+
+def refuse(*entries: DiaryEntry, start: datetime | None = START, hours: int = 8) -> dict[str, object]:
+    with pytest.raises(UnusableDiary) as refusal:
+        place(*entries, start=start, hours=hours)
+    return dict(refusal.value.facts)
+
+
+def test_a_clock_time_is_measured_from_the_first_sample() -> None:
+    assert hours_of(place(DiaryEntry("09:00:00", "10:30:00", "task"))) == [(2.0, 3.5)]
+
+
+def test_seconds_need_no_clock() -> None:
+    placed = place(DiaryEntry(1.5, 3600.0, "task"), start=None)
+
+    assert (placed.periods[0].start_us, placed.periods[0].end_us) == (1_500_000, HOUR)
+
+
+def test_after_midnight_a_clock_time_is_of_the_next_day() -> None:
+    night = datetime(2026, 3, 2, 22, 0)  # noqa: DTZ001
+
+    assert hours_of(place(DiaryEntry("23:30:00", "02:00:00", "task"), start=night)) == [(1.5, 4.0)]
+
+
+def test_a_row_without_an_end_lasts_until_the_next_and_the_last_until_the_end() -> None:
+    placed = place(DiaryEntry("08:00:00", None, "task"), DiaryEntry("09:00:00", None, "break"))
+
+    assert hours_of(placed) == [(1.0, 2.0), (2.0, 8.0)]
+
+
+def test_what_reaches_past_the_recording_is_cut() -> None:
+    assert hours_of(place(DiaryEntry("06:50:00", "15:30:00", "shift"))) == [(0.0, 8.0)]
+
+
+def test_rows_outside_the_recording_are_left_aside_with_a_caveat() -> None:
+    placed = place(DiaryEntry("08:00:00", "09:00:00", "task"), DiaryEntry("16:00:00", "16:15:00", "break"))
+
+    assert (len(placed.periods), placed.flags[0].code, placed.flags[0].count) == (1, "W-DIARY", 1)
+
+
+def test_a_clock_with_a_zone_is_followed_over_its_change() -> None:
+    start = datetime(2027, 3, 14, 0, 0, tzinfo=ZoneInfo("America/Toronto"))
+
+    assert hours_of(place(DiaryEntry("01:00:00", "04:00:00", "task"), start=start)) == [(1.0, 3.0)]
+
+
+def test_a_time_with_an_offset_is_put_on_a_clock_with_a_zone() -> None:
+    placed = place(
+        DiaryEntry("2026-03-02T09:00:00+01:00", "2026-03-02T10:00:00+01:00", "task"),
+        start=START.replace(tzinfo=UTC),
+    )
+
+    assert hours_of(placed) == [(1.0, 2.0)]
+
+
+@pytest.mark.parametrize(
+    ("entry", "start", "hours", "why"),
+    [
+        (DiaryEntry("09:00:00", "08:00:00", "task", line=4), START, 8, "end first"),
+        (DiaryEntry(20.0, 10.0, "task", line=4), START, 8, "end first"),
+        (DiaryEntry("09:00:00", "10:00:00", "task", line=4), None, 8, "no clock"),
+        (DiaryEntry("09:00:00", "10:00:00", "task", line=4), START, 30, "which day"),
+        (DiaryEntry("2026-03-02T09:00:00Z", None, "task", line=4), START, 8, "zone"),
+        (
+            DiaryEntry("2025-03-02T09:00:00", "2025-03-02T09:30:00", "task", line=4),
+            START,
+            8,
+            "outside recording",
+        ),
+    ],
+    ids=["ends first", "seconds end first", "no clock", "two days", "no zone", "another year"],
+)
+def test_a_row_without_a_place_is_refused_with_its_line(
+    entry: DiaryEntry, start: datetime | None, hours: int, why: str
+) -> None:
+    facts = refuse(entry, start=start, hours=hours)
+
+    assert (facts["why"], facts["line"]) == (why, 4)
+
+
+def test_rows_out_of_order_in_the_sequential_form_are_refused_at_the_later_line() -> None:
+    facts = refuse(DiaryEntry("09:00:00", None, "task", line=2), DiaryEntry("08:00:00", None, "task", line=3))
+
+    assert (facts["why"], facts["line"]) == ("order", 3)
+
+
+def test_two_tasks_at_once_are_refused_with_both_lines() -> None:
+    facts = refuse(DiaryEntry(0.0, 100.0, "task", line=2), DiaryEntry(50.0, 150.0, "task", line=3))
+
+    assert (facts["why"], facts["line"], facts["other"]) == ("overlap", 3, 2)
+
+
+def test_tasks_may_touch_by_a_rounded_second() -> None:
+    placed = place(DiaryEntry(0.0, 101.0, "task"), DiaryEntry(100.0, 150.0, "task"))
+
+    assert len(placed.periods) == 2
+
+
+def test_a_break_within_a_task_cuts_it() -> None:
+    pieces = divide_day([Period(0, 100, "task"), Period(40, 60, "break", reason="break")], 100)
+
+    assert [(p.start_us, p.end_us, p.period) for p in pieces] == [(0, 40, 0), (40, 60, 1), (60, 100, 0)]
+
+
+def test_outside_the_shift_nothing_is_analysed() -> None:
+    pieces = divide_day([Period(10, 90, "shift")], 100)
+
+    assert [(s.start_us, s.end_us, s.reason) for s in list_exclusions(pieces)] == [
+        (0, 10, "outside"),
+        (90, 100, "outside"),
+    ]
+
+
+def test_without_a_shift_what_no_row_names_is_work() -> None:
+    pieces = divide_day([Period(10, 20, "break", reason="break")], 100)
+
+    assert [(p.end_us - p.start_us, p.reason) for p in pieces] == [(10, ""), (10, "break"), (80, "")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "left_out", "reason"),
+    [
+        ("break", None, "break"),
+        ("not_worn", None, "not-worn"),
+        ("seated", None, ""),
+        ("supported", True, "supported"),
+        ("break", False, ""),
+    ],
+    ids=["break", "not worn", "seated", "supported, asked for", "break, kept"],
+)
+def test_what_a_kind_means_for_the_time_and_how_a_row_overrides_it(
+    kind: Kind, left_out: bool | None, reason: str
+) -> None:
+    placed = place(DiaryEntry(0.0, 60.0, kind, left_out=left_out))
+
+    assert placed.periods[0].reason == reason
+
+
+@st.composite
+def periods_of(draw: st.DrawFn) -> list[Period]:
+    kinds = draw(st.lists(st.sampled_from(KINDS), max_size=6))
+    edges = [sorted(draw(st.lists(st.integers(0, 1000), min_size=2, max_size=2, unique=True))) for _ in kinds]
+    return [Period(a, b, kind) for (a, b), kind in zip(edges, kinds, strict=True)]
+
+
+@given(periods_of())
+def test_the_pieces_of_a_day_follow_one_another_from_its_beginning_to_its_end(periods: list[Period]) -> None:
+    pieces = divide_day(periods, 1000)
+
+    assert [0, *(piece.end_us for piece in pieces)] == [*(piece.start_us for piece in pieces), 1000]
+
+
+@given(periods_of(), st.integers(0, 999))
+def test_each_moment_belongs_to_the_period_laid_on_last(periods: list[Period], moment: int) -> None:
+    owner = next(p.period for p in divide_day(periods, 1000) if p.start_us <= moment < p.end_us)
+
+    covering = [KINDS.index(p.kind) for p in periods if p.start_us <= moment < p.end_us]
+    assert (owner >= 0) == bool(covering)
+    assert not covering or KINDS.index(periods[owner].kind) == max(covering)
+
+
+@given(st.timedeltas(timedelta(0), timedelta(hours=8)))
+def test_the_clock_of_any_moment_leads_back_to_it(after: timedelta) -> None:
+    moment = (START + after).time().isoformat()
+    (period,) = place(DiaryEntry(moment, None, "task"), hours=9).periods
+
+    assert period.start_us == after // timedelta(microseconds=1)

@@ -1,0 +1,95 @@
+"""Parquet tables with columns named as in our CSV."""
+
+import io
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from fusion.errors import DamagedFile, NoGyroscope, UnknownColumns, UnknownRate, UnsafeArchive
+from fusion.readers import read_recording
+from fusion.recording import Recording
+from tests.badfiles.arm import minute
+
+NAMES = ("acc_x_g", "acc_y_g", "acc_z_g", "gyr_x_dps", "gyr_y_dps", "gyr_z_dps")
+
+
+def columns(rows: int = 6000) -> dict[str, Any]:
+    acc_g, gyr_dps = minute()
+    return dict(zip(NAMES, np.hstack([acc_g, gyr_dps])[:rows].T, strict=True))
+
+
+def write(table: Mapping[str, Any]) -> bytes:
+    file = io.BytesIO()
+    pq.write_table(pa.table(dict(table)), file)
+    return file.getvalue()
+
+
+def read(content: bytes, rate_hz: float | None = None) -> Recording:
+    return read_recording(io.BytesIO(content), file_name="shift.parquet", rate_hz=rate_hz)
+
+
+@pytest.mark.parametrize(
+    ("name", "stamps"),
+    [
+        ("time_us", np.arange(6000) * 10_000),
+        ("time_s", np.arange(6000) / 100),
+        (
+            "timestamp",
+            [datetime(2026, 3, 2, 8, tzinfo=UTC) + timedelta(milliseconds=10 * k) for k in range(6000)],
+        ),
+    ],
+    ids=["microseconds", "seconds", "timestamps"],
+)
+def test_every_sample_arrives(name: str, stamps: Any) -> None:
+    recording = read(write({name: stamps, **columns()}))
+
+    (segment,) = recording.segments
+    assert recording.duration_us == 60_000_000
+    assert segment.acc_g == pytest.approx(minute()[0], abs=1e-6)
+    assert segment.gyr_dps == pytest.approx(minute()[1], abs=1e-4)
+
+
+def test_rows_without_a_value_are_missing() -> None:
+    values = columns()
+    values["gyr_x_dps"] = values["gyr_x_dps"].copy()
+    values["gyr_x_dps"][2000:2100] = np.nan
+
+    recording = read(write({"time_us": np.arange(6000) * 10_000, **values}))
+
+    assert [(s.start_s, len(s)) for s in recording.segments] == [(0.0, 2000), (21.0, 3900)]
+    assert [flag.code for flag in recording.flags] == ["W-NAN", "W-GAP"]
+
+
+def test_without_time_the_person_tells_the_rate() -> None:
+    content = write(columns())
+
+    assert read(content, rate_hz=50.0).duration_us == 120_000_000
+    with pytest.raises(UnknownRate):
+        read(content)
+
+
+def test_without_a_gyroscope_it_is_refused() -> None:
+    with pytest.raises(NoGyroscope):
+        read(write({"time_us": np.arange(6000) * 10_000, **dict(list(columns().items())[:3])}))
+
+
+def test_unknown_columns_are_refused_by_name() -> None:
+    with pytest.raises(UnknownColumns):
+        read(write({"a": [1], "b": [2]}))
+
+
+def test_a_cut_file_is_refused() -> None:
+    with pytest.raises(DamagedFile):
+        read(write(columns())[:-100])
+
+
+def test_a_file_that_unpacks_to_far_more_than_it_holds_is_refused() -> None:
+    zeros = np.zeros(3_000_000, np.float32)
+
+    with pytest.raises(UnsafeArchive):
+        read(write({"time_us": np.zeros(3_000_000, np.int64), **dict.fromkeys(NAMES, zeros)}))

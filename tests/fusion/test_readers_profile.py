@@ -1,0 +1,110 @@
+"""Tables that no reader understands by itself, read through a saved column profile."""
+
+import io
+import json
+
+import pytest
+
+from fusion.errors import UnknownColumns, UnusableProfile
+from fusion.readers import parse_profile, read_recording
+from fusion.recording import Recording
+
+NAMED = '{"acceleration": ["p", "q", "r"], "angular_rate": ["u", "v", "w"], "time": "k"}'
+TWITCH = [0.001 * (k % 7 == 3) for k in range(900)]
+ROWS = [(10 * k, t, t, 1.0 + t, 0.5 + t, t - 0.25, k % 50) for k, t in enumerate(TWITCH)]
+
+
+def read_with(profile: str, text: str, rate_hz: float | None = None) -> Recording:
+    return read_recording(
+        io.BytesIO(text.encode()), file_name="x.csv", rate_hz=rate_hz, profile=parse_profile(profile)
+    )
+
+
+def table(header: str = "k,p,q,r,u,v,w\n") -> str:
+    return header + "".join(",".join(map(str, row)) + "\n" for row in ROWS)
+
+
+def test_columns_are_found_by_the_names_that_the_profile_gives() -> None:
+    recording = read_with(NAMED, table())
+
+    assert recording.duration_us == 9_000_000
+    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.0]
+
+
+def test_columns_are_found_by_number_where_there_is_no_header() -> None:
+    recording = read_with('{"acceleration": [2, 3, 4], "angular_rate": [5, 6, 7], "time": 1}', table(""))
+
+    assert recording.duration_us == 9_000_000
+    assert recording.segments[0].acc_g[0, 2] == 1.0
+
+
+def test_units_and_factors_are_applied() -> None:
+    rows = "".join(f"{k / 100:.2f},0,0,2000,9,{k % 5},0\n" for k in range(900))
+    profile = json.loads(NAMED) | {
+        "acceleration_factor": 0.0005,
+        "angular_rate_unit": "mdps",
+        "time_unit": "s",
+    }
+
+    recording = read_with(json.dumps(profile), "k,p,q,r,u,v,w\n" + rows)
+
+    assert recording.segments[0].acc_g[0, 2] == pytest.approx(1.0)
+    assert recording.segments[0].gyr_dps[0, 0] == pytest.approx(0.009)
+
+
+def test_without_time_the_profile_tells_the_rate() -> None:
+    profile = json.loads(NAMED) | {"time": None, "rate_hz": 50}
+
+    assert read_with(json.dumps(profile), table()).duration_us == 18_000_000
+
+
+def test_the_rate_that_is_asked_for_goes_before_the_profiles() -> None:
+    profile = json.loads(NAMED) | {"time": None, "rate_hz": 50}
+
+    assert read_with(json.dumps(profile), table(), rate_hz=100.0).duration_us == 9_000_000
+
+
+def test_the_order_of_day_and_month_is_told() -> None:
+    rows = "".join(f"04/03/2026 08:00:{k / 100:05.2f},0,0,1,0,{k % 5},0\n" for k in range(900))
+    profile = json.loads(NAMED) | {"date_order": "dmy"}
+
+    recording = read_with(json.dumps(profile), "k,p,q,r,u,v,w\n" + rows)
+
+    assert recording.start is not None
+    assert (recording.start.month, recording.start.day) == (3, 4)
+
+
+def test_a_column_that_is_not_there_is_named() -> None:
+    with pytest.raises(UnknownColumns) as refusal:
+        read_with(NAMED.replace('"w"', '"z"'), table())
+
+    assert "z" in str(refusal.value.facts["list"])
+
+
+def test_a_profile_survives_being_saved() -> None:
+    profile = parse_profile(NAMED)
+
+    assert parse_profile(profile.to_json()) == profile
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("{", "json"),
+        ("[]", "names"),
+        ('{"acceleration": [1, 2, 3]}', "names"),
+        (NAMED.replace('"time"', '"tiem"'), "names"),
+        ('{"acceleration": [1, 2], "angular_rate": [4, 5, 6]}', "places"),
+        ('{"acceleration": [0, 2, 3], "angular_rate": [4, 5, 6]}', "places"),
+        ('{"acceleration": [1, 2, 3], "angular_rate": [4, 5, 6], "time": 1.5}', "places"),
+        (NAMED[:-1] + ', "acceleration_unit": "stone"}', "units"),
+        (NAMED[:-1] + ', "date_order": "ydm"}', "units"),
+        (NAMED[:-1] + ', "rate_hz": -1}', "profile-numbers"),
+        (NAMED[:-1] + ', "rate_hz": true}', "profile-numbers"),
+    ],
+)
+def test_a_profile_that_says_nothing_usable_is_refused(text: str, why: str) -> None:
+    with pytest.raises(UnusableProfile) as refusal:
+        parse_profile(text)
+
+    assert refusal.value.facts["why"] == why

@@ -1,0 +1,105 @@
+"""Sensor taken off and put back turned."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fusion.calibration import calibrate
+from fusion.elevation import estimate_elevation
+from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.simulation import simulate_shift
+from fusion.simulation.parts import Device
+from tests.factories import record
+
+RATE_HZ = 25.0
+DESK_S = 720.0
+Table = NDArray[np.float64]
+
+
+def work(hours: float, seed: int, device: Device = "gt9x") -> tuple[Table, Table, Table]:
+    made = simulate_shift(device, hours, seed, RATE_HZ, perfect=True).in_arrays()
+    return made.acc_g.astype(float), made.gyr_dps.astype(float), made.elevation_deg
+
+
+def take_off_half_way(turn: Table, seed: int = 1, hours: float = 1.5) -> tuple[Recording, Table]:
+    """Work, 12 minutes on a desk, and the rest of the work with the sensor turned."""
+    acc, gyr, truth = work(hours, seed)
+    half, desk = len(acc) // 2, round(DESK_S * RATE_HZ)
+    rng = np.random.default_rng(seed)
+    still = np.array([0.0, 0.6, 0.8]) + rng.normal(0.0, 0.002, (desk, 3))
+    rest = rng.normal(0.0, 0.05, (desk, 3))
+    both = np.concatenate([acc[:half], still, acc[half:] @ turn.T])
+    rates = np.concatenate([gyr[:half], rest, gyr[half:] @ turn.T])
+    return record(both, rates, RATE_HZ), np.concatenate([truth[:half], np.full(desk, np.nan), truth[half:]])
+
+
+def tilt(degrees: float, about: Iterable[float] = (1.0, 0.0, 0.0)) -> Table:
+    return np.asarray(Rotation.from_rotvec(np.radians(degrees) * np.array(list(about))).as_matrix())
+
+
+@pytest.mark.parametrize("device", ["gt9x", "lsm9ds1"])
+@pytest.mark.parametrize("seed", range(1, 11))
+def test_a_day_on_which_the_sensor_stayed_on_raises_no_alarm(seed: int, device: Device) -> None:
+    made = simulate_shift(device, 1.0, seed, RATE_HZ).in_arrays()
+
+    samples = calibrate(record(made.acc_g.astype(float), made.gyr_dps.astype(float), RATE_HZ), "n-pose")
+
+    assert samples.remounts == ()
+    assert all(flag.code != "W-REMOUNT" for flag in samples.flags)
+
+
+def test_put_back_as_it_was_it_raises_no_alarm() -> None:
+    recording, _ = take_off_half_way(np.eye(3))
+
+    assert calibrate(recording, "n-pose").remounts == ()
+
+
+@pytest.mark.parametrize("degrees", [40.0, 90.0, 180.0])
+def test_put_back_turned_it_is_noticed_and_timed(degrees: float) -> None:
+    # 45 minutes of work, then the desk from 2700 s to 3420 s: cut in the middle of it, at 3060 s.
+    recording, _ = take_off_half_way(tilt(degrees))
+
+    samples = calibrate(recording, "n-pose")
+
+    (part,) = samples.remounts
+    (flag,) = [flag for flag in samples.flags if flag.code == "W-REMOUNT"]
+    assert part.start_s == pytest.approx(3060.0, abs=30.0)
+    assert (flag.first_s, flag.last_s) == pytest.approx((part.start_s, recording.duration_us / MICROSECONDS))
+
+
+def test_after_it_the_angle_is_taken_from_an_axis_of_its_own() -> None:
+    recording, truth = take_off_half_way(tilt(60.0))
+
+    segment = estimate_elevation(calibrate(recording, "n-pose")).segments[0]
+
+    after = slice(round(3500.0 * RATE_HZ), len(truth))
+    assert segment.valid[after].all()
+    assert np.sqrt(np.mean((segment.elevation_deg[after] - truth[after]) ** 2)) < 10.0
+
+
+def test_after_it_the_angle_is_said_to_be_less_certain() -> None:
+    recording, _ = take_off_half_way(tilt(60.0))
+
+    sigma_deg = estimate_elevation(calibrate(recording, "n-pose")).segments[0].sigma_deg
+
+    assert sigma_deg is not None
+    assert sigma_deg[3500:].min() >= 5.0
+    assert np.median(sigma_deg[:2700]) < 1.0
+
+
+def test_a_part_with_too_few_still_moments_to_carry_the_axis_over_is_left_out() -> None:
+    recording, _ = take_off_half_way(tilt(90.0))
+    segment = recording.segments[0]
+    end = round((2700.0 + DESK_S + 60.0) * RATE_HZ)
+    short = Segment(0, RATE_HZ, segment.acc_g[:end], segment.gyr_dps[:end])
+    samples = calibrate(replace(recording, duration_us=short.duration_us, segments=(short,)), "n-pose")
+
+    valid = estimate_elevation(samples).segments[0].valid
+
+    assert [part.arm_axis is None for part in samples.remounts] == [True]
+    assert not valid[-100:].any()
+    assert valid[: round(2700.0 * RATE_HZ)].mean() > 0.99

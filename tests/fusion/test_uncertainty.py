@@ -1,0 +1,76 @@
+"""How uncertain the angle is said to be, and whether that is true."""
+
+import numpy as np
+import pytest
+
+from fusion.calibration import calibrate
+from fusion.elevation import estimate_elevation
+from fusion.orientation.smoothed import SmoothedNodes
+from fusion.orientation.uncertainty import UncertaintySettings, estimate_sigma
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
+from fusion.simulation import simulate_shift
+from fusion.simulation.parts import Device
+from tests.factories import hold, record
+
+
+def smoothed(*disagreement_deg: float) -> SmoothedNodes:
+    return SmoothedNodes(np.zeros((1, 3)), np.array(disagreement_deg), 20)
+
+
+def test_the_parts_are_added_as_variances() -> None:
+    # Residual 1 mg = 0.0573 deg, four times: 0.2292. Disagreement 2 deg: 4 / 2 x 0.15 = 0.3 deg^2.
+    correction = AccelerometerCorrection(np.zeros(3), np.ones(3), 20, (0.02, 0.001))
+
+    sigma_deg = estimate_sigma(smoothed(*[2.0] * 20), correction)
+
+    assert sigma_deg == pytest.approx(np.full(20, np.sqrt(0.12**2 + 0.2292**2 + 0.3)), abs=1e-4)
+
+
+def test_an_accelerometer_that_could_not_be_calibrated_counts_as_delivered() -> None:
+    sigma_deg = estimate_sigma(smoothed(0.0), leave_accelerometer(), UncertaintySettings(floor_deg=0.0))
+
+    assert sigma_deg == pytest.approx([0.5])
+
+
+def test_there_is_one_value_for_each_second() -> None:
+    segment = estimate_elevation(calibrate(hold((0.0, 10.4)).recording, "n-pose")).segments[0]
+
+    assert segment.sigma_deg is not None
+    assert segment.sigma_deg.shape == (11,)
+    assert segment.sigma_deg.dtype == np.float32
+
+
+def test_the_recordings_own_figure_is_their_root_mean_square() -> None:
+    elevation = estimate_elevation(calibrate(hold((0.0, 10.0), (80.0, 10.0)).recording, "n-pose"))
+
+    sigma_deg = np.asarray(elevation.segments[0].sigma_deg, dtype=float)
+    assert elevation.bias_sigma_deg == pytest.approx(np.sqrt(np.mean(sigma_deg**2)))
+
+
+@pytest.mark.parametrize("method", ["published", "live"])
+def test_methods_without_a_measure_of_their_own_tell_their_typical_error(method: str) -> None:
+    samples = calibrate(hold((0.0, 10.0)).recording, "n-pose")
+
+    elevation = estimate_elevation(samples, method)  # type: ignore[arg-type]
+
+    assert elevation.segments[0].sigma_deg is None
+    assert elevation.bias_sigma_deg == {"published": 4.2, "live": 1.3}[method]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("device", ["gt9x", "lsm9ds1"])
+def test_on_simulated_days_the_band_of_95_percent_covers_the_truth_about_as_often(device: Device) -> None:
+    # Four days of two hours; the pose is left out, for the arm axis is the true one within the sensor's
+    # error. `python -m benchmarks.fusion band` prints each day.
+    inside = [cover(device, seed) for seed in (1, 3, 5, 7)]
+
+    assert 0.93 <= np.mean(inside) <= 0.97
+
+
+def cover(device: Device, seed: int) -> float:
+    made = simulate_shift(device, 2.0, seed, 50.0).in_arrays()
+    recording = record(made.acc_g.astype(float), made.gyr_dps.astype(float), made.rate_hz)
+    segment = estimate_elevation(calibrate(recording, "n-pose")).segments[0]
+    assert segment.sigma_deg is not None
+    sigma_deg = segment.sigma_deg[(np.arange(len(segment)) / made.rate_hz).astype(int)]
+    return float((np.abs(segment.elevation_deg - made.elevation_deg) < 1.96 * sigma_deg).mean())

@@ -1,0 +1,76 @@
+"""A diary beside the recording: what it does to the report, and what a slip in it brings."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from app.cli import app
+from app.request import ReportRequest
+from fusion.diary import DiaryEntry
+
+DIARY = "start,end,kind,label\n0,60,task,Boxes\n60,90,break,Coffee\n"
+
+
+def expose(folder: Path, diary: str) -> Result:
+    """Two minutes at 70 deg, ten samples a second."""
+    lines = "".join(f"{i / 10:.1f},70\n" for i in range(1200))
+    (folder / "angles.csv").write_text("time_s,elevation_deg\n" + lines)
+    (folder / "diary.csv").write_text(diary)
+    arguments = ["exposure", folder / "angles.csv", "-o", folder / "out", "--diary", folder / "diary.csv"]
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_each_row_of_the_diary_is_a_row_of_the_tables(tmp_path: Path) -> None:
+    assert expose(tmp_path, DIARY).exit_code == 0
+
+    with (tmp_path / "out" / "periods.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["kind"] == "period"]
+    told = [(row["period_kind"], row["label"], row["analysed_s"], row["excluded_as"]) for row in rows]
+    assert told == [
+        ("task", "Boxes", "60.0", ""),
+        ("break", "Coffee", "0.0", "break"),
+        ("work", "", "30.0", ""),
+    ]
+
+
+def test_the_parts_of_the_time_stand_in_the_results(tmp_path: Path) -> None:
+    expose(tmp_path, DIARY)
+
+    time = json.loads((tmp_path / "out" / "angles" / "results.json").read_text("utf-8"))["time"]
+    assert time["excluded_s"] == 30.0
+    assert sum(part["duration_s"] for part in time["parts"]) == time["recorded_s"] == 120.0
+
+
+def test_the_report_names_periods_and_hatches_the_break(tmp_path: Path) -> None:
+    expose(tmp_path, DIARY)
+
+    page = (tmp_path / "out" / "angles" / "report.html").read_text("utf-8")
+    assert "Boxes" in page
+    assert "Coffee" in page
+    assert "30\u00a0s, left out" in page or "30\u202fs, left out" in page
+    assert "What the recorded time consists of" in page
+
+
+def test_a_slip_in_the_diary_is_told_before_anything_is_read(tmp_path: Path) -> None:
+    result = expose(tmp_path, "start,end,kind\n0,60,brake\n")
+
+    assert result.exit_code == 2
+    assert "E-DIARY" in result.output
+    assert "Write one of: shift, work, task" in result.output
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("end", [None, 60.5, "07:59:00"], ids=["until the next", "seconds", "clock"])
+def test_a_diary_survives_the_way_through_the_queue(end: float | str | None) -> None:
+    request = ReportRequest("a.csv", diary=(DiaryEntry(0.0, end, "task", "Boxes", line=2),))
+
+    assert ReportRequest.from_json(request.to_json()) == request
+
+
+def test_rows_for_another_file_are_not_for_this_one() -> None:
+    mine, other = DiaryEntry(0.0, None, "task", file="a.csv"), DiaryEntry(0.0, None, "task", file="b.csv")
+
+    assert ReportRequest("a.csv", diary=(mine, other)).list_diary() == (mine,)

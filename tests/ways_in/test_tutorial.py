@@ -1,0 +1,62 @@
+"""The tutorial does what it says: its commands run, its addresses exist, its dictionary is today's."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.main import create_app
+from app.report.dictionary import write_document
+from app.settings import Settings
+
+ROOT = Path(__file__).resolve().parents[2]
+TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text("utf-8")
+BLOCKS = re.findall(r"```(\w+)(?: ([\w.]+))?\n(.*?)```", TUTORIAL, re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def tutorial_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Follow the tutorial from top to bottom, with a shift of twelve minutes instead of eight hours."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    for language, name, body in BLOCKS:
+        if language == "csv":
+            (folder / name).write_text(body.replace("10:00", "07:05").replace("10:15", "07:06"), "utf-8")
+        elif name != "serve":
+            run_line(body.strip().replace("--hours 8", "--hours 0.2"), folder)
+    return folder
+
+
+def run_line(line: str, folder: Path) -> None:
+    program, *words = line.split()
+    assert program == "acromion"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-m", "app", *words], cwd=folder, env=environment, check=True)
+
+
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"^\| (`[^|]+) \|", TUTORIAL, re.MULTILINE))))
+def test_the_folder_holds_every_file_that_the_tutorial_names(tutorial_folder: Path, name: str) -> None:
+    made = {path.name for path in (tutorial_folder / "results" / "shift_seed1").iterdir()}
+
+    assert set(re.findall(r"`([^`]+)`", name)) <= made
+
+
+def test_the_ready_angles_give_a_report_in_french(tutorial_folder: Path) -> None:
+    page = (tutorial_folder / "from-angles" / "angles" / "report.html").read_text("utf-8")
+
+    assert '<html lang="fr">' in page
+
+
+def test_every_address_of_the_tutorial_exists(tmp_path: Path) -> None:
+    known = create_app(Settings(data_dir=tmp_path)).openapi()["paths"]
+    patterns = [re.sub(r"\{[^}]+\}", "[^/]+", path) + "$" for path in known]
+
+    asked = re.findall(r"(/api/v1/[\w/.]+)", TUTORIAL)
+
+    assert [path for path in asked if not any(re.match(pattern, path) for pattern in patterns)] == []
+
+
+def test_the_dictionary_is_that_of_the_code() -> None:
+    assert (ROOT / "docs" / "dictionary.md").read_text("utf-8") == write_document()
