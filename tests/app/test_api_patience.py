@@ -1,5 +1,6 @@
 """Over a real socket: slow and oversized requests are ended, quick ones are not."""
 
+import http.client
 import socket
 import threading
 import time
@@ -96,11 +97,14 @@ def test_a_huge_head_is_refused(address: tuple[str, int]) -> None:
 
 
 def test_an_ordinary_caller_is_answered_twice_on_one_line(address: tuple[str, int]) -> None:
-    request = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    with closing(socket.create_connection(address)) as line:
-        line.sendall(request)
-        first = line.recv(65536)
-        line.sendall(request)
+    with closing(http.client.HTTPConnection(*address)) as caller:
+        states, lines = [], []
+        for _ in range(2):
+            caller.request("GET", "/healthz", headers={"Host": "localhost"})
+            lines.append(caller.sock)
+            answer = caller.getresponse()
+            states.append(answer.status)
+            answer.read()
 
-        assert first.startswith(b"HTTP/1.1 200")
-        assert line.recv(65536).startswith(b"HTTP/1.1 200")
+        assert states == [200, 200]
+        assert lines[0] is lines[1]
