@@ -54,7 +54,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["rest"], _tell_number(facts["sanity"]["rest_g"], "g", words, language)),
         (words["handedness"], _tell_number(facts["sanity"]["handedness"], "", words, language)),
         (words["gyro_scale"], _tell_number(facts["sanity"]["gyro_scale"], "", words, language)),
-        *((f"  {name}", clean_text(str(value))) for name, value in facts["understood"].items()),
+        *((f"  {name}", clean_text(str(value))) for name, value in facts["understood"].items() if value),
         (words["gaps"], _join((_tell_gap(gap, words, language) for gap in facts["gaps"]), words)),
         (words["warnings"], _join((_tell_warning(w, language) for w in facts["warnings"]), words)),
         (
