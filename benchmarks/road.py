@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -23,12 +24,13 @@ import pyarrow.parquet as pq
 
 from fusion.simulation import write_recordings
 
+POLL_S = 0.02
 EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Wall time, processor time and peak memory of one process."""
+    """Wall time, processor time and peak memory of a run, its children included."""
 
     wall_s: float
     cpu_s: float
@@ -36,15 +38,37 @@ class Cost:
 
 
 def run_once(log: Path, out: Path, method: str) -> Cost:
-    """Run the command line on one recording in a process of its own."""
+    """Run the command line on one recording, and watch it and all its children (Linux)."""
     command = [sys.executable, "-m", "app", "run", str(log), "-o", str(out), "--force", "--method", method]
     began = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+    cpu_ticks: dict[str, int] = {}
+    peak_kib = 0
+    while process.poll() is None:
+        seen = list(list_processes(process.pid))
+        cpu_ticks.update({pid: ticks for pid, ticks, _ in seen})
+        peak_kib = max(peak_kib, sum(kib for _, _, kib in seen))
+        time.sleep(POLL_S)
     wall_s = time.perf_counter() - began
-    if status:
-        raise SystemExit(f"{log.name}: exit status {status}")
-    return Cost(wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
+    if process.returncode:
+        raise SystemExit(f"{log.name}: exit status {process.returncode}")
+    cpu_s = sum(cpu_ticks.values()) / os.sysconf("SC_CLK_TCK")
+    return Cost(wall_s, cpu_s, peak_kib / 1024)
+
+
+def list_processes(session: int) -> Iterator[tuple[str, int, int]]:
+    """Give process number, processor ticks and memory of each process of a session.
+
+    Memory is the proportional set size in KiB: what processes share by forking counts once in their sum.
+    """
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            if int(fields[3]) == session:
+                pss = next(x for x in (folder / "smaps_rollup").read_text().splitlines() if x[:4] == "Pss:")
+                yield folder.name, int(fields[11]) + int(fields[12]), int(pss.split()[1])
+        except OSError:
+            continue
 
 
 def compare_with_truth(folder: Path, truth: Path) -> tuple[float, float, list[float]]:
