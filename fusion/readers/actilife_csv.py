@@ -23,7 +23,7 @@ from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, IGNORED, STAMP
 from fusion.readers.text_layout import CALENDAR, TextLayout
 from fusion.readers.text_stream import decode_head, find_form
 from fusion.readers.text_table import TablePlan, read_table
-from fusion.readers.timing import datetime_at_us, hash_serial, is_clock_set
+from fusion.readers.timing import datetime_at_us, hash_serial, trust_clock
 from fusion.recording import QualityFlag, Recording
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
@@ -66,20 +66,18 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         start, changes = parse_start(header), ()
         held = drop_held_rows(rows.columns)
         grid = cut_counted(rows.columns, header_rate_hz(header))
-    is_set = start is not None and is_clock_set(start)
+    start, unset = trust_clock(start)
     flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, form, layout))
     if held:
         flags += (QualityFlag("W-STUCK-PART", held),)
-    if start is not None and not is_set:
-        flags += (QualityFlag("W-CLOCK-UNSET"),)
     return Recording(
         device="gt9x",
         sha256="",
-        start=start if is_set else None,
+        start=start,
         time_zone=None,
         duration_us=grid.duration_us,
         segments=grid.segments,
-        flags=flags,
+        flags=(*flags, *unset),
         understood=_describe(header, layout, rows.columns.rows),
         serial_hash=hash_serial(header.get("Serial Number", "")),
         acc_range_g=DEVICE_RANGES[0],

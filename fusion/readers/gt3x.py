@@ -39,7 +39,7 @@ from fusion.readers.gt3x_primary import PROBED_EVERY_S, ROW_BYTES, PrimarySecond
 from fusion.readers.gt3x_schema import RowDecoder, make_decoder, parse_schema
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
-from fusion.readers.timing import find_gaps, flag_spans, is_clock_set
+from fusion.readers.timing import find_gaps, flag_spans, trust_clock
 from fusion.readers.zones import find_zone, follow_zone
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
@@ -191,12 +191,13 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
     segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
     excluded, asides = find_exclusions(log, timeline)
     duration_us = max([segments[-1].end_us, *(span.end_us for span in excluded)])
-    start, changes = _tell_clock(text, log, timeline)
+    told, changes = _tell_clock(text, log, timeline)
+    start, unset = trust_clock(told)
     decoder = log.decoder
     return Recording(
         device="gt9x",
         sha256="",
-        start=start if is_clock_set(start) else None,
+        start=start,
         time_zone=None if text.offset_s is None else name_offset(text.offset_s),
         duration_us=duration_us,
         segments=segments,
@@ -206,7 +207,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
             *timeline.flags,
             *changes,
             *asides,
-            *(() if is_clock_set(start) else (QualityFlag("W-CLOCK-UNSET"),)),
+            *unset,
             *flag_spans("W-SLEEP", [span for span in excluded if span.reason == "asleep"]),
             *flag_spans("W-DOCKED", [span for span in excluded if span.reason == "docked"]),
             *flag_spans("W-GAP", find_gaps(segments, duration_us, excluded)),

@@ -24,7 +24,7 @@ from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, PAUSE
 from fusion.readers.text_layout import TextLayout, find_layout
 from fusion.readers.text_stream import TextForm, decode_head, find_form
 from fusion.readers.text_table import TablePlan, TableRows, read_table
-from fusion.readers.timing import LARGEST_DRIFT, datetime_at_us, hash_serial, is_clock_set
+from fusion.readers.timing import LARGEST_DRIFT, datetime_at_us, hash_serial, trust_clock
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 ARDUINO_BURST_ROWS = 119
@@ -131,17 +131,15 @@ def _build(
     start = find_start(facts, plan, first_stamp)
     if start is not None and start.tzinfo is None and layout.dates and layout.dates.offset_s is not None:
         start = start.replace(tzinfo=timezone(timedelta(seconds=layout.dates.offset_s)))
-    is_set = start is not None and is_clock_set(start)
-    flags = (*rows.flags, *caveats)
-    if start is not None and not is_set:
-        flags += (QualityFlag("W-CLOCK-UNSET"),)
+    start, unset = trust_clock(start)
+    flags = (*rows.flags, *caveats, *unset)
     if plan.stamp_kind == COUNTER:
         flags += (QualityFlag("W-RATE", facts={"rate_hz": round(1e6 / grid.period_us, 3)}),)
     return Recording(
         device=find_device(facts, layout),
         sha256="",
-        start=start if is_set else None,
-        time_zone=_name_zone(start) if is_set else None,
+        start=start,
+        time_zone=_name_zone(start) if start else None,
         duration_us=grid.duration_us,
         segments=grid.segments,
         flags=flags,

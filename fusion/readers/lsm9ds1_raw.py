@@ -22,7 +22,7 @@ from fusion.readers.text_kernel import IGNORED, NUMERIC_TIME, STAMP
 from fusion.readers.text_layout import TextLayout, find_layout
 from fusion.readers.text_stream import decode_head, find_form
 from fusion.readers.text_table import TablePlan, read_table
-from fusion.readers.timing import is_clock_set
+from fusion.readers.timing import trust_clock
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
@@ -113,15 +113,13 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
     first_us = int(columns.stamps[0])
     n_rows = columns.rows
     grid: Grid = cut_stamped(columns)
-    start = datetime.fromtimestamp(first_us / MICROSECONDS, UTC)
-    is_set = is_clock_set(start)
+    start, unset = trust_clock(datetime.fromtimestamp(first_us / MICROSECONDS, UTC))
     mirrored = QualityFlag("W-UNITS", facts={"what": "left-handed", "evidence": "layout"})
-    unset = () if is_set else (QualityFlag("W-CLOCK-UNSET"),)
     return Recording(
         device="lsm9ds1",
         sha256="",
-        start=start if is_set else None,
-        time_zone="UTC+00:00" if is_set else None,
+        start=start,
+        time_zone="UTC+00:00" if start else None,
         duration_us=grid.duration_us,
         segments=grid.segments,
         flags=(*flags, *grid.flags, *unset, mirrored),

@@ -20,7 +20,7 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
 from fusion.readers.text_kernel import LARGEST_VALUE
-from fusion.readers.timing import datetime_at_us, is_clock_set
+from fusion.readers.timing import datetime_at_us, trust_clock
 from fusion.recording import QualityFlag, Recording
 
 MAGIC = b"PAR1"
@@ -127,19 +127,16 @@ def _build(columns: SampleColumns, chosen: Sequence[Column], absent: int, rate_h
         raise UnknownRate(h="-", m="-")
     grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
     is_calendar = has_time and chosen[0].unit is None
-    start = datetime_at_us(first_us) if is_calendar else None
-    is_set = start is not None and is_clock_set(start)
+    start, unset = trust_clock(datetime_at_us(first_us) if is_calendar else None)
     flags = grid.flags if absent == 0 else (QualityFlag("W-NAN", absent), *grid.flags)
-    if is_calendar and not is_set:
-        flags += (QualityFlag("W-CLOCK-UNSET"),)
     return Recording(
         device="other",
         sha256="",
-        start=start if is_set else None,
+        start=start,
         time_zone=None,
         duration_us=grid.duration_us,
         segments=grid.segments,
-        flags=flags,
+        flags=(*flags, *unset),
         understood={
             "layout": "Parquet",
             "columns": ", ".join(column.name for column in chosen),

@@ -20,6 +20,13 @@ def is_clock_set(start: datetime) -> bool:
     return FIRST_PLAUSIBLE_YEAR <= start.year <= LAST_PLAUSIBLE_YEAR
 
 
+def trust_clock(start: datetime | None) -> tuple[datetime | None, tuple[QualityFlag, ...]]:
+    """Give the clock only where it can have been set, and a caveat where it was not (W-CLOCK-UNSET)."""
+    if start is None or is_clock_set(start):
+        return start, ()
+    return None, (QualityFlag("W-CLOCK-UNSET"),)
+
+
 def find_gaps(
     segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
 ) -> tuple[Span, ...]:

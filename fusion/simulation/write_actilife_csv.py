@@ -2,14 +2,13 @@
 
 from datetime import datetime, timedelta
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.simulation.digits import put_stamped_rows
 from fusion.simulation.imu_rows import TEMPERATURE_AT_ZERO, ImuSeconds
+from fusion.simulation.open_file import OpenFile
 from fusion.simulation.shift import SimulatedShift
 from fusion.simulation.write_gt3x import name_serial
 
@@ -26,21 +25,12 @@ DIVISORS = np.array([2048.0] * 3 + [333.87] + [16.383999] * 3 + [6.826667] * 3)
 ROWS_PER_SECOND = 100
 
 
-class ActilifeCsvWriter:
+class ActilifeCsvWriter(OpenFile):
     """Takes seconds of rows and writes them on at once; a context manager."""
 
     def __init__(self, path: Path, shift: SimulatedShift) -> None:
         self._start = shift.start
-        self._file = path.open("wb")
-        self._file.write(_write_header(shift))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
+        super().__init__(path, _write_header(shift))
 
     def write(self, seconds: ImuSeconds) -> None:
         """Resample each second to 100 rows by ActiLife's rule and write them."""

@@ -5,12 +5,11 @@ right-handed frame, and so does this file: acc and gyr share it.
 """
 
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from fusion.simulation.digits import put_counter_rows
+from fusion.simulation.open_file import OpenFile
 from fusion.simulation.shift import SampleBlock, SimulatedShift
 
 COUNTER_SIZE = 2**32
@@ -23,23 +22,14 @@ _COLUMNS = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 _DECIMALS = np.array([6, 6, 6, 3, 3, 3])
 
 
-class Lsm9ds1CsvWriter:
+class Lsm9ds1CsvWriter(OpenFile):
     """Takes blocks of samples and writes them on at once; a context manager."""
 
     def __init__(self, path: Path, shift: SimulatedShift) -> None:
         self._shift = shift
         self._chance = np.random.default_rng([shift.seed, 4])
         self._switched_on_us = self._chance.integers(3_000_000, 600_000_000)
-        self._file = path.open("wb")
-        self._file.write(_write_header(shift))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
+        super().__init__(path, _write_header(shift))
 
     def write(self, block: SampleBlock) -> None:
         """Write the rows of a block; values are whole multiples of the resolution, so text loses nothing."""
