@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from app.batch.plan import Task
 from app.errors import UnusableParticipants
-from app.request import SUBJECT_ALLOWED, ReportRequest, check_subject
+from app.request import SUBJECT_ALLOWED, check_subject
 from fusion.choices import Pose, Side
 from fusion.diary import read_diary
 from fusion.small_tables import decode_text, list_rows, plain_word
@@ -66,7 +66,8 @@ def assign_participants(
 ) -> tuple[list[Task], list[Participant]]:
     """Give the tasks with what the list says of each, and the rows that fit no recording."""
     rows = list(people)
-    assigned, used = [], set()
+    assigned: list[Task] = []
+    used: set[int] = set()
     for task in tasks:
         fitting = [row for row in rows if _fits(task.log, row.file)]
         used.update(row.line for row in fitting)
@@ -157,5 +158,3 @@ def _check_each_once(people: Iterable[Participant]) -> None:
         if name in seen:
             raise UnusableParticipants(line=person.line, why="file twice", value=person.file[:60], allowed="")
         seen[name] = person.line
-
-

@@ -138,7 +138,9 @@ def encode_settings(request: ReportRequest) -> bytes:
 
 def _describe_entry(entry: DiaryEntry) -> dict[str, Any]:
     """Give what was said in a row of the diary; its line in the file it came from is no setting."""
-    return {name: value for name, value in asdict(entry).items() if value not in {None, ""} and name != "line"}
+    return {
+        name: value for name, value in asdict(entry).items() if value not in {None, ""} and name != "line"
+    }
 
 
 def read_settings(content: bytes) -> dict[str, Any]:
@@ -185,6 +187,4 @@ def _take(name: str, value: Any) -> Any:
         return setting.read(value)
     except (TypeError, ValueError):
         shown = str(value)[:60]
-        raise UnusableSettings(
-            name=name, why="setting value", value=shown, allowed=setting.allowed
-        ) from None
+        raise UnusableSettings(name=name, why="setting value", value=shown, allowed=setting.allowed) from None

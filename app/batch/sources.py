@@ -1,7 +1,7 @@
-"""Where the recordings of a run are named: on the command line, by a pattern, in a list, on standard input."""
+"""Where the recordings of a run are named: one by one, by a folder, by a pattern, in a list."""
 
 import glob
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,22 +19,24 @@ class Found:
     others: int = 0
 
 
-def find_recordings(paths: Iterable[Path], out: Path) -> Found:
+def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
     """List the recordings named, and those in and below the folders named.
 
-    What lies in the folder for the results is no recording.
+    What lies in the folder for the results is no recording, nor are the files ``without``: diaries, lists.
     """
     logs: dict[Path, None] = {}
     others = 0
     for path in _expand(paths):
-        if not path.is_dir():
-            logs[path] = None
-            continue
-        inside = [p for p in sorted(path.rglob("*")) if p.is_file() and not _lies_in(p, out)]
-        found = [p for p in inside if p.name.lower().endswith(SUFFIXES)]
+        inside = _list_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
+        found = [p for p in inside if p is path or p.name.lower().endswith(SUFFIXES)]
         logs.update(dict.fromkeys(found))
         others += len(inside) - len(found)
     return Found(tuple(logs), others)
+
+
+def _list_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return [path for path in files if not _lies_in(path, out) and path.resolve() not in without]
 
 
 def read_list(content: str, folder: Path) -> list[Path]:
@@ -61,7 +63,8 @@ def _expand(paths: Iterable[Path]) -> Iterator[Path]:
     """Expand patterns ourselves where the shell did not (Windows, or within quotes)."""
     for path in paths:
         if _UNUSUAL & set(str(path)) and not path.exists():
-            yield from map(Path, sorted(glob.glob(str(path), recursive=True)))  # noqa: PTH207  may be absolute
+            names = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  a path may be absolute
+            yield from map(Path, names or [str(path)])
         else:
             yield path
 

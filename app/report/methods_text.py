@@ -14,6 +14,8 @@ Results = Mapping[str, Any]
 def write_methods(every: Sequence[Results], failed: int, language: Language) -> bytes:
     """Write the paragraph as Markdown; ``every`` holds the results.json of each recording analysed."""
     words = load_wording(language, "run")["methods"]
+    if not every:
+        return f"# {words['title']}\n\n{words['nothing']}\n".encode()
     facts = _list_facts(every, failed, words, language)
     told = ["sensor", "recordings", "fusion", "pose", "elevation", "figures", "interval"]
     if not _count(every, "calibration", "pose"):
@@ -61,7 +63,7 @@ def _tell_method(method: tuple[str, str], words: Words) -> str:
 def _tell_rates(every: Iterable[Results], language: Language) -> str:
     rates_hz = sorted({results["recording"]["rate_hz"] for results in every})
     ends = dict.fromkeys(format_rate(rate_hz, language) for rate_hz in (rates_hz[0], rates_hz[-1]))
-    return "–".join(ends)
+    return f"{'–'.join(ends)} Hz"
 
 
 def _join(parts: Iterable[str]) -> str:
