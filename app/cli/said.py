@@ -50,9 +50,17 @@ def _print_outcome(outcome: Outcome, counter: str) -> None:
     if outcome.code:
         print_problem(counter + name, outcome.code, outcome.facts, language)
         return
-    typer.echo(f"{counter}{name} -> {outcome.task.folder}" + (" (already done)" if outcome.repeated else ""))
+    typer.echo(f"{counter}{name} -> {outcome.task.folder}" + _tell_version(outcome))
     for line in outcome.answer:
         typer.echo(f"  {line}")
+
+
+def _tell_version(outcome: Outcome) -> str:
+    """Say what was not done again, and where the report is that a new one replaces."""
+    if outcome.changes:
+        changed, earlier = ", ".join(outcome.changes), outcome.version - 1
+        return f" (version {outcome.version}, for {changed} changed; version {earlier} is kept in v{earlier})"
+    return " (already done)" if outcome.repeated else ""
 
 
 def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
