@@ -73,7 +73,8 @@ class ReportRequest:
 
     ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
-    of the same shift, which only the command line can name.
+    of the same shift, which only the command line can name. ``version`` counts the reports of one recording
+    and ``changes`` names what is different from the one before (a setting, "input" or "engine").
     """
 
     file_name: str
@@ -89,6 +90,8 @@ class ReportRequest:
     diary: tuple[DiaryEntry, ...] = ()
     profile: str = ""
     joined: tuple[str, ...] = ()
+    version: int = 1
+    changes: tuple[str, ...] = ()
 
     def to_json(self) -> str:
         """Give the request as text for a job row or a settings hash."""
@@ -101,10 +104,15 @@ class ReportRequest:
         values = {name: value for name, value in json.loads(text).items() if name in known}
         windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
         diary = tuple(DiaryEntry(**entry) for entry in values.pop("diary", ()))
-        for name in ("languages", "kinds", "joined"):
+        for name in ("languages", "kinds", "joined", "changes"):
             if name in values:
                 values[name] = tuple(values[name])
         return cls(calibration_windows_s=windows, diary=diary, **values)
+
+    def name_settings(self) -> dict[str, object]:
+        """Give what the figures depend on; in which languages and forms they are told is left out."""
+        told = {"file_name", "languages", "kinds", "joined", "version", "changes"}
+        return {name: value for name, value in asdict(self).items() if name not in told}
 
     def list_diary(self) -> tuple[DiaryEntry, ...]:
         """Give the rows of the diary that are for this file."""

@@ -1,16 +1,16 @@
 """The one road from a stored file to a report, taken by page, API and command line alike."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-from app.report.content import Report, ReportSubject, Software, build_report
 from app.report.elevation_file import write_elevation
-from app.report.exports import export_results, tell_in_brief
-from app.report.html import render_html
-from app.report.pdf import render_pdf
+from app.report.exports import export_results
+from app.report.findings import encode_findings, take_findings
 from app.report.results import encode_results
-from app.request import OnStage, ReportKind, ReportRequest, Stage
+from app.report.subject import ReportSubject, Software
+from app.report.writing import FINDINGS, RESULTS, rewrite_reports, write_reports
+from app.request import OnStage, ReportRequest, Stage
 from app.version import software_revision, software_version
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angles
 from fusion.readers import join_recordings, parse_profile, read_recording
@@ -34,8 +34,9 @@ def ignore_stage(_stage: Stage, _fraction: float) -> None:
 def make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage) -> None:
     """Analyse the file and write every product into the existing folder ``out``.
 
-    Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
-    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``.
+    Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
+    tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
+    five lines, ``answer.<language>.txt``.
 
     Raises
     ------
@@ -44,24 +45,34 @@ def make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage 
     """
     analysis = _analyse_file(log, request, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
-    subject = describe_subject(request)
-    results = encode_results(analysis, subject)
-    (out / "results.json").write_bytes(results)
+    findings, subject = take_findings(analysis), describe_subject(request)
+    results = encode_results(findings, subject)
+    (out / RESULTS).write_bytes(results)
+    (out / FINDINGS).write_bytes(encode_findings(findings, subject))
     for name, table in export_results(json.loads(results)).items():
         (out / name).write_bytes(table)
     write_elevation(analysis.elevation, out / "elevation.parquet")
-    reports = [build_report(analysis, subject, language) for language in request.languages]
-    for report in reports:
-        (out / f"answer.{report.language}.txt").write_bytes(tell_in_brief(report))
-        for kind, body in _render(report, request.kinds, results):
-            (out / f"report.{report.language}.{kind}").write_bytes(body)
+    write_reports(findings, subject, request, out)
+
+
+def make_report_again(
+    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
+) -> None:
+    """Write the reports of the finished analysis in the folder ``finished``, in the languages asked."""
+    on_stage("rendering", _BEGINS["rendering"])
+    rewrite_reports(finished, request, out)
 
 
 def describe_subject(request: ReportRequest) -> ReportSubject:
     """Say whose arm it is and which software answers."""
     software = Software(software_version(), software_revision())
     return ReportSubject(
-        file_name=request.file_name, subject=request.subject, side=request.side, software=software
+        file_name=request.file_name,
+        subject=request.subject,
+        side=request.side,
+        software=software,
+        version=request.version,
+        changes=request.changes,
     )
 
 
@@ -84,12 +95,3 @@ def _read_logs(log: Path, request: ReportRequest) -> Recording:
         with path.open("rb") as file:
             recordings.append(read_recording(file, file_name=name, rate_hz=request.rate_hz, profile=profile))
     return join_recordings(recordings) if request.joined else recordings[0]
-
-
-def _render(
-    report: Report, kinds: tuple[ReportKind, ...], results: bytes
-) -> Iterator[tuple[ReportKind, bytes]]:
-    if "html" in kinds:
-        yield "html", render_html(report)
-    if "pdf" in kinds:
-        yield "pdf", render_pdf(report, {"results.json": results})

@@ -91,6 +91,17 @@ def load_and_make_report(log: Path, request: ReportRequest, out: Path, on_stage:
     importlib.import_module("app.workflow").make_report(log, request, out, on_stage)
 
 
+def load_and_tell_again(finished: Path) -> MakeReport:
+    """Take the short road, from the finished analysis in a folder to its report in another language."""
+    return partial(_load_and_tell_again, finished)
+
+
+def _load_and_tell_again(
+    finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+) -> None:
+    importlib.import_module("app.workflow").make_report_again(finished, request, out, on_stage)
+
+
 def choose_limits(settings: Settings, size_bytes: int) -> Limits:
     """Give a large file more time."""
     wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)

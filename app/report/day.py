@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from app.report.clock import Clock
+from app.report.findings import Findings
 from app.report.wording import Words
+from fusion.exposure.types import MinuteProfile, PeakWindow
 from fusion.recording import MICROSECONDS, Span
-
-if TYPE_CHECKING:
-    from fusion.exposure import MinuteProfile, PeakWindow
-    from fusion.pipeline import Analysis
 
 MINUTE_S = 60.0
 WORST_WINDOW_S = 900
@@ -56,11 +54,11 @@ class Day:
     worst: Stretch | None
 
 
-def draw_up_day(analysis: Analysis, clock: Clock, words: Words) -> Day:
-    """Lay out the day of an analysis."""
-    duration_s = analysis.recording.duration_us / MICROSECONDS
-    bands = _list_bands(analysis.exposure.minutes, duration_s)
-    left_out = merge_spans(analysis.exclusions)
+def draw_up_day(findings: Findings, clock: Clock, words: Words) -> Day:
+    """Lay out the day."""
+    duration_s = findings.recording.duration_us / MICROSECONDS
+    bands = _list_bands(findings.exposure.minutes, duration_s)
+    left_out = merge_spans(findings.exclusions)
     missing = _find_missing([(band.start_s, band.end_s) for band in bands], left_out, duration_s)
     marks = [Mark(a, b, "left out", name_reason(reason, words)) for a, b, reason in left_out]
     marks += [Mark(a, b, "missing", words["day"]["missing"]) for a, b in missing]
@@ -70,7 +68,7 @@ def draw_up_day(analysis: Analysis, clock: Clock, words: Words) -> Day:
         clock=clock,
         runs=_split_runs(bands),
         marks=tuple(sorted(shown, key=lambda mark: mark.start_s)),
-        worst=_find_worst(analysis.exposure.peak_windows),
+        worst=_find_worst(findings.exposure.peak_windows),
     )
 
 

@@ -6,38 +6,34 @@ import hashlib
 import json
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.report.clock import Clock
+from app.report.findings import CalibrationFacts, Findings, MethodFacts, StillFacts
 from app.report.results_extra import describe_episodes, describe_extra
 from app.report.subject import ReportSubject
+from fusion.exposure.types import Eva, Exposure, Interval, PartExposure, Velocity
+from fusion.quality.types import TimeAccount
 from fusion.recording import MICROSECONDS, QualityFlag
-
-if TYPE_CHECKING:
-    from fusion.calibration import Calibration, StillPeriod
-    from fusion.elevation import Method
-    from fusion.exposure import Eva, Exposure, Interval, PartExposure, Velocity
-    from fusion.pipeline import Analysis
-    from fusion.quality import TimeAccount
 
 SCHEMA = "acromion.results/1"
 VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
 _DECIMALS = 6
 
 
-def build_results(analysis: Analysis, subject: ReportSubject) -> dict[str, object]:
+def build_results(findings: Findings, subject: ReportSubject) -> dict[str, object]:
     """Lay the analysis out in the order of the contract; NaN and infinity become None."""
-    clock = Clock(analysis.recording.start)
+    clock = Clock(findings.recording.start)
     results: dict[str, object] = {
         "schema": SCHEMA,
-        "recording": _describe_recording(analysis, subject),
-        "time": _describe_time(analysis.time),
-        "calibration": _describe_calibration(analysis.calibration),
-        "method": _describe_method(analysis.elevation.method),
-        "exposure": _describe_exposure(analysis.exposure, clock),
+        "recording": _describe_recording(findings, subject),
+        "time": _describe_time(findings.time),
+        "calibration": _describe_calibration(findings.calibration),
+        "method": _describe_method(findings.method),
+        "exposure": _describe_exposure(findings.exposure, clock),
         "quality": {
-            "verdict": analysis.quality.verdict,
-            "warnings": [_describe_warning(flag, clock) for flag in analysis.quality.flags],
+            "verdict": findings.quality.verdict,
+            "warnings": [_describe_warning(flag, clock) for flag in findings.quality.flags],
         },
         "software": {"version": subject.software.version, "revision": subject.software.revision},
     }
@@ -45,22 +41,22 @@ def build_results(analysis: Analysis, subject: ReportSubject) -> dict[str, objec
     return rounded
 
 
-def encode_results(analysis: Analysis, subject: ReportSubject) -> bytes:
+def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
     """Write :func:`build_results` as UTF-8 JSON: the same analysis gives the same bytes."""
-    text = json.dumps(build_results(analysis, subject), ensure_ascii=False, indent=2, allow_nan=False)
+    text = json.dumps(build_results(findings, subject), ensure_ascii=False, indent=2, allow_nan=False)
     return text.encode("utf-8") + b"\n"
 
 
-def identify_report(analysis: Analysis, subject: ReportSubject) -> str:
+def identify_report(findings: Findings, subject: ReportSubject) -> str:
     """Name the report by a hash of input, settings and engine version: 16 hexadecimal digits."""
-    settings = analysis.settings
+    settings = findings.settings
     said = {
-        "input": analysis.recording.sha256,
+        "input": findings.recording.sha256,
         "method": settings.method,
         "pose": settings.pose,
         "calibration_windows_s": settings.calibration_windows_s,
         "diary": [asdict(entry) for entry in settings.diary],
-        "estimator": _describe_method(analysis.elevation.method),
+        "estimator": _describe_method(findings.method),
         "side": subject.side,
         "subject": subject.subject,
         "version": subject.software.version,
@@ -69,15 +65,8 @@ def identify_report(analysis: Analysis, subject: ReportSubject) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
 
 
-def find_rate_hz(analysis: Analysis) -> float:
-    """Give the sampling rate; that of the longest angle run where there are no samples."""
-    if analysis.recording.segments:
-        return analysis.recording.rate_hz
-    return max(analysis.elevation.segments, key=len).rate_hz
-
-
-def _describe_recording(analysis: Analysis, subject: ReportSubject) -> dict[str, object]:
-    recording = analysis.recording
+def _describe_recording(findings: Findings, subject: ReportSubject) -> dict[str, object]:
+    recording = findings.recording
     return {
         "sha256": recording.sha256,
         "file_name": subject.file_name,
@@ -85,7 +74,7 @@ def _describe_recording(analysis: Analysis, subject: ReportSubject) -> dict[str,
         "serial_hash": recording.serial_hash,
         "start": recording.start.isoformat() if recording.start else None,
         "time_zone": recording.time_zone,
-        "rate_hz": find_rate_hz(analysis),
+        "rate_hz": findings.recording.rate_hz,
         "side": subject.side,
         "subject": subject.subject,
     }
@@ -104,7 +93,7 @@ def _describe_time(time: TimeAccount) -> dict[str, object]:
     }
 
 
-def _describe_calibration(calibration: Calibration | None) -> dict[str, object] | None:
+def _describe_calibration(calibration: CalibrationFacts | None) -> dict[str, object] | None:
     if calibration is None:
         return None
     still = calibration.still
@@ -113,16 +102,16 @@ def _describe_calibration(calibration: Calibration | None) -> dict[str, object] 
         "start_s": still.start_s,
         "duration_s": still.duration_s,
         "score": still.score,
-        "gyro_bias_dps": still.gyro_bias_dps.tolist(),
+        "gyro_bias_dps": list(still.gyro_bias_dps),
         "second": _describe_second(calibration.second),
     }
 
 
-def _describe_second(still: StillPeriod | None) -> dict[str, object] | None:
+def _describe_second(still: StillFacts | None) -> dict[str, object] | None:
     return {"start_s": still.start_s, "duration_s": still.duration_s} if still else None
 
 
-def _describe_method(method: Method | None) -> dict[str, object] | None:
+def _describe_method(method: MethodFacts | None) -> dict[str, object] | None:
     if method is None:
         return None
     return {"name": method.name, "version": method.version, "parameters": dict(method.parameters)}

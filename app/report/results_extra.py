@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from fusion.exposure import Episodes, EvaSummary, Exposure, Frequency, HourVariation, Recovery
+from fusion.exposure.types import Episodes, EvaSummary, Exposure, Frequency, HourVariation, Recovery
 
 
 def describe_episodes(episodes: Episodes) -> dict[str, object]:

@@ -12,10 +12,11 @@ import openpyxl
 import pyarrow.parquet as pq
 import pytest
 
+from app.report.brief import tell_in_brief
 from app.report.bundle import pack_files
 from app.report.content import build_report
 from app.report.dictionary import encode_dictionary, list_paths, name_unit
-from app.report.exports import export_results, tell_in_brief
+from app.report.exports import export_results
 from app.report.redcap import DICTIONARY_COLUMNS
 from app.report.results import encode_results
 from app.report.summary import COLUMNS, PERIOD_COLUMNS

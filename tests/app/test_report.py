@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from app.report.content import Report, build_report
+from app.report.findings import Findings
 from app.report.parts import Section, Table
 from app.report.wording import LANGUAGES, Language
 from fusion.exposure import Entries, Episodes, Exposure, Interval, PartExposure, PeakWindow, Velocity
-from fusion.pipeline import Analysis
 from fusion.quality import Quality, TimeAccount
 from tests.app.analysis_factory import (
     make_analysis,
@@ -21,7 +21,7 @@ from tests.app.analysis_factory import (
 
 
 def report_of(
-    *, analysis: Analysis | None = None, exposure: Exposure | None = None, language: Language = "en"
+    *, analysis: Findings | None = None, exposure: Exposure | None = None, language: Language = "en"
 ) -> Report:
     return build_report(analysis or make_analysis(exposure=exposure), make_subject(), language)
 
