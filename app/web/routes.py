@@ -7,8 +7,9 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from app.api.problems import Refusal
 from app.api.services import LANGUAGE_COOKIE, Services, UsedLanguage, UsedServices, choose_language
-from app.errors import AppError, find_outcome
+from app.errors import find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.report.messages import describe_problem
 from app.report.wording import Language, fill, load_wording
@@ -22,7 +23,6 @@ from app.web.views import (
     show_row,
     show_settings,
 )
-from fusion.errors import FusionError
 
 SHOWN = 200
 YEAR_S = 365 * 24 * 3600
@@ -88,11 +88,11 @@ def show_page(
     return response
 
 
-def answer_with_page(request: Request, error: FusionError | AppError) -> HTMLResponse:
+def answer_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own."""
     language = choose_language(request)
     words = describe_problem(error.code, error.facts, language)
-    status = find_outcome(type(error)).status
+    status = find_outcome_of_code(error.code).status
     return show_page(request, "error.html", language, {"problem": words, "code": error.code}, status)
 
 
