@@ -67,5 +67,6 @@ def _commit(stored: StoredRecording, services: Services, wish: ReportRequest) ->
     try:
         return services.store.add(stored, wish)
     except BaseException:
-        services.storage.recording(stored.id).unlink(missing_ok=True)
+        if not services.store.may_hold(stored.id):  # the answer to a commit can be lost on its way
+            services.storage.recording(stored.id).unlink(missing_ok=True)
         raise
