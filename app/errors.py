@@ -11,7 +11,9 @@
       NotFinished      the analysis has not ended yet (409)
       NoSuchFile       the analysis ended without this file (404)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
-      ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken
+      ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
+                       StoreMismatch, DatabaseTooOld, DatabaseTooNew
+      DatabaseAway     the database does not answer (503)
       AttemptFailed    the analysis was stopped: Crashed, OutOfMemory, OutOfTime, InternalError
 
 As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
@@ -216,6 +218,24 @@ class FolderTaken(ServerRefused):
     code = "E-FOLDER-IN-USE"
 
 
+class DatabaseTooOld(ServerRefused):
+    """The tables are of an earlier release, and only the server migrates. Facts: found, needed."""
+
+    code = "E-DATABASE-OLD"
+
+
+class DatabaseTooNew(ServerRefused):
+    """The tables are of a later release. Facts: found, needed."""
+
+    code = "E-DATABASE-NEW"
+
+
+class DatabaseAway(AppError):
+    """The database does not answer."""
+
+    code = "E-DATABASE"
+
+
 class AttemptFailed(AppError):
     """The analysis was stopped."""
 
@@ -280,6 +300,7 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     ForeignHostName: Outcome(421, 2),
     WrongVerb: Outcome(405, 2),
     ServerRefused: Outcome(503, 2),
+    DatabaseAway: Outcome(503, 3, retryable=True),
     AttemptFailed: Outcome(500, 3),
     Crashed: Outcome(422, 3, retryable=True),
     OutOfMemory: Outcome(422, 3),
