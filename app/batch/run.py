@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from app.batch.plan import MARKER, Task
@@ -75,7 +76,8 @@ def do_task(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
 
 
 def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
-    fingerprint = _fingerprint(task)
+    digests = tuple(_hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
+    fingerprint = _fingerprint(task, digests)
     if not task.force and _read_marker(task.folder) == fingerprint:
         return Outcome(task, _read_answer(task), repeated=True)
     _refuse_foreign_folder(task.folder)
@@ -83,14 +85,21 @@ def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Out
     shutil.rmtree(staging, ignore_errors=True)
     staging.mkdir(parents=True)
     try:
-        return _do(task, staging, fingerprint, go_on)
+        return _do(task, staging, (digests, fingerprint), go_on)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _do(task: Task, staging: Path, fingerprint: str, go_on: Callable[[str | None, float], bool]) -> Outcome:
+def _do(
+    task: Task,
+    staging: Path,
+    identity: tuple[tuple[str, ...], str],
+    go_on: Callable[[str | None, float], bool],
+) -> Outcome:
+    digests, fingerprint = identity
     limits = choose_limits(Settings(), task.log.stat().st_size)
-    attempt = Attempt(task.log, task.request, staging, load_and_make_report, limits)
+    make = partial(load_and_make_report, digests=digests)
+    attempt = Attempt(task.log, task.request, staging, make, limits)
     outcome = run_attempt(attempt, go_on)
     if isinstance(outcome, Refused):
         return Outcome(task, code=outcome.code, facts=outcome.facts)
@@ -125,10 +134,9 @@ def _read_marker(folder: Path) -> str | None:
     return str(json.loads((folder / MARKER).read_text("utf-8"))["fingerprint"]) if whole else None
 
 
-def _fingerprint(task: Task) -> str:
+def _fingerprint(task: Task, digests: tuple[str, ...]) -> str:
     """Hash input, settings and engine: the same three give the same report."""
-    contents = [_hash_file(path) for path in (task.log, *map(Path, task.request.joined))]
-    parts = [*contents, task.request.to_json(), software_version(), software_revision()]
+    parts = [*digests, task.request.to_json(), software_version(), software_revision()]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

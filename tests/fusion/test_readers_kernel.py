@@ -3,6 +3,7 @@
 import hashlib
 import io
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,10 +76,11 @@ def test_a_plain_number_is_the_double_that_python_reads(whole: int, fraction: st
 @settings(deadline=None)
 def test_a_foreseen_number_of_decimals_changes_no_value(text: str, decimals: int) -> None:
     padded, fields = pad(text), np.array([19, 20 + len(text)], np.int32)
+    form: Any = (np.uint64(POINT), 10.0**decimals, 1.0)
     words, folded = np.empty((4, 1), np.uint64), np.empty(1)
 
     gather_words(padded, fields, (1, 0), decimals, words)
-    is_foreseen = fold_words(words, decimals, (np.uint64(POINT), 10.0**decimals, 1.0), folded)
+    is_foreseen = fold_words(words, decimals, form, folded)
 
     mantissa, found = take(text)
     assert not is_foreseen or (folded[0], decimals) == (mantissa / 10.0**found, found)
