@@ -106,6 +106,36 @@ def test_a_table_holds_the_floats_that_python_reads(fields: list[str]) -> None:
     assert np.array_equal(np.hstack([columns.acc, columns.gyr])[60:63], expected)
 
 
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    decimals=st.integers(0, 8),
+    odd=st.lists(st.tuples(st.integers(0, 699), st.integers(0, 5), NUMBERS), max_size=3),
+    end=st.sampled_from(["\n", "\r\n"]),
+)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_blocks_of_alike_numbers_hold_the_floats_that_python_reads(
+    seed: int, decimals: int, odd: list[tuple[int, int, str]], end: str
+) -> None:
+    values = np.random.default_rng(seed).uniform(-1.0, 1.0, (700, 6)) * 10.0 ** np.arange(-2, 4)
+    fields = [[f"{value:.{decimals}f}" for value in row] for row in values]
+    for row, column, number in odd:
+        fields[row][column] = number
+    lines = [f"{10_000 * k},{','.join(row)}" for k, row in enumerate(fields)]
+
+    columns = parse(end.join([HEADER, *lines, ""]))
+
+    expected = np.array([[float(field.strip(' "')) for field in row] for row in fields])
+    assert np.array_equal(np.hstack([columns.acc, columns.gyr]), expected.astype(np.float32))
+
+
+def test_a_return_inside_a_line_is_no_end_of_a_field() -> None:
+    text = RESTING.replace("\n", "\r\n").replace("100000,0,1,", "100000,0\r1,")
+
+    columns = parse(HEADER + "\r\n" + text)
+
+    assert columns.stamps.tolist() == [10_000 * k for k in range(60) if k != 10]
+
+
 def parse(text: str) -> SampleColumns:
     source = open_source(io.BytesIO(text.encode()), "shift.csv")
     form = find_form(source.head)
