@@ -31,8 +31,16 @@ def ignore_stage(_stage: Stage, _fraction: float) -> None:
     """Take the place of a listener where nobody listens."""
 
 
-def make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage) -> None:
+def make_report(
+    log: Path,
+    request: ReportRequest,
+    out: Path,
+    on_stage: OnStage = ignore_stage,
+    digests: tuple[str, ...] = (),
+) -> None:
     """Analyse the file and write every product into the existing folder ``out``.
+
+    ``digests``: SHA-256 of the log and of the files joined to it, where the caller has taken them already.
 
     Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
     tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
@@ -43,7 +51,7 @@ def make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage 
     fusion.errors.FusionError
         When no number can be given; then nothing has been written.
     """
-    analysis = _analyse_file(log, request, lambda stage: on_stage(stage, _BEGINS[stage]))
+    analysis = _analyse_file(log, request, digests, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
     findings, subject = take_findings(analysis), describe_subject(request)
     results = encode_results(findings, subject)
@@ -76,7 +84,9 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
     )
 
 
-def _analyse_file(log: Path, request: ReportRequest, begin: Callable[[Stage], None]) -> Analysis:
+def _analyse_file(
+    log: Path, request: ReportRequest, digests: tuple[str, ...], begin: Callable[[Stage], None]
+) -> Analysis:
     begin("reading")
     if request.source == "angles":
         with log.open("rb") as file:
@@ -84,14 +94,17 @@ def _analyse_file(log: Path, request: ReportRequest, begin: Callable[[Stage], No
     settings = AnalysisSettings(
         request.method, request.pose, request.calibration_windows_s, request.list_diary()
     )
-    return analyse(_read_logs(log, request), settings, begin)
+    return analyse(_read_logs(log, request, digests), settings, begin)
 
 
-def _read_logs(log: Path, request: ReportRequest) -> Recording:
+def _read_logs(log: Path, request: ReportRequest, digests: tuple[str, ...]) -> Recording:
     profile = parse_profile(request.profile) if request.profile else None
     recordings = []
-    for path in (log, *map(Path, request.joined)):
+    paths = (log, *map(Path, request.joined))
+    for path, digest in zip(paths, digests or ("",) * len(paths), strict=True):
         name = request.file_name if path is log else path.name
         with path.open("rb") as file:
-            recordings.append(read_recording(file, file_name=name, rate_hz=request.rate_hz, profile=profile))
+            recordings.append(
+                read_recording(file, file_name=name, rate_hz=request.rate_hz, sha256=digest, profile=profile)
+            )
     return join_recordings(recordings) if request.joined else recordings[0]

@@ -30,6 +30,10 @@ class Marker:
     changes: tuple[str, ...] = ()
     language: Language = "en"
 
+    def list_digests(self) -> tuple[str, ...]:
+        """Give the SHA-256 of the log and of each file joined to it."""
+        return tuple(self.input.split())
+
 
 def make_marker(task: Task) -> Marker:
     """Say what the products of a task are made from: the same three give the same figures."""
@@ -138,8 +142,7 @@ def name_earlier(folder: Path) -> Path:
 
 
 def _hash_files(task: Task) -> str:
-    digests = [_hash_file(path) for path in (task.log, *map(Path, task.request.joined))]
-    return digests[0] if len(digests) == 1 else hashlib.sha256("\n".join(digests).encode()).hexdigest()
+    return " ".join(_hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
 
 
 def _hash_file(path: Path) -> str:

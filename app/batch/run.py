@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from app.batch.folder import (
@@ -112,7 +113,8 @@ def _do(
     marker = _number(before, asked, find_last_version(task.folder))
     request = replace(task.request, version=marker.version, changes=marker.changes)
     with _open_staging(task.folder) as staging:
-        outcome = _attempt(task, request, staging, load_and_make_report, go_on)
+        make = partial(load_and_make_report, digests=asked.list_digests())
+        outcome = _attempt(task, request, staging, make, go_on)
         if outcome.code:
             return outcome
         use_plain_names(staging, asked.language)

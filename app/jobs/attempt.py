@@ -86,9 +86,11 @@ class Stopped:
 Outcome = Finished | Refused | Died | Stopped
 
 
-def load_and_make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+def load_and_make_report(
+    log: Path, request: ReportRequest, out: Path, on_stage: OnStage, digests: tuple[str, ...] = ()
+) -> None:
     """Take the one road; the science is loaded only where it is needed, in the child process."""
-    importlib.import_module("app.workflow").make_report(log, request, out, on_stage)
+    importlib.import_module("app.workflow").make_report(log, request, out, on_stage, digests)
 
 
 def load_and_tell_again(finished: Path) -> MakeReport:
