@@ -13,6 +13,7 @@ import typer
 from app.batch.plan import Task, find_recordings, plan_joined, plan_tasks
 from app.batch.run import Outcome, run_tasks
 from app.batch.tables import write_tables
+from app.cli_validate import validate
 from app.errors import ServerRefused
 from app.jobs.attempt import warm_up
 from app.report.messages import describe_problem
@@ -332,6 +333,9 @@ def _exit_code(outcomes: Iterable[Outcome]) -> Exit:
     if not any(good):
         return Exit.NOTHING_DONE
     return Exit.ALL_GOOD if all(good) else Exit.SOME_FAILED
+
+
+app.command()(validate)
 
 
 def main() -> None:

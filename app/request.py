@@ -8,10 +8,11 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from typing import Literal
+from typing import Any, Literal
 
 from fusion.choices import MethodName, Pose, Side
 from fusion.diary import DiaryEntry
+from fusion.task_windows import TaskWindow
 
 Stage = Literal["reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr"]
@@ -68,12 +69,29 @@ def list_window_counts(pose: Pose) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class Reference:
+    """What a recording is to be compared with: a stored file, and what a person says about the two.
+
+    ``offset_s`` and ``drift_ppm``: the reference's clock, where it is set by hand; ``rate_hz`` for a
+    reference without time.
+    """
+
+    path: str
+    file_name: str
+    offset_s: float | None = None
+    drift_ppm: float | None = None
+    rate_hz: float | None = None
+    tasks: tuple[TaskWindow, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ReportRequest:
     """Everything the person asked.
 
     ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
-    of the same shift, which only the command line can name.
+    of the same shift, which only the command line can name. With a ``reference``, a comparison is asked for
+    instead of a report.
     """
 
     file_name: str
@@ -89,6 +107,7 @@ class ReportRequest:
     diary: tuple[DiaryEntry, ...] = ()
     profile: str = ""
     joined: tuple[str, ...] = ()
+    reference: Reference | None = None
 
     def to_json(self) -> str:
         """Give the request as text for a job row or a settings hash."""
@@ -104,8 +123,16 @@ class ReportRequest:
         for name in ("languages", "kinds", "joined"):
             if name in values:
                 values[name] = tuple(values[name])
-        return cls(calibration_windows_s=windows, diary=diary, **values)
+        reference = _read_reference(values.pop("reference", None))
+        return cls(calibration_windows_s=windows, diary=diary, reference=reference, **values)
 
     def list_diary(self) -> tuple[DiaryEntry, ...]:
         """Give the rows of the diary that are for this file."""
         return tuple(entry for entry in self.diary if entry.file in {"", self.file_name})
+
+
+def _read_reference(values: dict[str, Any] | None) -> Reference | None:
+    if values is None:
+        return None
+    tasks = tuple(TaskWindow(**task) for task in values.pop("tasks", ()))
+    return Reference(tasks=tasks, **values)

@@ -88,7 +88,10 @@ Outcome = Finished | Refused | Died | Stopped
 
 def load_and_make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Take the one road; the science is loaded only where it is needed, in the child process."""
-    importlib.import_module("app.workflow").make_report(log, request, out, on_stage)
+    if request.reference is not None:
+        importlib.import_module("app.agreement_workflow").make_validation(log, request, out, on_stage)
+    else:
+        importlib.import_module("app.workflow").make_report(log, request, out, on_stage)
 
 
 def choose_limits(settings: Settings, size_bytes: int) -> Limits:
