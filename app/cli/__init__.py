@@ -9,6 +9,7 @@ from app.cli.analysing import exposure, run
 from app.cli.looking import inspect, version
 from app.cli.samples import demo, simulate
 from app.cli.serving import serve, worker
+from app.cli.validating import validate
 
 app = typer.Typer(
     name="acromion",
@@ -18,7 +19,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, exposure, demo, simulate, inspect, serve, worker, version):
+for command in (run, exposure, validate, demo, simulate, inspect, serve, worker, version):
     app.command()(command)
 
 

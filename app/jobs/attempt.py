@@ -90,7 +90,10 @@ def load_and_make_report(
     log: Path, request: ReportRequest, out: Path, on_stage: OnStage, digests: tuple[str, ...] = ()
 ) -> None:
     """Take the one road; the science is loaded only where it is needed, in the child process."""
-    importlib.import_module("app.workflow").make_report(log, request, out, on_stage, digests)
+    if request.reference is not None:
+        importlib.import_module("app.agreement_workflow").make_validation(log, request, out, on_stage)
+    else:
+        importlib.import_module("app.workflow").make_report(log, request, out, on_stage, digests)
 
 
 def load_and_tell_again(finished: Path) -> MakeReport:

@@ -121,3 +121,26 @@ class Report:
     made_of: datetime | None
     amendment: str
     words: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class AgreementReport:
+    """All that the template of a comparison, or of a study of several, may use.
+
+    ``main`` is the table that answers the question; ``made_of`` is always None: a comparison has no date of
+    its own.
+    """
+
+    language: Language
+    title: str
+    subtitle: str
+    header: tuple[Pair, ...]
+    sentences: tuple[str, ...]
+    main: tuple[Table, ...]
+    figures: tuple[Figure, ...]
+    limits: Note
+    sections: tuple[Section, ...]
+    report_id: str
+    footer: str
+    made_of: datetime | None
+    words: Mapping[str, str]
