@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
 from app.report.clock import Clock
 from app.report.findings import CalibrationFacts, Findings, MethodFacts, StillFacts
-from app.report.results_extra import describe_episodes, describe_extra
+from app.report.results_extra import describe_bin, describe_episodes, describe_extra, describe_interval
 from app.report.subject import ReportSubject
 from fusion.exposure.types import Eva, Exposure, Interval, PartExposure, Velocity
 from fusion.quality.types import TimeAccount
@@ -126,29 +127,21 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         "eva": _describe_eva(exposure.eva),
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
         "by_period": [_describe_period(part) for part in exposure.by_period],
-        "intervals": {name: [i.low, i.high] for name, i in sorted(exposure.intervals.items())},
+        "by_task": [{"periods": part.periods, **_describe_period(part)} for part in exposure.by_task],
+        "intervals": _describe_intervals(exposure.intervals),
         **describe_extra(exposure),
     }
 
 
 def _describe_distribution(exposure: Exposure) -> dict[str, object]:
     return {
-        "bins": [
-            {
-                "lower_deg": b.lower_deg,
-                "upper_deg": b.upper_deg,
-                "duration_s": b.duration_s,
-                "percent": b.percent,
-                **_describe_interval(b.interval),
-            }
-            for b in exposure.bins
-        ],
+        "bins": [describe_bin(b) for b in exposure.bins],
         "time_above": [
             {
                 "threshold_deg": t.threshold_deg,
                 "duration_s": t.duration_s,
                 "percent": t.percent,
-                **_describe_interval(t.interval),
+                **describe_interval(t.interval),
             }
             for t in exposure.time_above
         ],
@@ -156,10 +149,8 @@ def _describe_distribution(exposure: Exposure) -> dict[str, object]:
     }
 
 
-def _describe_interval(interval: Interval | None) -> dict[str, object]:
-    if interval is None:
-        return {"low": None, "high": None}
-    return {"low": interval.low, "high": interval.high}
+def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
+    return {name: [interval.low, interval.high] for name, interval in sorted(intervals.items())}
 
 
 def _describe_repetition(exposure: Exposure) -> dict[str, object]:
@@ -212,6 +203,8 @@ def _describe_eva(eva: Eva) -> dict[str, object]:
         "angle_edges_deg": list(eva.angle_edges_deg),
         "duration_edges_s": list(eva.duration_edges_s),
         "percent": eva.percent.tolist(),
+        "low": [[cell.low for cell in row] for row in eva.intervals] or None,
+        "high": [[cell.high for cell in row] for row in eva.intervals] or None,
     }
 
 
@@ -224,6 +217,7 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
         **{f"elevation_p{p}_deg": value for p, value in part.percentiles_deg.items()},
         **{f"time_above_{c}_percent": value for c, value in part.percent_above.items()},
         "entries_above_60_per_h": part.entries_above_60_per_h,
+        "intervals": _describe_intervals(part.intervals),
     }
 
 

@@ -72,7 +72,8 @@ def test_a_ready_angle_series_has_no_calibration_and_no_method() -> None:
 def test_the_figures_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
     assert list(results["exposure"]) == [
         "bins", "time_above", "percentiles_deg", "entries", "cycles", "episodes", "velocity_dps", "peak",
-        "eva", "by_hour", "by_period", "intervals", "recovery", "frequency", "variation",
+        "eva", "by_hour", "by_period", "by_task", "intervals", "recovery", "frequency", "variation",
+        "conventions",
     ]  # fmt: skip
 
 
