@@ -5,6 +5,7 @@
       UploadRefused    the bytes were not taken: FileTooLarge 413, DiskFull 507, SlowUpload 408
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
+      CannotPair       two analyses are not both arms of one shift (422)
       NoSuchFile       the analysis ended without this file (404)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken
@@ -76,6 +77,14 @@ class NoSuchFile(NotHere):
     """The analysis ended without this file. Facts: name."""
 
     code = "E-NO-FILE"
+
+
+class CannotPair(AppError):
+    """Two analyses cannot be set side by side. Facts: why ("offset", "apart", "side", "same",
+    "kept").
+    """
+
+    code = "E-PAIR"
 
 
 class NotFinished(AppError):
@@ -179,6 +188,7 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     DiskFull: Outcome(507, 3, retryable=True),
     SlowUpload: Outcome(408, 3, retryable=True),
     NotHere: Outcome(404, 3),
+    CannotPair: Outcome(422, 3),
     NotFinished: Outcome(409, 3, retryable=True),
     NotAllowed: Outcome(403, 2),
     ForeignHostName: Outcome(421, 2),

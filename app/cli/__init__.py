@@ -7,6 +7,7 @@ import typer
 
 from app.cli.analysing import exposure, run
 from app.cli.looking import inspect, version
+from app.cli.pairing import compare, pair
 from app.cli.samples import demo, simulate
 from app.cli.serving import serve, worker
 
@@ -18,7 +19,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, exposure, demo, simulate, inspect, serve, worker, version):
+for command in (run, exposure, pair, compare, demo, simulate, inspect, serve, worker, version):
     app.command()(command)
 
 

@@ -37,7 +37,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         },
         "software": {"version": subject.software.version, "revision": subject.software.revision},
     }
-    rounded: dict[str, object] = _round_all(results)
+    rounded: dict[str, object] = round_all(results)
     return rounded
 
 
@@ -61,7 +61,7 @@ def identify_report(findings: Findings, subject: ReportSubject) -> str:
         "subject": subject.subject,
         "version": subject.software.version,
     }
-    text = json.dumps(_round_all(said), sort_keys=True)
+    text = json.dumps(round_all(said), sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
 
 
@@ -255,11 +255,12 @@ def _tell_iso(seconds: float | None, clock: Clock) -> str | None:
     return moment.isoformat() if moment else None
 
 
-def _round_all(value: Any) -> Any:
+def round_all(value: Any) -> Any:
+    """Round every number as results.json has it; NaN and infinity become None."""
     if isinstance(value, dict):
-        return {key: _round_all(inner) for key, inner in value.items()}
+        return {key: round_all(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_round_all(inner) for inner in value]
+        return [round_all(inner) for inner in value]
     if isinstance(value, float):
         return round(float(value), _DECIMALS) + 0.0 if math.isfinite(value) else None
     return value
