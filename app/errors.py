@@ -9,6 +9,7 @@
       StaleVersion     changed by somebody else meanwhile (412)
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
+      CannotPair       two analyses are not both arms of one shift (422)
       NoSuchFile       the analysis ended without this file (404)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
@@ -164,6 +165,14 @@ class NoSuchFile(NotHere):
     code = "E-NO-FILE"
 
 
+class CannotPair(AppError):
+    """Two analyses cannot be set side by side. Facts: why ("offset", "apart", "side", "same",
+    "kept").
+    """
+
+    code = "E-PAIR"
+
+
 class NotFinished(AppError):
     """The analysis has not ended yet. Facts: state."""
 
@@ -295,6 +304,7 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     Busy: Outcome(503, 3, retryable=True),
     StaleVersion: Outcome(412, 3),
     NotHere: Outcome(404, 3),
+    CannotPair: Outcome(422, 3),
     NotFinished: Outcome(409, 3, retryable=True),
     NotAllowed: Outcome(403, 2),
     ForeignHostName: Outcome(421, 2),

@@ -9,6 +9,8 @@ import errno
 import hashlib
 import json
 import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -44,9 +46,9 @@ def make_marker(task: Task) -> Marker:
     return Marker(fingerprint, digest, settings, language=task.request.languages[0])
 
 
-def read_marker(folder: Path) -> Marker | None:
+def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
     """Read what a finished folder was made from; None where it is not finished, or no longer whole."""
-    if not all((folder / name).exists() for name in (MARKER, "results.json", "answer.txt")):
+    if not all((folder / name).exists() for name in (MARKER, figures, "answer.txt")):
         return None
     values = json.loads((folder / MARKER).read_text("utf-8"))
     return Marker(**{**values, "changes": tuple(values.get("changes", ()))})
@@ -101,16 +103,16 @@ def switch_language(folder: Path, marker: Marker, language: Language) -> None:
     write_marker(folder, replace(marker, language=language))
 
 
-def replace_folder(folder: Path, staging: Path) -> None:
+def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -> None:
     """Put the new products in place; what stood there moves to ``v<version>`` inside."""
     earlier = name_earlier(folder)
     if folder.exists():
         folder.rename(earlier)
     staging.rename(folder)
-    put_earlier_back(folder)
+    put_earlier_back(folder, figures)
 
 
-def put_earlier_back(folder: Path) -> None:
+def put_earlier_back(folder: Path, figures: str = "results.json") -> None:
     """Find its place for what was moved aside: its own where nothing took it (a run was cut), else inside."""
     earlier = name_earlier(folder)
     if not earlier.exists():
@@ -120,7 +122,7 @@ def put_earlier_back(folder: Path) -> None:
         return
     for older in _list_versions(earlier):
         older.rename(folder / older.name)
-    before, now = read_marker(earlier), read_marker(folder)
+    before, now = read_marker(earlier, figures), read_marker(folder, figures)
     if before is None or (now is not None and now.version == before.version):
         shutil.rmtree(earlier)
     else:
@@ -134,6 +136,35 @@ def find_last_version(folder: Path) -> int:
 
 def _list_versions(folder: Path) -> list[Path]:
     return [path for path in folder.glob("v*/") if path.name[1:].isdigit()]
+
+
+@contextmanager
+def open_staging(folder: Path) -> Iterator[Path]:
+    """Give an empty folder beside ``folder`` to make its products in; nothing of it is left behind."""
+    staging = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir(parents=True)
+    try:
+        yield staging
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def keep_versions(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
+    """Make a report of two in its folder, as a new version where its figures are others than before."""
+    put_earlier_back(folder, figures)
+    refuse_foreign_folder(folder)
+    with open_staging(folder) as staging:
+        make(staging)
+        use_plain_names(staging, language)
+        fingerprint, before = _hash_file(staging / figures), read_marker(folder, figures)
+        version = find_last_version(folder) + 1
+        if before is not None:
+            version = before.version + (before.fingerprint != fingerprint)
+        marker = Marker(fingerprint, version=version, language=language)
+        write_marker(staging, marker)
+        replace_folder(folder, staging, figures)
+    return marker
 
 
 def name_earlier(folder: Path) -> Path:

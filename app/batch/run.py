@@ -1,10 +1,8 @@
 """Does the recordings of a run, each in a child process with limits; what is done is not done again."""
 
-import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +13,7 @@ from app.batch.folder import (
     has_report,
     list_changes,
     make_marker,
+    open_staging,
     put_earlier_back,
     read_marker,
     refuse_foreign_folder,
@@ -112,7 +111,7 @@ def _do(
     refuse_foreign_folder(task.folder)
     marker = _number(before, asked, find_last_version(task.folder))
     request = replace(task.request, version=marker.version, changes=marker.changes)
-    with _open_staging(task.folder) as staging:
+    with open_staging(task.folder) as staging:
         make = partial(load_and_make_report, digests=asked.list_digests())
         outcome = _attempt(task, request, staging, make, go_on)
         if outcome.code:
@@ -135,7 +134,7 @@ def _number(before: Marker | None, asked: Marker, last: int) -> Marker:
 def _tell_again(task: Task, before: Marker, go_on: Callable[[str | None, float], bool]) -> Outcome:
     """Write the finished analysis in another language or form; nothing is analysed."""
     language = task.request.languages[0]
-    with _open_staging(task.folder) as staging:
+    with open_staging(task.folder) as staging:
         outcome = _attempt(task, task.request, staging, load_and_tell_again(task.folder), go_on)
         if outcome.code:
             return outcome
@@ -145,17 +144,6 @@ def _tell_again(task: Task, before: Marker, go_on: Callable[[str | None, float],
             path.replace(task.folder / path.name)
         switch_language(task.folder, before, language)
     return replace(outcome, answer=_read_answer(task), repeated=True, version=before.version)
-
-
-@contextmanager
-def _open_staging(folder: Path) -> Iterator[Path]:
-    staging = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(staging, ignore_errors=True)
-    staging.mkdir(parents=True)
-    try:
-        yield staging
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
 
 
 def _attempt(

@@ -75,9 +75,15 @@ def _label_day(findings: Findings, day: Day, words: Words) -> DayLabels:
         "p90": format_angle(findings.exposure.percentiles_deg.get(90), clock.language),
         "marks": "; ".join(f"{m.label}, {clock.tell(m.start_s)}–{clock.tell(m.end_s)}" for m in day.marks),
     }
+    return label_day(entry["title"], fill(entry["alternative"], facts), words, worst)
+
+
+def label_day(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
+    """Give the words of a timeline; those of its legend are the same in every report."""
+    entry = words["day"]
     return DayLabels(
-        title=entry["title"],
-        description=fill(entry["alternative"], facts),
+        title=title,
+        description=description,
         band=entry["band"],
         median=entry["median"],
         left_out=entry["left_out"],

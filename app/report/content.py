@@ -27,22 +27,23 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
     words = load_wording(language)
     clock = Clock(findings.recording.start, language)
     arm = words["arm"][subject.side or "unknown"]
+    header, footer = _build_header(findings, subject, clock, words), _tell_footer(findings, subject, words)
     return Report(
         language=language,
         title=words["report"]["title"],
         subtitle=words["report"]["subtitle"],
-        header=_build_header(findings, subject, clock, words),
+        header=header,
         verdict=_tell_verdict(findings, words, language),
         sentences=tell_answers(findings.exposure, Teller(words, language, clock, arm)),
         pose_caution=_tell_pose_caution(findings, words),
-        bar=build_bar(findings.exposure, words, language),
-        day=build_day(findings, clock, words),
+        figures=(build_bar(findings.exposure, words, language), build_day(findings, clock, words)),
         references=compare_with_references(findings, words, language),
         limits=Note(words["limits"]["title"], tuple(words["limits"]["paragraphs"])),
         intended_use=Note(words["intended_use"]["title"], (words["intended_use"]["text"],)),
         sections=build_sections(findings, subject, clock, words),
         report_id=identify_report(findings, subject),
-        footer=_tell_footer(findings, subject, words),
+        footer=footer,
+        brief=_tell_brief(header, footer, words),
         made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
         amendment=_tell_amendment(subject, words),
         words=words["label"],
@@ -103,6 +104,12 @@ def _tell_pose_caution(findings: Findings, words: Words) -> str:
 def _tell_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:
     facts = {"version": subject.software.version, "id": identify_report(findings, subject)}
     return fill(words["report"]["footer"], facts)
+
+
+def _tell_brief(header: tuple[Pair, ...], footer: str, words: Words) -> str:
+    subject, date, arm, device, _ = (pair.value for pair in header)
+    facts = {"subject": subject, "date": date, "arm": arm, "device": device, "footer": footer}
+    return fill(words["label"]["brief"], facts)
 
 
 def _tell_amendment(subject: ReportSubject, words: Words) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -70,6 +70,17 @@ def draw_up_day(findings: Findings, clock: Clock, words: Words) -> Day:
         marks=tuple(sorted(shown, key=lambda mark: mark.start_s)),
         worst=_find_worst(findings.exposure.peak_windows),
     )
+
+
+def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: str) -> Day:
+    """Lay a day on a longer axis that begins ``by_s`` before it; what it does not reach is called absent."""
+    runs = tuple(
+        tuple(replace(b, start_s=b.start_s + by_s, end_s=b.end_s + by_s) for b in run) for run in day.runs
+    )
+    marks = [replace(m, start_s=m.start_s + by_s, end_s=m.end_s + by_s) for m in day.marks]
+    outside = ((0.0, by_s), (by_s + day.duration_s, duration_s))
+    marks += [Mark(a, b, "missing", absent) for a, b in outside if b - a >= SHORTEST_MARK_S]
+    return Day(duration_s, clock, runs, tuple(sorted(marks, key=lambda mark: mark.start_s)), None)
 
 
 def name_reason(reason: str, words: Words) -> str:

@@ -92,6 +92,14 @@ class Findings:
     quality: Quality
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Kept:
+    """What a finished analysis keeps: what was found, and whose it is."""
+
+    findings: Findings
+    subject: ReportSubject
+
+
 def take_findings(analysis: Analysis) -> Findings:
     """Take from an analysis what its report is made of."""
     settings, method = analysis.settings, analysis.elevation.method
@@ -115,7 +123,7 @@ def encode_findings(findings: Findings, subject: ReportSubject) -> bytes:
     return json.dumps(values, ensure_ascii=False, separators=(",", ":")).encode("utf-8") + b"\n"
 
 
-def decode_findings(text: bytes) -> tuple[Findings, ReportSubject]:
+def decode_findings(text: bytes) -> Kept:
     """Read what :func:`encode_findings` wrote.
 
     Raises
@@ -126,7 +134,7 @@ def decode_findings(text: bytes) -> tuple[Findings, ReportSubject]:
     values = json.loads(text)
     if values["schema"] != SCHEMA:
         raise ValueError(values["schema"])
-    return decode(values["findings"], Findings), decode(values["subject"], ReportSubject)
+    return Kept(decode(values["findings"], Findings), decode(values["subject"], ReportSubject))
 
 
 def _take_recording(analysis: Analysis) -> RecordingFacts:

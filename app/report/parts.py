@@ -93,8 +93,12 @@ class Report:
     ----------
     sentences
         The answer in three sentences.
+    figures, references
+        Of the first page; a report may have no references.
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
+    brief
+        The last line of the answer as plain text: whose, when, which report.
     made_of
         End of the recording, the only date a report bears; None without a clock.
     amendment
@@ -110,14 +114,14 @@ class Report:
     verdict: VerdictLine
     sentences: tuple[str, ...]
     pose_caution: str
-    bar: Figure
-    day: Figure
+    figures: tuple[Figure, ...]
     references: tuple[Reference, ...]
     limits: Note
     intended_use: Note
     sections: tuple[Section, ...]
     report_id: str
     footer: str
+    brief: str
     made_of: datetime | None
     amendment: str
     words: Mapping[str, str]

@@ -250,7 +250,7 @@ def _tell_iso(seconds: float | None, clock: Clock) -> str | None:
 
 
 def round_all(value: Any) -> Any:
-    """Round every number in a tree to six decimals; NaN and infinity become None."""
+    """Round every number as results.json has it; NaN and infinity become None."""
     if isinstance(value, dict):
         return {key: round_all(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

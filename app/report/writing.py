@@ -9,7 +9,7 @@ from pathlib import Path
 
 from app.report.brief import tell_in_brief
 from app.report.content import build_report
-from app.report.findings import Findings, decode_findings
+from app.report.findings import Findings, Kept, decode_findings
 from app.report.html import render_html
 from app.report.parts import Report
 from app.report.pdf import render_pdf
@@ -44,9 +44,20 @@ def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
     OSError, ValueError
         When the folder holds no findings, or those of a later program.
     """
-    findings, subject = decode_findings((finished / FINDINGS).read_bytes())
+    kept = read_kept(finished)
     (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
-    write_reports(findings, subject, request, out)
+    write_reports(kept.findings, kept.subject, request, out)
+
+
+def read_kept(finished: Path) -> Kept:
+    """Read what the analysis in a folder found.
+
+    Raises
+    ------
+    OSError, ValueError
+        As :func:`rewrite_reports`.
+    """
+    return decode_findings((finished / FINDINGS).read_bytes())
 
 
 def _render(

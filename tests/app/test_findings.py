@@ -21,14 +21,16 @@ from tests.app.analysis_factory import make_analysis, make_quality, make_subject
 
 
 def read_again(findings: Findings) -> Findings:
-    return decode_findings(encode_findings(findings, make_subject()))[0]
+    return decode_findings(encode_findings(findings, make_subject())).findings
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_kept_findings_give_the_same_report(language: Language) -> None:
-    again, subject = decode_findings(encode_findings(make_analysis(), make_subject()))
+    kept = decode_findings(encode_findings(make_analysis(), make_subject()))
 
-    assert build_report(again, subject, language) == build_report(make_analysis(), make_subject(), language)
+    assert build_report(kept.findings, kept.subject, language) == build_report(
+        make_analysis(), make_subject(), language
+    )
 
 
 def test_kept_findings_give_the_same_results_byte_for_byte() -> None:
