@@ -2,6 +2,7 @@
 
 from fusion.quality.exclusions import find_exclusions, leave_out, make_disjoint, refuse_short
 from fusion.quality.nonwear import propose_nonwear
+from fusion.quality.plausibility import flag_gyro_drift, flag_upside_down
 from fusion.quality.spans import flag_spans
 from fusion.quality.time_account import account_time, name_parts
 from fusion.quality.types import Quality, TimeAccount, TimePart, Verdict
@@ -16,8 +17,10 @@ __all__ = [
     "account_time",
     "assess_quality",
     "find_exclusions",
+    "flag_gyro_drift",
     "flag_spans",
     "flag_untrusted",
+    "flag_upside_down",
     "leave_out",
     "make_disjoint",
     "name_parts",
