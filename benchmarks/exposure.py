@@ -52,9 +52,8 @@ def measure(hours: float, rate_hz: float) -> None:
     seconds = min(measure_once(elevation, recording) for _ in range(ROUNDS))
     above = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / MEBIBYTE
     rows = len(elevation.segments[0])
-    print(
-        f"{hours:>4} h at {rate_hz:g} Hz {rows:>11,} rows {seconds:6.3f} s of CPU {above:6.1f} MiB above input"
-    )
+    told = f"{seconds:6.3f} s of CPU {above:6.1f} MiB above input"
+    print(f"{hours:>4} h at {rate_hz:g} Hz {rows:>11,} rows {told}")
 
 
 def measure_once(elevation: Elevation, recording: Recording) -> float:
