@@ -96,8 +96,8 @@ def compare_mountings() -> float:
 
 
 def mount(acc_g: FloatArray, gyr_dps: FloatArray, turn: FloatArray) -> FloatArray:
-    turned = (np.asarray(rows @ turn.T, np.float64) for rows in (acc_g, gyr_dps))
-    recording = record(*turned, 100.0)
+    turned_g, turned_dps = (np.asarray(rows @ turn.T, np.float64) for rows in (acc_g, gyr_dps))
+    recording = record(turned_g, turned_dps, 100.0)
     samples = calibrate(recording, "n-pose", ((1.0, 8.0),))
     return estimate_elevation(samples).segments[0].elevation_deg
 
