@@ -1,11 +1,11 @@
 """The figures of simulated shifts beside those of their exact angle, and how often the range holds the truth.
 
 The truth is the exact angle of the simulated arm, through the same counting. A range speaks of the error of
-the angle (of the fusion, and of a pose held 3 deg off) and of how the day was sampled in 5-minute blocks. Here
-the day is the same on both sides, so that only the first part is put to the test: a range that is wide by its
-second part holds the truth more often than 95 %; one of the sampling alone (speeds, cycles) says nothing of
-an error of the angle. The simulated pose is held exactly; the second count turns the arm's axis away from it,
-in a random direction, by what the range allows for.
+the angle (of the fusion, and of a pose held 3 deg off) and of how the day was sampled in 5-minute blocks. The
+day is the same on both sides here, so that only the first part is put to the test: a range that is wide by
+its second part holds the truth more often than 95 %; one of the sampling alone (speeds, cycles) says nothing
+of an error of the angle. The simulated pose is held exactly; the second count turns the arm's axis away from
+it, in a random direction, by what the range allows for.
 """
 
 from collections import Counter
