@@ -18,8 +18,10 @@ from fusion.quality import (
     account_time,
     assess_quality,
     find_exclusions,
+    flag_gyro_drift,
     flag_spans,
     flag_untrusted,
+    flag_upside_down,
     leave_out,
     make_disjoint,
     name_parts,
@@ -114,7 +116,13 @@ def analyse(
         division=day.division,
     )
     time = _account(recording, day, exposure)
-    flags = (*samples.flags, *placed.flags, *_doubt(recording, of.fused, day.exclusions))
+    flags = (
+        *samples.flags,
+        *placed.flags,
+        *_doubt(recording, of.fused, day.exclusions),
+        *flag_gyro_drift(samples.bias),
+        *flag_upside_down(exposure),
+    )
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
     return Analysis(
         recording, settings, samples.calibration, elevation, day.exclusions, time, exposure, quality
@@ -188,6 +196,7 @@ def analyse_angles(
     day = _divide(recording, elevation, (), placed)
     exposure = summarise_exposure(day.counted, recording.start, division=day.division)
     time = _account(recording, day, exposure)
-    quality = assess_quality(recording, None, time, day.exclusions, placed.flags)
+    flags = (*placed.flags, *flag_upside_down(exposure))
+    quality = assess_quality(recording, None, time, day.exclusions, flags)
     settings = AnalysisSettings(diary=diary)
     return Analysis(recording, settings, None, elevation, day.exclusions, time, exposure, quality)

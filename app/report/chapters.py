@@ -69,6 +69,9 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
         if parts
     ]
     tables = [_tabulate_parts(parts, words["part"][caption], clock) for _, parts, caption in groups]
+    if any(part.periods > 1 for part in exposure.by_task):
+        tasks = [(_name_task(part, words), part) for part in exposure.by_task]
+        tables.append(_tabulate_parts(tasks, words["part"]["by_task"], clock))
     figures = [
         build_parts(key, parts, words, clock.language)
         for key, parts, _ in groups
@@ -86,6 +89,13 @@ def _name_period(part: PartExposure, clock: Clock, words: Words) -> str:
     """Give its times and the diary's label, else what kind of time it is."""
     name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
     return f"{clock.tell(part.start_s)}–{clock.tell(part.end_s)} {cut_text(name, LONGEST_NAME)}"
+
+
+def _name_task(part: PartExposure, words: Words) -> str:
+    """Give the diary's label and how many of its rows are pooled."""
+    name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
+    told = cut_text(name, LONGEST_NAME)
+    return told if part.periods == 1 else f"{told} ({part.periods}\u00a0×)"
 
 
 def _tabulate_parts(parts: list[tuple[str, PartExposure]], entry: Words, clock: Clock) -> Table:
