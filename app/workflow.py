@@ -3,9 +3,11 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from app.report.elevation_file import write_elevation
 from app.report.exports import export_results
+from app.report.fhir import encode_fhir
 from app.report.findings import encode_findings, take_findings
 from app.report.results import encode_results
 from app.report.subject import ReportSubject, Software
@@ -15,6 +17,8 @@ from app.version import software_revision, software_version
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angles
 from fusion.readers import join_recordings, parse_profile, read_recording
 from fusion.recording import Recording
+
+FHIR = "fhir.json"
 
 # How far along each stage begins, from the share of time each takes on a long shift.
 _BEGINS: dict[Stage, float] = {
@@ -44,7 +48,7 @@ def make_report(
 
     Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
     tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
-    five lines, ``answer.<language>.txt``.
+    five lines, ``answer.<language>.txt``; where a PDF is asked for, ``fhir.json`` too.
 
     Raises
     ------
@@ -61,6 +65,15 @@ def make_report(
         (out / name).write_bytes(table)
     write_elevation(analysis.elevation, out / "elevation.parquet")
     write_reports(findings, subject, request, out)
+    if "pdf" in request.kinds:
+        _write_fhir(json.loads(results), request, out)
+
+
+def _write_fhir(results: dict[str, Any], request: ReportRequest, out: Path) -> None:
+    """Write the bundle with the PDFs as they stand there; its conclusion is in the first language."""
+    pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
+    conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
+    (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion))
 
 
 def make_report_again(

@@ -24,6 +24,7 @@ RESULT_NAMES = (
     "dictionary.csv",
     "redcap_import.csv",
     "redcap_dictionary.csv",
+    "fhir.json",
     "bundle.zip",
 )
 

@@ -5,7 +5,6 @@ Screenshots go to the folder named by ACROMION_SCREENSHOTS, else to pytest's own
 
 import io
 import os
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Literal
 
 import pypdf
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, expect
 
 from tests.ways_in.servers import RunningServer
 from tests.ways_in.test_three_ways import run_command
@@ -43,17 +42,6 @@ LOOKS = [
     pytest.param(Look("fr", "light", 360), id="fr-light-phone"),
     pytest.param(Look("en", "dark", 360), id="en-dark-phone"),
 ]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no Chromium found")
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
