@@ -11,7 +11,7 @@ from fusion.agreement.sides import Side, share_calibration, take_angle_file
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
 from fusion.agreement.strata import Stratum, divide_by_elevation, divide_by_speed
 from fusion.angle_files import AngleFile
-from fusion.errors import NotAligned
+from fusion.errors import NotAligned, NothingInCommon
 from fusion.task_windows import TaskWindow
 
 Axis = Literal["angle", "segment", "common pose"]
@@ -41,7 +41,8 @@ class Comparison:
     """Two measurements of one arm, aligned and compared.
 
     ``axis`` says where the reference's angle comes from: a ready angle, the arm's segment in the file, or an
-    orientation calibrated at the moment at which ours was.
+    orientation calibrated at the moment at which ours was. ``pairs`` is all that was compared: the tasks where
+    there is a list of them, else all common time.
     """
 
     ours: Side
@@ -75,17 +76,19 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     pairs = pair(ours.runs, other.runs, alignment)
     tasks = _compare_tasks(pairs, settings.tasks)
     counted = _join_tasks(pairs, settings.tasks) if settings.tasks else pairs
+    if not counted.runs:
+        raise NothingInCommon(s=0.0)
     return Comparison(
         ours,
         other,
         axis,
         alignment,
-        pairs,
+        counted,
         _measure(counted),
         tasks,
         divide_by_elevation(counted),
         divide_by_speed(counted),
-        compare_exposure(counted) if counted.runs else (),
+        compare_exposure(counted),
     )
 
 

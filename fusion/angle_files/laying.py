@@ -1,4 +1,4 @@
-"""From the rows of a file to an elevation like every other, and the arm's axis where only the pose tells it."""
+"""From the rows of a file to an elevation like every other; the arm's axis where only the pose tells it."""
 
 from dataclasses import replace
 
