@@ -1,7 +1,9 @@
 """The chain from two measurements of one arm to how far they agree, top to bottom."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
+
+import numpy as np
 
 from fusion.agreement.alignment import LEAST_R, ClockWishes, align, align_roughly
 from fusion.agreement.clocks import Alignment
@@ -74,8 +76,9 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     other = take_angle_file(calibrated)
     alignment = align(ours.runs, other.runs, settings.wishes)
     pairs = pair(ours.runs, other.runs, alignment)
-    tasks = _compare_tasks(pairs, settings.tasks)
-    counted = _join_tasks(pairs, settings.tasks) if settings.tasks else pairs
+    windows = tuple(_place(task, alignment) for task in settings.tasks)
+    tasks = _compare_tasks(pairs, windows)
+    counted = _join_tasks(pairs, windows) if windows else pairs
     if not counted.runs:
         raise NothingInCommon(s=0.0)
     return Comparison(
@@ -105,6 +108,14 @@ def _calibrate_together(ours: Side, reference: AngleFile, wishes: ClockWishes) -
     if not rough.is_offset_given and not rough.r >= LEAST_R:
         raise NotAligned(r=round(rough.r, 2), least=LEAST_R)
     return share_calibration(reference, ours, rough)
+
+
+def _place(task: TaskWindow, alignment: Alignment) -> TaskWindow:
+    """Bring a task to the recording's clock."""
+    if task.clock == "recording":
+        return task
+    start_s, end_s = alignment.to_recording(np.array([task.start_s, task.end_s])).tolist()
+    return replace(task, start_s=start_s, end_s=end_s)
 
 
 def _compare_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> tuple[TaskAgreement, ...]:
