@@ -7,7 +7,7 @@
         lsm9ds1.csv
         tasks.csv               name,start_s,end_s[,paper_task][,clock]; gt9x.tasks.csv for one alone
       P02/
-        task-1/                 or one folder for each task, each with its own reference; task-N is the paper's
+        task-1/                 or one folder for each task, with its own reference; task-N is the paper's
           reference.csv
           gt9x.gt3x
 

@@ -4,7 +4,7 @@
 
 writes DIR/study (what a laboratory would have: recordings as the devices write them, an MVNX for each person
 whose clock began some seconds earlier and runs at another pace, the lists of tasks) and compares it into
-DIR/result. The MVNX holds the simulated truth, so the errors are those of the sensors and of the fusion alone.
+DIR/result-METHOD. The MVNX holds the simulated truth: the errors are those of sensors and fusion alone.
 """
 
 import csv

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.report.subject import clean_text
 from app.request import ReportRequest
 
-SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt")
+SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".mvnx")
 MARKER = "done.json"
 """Written last into a recording's folder: the folder is ours, and complete."""
 

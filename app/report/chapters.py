@@ -203,7 +203,7 @@ def _tell_reasons(analysis: Analysis, clock: Clock, words: Words) -> str:
 def _build_method(analysis: Analysis, clock: Clock, words: Words) -> Section:
     method, entry = analysis.elevation.method, words["method"]
     if method is None:
-        ready = Pair(entry["name"], entry["ready_angles"])
+        ready = Pair(entry["name"], entry["ready"].get(analysis.recording.device, entry["ready_angles"]))
         return Section("method", words["section"]["method"], tuple(entry["paragraphs"]), pairs=(ready,))
     told = entry["names"].get(method.name, method.name)
     pairs = (

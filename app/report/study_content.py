@@ -105,7 +105,7 @@ def tabulate_table_1(
         of = {cell.device: cell for cell in cells if cell.task == task}
         told = [_tell_cell(of.get(device), name, language) for name in STATISTICS for device in devices]
         rows.append((cut_text(clean_text(task), LONGEST_TASK), *told))
-    return Table(entry["caption"], (entry["task"], *columns), tuple(rows), entry["note"])
+    return Table(entry["caption"], (entry["task"], *columns), tuple(rows), entry["note"], even=True)
 
 
 def _tell_cell(cell: StudyCell | None, name: str, language: Language) -> str:

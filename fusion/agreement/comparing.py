@@ -43,8 +43,8 @@ class Comparison:
     """Two measurements of one arm, aligned and compared.
 
     ``axis`` says where the reference's angle comes from: a ready angle, the arm's segment in the file, or an
-    orientation calibrated at the moment at which ours was. ``pairs`` is all that was compared: the tasks where
-    there is a list of them, else all common time.
+    orientation calibrated at the moment at which ours was. ``pairs`` is all that was compared: the tasks
+    where there is a list of them, else all common time.
     """
 
     ours: Side
