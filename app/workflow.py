@@ -14,7 +14,8 @@ from app.report.subject import ReportSubject, Software
 from app.report.writing import FINDINGS, RESULTS, rewrite_reports, write_reports
 from app.request import OnStage, ReportRequest, Stage
 from app.version import software_revision, software_version
-from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angles
+from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, tell_layout
+from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
 from fusion.readers import join_recordings, parse_profile, read_recording
 from fusion.recording import Recording
 
@@ -29,6 +30,10 @@ _BEGINS: dict[Stage, float] = {
     "counting": 0.7,
     "rendering": 0.9,
 }
+
+
+CAPTURES = ("mvnx", "dot")
+"""Layouts whose angle needs no fusion of ours."""
 
 
 def ignore_stage(_stage: Stage, _fraction: float) -> None:
@@ -104,10 +109,22 @@ def _analyse_file(
     if request.source == "angles":
         with log.open("rb") as file:
             return analyse_angles(file, begin, request.list_diary())
+    captured = _read_capture(log, request)
+    if captured is not None:
+        return analyse_angle_file(captured, begin, request.list_diary(), request.calibration_windows_s)
     settings = AnalysisSettings(
         request.method, request.pose, request.calibration_windows_s, request.list_diary()
     )
     return analyse(_read_logs(log, request, digests), settings, begin)
+
+
+def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
+    """Read a motion capture; None for a file with samples of an inertial sensor."""
+    with log.open("rb") as file:
+        layout = tell_layout(file, request.file_name)
+        if layout not in CAPTURES or request.joined or (layout == "dot" and holds_samples(file)):
+            return None
+        return read_angle_file(file, request.file_name, AngleFileOptions(request.side, request.rate_hz))
 
 
 def _read_logs(log: Path, request: ReportRequest, digests: tuple[str, ...]) -> Recording:

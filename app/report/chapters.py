@@ -209,7 +209,7 @@ def _tell_reasons(findings: Findings, clock: Clock, words: Words) -> str:
 def _build_method(findings: Findings, clock: Clock, words: Words) -> Section:
     method, entry = findings.method, words["method"]
     if method is None:
-        ready = Pair(entry["name"], entry["ready_angles"])
+        ready = Pair(entry["name"], entry["ready"].get(findings.recording.device, entry["ready_angles"]))
         return Section("method", words["section"]["method"], tuple(entry["paragraphs"]), pairs=(ready,))
     told = entry["names"].get(method.name, method.name)
     pairs = (
