@@ -9,9 +9,10 @@ from app.report.numbers import format_exact, format_long_duration, format_number
 from app.report.subject import clean_text
 from app.report.wording import Language, Words, fill, load_wording
 from fusion.calibration import propose_still_periods
+from fusion.quality import propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.inspection import inspect_recording
-from fusion.recording import QualityFlag
+from fusion.recording import MICROSECONDS, QualityFlag
 
 _MOST_LINES = 10
 
@@ -38,7 +39,13 @@ def inspect_file(path: Path, rate_hz: float | None = None, profile: str = "") ->
         for p in propose_still_periods(recording)
     ]
     understood: dict[str, Any] = inspect_recording(recording)
-    return {"file": path.name} | understood | {"calibration_proposals": proposals}
+    nonwear = [
+        {"start_s": span.start_us / MICROSECONDS, "duration_s": span.duration_us / MICROSECONDS}
+        for span in propose_nonwear(recording)
+    ]
+    return (
+        {"file": path.name} | understood | {"calibration_proposals": proposals, "nonwear_proposals": nonwear}
+    )
 
 
 def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
@@ -61,6 +68,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
             words["proposals"],
             _join((_tell_proposal(p, words, language) for p in facts["calibration_proposals"]), words),
         ),
+        (words["nonwear"], _join((_tell_gap(p, words, language) for p in facts["nonwear_proposals"]), words)),
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
