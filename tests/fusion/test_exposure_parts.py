@@ -1,0 +1,61 @@
+"""Parts of the day: tasks pooled from the rows of a diary, and ranges of the differences between hours."""
+
+import numpy as np
+
+from fusion.exposure import DayDivision, summarise_exposure
+from fusion.periods import Period, divide_day
+from tests.factories import elevate
+
+SECOND_US = 1_000_000
+
+
+def divide(*rows: tuple[int, int, str, str]) -> DayDivision:
+    """Divide an hour by rows of (start_s, end_s, label, reason)."""
+    periods = tuple(
+        Period(start * SECOND_US, end * SECOND_US, "task", label, reason)
+        for start, end, label, reason in rows
+    )
+    return DayDivision(periods, divide_day(periods, 3600 * SECOND_US))
+
+
+def test_rows_of_one_label_are_one_task_and_what_no_row_names_is_work() -> None:
+    division = divide((0, 600, "a", ""), (600, 900, "b", ""), (1200, 1500, "a", ""))
+    tasks = summarise_exposure(elevate(np.full(3600, 40.0), rate_hz=1.0), division=division).by_task
+
+    told = [(part.kind, part.label, part.periods, part.recorded_s) for part in tasks]
+    assert told == [("task", "a", 2, 900.0), ("task", "b", 1, 300.0), ("work", "", 1, 2400.0)]
+
+
+def test_a_row_that_is_left_out_is_not_pooled_with_those_that_are_analysed() -> None:
+    division = divide((0, 600, "a", ""), (1200, 1500, "a", "task"))
+    day = elevate(np.full(3600, 40.0), rate_hz=1.0)
+    day.segments[0].valid[1200:1500] = False
+    tasks = summarise_exposure(day, division=division).by_task
+
+    told = [(part.label, part.reason, part.recorded_s, part.analysed_s) for part in tasks]
+    assert told == [("a", "", 600.0, 600.0), ("a", "task", 300.0, 0.0), ("", "", 2700.0, 2700.0)]
+
+
+def test_a_task_has_the_percentiles_of_its_pooled_time() -> None:
+    division = divide((0, 600, "a", ""), (1200, 1500, "a", ""))
+    angles = np.full(3600, 100.0)
+    angles[:600], angles[1200:1500] = 10.0, 70.0
+    task = summarise_exposure(elevate(angles, rate_hz=1.0), division=division).by_task[0]
+
+    assert round(task.percentiles_deg[50]) == 10  # two thirds of the pooled time
+    assert round(task.percent_above[60], 6) == round(100 / 3, 6)
+
+
+def test_the_ranges_of_the_differences_between_hours_hold_them() -> None:
+    # blocks that differ at random: hours drawn again differ more than the hours themselves
+    blocks = np.random.default_rng(1).normal(50.0, 8.0, 48)
+    exposure = summarise_exposure(elevate(np.repeat(blocks, 300), rate_hz=1.0), bias_sigma_deg=0.0)
+
+    figure = exposure.hour_variation["elevation_p50_deg"]
+    ranges = [
+        exposure.intervals[f"by_hour_elevation_p50_deg_{end}"] for end in ("spread", "coefficient_percent")
+    ]
+    assert ranges[0].low < figure.spread < ranges[0].high
+    assert figure.coefficient_percent is not None
+    assert ranges[1].low < figure.coefficient_percent < ranges[1].high
+    assert abs((ranges[0].low + ranges[0].high) / 2 - figure.spread) < 0.35 * (ranges[0].high - ranges[0].low)
