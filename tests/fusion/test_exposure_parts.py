@@ -1,8 +1,11 @@
 """Parts of the day: tasks pooled from the rows of a diary, and ranges of the differences between hours."""
 
 import numpy as np
+import pytest
 
-from fusion.exposure import DayDivision, summarise_exposure
+from fusion.exposure import DayDivision, PartExposure, summarise_exposure
+from fusion.exposure.part_draws import name_variation_intervals
+from fusion.exposure.variation import describe_hours
 from fusion.periods import Period, divide_day
 from tests.factories import elevate
 
@@ -52,10 +55,18 @@ def test_the_ranges_of_the_differences_between_hours_hold_them() -> None:
     exposure = summarise_exposure(elevate(np.repeat(blocks, 300), rate_hz=1.0), bias_sigma_deg=0.0)
 
     figure = exposure.hour_variation["elevation_p50_deg"]
-    ranges = [
-        exposure.intervals[f"by_hour_elevation_p50_deg_{end}"] for end in ("spread", "coefficient_percent")
-    ]
-    assert ranges[0].low < figure.spread < ranges[0].high
+    spread = exposure.intervals["by_hour_elevation_p50_deg_spread"]
+    coefficient = exposure.intervals["by_hour_elevation_p50_deg_coefficient_percent"]
+    assert spread.low < figure.spread < spread.high
     assert figure.coefficient_percent is not None
-    assert ranges[1].low < figure.coefficient_percent < ranges[1].high
-    assert abs((ranges[0].low + ranges[0].high) / 2 - figure.spread) < 0.35 * (ranges[0].high - ranges[0].low)
+    assert coefficient.low < figure.coefficient_percent < coefficient.high
+
+
+def test_the_draws_of_a_spread_are_moved_to_lie_about_it() -> None:
+    # hours alike but for their sampling: drawn again, they differ more, all 200 times
+    drawn = [{"elevation_p50_deg": 40.0 + k * np.linspace(4.0, 6.0, 200)} for k in range(2)]
+    hours = [PartExposure("", 0.0, 3600.0, 3600.0, {50: 40.0 + 2 * k}, {60: 0.0}, 0.0) for k in range(2)]
+    figures = {"elevation_p50_deg": describe_hours(hours)["elevation_p50_deg"]}
+
+    spread = name_variation_intervals(hours, drawn, figures)["by_hour_elevation_p50_deg_spread"]
+    assert (spread.low + spread.high) / 2 == pytest.approx(2.0)
