@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -42,6 +42,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         "quality": {
             "verdict": findings.quality.verdict,
             "warnings": [_describe_warning(flag, clock) for flag in findings.quality.flags],
+            "proposals": _propose_periods(findings.quality.flags),
         },
         "software": {"version": subject.software.version, "revision": subject.software.revision},
     }
@@ -224,6 +225,16 @@ def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
         "last": _tell_place(flag.last_s, clock),
         "spans": [[_tell_place(at, clock) for at in span] for span in flag.spans_s],
     }
+
+
+def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
+    """Offer what may not have been worn as rows of a diary; nothing was left out for it."""
+    return [
+        {"kind": "not_worn", "start_s": start_s, "end_s": end_s}
+        for flag in flags
+        if flag.code == "W-NONWEAR"
+        for start_s, end_s in flag.spans_s
+    ]
 
 
 def _tell_place(seconds: float | None, clock: Clock) -> str | None:
