@@ -34,7 +34,9 @@ class AccelerometerSettings:
     direction alike), the bounds are three times that; ``wander_g_per_root_min`` is the random walk of the
     offset, between knots ``knot_s`` apart. Still moments within ``cell_deg`` of each other and between the
     same two knots are one observation; its variance is ``cell_g`` squared (what they have in common) and
-    ``still_g`` squared by their number.
+    ``still_g`` squared by their number. Seen in fewer than ``least_directions``, an accelerometer is
+    corrected only where it departs from 1 g by more than ``scale``: less is what a good one reads, and few
+    directions do not tell scale from offset (the trials of BROAD, 1 to 10 mg off, lost up to 0.05 deg).
 
     Chosen on simulated shifts with even seeds (1 and 8 h, both devices); half or twice of any of them moves
     the angle by less than 0.01 deg RMSE.
@@ -45,6 +47,7 @@ class AccelerometerSettings:
     wander_g_per_root_min: float = 0.0007
     knot_s: float = 300.0
     cell_deg: float = 10.0
+    least_directions: int = 4
     cell_g: float = 0.0015
     still_g: float = 0.002
     rounds: int = 8
@@ -92,8 +95,8 @@ def calibrate_accelerometer(
 ) -> AccelerometerCorrection:
     """Fit offset and gain so that every direction reads 1 g, by damped least squares with Cauchy weights.
 
-    Returns no correction where there is no still moment, where a bound is passed, or where the departure from
-    1 g does not become smaller.
+    Returns no correction where there is no still moment, where a bound is passed, where the departure from
+    1 g does not become smaller, or where few directions show but a small one.
     """
     settings = settings or AccelerometerSettings()
     if len(stills) == 0:
@@ -106,7 +109,8 @@ def calibrate_accelerometer(
         for table in (cells.reading_g, corrected)
     )
     farthest_g, most = np.linalg.norm(offset_g, axis=1).max(), np.abs(np.linalg.eigvalsh(gain) - 1.0).max()
-    if farthest_g > 3.0 * settings.offset_g or most > 3.0 * settings.scale or after >= before:
+    small = cells.directions < settings.least_directions and before < settings.scale
+    if small or farthest_g > 3.0 * settings.offset_g or most > 3.0 * settings.scale or after >= before:
         return leave_accelerometer()
     left_g = _find_offset_sd(cells, corrected, settings)
     return AccelerometerCorrection(cells.knots_s, offset_g, gain, cells.directions, left_g)
