@@ -75,7 +75,7 @@ def find_remounts(
     if not cuts_s:
         return ()
     edges_s = np.array([-np.inf, *cuts_s, np.inf])
-    up = accelerometer.apply(stills.gravity_g)
+    up = accelerometer.apply(stills.gravity_g, stills.middle_s)
     up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
     part_of = np.searchsorted(edges_s, _leave_off(stills, blocks, rules), side="right") - 1
     parts = [up[part_of == k] for k in range(len(edges_s) - 1)]

@@ -44,9 +44,9 @@ say what people did between tasks). *Standing*: the same, but the person stands 
 between. *Separate*: each task is a recording of its own with its own pose, of about a minute. We hold the
 first for the truest picture of a session, and the main tables show it: the sensor is the same all along,
 and its still moments point in several directions, so that the accelerometer can calibrate itself. In the
-other two it nearly always hangs when it is still, and keeps the offset it left the factory with: that is
-what their larger errors are. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals
-below are judged for all three."""
+other two it nearly always hangs when it is still; then only the part of its offset that lies along the arm
+can be found, and the rest stays: that is what their larger errors are. *Seated* was added after `smoothed`
+had exceeded 1 deg in *separate*; the goals below are judged for all three."""
 
 
 def compare_on_tasks() -> Section:
