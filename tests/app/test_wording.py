@@ -186,7 +186,7 @@ def test_facts_stand_in_the_sentence_and_the_place_beside_it() -> None:
     problem = describe_problem("E-ROW", {"k": 1200, "line": 37}, "en")
 
     assert (problem.detail, problem.where) == (
-        "1\u202f200 lines cannot be read, more than 5\u202f%; the first is line 37.",
+        "1\u202f200\u00a0lines cannot be read, more than 5\u202f%; the first is line 37.",
         "line 37",
     )
 
