@@ -78,7 +78,7 @@ def _write_fhir(results: dict[str, Any], request: ReportRequest, out: Path) -> N
     """Write the bundle with the PDFs as they stand there; its conclusion is in the first language."""
     pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
     conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
-    (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion))
+    (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
 
 
 def make_report_again(

@@ -18,6 +18,7 @@ from app.report.numbers import (
     format_long_duration,
     format_number,
     format_percent,
+    format_plain,
     format_rate,
 )
 from app.report.parts import Pair, Section, Table
@@ -217,7 +218,7 @@ def _build_method(findings: Findings, clock: Clock, words: Words) -> Section:
         Pair(entry["version"], method.version),
         *_describe_calibration(findings, clock, words),
     )
-    rows = tuple((name, f"{value:g}") for name, value in method.parameters.items())
+    rows = tuple((name, format_plain(value, clock.language)) for name, value in method.parameters.items())
     table = Table(entry["parameters"], tuple(entry["columns"]), rows)
     return Section(
         "method",

@@ -15,6 +15,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from app.report.dictionary import name_unit
+from app.report.naming import name_report
 from app.report.summary import COLUMNS, Column, Results, summarise_results
 from app.report.tables import Row
 from app.report.wording import Language
@@ -25,16 +26,18 @@ _UCUM = {"%": "%", "1/h": "/h", "deg/s": "deg/s", "deg": "deg", "Hz": "Hz", "s":
 _LEFT_OUT = ("_low", "_high")
 
 
-def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str) -> bytes:
+def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1) -> bytes:
     """Write the bundle; ``pdfs`` by language, ``conclusion`` the answer in a few lines."""
-    text = json.dumps(build_fhir(results, pdfs, conclusion), ensure_ascii=False, indent=1)
+    text = json.dumps(build_fhir(results, pdfs, conclusion, version), ensure_ascii=False, indent=1)
     return text.encode("utf-8") + b"\n"
 
 
-def build_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str) -> dict[str, Any]:
+def build_fhir(
+    results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1
+) -> dict[str, Any]:
     """Lay out the bundle."""
     digest = hashlib.sha256(json.dumps(results, sort_keys=True).encode()).hexdigest()
-    common = _describe_common(results)
+    common, name = _describe_common(results), name_report(results, version, "pdf")
     observations = [
         (_address(digest, column.name), observation)
         for column, observation in _list_observations(summarise_results(results), common)
@@ -45,7 +48,7 @@ def build_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str
         "code": _name_code("upper_arm_elevation", "Upper-arm elevation report"),
         "result": [{"reference": address} for address, _ in observations],
         "conclusion": conclusion,
-        "presentedForm": [_attach(pdf, language) for language, pdf in pdfs.items()],
+        "presentedForm": [_attach(pdf, language, name) for language, pdf in pdfs.items()],
     }
     entries = [(_address(digest, "report"), report), *observations]
     return {
@@ -106,12 +109,12 @@ def _measure(name: str, value: object) -> dict[str, Any]:
     return {"value": value, "unit": unit, "system": "http://unitsofmeasure.org", "code": unit}
 
 
-def _attach(pdf: bytes, language: str) -> dict[str, str]:
+def _attach(pdf: bytes, language: str, name: str) -> dict[str, str]:
     return {
         "contentType": "application/pdf",
         "language": language,
         "data": base64.b64encode(pdf).decode("ascii"),
-        "title": "Upper-arm elevation report",
+        "title": name,
     }
 
 

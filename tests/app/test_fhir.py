@@ -46,6 +46,7 @@ def test_the_report_holds_the_pdf_and_the_answer() -> None:
     report = report_of(bundle_of())
 
     assert base64.b64decode(report["presentedForm"][0]["data"]) == PDF
+    assert report["presentedForm"][0]["title"] == "S012_2026-03-03_right_report_v1.pdf"
     assert report["conclusion"] == ANSWER
 
 

@@ -186,7 +186,7 @@ def test_facts_stand_in_the_sentence_and_the_place_beside_it() -> None:
     problem = describe_problem("E-ROW", {"k": 1200, "line": 37}, "en")
 
     assert (problem.detail, problem.where) == (
-        "1\u202f200 lines cannot be read, more than 5\u202f%; the first is line 37.",
+        "1\u202f200\u00a0lines cannot be read, more than 5\u202f%; the first is line 37.",
         "line 37",
     )
 
@@ -253,13 +253,13 @@ def test_the_words_of_the_page_come_from_their_own_file() -> None:
 def test_a_noun_follows_its_number(language: Language, number: str, form: str) -> None:
     text = set_spaces("{n} {n|time|times}", language)
 
-    assert fill(text, {"n": number}) == f"{number} {form}"
+    assert fill(text, {"n": number}) == f"{number}\u00a0{form}"
 
 
 def test_a_crash_is_told_in_the_singular() -> None:
     detail = describe_problem("E-CRASHED", {"attempts": 1}, "en").detail
 
-    assert detail == "The analysis of this file stopped unexpectedly 1 time; no report was made."
+    assert detail == "The analysis of this file stopped unexpectedly 1\u00a0time; no report was made."
 
 
 @pytest.mark.parametrize("name", ["run", "beside", "fields"])
