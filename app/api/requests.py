@@ -106,14 +106,14 @@ def retry_analysis(
     return _accept(view_analysis(job, language).model_dump(exclude_unset=True), job)  # type: ignore[return-value]
 
 
-def check_queue(services: Services) -> None:
+def check_queue(services: Services, more: int = 1) -> None:
     """Refuse more work than may wait.
 
     Raises
     ------
     Busy
     """
-    if services.store.count_waiting() >= services.settings.max_queued:
+    if services.store.count_waiting() + more > services.settings.max_queued:
         raise Busy
 
 
