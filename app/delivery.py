@@ -67,13 +67,13 @@ def check_address(url: str, *, allow_private: bool) -> tuple[str, int]:
     ForeignWebhook
         It is no http or https address, or it leads into a private network where that is not allowed.
     """
-    parts = urlsplit(url)
-    if parts.scheme not in ("http", "https") or not parts.hostname or parts.username:
-        raise ForeignWebhook(url=url[:100])
-    port = parts.port or (443 if parts.scheme == "https" else 80)
     try:
+        parts = urlsplit(url)
+        port = parts.port or (443 if parts.scheme == "https" else 80)
+        if parts.scheme not in ("http", "https") or not parts.hostname or parts.username:
+            raise ValueError
         found = socket.getaddrinfo(parts.hostname, port, type=socket.SOCK_STREAM)
-    except OSError:
+    except (OSError, ValueError):
         raise ForeignWebhook(url=url[:100]) from None
     addresses = [str(entry[4][0]) for entry in found]
     if not allow_private and not all(ipaddress.ip_address(a.partition("%")[0]).is_global for a in addresses):

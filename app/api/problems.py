@@ -101,6 +101,9 @@ def name_refusal(error: Exception) -> Refusal:
         return _name_bad_parameter(error.errors()[0])
     if isinstance(error, HTTPException) and error.status_code == 405:
         return WrongVerb(allowed=(error.headers or {}).get("Allow", ""))
+    if isinstance(error, HTTPException) and error.status_code == 400:  # while a body was being read
+        cause = error.__cause__
+        return cause if isinstance(cause, Refusal) else BadParameter(name="body", value="", allowed="JSON")
     if isinstance(error, HTTPException) and error.status_code == 404:
         return NotHere()
     reference = secrets.token_hex(4)
