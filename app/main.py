@@ -18,6 +18,7 @@ from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 import app.web
 from app.api.about import router as about_routes
@@ -35,7 +36,7 @@ from app.api.routes import router as api_routes
 from app.api.services import Services, open_services
 from app.api.tus import router as upload_routes
 from app.api.webhooks import router as webhook_routes
-from app.errors import AppError, DiskFull, ForeignAddress, PortTaken, RecordedProblem
+from app.errors import AppError, DiskFull, ForeignAddress, PortTaken, RecordedProblem, WrongVerb
 from app.jobs.pool import WorkerPool
 from app.settings import Settings
 from app.storage import FolderLock
@@ -127,10 +128,19 @@ def check_loopback(host: str) -> None:
 def answer_error(request: Request, error: Exception) -> Response:
     """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
     refusal = DiskFull() if _is_full(error) else name_refusal(error)
+    if isinstance(refusal, WrongVerb):
+        refusal = WrongVerb(method=request.method, allowed=", ".join(_list_methods(request)))
     outside = request.url.path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     response = answer_refusal(request, refusal) if outside else answer_with_page(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
+
+
+def _list_methods(request: Request) -> list[str]:
+    """Give every method of the address; the framework names only those of the first route it finds."""
+    known = request.app.router.routes
+    here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
+    return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 
 
 def _is_full(error: Exception) -> bool:
