@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, RootModel
 
 from app.report.tables import encode_table
 from fusion.diary import DiaryEntry, read_diary
@@ -25,6 +25,10 @@ class PeriodView(BaseModel):
     kind: Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
     label: Annotated[str, Field(max_length=200)] = ""
     left_out: bool | None = None
+
+
+class PeriodList(RootModel[list[PeriodView]]):
+    """The periods of a recording."""
 
 
 def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:

@@ -1,4 +1,4 @@
-"""Recordings described and filed, uploads that resume, analyses in turn and without a double."""
+"""Recordings described and filed, uploads that resume, batches, webhooks, analyses in turn and without a double."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -9,6 +9,24 @@ down_revision = "0001"
 
 def upgrade() -> None:
     """Add what the release of this revision keeps."""
+    op.create_table(
+        "batches",
+        sa.Column("id", sa.String(32), nullable=False),
+        sa.Column("name", sa.Text(), nullable=False),
+        sa.Column("item_count", sa.Integer(), nullable=False),
+        sa.Column("created_at", sa.String(32), nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    op.create_table(
+        "kept_answers",
+        sa.Column("key", sa.String(64), nullable=False),
+        sa.Column("fingerprint", sa.String(64), nullable=False),
+        sa.Column("status", sa.Integer()),
+        sa.Column("headers", sa.Text()),
+        sa.Column("body", sa.LargeBinary()),
+        sa.Column("age_s", sa.Float(), nullable=False),
+        sa.PrimaryKeyConstraint("key"),
+    )
     op.create_table(
         "uploads",
         sa.Column("id", sa.String(32), nullable=False),
@@ -21,6 +39,32 @@ def upgrade() -> None:
         sa.Column("created_at", sa.String(32), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
+    op.create_table(
+        "webhooks",
+        sa.Column("id", sa.String(32), nullable=False),
+        sa.Column("url", sa.Text(), nullable=False),
+        sa.Column("events", sa.Text(), nullable=False),
+        sa.Column("secret", sa.String(64), nullable=False),
+        sa.Column("created_at", sa.String(32), nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    op.create_table(
+        "deliveries",
+        sa.Column("id", sa.String(32), nullable=False),
+        sa.Column("webhook_id", sa.String(32), nullable=False),
+        sa.Column("event", sa.String(32), nullable=False),
+        sa.Column("body", sa.Text(), nullable=False),
+        sa.Column("tries", sa.Integer(), nullable=False),
+        sa.Column("wait_s", sa.Float(), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["webhook_id"],
+            ["webhooks.id"],
+        ),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    with op.batch_alter_table("deliveries") as batch_op:
+        batch_op.create_index("ix_deliveries_webhook_id", ["webhook_id"])
+
     with op.batch_alter_table("analyses") as batch_op:
         batch_op.add_column(sa.Column("key", sa.String(64)))
         batch_op.add_column(sa.Column("priority", sa.Integer(), server_default="1", nullable=False))
