@@ -1,4 +1,4 @@
-"""Recordings described and filed, uploads that resume, batches, webhooks, analyses in turn and without a double."""
+"""Recordings described and filed, uploads that resume, batches, webhooks, analyses in turn."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -9,6 +9,16 @@ down_revision = "0001"
 
 def upgrade() -> None:
     """Add what the release of this revision keeps."""
+    _change_batches()
+    _change_kept_answers()
+    _change_uploads()
+    _change_webhooks()
+    _change_deliveries()
+    _change_analyses()
+    _change_recordings()
+
+
+def _change_batches() -> None:
     op.create_table(
         "batches",
         sa.Column("id", sa.String(32), nullable=False),
@@ -17,6 +27,9 @@ def upgrade() -> None:
         sa.Column("created_at", sa.String(32), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
+
+
+def _change_kept_answers() -> None:
     op.create_table(
         "kept_answers",
         sa.Column("key", sa.String(64), nullable=False),
@@ -27,6 +40,9 @@ def upgrade() -> None:
         sa.Column("age_s", sa.Float(), nullable=False),
         sa.PrimaryKeyConstraint("key"),
     )
+
+
+def _change_uploads() -> None:
     op.create_table(
         "uploads",
         sa.Column("id", sa.String(32), nullable=False),
@@ -39,6 +55,9 @@ def upgrade() -> None:
         sa.Column("created_at", sa.String(32), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
+
+
+def _change_webhooks() -> None:
     op.create_table(
         "webhooks",
         sa.Column("id", sa.String(32), nullable=False),
@@ -48,6 +67,9 @@ def upgrade() -> None:
         sa.Column("created_at", sa.String(32), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
+
+
+def _change_deliveries() -> None:
     op.create_table(
         "deliveries",
         sa.Column("id", sa.String(32), nullable=False),
@@ -65,6 +87,8 @@ def upgrade() -> None:
     with op.batch_alter_table("deliveries") as batch_op:
         batch_op.create_index("ix_deliveries_webhook_id", ["webhook_id"])
 
+
+def _change_analyses() -> None:
     with op.batch_alter_table("analyses") as batch_op:
         batch_op.add_column(sa.Column("key", sa.String(64)))
         batch_op.add_column(sa.Column("priority", sa.Integer(), server_default="1", nullable=False))
@@ -79,6 +103,8 @@ def upgrade() -> None:
         batch_op.create_index("analyses_by_key", ["key"])
         batch_op.create_index("analyses_in_turn", ["state", "priority", "turn", "created_at", "id"])
 
+
+def _change_recordings() -> None:
     with op.batch_alter_table("recordings") as batch_op:
         batch_op.add_column(sa.Column("subject", sa.Text(), server_default="", nullable=False))
         batch_op.add_column(sa.Column("side", sa.String(8)))
