@@ -180,6 +180,8 @@ def inspect(
     try:
         facts = inspect_file(path, rate_hz, _read_profile(profile, lang))
     except FusionError as refusal:
+        if as_json:
+            typer.echo(_write_refusal(path.name, refusal))
         _print_problem(path.name, refusal.code, refusal.facts, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     except OSError as error:
@@ -314,6 +316,10 @@ def _print_outcome(outcome: Outcome, counter: str) -> None:
 def _print_problem(name: str, code: str, facts: Any, language: Language) -> None:
     problem = describe_problem(code, facts, language)
     typer.echo(f"{name}: {code} {problem.title}\n  {problem.detail}\n  {problem.fix}", err=True)
+
+
+def _write_refusal(name: str, refusal: FusionError) -> str:
+    return json.dumps({"file": name, "code": refusal.code, "facts": dict(refusal.facts)}, indent=1)
 
 
 def _finish(outcomes: list[Outcome], out: Path, request: ReportRequest) -> None:
