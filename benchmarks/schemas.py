@@ -20,7 +20,7 @@ def try_operations(folder: Path, examples: int) -> int:
     document = f"{server.address}api/v1/openapi.json"
     config = str(ROOT / "benchmarks/schemathesis.toml")
     command = [str(TOOL), "--config-file", config, "run", document]
-    options = ["--phases", "coverage,fuzzing", "--max-examples", str(examples), "--request-timeout", "30"]
+    options = ["--phases", "coverage,fuzzing", "--max-examples", str(examples), "--request-timeout", "90"]
     environment = os.environ | {"SCHEMATHESIS_HOOKS": "benchmarks.schema_hooks", "PYTHONPATH": str(ROOT)}
     try:
         return subprocess.run([*command, *options], cwd=ROOT, env=environment, check=False).returncode

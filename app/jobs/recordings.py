@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, update
+from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, tuple_, update
 
 from app.errors import NotHere, StaleVersion
 from app.jobs.job import JobState
@@ -216,8 +216,7 @@ def insert_recording(connection: Connection, stored: StoredRecording, about: Des
 
 def is_after(columns: tuple[Any, Any], place: Place) -> Any:
     """Say which rows come after a place, newest first (a keyset, so that later pages cost no more)."""
-    moment, identity = columns
-    return (moment < place[0]) | ((moment == place[0]) & (identity < place[1]))
+    return tuple_(*columns) < tuple_(*place)
 
 
 def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
