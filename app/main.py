@@ -163,7 +163,7 @@ def answer_error(request: Request, error: Exception) -> Response:
 
 def _list_methods(request: Request) -> list[str]:
     """Give every method of the address; the framework names only those of the first route it finds."""
-    known = request.app.router.routes
+    known = (route for routes in (*ROUTES, page_routes) for route in routes.routes)
     here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
     return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 

@@ -18,8 +18,9 @@ def try_operations(folder: Path, examples: int) -> int:
     """Run schemathesis; gives its exit code."""
     server = RunningServer(folder / "data", folder / "server.log")
     document = f"{server.address}api/v1/openapi.json"
-    command = [TOOL, "--config-file", ROOT / "benchmarks/schemathesis.toml", "run", document]
-    options = ["--phases", "coverage,fuzzing", "--max-examples", str(examples), "--request-timeout", "30"]
+    config = str(ROOT / "benchmarks/schemathesis.toml")
+    command = [str(TOOL), "--config-file", config, "run", document]
+    options = ["--phases", "coverage,fuzzing", "--max-examples", str(examples), "--request-timeout", "90"]
     environment = os.environ | {"SCHEMATHESIS_HOOKS": "benchmarks.schema_hooks", "PYTHONPATH": str(ROOT)}
     try:
         return subprocess.run([*command, *options], cwd=ROOT, env=environment, check=False).returncode

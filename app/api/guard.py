@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from urllib.parse import urlsplit
 
 import anyio
@@ -17,6 +18,7 @@ SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 
 FILE_PATHS = ("/api/v1/analyze", "/api/v1/recordings", "/api/v1/uploads")
+SHORT_BODY_BYTES = 1 << 16
 MOST_WORDS_BYTES = 8 << 20
 """Largest body of a request that brings no file."""
 
@@ -60,6 +62,7 @@ class Guard:
             return
         most_bytes = math.inf if request.url.path.startswith(FILE_PATHS) else MOST_WORDS_BYTES
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s, most_bytes)
+        sealed = _hear_out(sealed, watch, request)
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
             await self._app({**scope, "method": "GET"}, watch.receive, _drop_body(sealed))
             return
@@ -105,6 +108,19 @@ def _seal_answers(send: Send) -> Send:
     return sealed
 
 
+def _hear_out(send: Send, watch: "_BodyWatch", request: Request) -> Send:
+    """Read a short body to its end before refusing: closing on unread bytes would tear the answer, too."""
+    announced = request.headers.get("content-length", "")
+    is_short = announced.isdecimal() and int(announced) <= SHORT_BODY_BYTES
+
+    async def patient(message: Message) -> None:
+        if is_short and message["type"] == "http.response.start" and message["status"] >= 400:
+            await watch.finish()
+        await send(message)
+
+    return patient
+
+
 def _drop_body(send: Send) -> Send:
     """Send the head of an answer and nothing of its body."""
 
@@ -148,6 +164,12 @@ class _BodyWatch:
         self._more = message.get("more_body", False)
         self._check_rate()
         return message
+
+    async def finish(self) -> None:
+        """Read what is left, and leave it aside."""
+        with suppress(AppError):  # it is being refused already
+            while self._more and (await self.receive())["type"] == "http.request":
+                pass
 
     def _check_rate(self) -> None:
         """Judge by windows as long as our patience, so that a good start does not excuse a standstill."""

@@ -67,8 +67,9 @@ def list_recordings(
 ) -> RecordingList:
     """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
     limit = asked.limit
-    found = services.recordings.list_page(asked.wanted(), limit + 1, read_cursor(asked.cursor))
-    rows, following = cut_page(found, limit, lambda row: (row.created_at, row.id), request, answer)
+    wanted = asked.wanted()
+    found = services.recordings.list_page(wanted, limit + 1, read_cursor(asked.cursor))
+    rows, following = cut_page(found, limit, wanted.place, request, answer)
     return RecordingList(items=[view_recording(row) for row in rows], next_cursor=following)
 
 

@@ -1,6 +1,7 @@
 """The routes under ``/api/v1``. They take and give; what happens in between is the jobs' affair."""
 
 import json
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request, Response
@@ -18,7 +19,6 @@ from app.api.schemas import (
 )
 from app.api.services import Services, UsedLanguage, UsedServices
 from app.api.waiting import LONGEST_WAIT_S, wait_for_end
-from app.errors import NotHere
 from app.jobs.job import Job, JobState
 from app.jobs.recordings import Place
 from app.jobs.store import JobFilter
@@ -27,15 +27,9 @@ from app.report.summary import PERIOD_COLUMNS, list_periods
 from app.report.tables import encode_table
 from app.report.wording import Language
 
-EXPORT_NAMES = frozenset(RESULT_NAMES) - {
-    "results.json",
-    "report.html",
-    "report.pdf",
-    "answer.txt",
-    "bundle.zip",
-}
+EXPORT_NAMES = tuple(name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap")))
 
-router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
 ReportLanguage = Annotated[Language | None, Query(description="en or fr; else the one asked for first")]
 
 
@@ -128,12 +122,23 @@ def get_elevation_table(analysis_id: str, request: Request, services: UsedServic
     return serve_bytes(request, job, "elevation.csv.gz", services.inspector.write_angles(parquet))
 
 
-@router.get("/analyses/{analysis_id}/{name}", response_class=FileResponse)
-def get_export(analysis_id: str, name: str, request: Request, services: UsedServices) -> Response:
-    """The main figures as a table: summary (csv, _fr.csv, xlsx, parquet), dictionary.csv, redcap_*.csv."""
-    if name not in EXPORT_NAMES:
-        raise NotHere
-    return _serve(request, services, analysis_id, name)
+def _serve_export(name: str) -> Callable[[str, Request, Services], Response]:
+    """Make the route of one table: the main figures, written for other programs."""
+
+    def get_export(analysis_id: str, request: Request, services: UsedServices) -> Response:
+        """The main figures as a table, or what its columns mean."""
+        return _serve(request, services, analysis_id, name)
+
+    return get_export
+
+
+for export in EXPORT_NAMES:
+    router.add_api_route(
+        f"/analyses/{{analysis_id}}/{export}",
+        _serve_export(export),
+        name=f"get_{export.replace('.', '_')}",
+        response_class=FileResponse,
+    )
 
 
 def _tell_place(job: Job) -> Place:

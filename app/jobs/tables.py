@@ -41,9 +41,9 @@ recordings = Table(
     Column("diary", Text, nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Index("recordings_by_age", "state", "created_at", "id"),
-    Index("recordings_by_subject", "subject", "created_at", "id"),
-    Index("recordings_by_external_id", "external_id", "created_at", "id"),
-    Index("recordings_by_start", "start"),
+    Index("recordings_by_subject", "state", "subject", "created_at", "id"),
+    Index("recordings_by_external_id", "state", "external_id", "created_at", "id"),
+    Index("recordings_by_start", "state", "start", "id"),
 )
 
 analyses = Table(
