@@ -2,8 +2,9 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--broad DIR] [--output FILE]
 
-Sections: tasks, broad, stress, shifts, speed, invariance. With ``--only`` the others stay as they are in the
-document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
+Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors. With ``--only`` the others stay as
+they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is
+deterministic.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from app.version import software_revision, software_version
 from benchmarks.validation.document import Section, assemble, find_sections, render_section
+from benchmarks.validation.good_sensors import compare_good_sensors
 from benchmarks.validation.invariance import compare_changes
 from benchmarks.validation.recorded import compare_on_broad, stress
 from benchmarks.validation.shifts import compare_on_shifts
@@ -22,7 +24,7 @@ from benchmarks.validation.tasks import compare_on_tasks
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
-SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance")
+SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance", "good_sensors")
 TITLE = "# Validation of arm elevation"
 PREFACE = """\
 This document is written by `python -m benchmarks.validation`; nothing in it is typed by hand. Every figure
@@ -103,6 +105,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
         "shifts": lambda: compare_on_shifts(seeds, arguments.hours, arguments.long_hours),
         "speed": compare_speed,
         "invariance": compare_changes,
+        "good_sensors": lambda: compare_good_sensors(arguments.broad.parent),
     }
 
 
