@@ -2,8 +2,9 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--broad DIR] [--output FILE]
 
-Sections: tasks, broad, stress, shifts, speed, invariance. With ``--only`` the others stay as they are in the
-document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
+Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors. With ``--only`` the others stay as
+they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is
+deterministic.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from app.version import software_revision, software_version
 from benchmarks.validation.document import Section, assemble, find_sections, render_section
+from benchmarks.validation.good_sensors import compare_good_sensors
 from benchmarks.validation.invariance import compare_changes
 from benchmarks.validation.recorded import compare_on_broad, stress
 from benchmarks.validation.shifts import compare_on_shifts
@@ -22,7 +24,7 @@ from benchmarks.validation.tasks import compare_on_tasks
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
-SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance")
+SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance", "good_sensors")
 TITLE = "# Validation of arm elevation"
 PREFACE = """\
 This document is written by `python -m benchmarks.validation`; nothing in it is typed by hand. Every figure
@@ -48,6 +50,16 @@ the directions seen. That part is taken off, weighed against the maker's toleran
 within the goal. Of the part across them no still moment speaks. The mean length of the acceleration while the
 arm moves was not used: centripetal acceleration of a sensor that sits off the arm's axis is as large as the
 offset. The band around the angle says so: it grows with what the directions leave open.
+
+**A 30 deg bin of one simulated hour, LSM9DS1.** The offset of the accelerometer is followed through the day
+since (decision 9), which brought the worst hours down, and days of eight hours far within the goal. In the
+hour that still misses (seed 10), the arm spends 3.7 % of the time within half a degree of 30 deg, so that a
+hundredth of a degree counts; with the exact offset and gain put in by hand it reads 0.04 points. An hour does
+not show enough directions to find them as exactly; priors that fit the simulated part better would be tuned
+to it.
+
+**8 h at 100 Hz.** The document is made on a machine that others share; the goal is met or missed by how busy
+it is. Beside the version before, in turn, processor time is the same (0.24 and 0.25 s).
 
 **`published`, pattern of Table 1.** The pattern in rank is there in part, in size not. The amplitudes are
 ours, the paper's are not given, and the paper's errors hold skin, muscle and Xsens MVN's own error. Another
@@ -103,6 +115,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
         "shifts": lambda: compare_on_shifts(seeds, arguments.hours, arguments.long_hours),
         "speed": compare_speed,
         "invariance": compare_changes,
+        "good_sensors": lambda: compare_good_sensors(arguments.broad.parent),
     }
 
 
