@@ -21,6 +21,8 @@ class Settings(BaseSettings):
         Worker processes that ``serve`` keeps alive.
     max_upload_bytes, min_free_bytes
         Largest recording taken; free space below which no upload is taken.
+    max_cache_bytes
+        Space for decoded samples, which make a second analysis of a recording quick.
     lease_s, heartbeat_s
         A worker that has not beaten for ``lease_s`` has lost its job.
     max_attempts
@@ -41,6 +43,7 @@ class Settings(BaseSettings):
     workers: int = 1
     max_upload_bytes: int = 4 * GIB
     min_free_bytes: int = 2 * GIB
+    max_cache_bytes: int = 4 * GIB
     lease_s: float = 30.0
     heartbeat_s: float = 3.0
     max_attempts: int = 3

@@ -15,9 +15,9 @@ from app.errors import Crashed
 from app.jobs.attempt import (
     Attempt,
     Finished,
+    LoadAndMakeReport,
     Refused,
     choose_limits,
-    load_and_make_report,
     run_attempt,
 )
 from app.request import ReportRequest
@@ -90,7 +90,7 @@ def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Out
 
 def _do(task: Task, staging: Path, fingerprint: str, go_on: Callable[[str | None, float], bool]) -> Outcome:
     limits = choose_limits(Settings(), task.log.stat().st_size)
-    attempt = Attempt(task.log, task.request, staging, load_and_make_report, limits)
+    attempt = Attempt(task.log, task.request, staging, LoadAndMakeReport(), limits)
     outcome = run_attempt(attempt, go_on)
     if isinstance(outcome, Refused):
         return Outcome(task, code=outcome.code, facts=outcome.facts)

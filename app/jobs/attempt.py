@@ -19,6 +19,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from app.decoded import DecodedCache
 from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
 from app.request import OnStage, ReportRequest, Stage
 from app.settings import Settings
@@ -86,9 +87,16 @@ class Stopped:
 Outcome = Finished | Refused | Died | Stopped
 
 
-def load_and_make_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Take the one road; the science is loaded only where it is needed, in the child process."""
-    importlib.import_module("app.workflow").make_report(log, request, out, on_stage)
+@dataclass(frozen=True, slots=True)
+class LoadAndMakeReport:
+    """Takes the one road; the science is loaded only where it is needed, in the child process."""
+
+    cache: DecodedCache | None = None
+
+    def __call__(self, log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+        """Make the report, and keep what a second look at the same recording will want."""
+        workflow = importlib.import_module("app.workflow")
+        workflow.make_report(log, request, out, on_stage, cache=self.cache)
 
 
 def choose_limits(settings: Settings, size_bytes: int) -> Limits:
