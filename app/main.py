@@ -8,18 +8,15 @@ import webbrowser
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from ipaddress import ip_address
-from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
-from fastapi.staticfiles import StaticFiles
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
-import app.web
 from app.api.guard import SECURITY_HEADERS, Guard
 from app.api.patience import make_patient_protocol
 from app.api.problems import answer_refusal, name_refusal
@@ -31,6 +28,10 @@ from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage import FolderLock, Storage
 from app.version import software_version
+from app.web.assets import FOLDER, Assets, find_assets
+from app.web.assets import router as asset_routes
+from app.web.day_routes import router as day_routes
+from app.web.help_routes import router as help_routes
 from app.web.routes import answer_with_page
 from app.web.routes import router as page_routes
 from fusion.errors import FusionError
@@ -57,9 +58,10 @@ def create_app(settings: Settings) -> FastAPI:
     )
     application.state.services = Services(JobStore(settings.database_url), storage, settings)
     application.include_router(api_routes)
-    application.include_router(page_routes)
+    for pages in (page_routes, day_routes, help_routes, asset_routes):
+        application.include_router(pages)
     _add_health(application)
-    application.mount("/static", StaticFiles(directory=Path(app.web.__path__[0]) / "static"))
+    application.mount(find_assets(), Assets(directory=FOLDER))
     _add_refusals(application)
     rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
     application.add_middleware(Guard, answer=answer_error, min_rate_bytes_per_s=rate, patience_s=patience_s)

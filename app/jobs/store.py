@@ -33,7 +33,7 @@ class JobStore:
 
     def add(self, stored: StoredRecording, request: ReportRequest, way_in: str = "api") -> Job:
         """Acknowledge a recording and queue its analysis, in one commit."""
-        analysis_id, now = f"an_{secrets.token_hex(8)}", _now()
+        now = _now()
         recording = {
             "id": stored.id,
             "sha256": stored.sha256,
@@ -42,20 +42,15 @@ class JobStore:
             "state": "stored",
             "created_at": now,
         }
-        analysis = {
-            "id": analysis_id,
-            "recording_id": stored.id,
-            "request": request.to_json(),
-            "way_in": way_in,
-            "state": JobState.QUEUED,
-            "progress": 0.0,
-            "attempts": 0,
-            "beats": 0,
-            "created_at": now,
-        }
         with self._engine.begin() as connection:
             connection.execute(insert(recordings).values(recording))
-            connection.execute(insert(analyses).values(analysis))
+            analysis_id = _enqueue(connection, stored.id, request, way_in)
+        return self.get(analysis_id)
+
+    def add_again(self, recording_id: str, request: ReportRequest, way_in: str = "web") -> Job:
+        """Queue another analysis of a recording that is kept."""
+        with self._engine.begin() as connection:
+            analysis_id = _enqueue(connection, recording_id, request, way_in)
         return self.get(analysis_id)
 
     def get(self, analysis_id: str) -> Job:
@@ -198,6 +193,22 @@ class JobStore:
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         with self._reader.connect() as connection:
             return frozenset((row.id, row.token) for row in connection.execute(query))
+
+
+def _enqueue(connection: Connection, recording_id: str, request: ReportRequest, way_in: str) -> str:
+    analysis = {
+        "id": f"an_{secrets.token_hex(8)}",
+        "recording_id": recording_id,
+        "request": request.to_json(),
+        "way_in": way_in,
+        "state": JobState.QUEUED,
+        "progress": 0.0,
+        "attempts": 0,
+        "beats": 0,
+        "created_at": _now(),
+    }
+    connection.execute(insert(analyses).values(analysis))
+    return str(analysis["id"])
 
 
 def _start(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
