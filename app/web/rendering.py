@@ -10,7 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.api.services import LANGUAGE_COOKIE
 from app.report.wording import Language, fill, load_wording
-from app.web.assets import find_assets, find_plotly
+from app.web.assets import find_assets, find_plotly, list_style_ids
 
 YEAR_S = 365 * 24 * 3600
 
@@ -25,6 +25,7 @@ pages = Environment(
     lstrip_blocks=True,
 )
 pages.globals["fill"] = fill
+pages.globals["list_style_ids"] = list_style_ids
 
 
 def show_page(

@@ -19,7 +19,7 @@ export class Clock {
     const whole = this.startS + rounded;
     const days = Math.floor(whole / DAY_S);
     const inDay = whole - days * DAY_S;
-    const seconds = (inDay % 60).toFixed(digits).replace(/\.?0+$/, "");
+    const seconds = (inDay % 60).toFixed(digits).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
     const hour = [Math.floor(inDay / 3600), Math.floor((inDay % 3600) / 60)].map(pad).join(":");
     const time = hour + ":" + (seconds.split(".")[0].length < 2 ? "0" + seconds : seconds);
     return this.dated ? new Date(this.day + days * DAY_S * 1000).toISOString().slice(0, 10) + " " + time : time;

@@ -46,7 +46,8 @@ export class Curve {
   label(bands) {
     const { fromS, toS } = this.view;
     return bands.filter((band) => band.startS < toS && band.endS > fromS).map((band, place) => ({
-      x: (Math.max(band.startS, fromS) + Math.min(band.endS, toS)) / 2, y: 176 - 11 * (place % 3), yanchor: "top",
+      x: Math.max(band.startS, fromS), y: 178 - 13 * (place % 3), yanchor: "top",
+      xanchor: band.startS > fromS + 0.85 * this.view.spanS ? "right" : "left",
       text: safe(band.name), showarrow: false, font: { size: 12, color: ink("--ink") }, bgcolor: ink("--card"), opacity: 0.9,
     }));
   }
