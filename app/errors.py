@@ -2,6 +2,7 @@
 
     AppError
       BadParameter     what was asked for cannot be (422)
+      UnusableSettings, UnusableParticipants, UnusableList   a file that steers a run cannot be used
       UploadRefused    the bytes were not taken: FileTooLarge 413, DiskFull 507, SlowUpload 408
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
@@ -34,6 +35,24 @@ class BadParameter(AppError):
     """A value that cannot be. Facts: name, value, allowed."""
 
     code = "E-PARAMETER"
+
+
+class UnusableSettings(AppError):
+    """A settings file cannot be used. Facts: line or name, why, value, allowed, nearest."""
+
+    code = "E-SETTINGS"
+
+
+class UnusableParticipants(AppError):
+    """A list of participants cannot be used. Facts: line, why, value, allowed."""
+
+    code = "E-PARTICIPANTS"
+
+
+class UnusableList(AppError):
+    """A list of recordings cannot be used. Facts: line, why, value."""
+
+    code = "E-LIST"
 
 
 class UploadRefused(AppError):
@@ -174,6 +193,9 @@ class Outcome:
 OUTCOMES: Mapping[type[Exception], Outcome] = {
     FusionError: Outcome(422, 3),
     BadParameter: Outcome(422, 2),
+    UnusableSettings: Outcome(422, 2),
+    UnusableParticipants: Outcome(422, 2),
+    UnusableList: Outcome(422, 2),
     UploadRefused: Outcome(400, 3, retryable=True),
     FileTooLarge: Outcome(413, 3),
     DiskFull: Outcome(507, 3, retryable=True),

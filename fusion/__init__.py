@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fusion.errors import FusionError as FusionError
+    from fusion.frames import tabulate_elevation as tabulate_elevation
+    from fusion.frames import tabulate_exposure as tabulate_exposure
     from fusion.orientation import estimate_vertical as estimate_vertical
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import AnalysisSettings as AnalysisSettings
@@ -28,6 +30,8 @@ _HOMES = {
     "analyse": "fusion.pipeline",
     "estimate_vertical": "fusion.orientation",
     "read_recording": "fusion.readers",
+    "tabulate_elevation": "fusion.frames",
+    "tabulate_exposure": "fusion.frames",
 }
 
 __all__ = [
@@ -38,6 +42,8 @@ __all__ = [
     "analyse",
     "estimate_vertical",
     "read_recording",
+    "tabulate_elevation",
+    "tabulate_exposure",
 ]
 
 

@@ -6,16 +6,14 @@ names; clock times (``07:58``, ``2026-03-02 07:58:30``) or seconds from the firs
 ``left_out`` (yes or no: overrides what the kind says) and ``file`` (the row is for that recording only).
 """
 
-import csv
-import io
 import re
-import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, time
 from typing import Literal, get_args
 
 from fusion.errors import UnusableDiary
+from fusion.small_tables import decode_text, list_rows, plain_word
 
 Kind = Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -85,7 +83,7 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     UnusableDiary
         With the line, the reason and the cure.
     """
-    rows = _list_rows(_decode(content))
+    rows = _list_rows(content)
     header = next(rows, None)
     if header is None:
         raise UnusableDiary(line=1, why="empty", cure="header", value="")
@@ -96,38 +94,16 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     return _drop_ends(entries)
 
 
-def _decode(content: bytes) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("cp1252", errors="replace")
-
-
-def _list_rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Give the rows that say something, with their line; lines that begin with # are remarks."""
-    lines = text.splitlines()
-    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    delimiter = max((";", "\t", ","), key=first.count)
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
-    count = 0
-    for cells in reader:
-        told = [cell.strip() for cell in cells]
-        if not any(told) or told[0].startswith("#"):
-            continue
-        count += 1
-        if count > MOST_ROWS:
-            raise UnusableDiary(line=reader.line_num, why="too many rows", cure="rows", value=str(MOST_ROWS))
-        yield reader.line_num, told
-
-
-def _plain(word: str) -> str:
-    """Give a word without case, accents, underscores and hyphens."""
-    letters = unicodedata.normalize("NFKD", word.casefold())
-    return re.sub(r"[\s_-]+", " ", "".join(c for c in letters if not unicodedata.combining(c))).strip()
+def _list_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
+    """Give so many rows and no more: each is laid over the whole recording."""
+    for count, (line, cells) in enumerate(list_rows(decode_text(content))):
+        if count >= MOST_ROWS:
+            raise UnusableDiary(line=line, why="too many rows", cure="rows", value=str(MOST_ROWS))
+        yield line, cells
 
 
 def _name_columns(line: int, cells: list[str]) -> list[str]:
-    names = [COLUMNS.get(_plain(cell).replace(" ", "_"), "") for cell in cells]
+    names = [COLUMNS.get(plain_word(cell).replace(" ", "_"), "") for cell in cells]
     known = [name for name in names if name]
     if "start" not in known or not {"kind", "event", "label"} & set(known) or len(known) != len(set(known)):
         raise UnusableDiary(line=line, why="header", cure="header", value=", ".join(cells)[:LONGEST_LABEL])
@@ -136,15 +112,15 @@ def _name_columns(line: int, cells: list[str]) -> list[str]:
 
 def _read_row(line: int, row: Mapping[str, str]) -> DiaryEntry | tuple[int, float | str]:
     """Give the entry of a row, or the line and the moment of a row that only ends the one before."""
-    start = _read_moment(line, row.get("start", ""))
+    start = read_moment(line, row.get("start", ""))
     event = row.get("event") or ("" if "kind" in row else row.get("label", ""))
-    if "kind" not in row and _plain(event) in ENDS:
+    if "kind" not in row and plain_word(event) in ENDS:
         return line, start
-    end = _read_moment(line, row["end"]) if row.get("end") else None
+    end = read_moment(line, row["end"]) if row.get("end") else None
     return DiaryEntry(
         start=start,
         end=end,
-        kind=_read_kind(line, row["kind"]) if "kind" in row else WORDS.get(_plain(event), "task"),
+        kind=_read_kind(line, row["kind"]) if "kind" in row else WORDS.get(plain_word(event), "task"),
         label=(row.get("label") or event)[:LONGEST_LABEL],
         left_out=_read_yes_no(line, row.get("left_out", "")),
         line=line,
@@ -153,7 +129,7 @@ def _read_row(line: int, row: Mapping[str, str]) -> DiaryEntry | tuple[int, floa
 
 
 def _read_kind(line: int, word: str) -> Kind:
-    kind = WORDS.get(_plain(word))
+    kind = WORDS.get(plain_word(word))
     if kind is None:
         raise UnusableDiary(line=line, why="kind", cure="kind", value=word[:LONGEST_LABEL])
     return kind
@@ -162,13 +138,19 @@ def _read_kind(line: int, word: str) -> Kind:
 def _read_yes_no(line: int, word: str) -> bool | None:
     if not word:
         return None
-    if _plain(word) not in YES_NO:
+    if plain_word(word) not in YES_NO:
         raise UnusableDiary(line=line, why="yes or no", cure="yes or no", value=word[:LONGEST_LABEL])
-    return YES_NO[_plain(word)]
+    return YES_NO[plain_word(word)]
 
 
-def _read_moment(line: int, cell: str) -> float | str:
-    """Read seconds, or a clock time as ISO 8601 text."""
+def read_moment(line: int, cell: str) -> float | str:
+    """Read seconds, or a clock time as ISO 8601 text.
+
+    Raises
+    ------
+    UnusableDiary
+        Naming the line.
+    """
     if NUMBER.fullmatch(cell):
         return float(cell.replace(",", "."))
     dated = DAY.fullmatch(cell)

@@ -8,7 +8,6 @@ from pathlib import Path
 from app.report.subject import clean_text
 from app.request import ReportRequest
 
-SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt")
 MARKER = "done.json"
 """Written last into a recording's folder: the folder is ours, and complete."""
 
@@ -20,6 +19,8 @@ TABLES = (
     "problems.csv",
     "dictionary.csv",
     "run.json",
+    "settings.yaml",
+    "methods.md",
     "index.html",
 )
 """What stands beside the recordings' folders."""
@@ -35,26 +36,6 @@ class Task:
     request: ReportRequest
     folder: Path
     force: bool = False
-
-
-def find_recordings(paths: Iterable[Path], out: Path) -> list[Path]:
-    """List the recordings named, and those inside the folders named, each once, in a stable order.
-
-    What lies in the folder for the results is no recording.
-    """
-    found: dict[Path, None] = {}
-    for path in paths:
-        inside = sorted(p for p in path.rglob("*") if _looks_like_log(p)) if path.is_dir() else [path]
-        found.update(dict.fromkeys(p for p in inside if p is path or not _lies_in(p, out)))
-    return list(found)
-
-
-def _looks_like_log(path: Path) -> bool:
-    return path.is_file() and path.name.lower().endswith(SUFFIXES)
-
-
-def _lies_in(path: Path, folder: Path) -> bool:
-    return folder.resolve() in path.resolve().parents
 
 
 def plan_tasks(logs: Iterable[Path], out: Path, request: ReportRequest, *, force: bool) -> list[Task]:

@@ -66,6 +66,11 @@ def _tell(
     return not stopping.is_set()
 
 
+def is_up_to_date(task: Task) -> bool:
+    """Tell whether the report that is there is the one the task would make."""
+    return _read_marker(task.folder) == _fingerprint(task)
+
+
 def do_task(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
     """Analyse one recording into its folder; whatever happens to it is an outcome, never an exception."""
     try:

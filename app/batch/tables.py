@@ -1,16 +1,20 @@
 """The tables beside the reports of a run: they say the same as the messages and the exit code."""
 
 import json
+import platform
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from app.batch.run import Outcome
+from app.batch.settings_file import encode_settings
 from app.report.dictionary import encode_dictionary
 from app.report.index import IndexRow, render_index
 from app.report.messages import describe_problem
+from app.report.methods_text import write_methods
 from app.report.summary import (
     PERIOD_COLUMNS,
     encode_summary,
@@ -24,6 +28,7 @@ from app.report.workbook import encode_workbook
 from app.request import ReportRequest
 from app.version import software_revision, software_version
 
+_PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")
 _PROBLEM_COLUMNS = ["file", "code", "title", "detail", "fix"]
 
 
@@ -38,17 +43,41 @@ def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest,
     (out / "periods.csv").write_bytes(encode_table(PERIOD_COLUMNS, _list_periods(outcomes)))
     (out / "dictionary.csv").write_bytes(encode_dictionary())
     (out / "index.html").write_bytes(_render_index(outcomes, request))
+    (out / "settings.yaml").write_bytes(encode_settings(request))
+    (out / "methods.md").write_bytes(_write_methods(outcomes, request))
+    (out / "run.json").write_bytes(_encode_run(outcomes, request, made_at))
+
+
+def _encode_run(outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime) -> bytes:
     run = {
         "made_at": made_at.isoformat(timespec="seconds"),
         "software": {"version": software_version(), "revision": software_revision()},
+        "machine": {
+            "system": platform.platform(),
+            "python": platform.python_version(),
+            "packages": {name: version(name) for name in _PACKAGES},
+        },
         "settings": asdict(replace(request, file_name="")),
         "recordings": [_record(outcome) for outcome in outcomes],
     }
-    (out / "run.json").write_text(json.dumps(run, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    return (json.dumps(run, indent=1, ensure_ascii=False) + "\n").encode()
 
 
 def _record(outcome: Outcome) -> dict[str, str | None]:
-    return {"file": outcome.task.log.name, "folder": outcome.task.folder.name, "code": outcome.code}
+    task = outcome.task
+    return {
+        "file": task.log.name,
+        "folder": task.folder.name,
+        "code": outcome.code,
+        "sha256": None if outcome.code else _read_results(outcome)["recording"]["sha256"],
+        "subject": task.request.subject,
+        "side": task.request.side,
+    }
+
+
+def _write_methods(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes:
+    done = [_read_results(outcome) for outcome in outcomes if not outcome.code]
+    return write_methods(done, len(outcomes) - len(done), request.languages[0])
 
 
 def _summarise(outcome: Outcome) -> Row:

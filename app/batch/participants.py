@@ -1,0 +1,160 @@
+"""The list of participants of a study: whose arm is in which file, and what was done at its calibration.
+
+A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
+``5-15``; two windows as ``5-15 20-30``) and ``diary`` (a CSV beside the list). What a row says goes before
+the settings of the run; what it leaves empty does not.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from app.batch.plan import Task
+from app.errors import UnusableParticipants
+from app.request import SUBJECT_ALLOWED, check_subject
+from fusion.choices import Pose, Side
+from fusion.diary import read_diary
+from fusion.small_tables import decode_text, list_rows, plain_word
+
+COLUMNS: Mapping[str, str] = {
+    "file": "file", "file name": "file", "recording": "file", "fichier": "file", "enregistrement": "file",
+    "subject": "subject", "participant": "subject", "id": "subject", "sujet": "subject",
+    "side": "side", "arm": "side", "cote": "side", "bras": "side",
+    "pose": "pose",
+    "calibration": "calibration", "calibration s": "calibration", "etalonnage": "calibration",
+    "diary": "diary", "journal": "diary",
+}  # fmt: skip
+SIDES: Mapping[str, Side] = {
+    "left": "left", "l": "left", "gauche": "left", "g": "left",
+    "right": "right", "r": "right", "droit": "right", "droite": "right", "d": "right",
+}  # fmt: skip
+_WINDOW = re.compile(r"(\d+(?:\.\d+)?)\s*-\s*(\d+(?:\.\d+)?)")
+
+
+@dataclass(frozen=True, slots=True)
+class Participant:
+    """One row: the file (a name, or a path's last parts), and the fields of the request it fills."""
+
+    file: str
+    line: int
+    said: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_participants(content: bytes, folder: Path) -> tuple[Participant, ...]:
+    """Read the list; diaries it names are read from ``folder``.
+
+    Raises
+    ------
+    UnusableParticipants
+        With the line, the reason and what is allowed.
+    fusion.errors.UnusableDiary, OSError
+        When a diary named in it cannot be used or opened.
+    """
+    rows = list_rows(decode_text(content))
+    names = _name_columns(*next(rows, (1, [])))
+    people = tuple(
+        _read_row(line, dict(zip(names, cells, strict=False)), _readers(folder)) for line, cells in rows
+    )
+    _check_each_once(people)
+    return people
+
+
+def assign_participants(
+    tasks: Sequence[Task], people: Iterable[Participant]
+) -> tuple[list[Task], list[Participant]]:
+    """Give the tasks with what the list says of each, and the rows that fit no recording."""
+    rows = list(people)
+    assigned: list[Task] = []
+    used: set[int] = set()
+    for task in tasks:
+        fitting = [row for row in rows if _fits(task.log, row.file)]
+        used.update(row.line for row in fitting)
+        said = max(fitting, key=lambda row: len(row.file)).said if fitting else {}
+        assigned.append(replace(task, request=replace(task.request, **said)))
+    return assigned, [row for row in rows if row.line not in used]
+
+
+def _fits(log: Path, file: str) -> bool:
+    """Compare the last parts of the path, without regard to case."""
+    wanted = [part.casefold() for part in re.split(r"[/\\]", file) if part not in {"", "."}]
+    return [part.casefold() for part in log.resolve().parts[-len(wanted) :]] == wanted
+
+
+def _name_columns(line: int, cells: list[str]) -> list[str]:
+    names = [COLUMNS.get(plain_word(cell), "") for cell in cells]
+    unknown = [cell for cell, name in zip(cells, names, strict=True) if not name]
+    if unknown or "file" not in names or len(set(names)) != len(names):
+        raise UnusableParticipants(
+            line=line,
+            why="participant columns",
+            value=", ".join(unknown or cells)[:60],
+            allowed=", ".join(dict.fromkeys(COLUMNS.values())),
+        )
+    return names
+
+
+def _read_row(line: int, row: Mapping[str, str], readers: Mapping[str, "Reader"]) -> Participant:
+    if not row["file"]:
+        raise UnusableParticipants(line=line, why="no file named", value="", allowed="")
+    said: dict[str, Any] = {}
+    for name, reader in readers.items():
+        if text := row.get(name, ""):
+            try:
+                said[reader.field] = reader.read(text)
+            except ValueError:
+                raise UnusableParticipants(
+                    line=line, why="value", value=text[:60], allowed=reader.allowed
+                ) from None
+    return Participant(row["file"], line, said)
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """How a cell is read: the field of the request it fills, the function, what is allowed."""
+
+    field: str
+    read: Callable[[str], Any]
+    allowed: str
+
+
+def _readers(folder: Path) -> Mapping[str, Reader]:
+    return {
+        "subject": Reader("subject", check_subject, SUBJECT_ALLOWED),
+        "side": Reader("side", _read_side, "|".join(get_args(Side))),
+        "pose": Reader("pose", _read_pose, "|".join(get_args(Pose))),
+        "calibration": Reader("calibration_windows_s", _read_windows, "5-15 / 5-15 20-30"),
+        "diary": Reader("diary", lambda name: read_diary((folder / name).read_bytes()), "FILE.csv"),
+    }
+
+
+def _read_side(text: str) -> Side:
+    side = SIDES.get(plain_word(text))
+    if side is None:
+        raise ValueError
+    return side
+
+
+def _read_pose(text: str) -> str:
+    pose = plain_word(text).replace(" ", "-")
+    if pose not in get_args(Pose):
+        raise ValueError
+    return pose
+
+
+def _read_windows(text: str) -> tuple[tuple[float, float], ...]:
+    windows = tuple((float(start), float(end)) for start, end in _WINDOW.findall(text.replace(",", ".")))
+    rest = _WINDOW.sub("", text.replace(",", ".")).strip(" ;")
+    if rest or any(start_s >= end_s for start_s, end_s in windows):
+        raise ValueError
+    return windows
+
+
+def _check_each_once(people: Iterable[Participant]) -> None:
+    seen: dict[str, int] = {}
+    for person in people:
+        name = person.file.casefold()
+        if name in seen:
+            raise UnusableParticipants(line=person.line, why="file twice", value=person.file[:60], allowed="")
+        seen[name] = person.line

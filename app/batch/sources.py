@@ -1,0 +1,73 @@
+"""Where the recordings of a run are named: one by one, by a folder, by a pattern, in a list."""
+
+import glob
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import UnusableList
+
+SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".zip", ".parquet", ".bin")
+_UNUSUAL = frozenset("*?[")
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The recordings, each once, in a stable order, and how many other files lay in the folders named."""
+
+    logs: tuple[Path, ...]
+    others: int = 0
+
+
+def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
+    """List the recordings named, and those in and below the folders named.
+
+    What lies in the folder for the results is no recording, nor are the files ``without``: diaries, lists.
+    """
+    logs: dict[Path, None] = {}
+    others = 0
+    for path in _expand(paths):
+        inside = _list_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
+        found = [p for p in inside if p is path or p.name.lower().endswith(SUFFIXES)]
+        logs.update(dict.fromkeys(found))
+        others += len(inside) - len(found)
+    return Found(tuple(logs), others)
+
+
+def _list_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return [path for path in files if not _lies_in(path, out) and path.resolve() not in without]
+
+
+def read_list(content: str, folder: Path) -> list[Path]:
+    """Read a list of paths, one a line; a relative one starts from ``folder``.
+
+    Blank lines and lines that begin with # are left out.
+
+    Raises
+    ------
+    UnusableList
+        When a line names nothing that is there.
+    """
+    paths = []
+    for number, line in enumerate(content.splitlines(), 1):
+        name = line.strip().strip('"')
+        if name and not name.startswith("#"):
+            paths.append(folder / name)
+            if not paths[-1].exists():
+                raise UnusableList(line=number, why="no such file", value=name[:200])
+    return paths
+
+
+def _expand(paths: Iterable[Path]) -> Iterator[Path]:
+    """Expand patterns ourselves where the shell did not (Windows, or within quotes)."""
+    for path in paths:
+        if _UNUSUAL & set(str(path)) and not path.exists():
+            names = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  a path may be absolute
+            yield from map(Path, names or [str(path)])
+        else:
+            yield path
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    return folder.resolve() in path.resolve().parents

@@ -1,0 +1,27 @@
+"""The command line: what outsiders' scripts rely on (names and exit codes are a contract).
+
+One module for each kind of command; they are given their names here, in the order in which help lists them.
+"""
+
+import typer
+
+from app.cli.analysing import exposure, run
+from app.cli.looking import inspect, version
+from app.cli.samples import demo, simulate
+from app.cli.serving import serve, worker
+
+app = typer.Typer(
+    name="acromion",
+    help="From a full-shift upper-arm motion recording to a report a clinician can act on.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+for command in (run, exposure, demo, simulate, inspect, serve, worker, version):
+    app.command()(command)
+
+
+def main() -> None:
+    """Enter from the command ``acromion``."""
+    app()

@@ -1,0 +1,74 @@
+"""Results as pandas tables, for those who go on computing."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from fusion.exposure import Exposure
+from fusion.pipeline import Analysis
+from fusion.recording import MICROSECONDS
+
+
+def tabulate_elevation(analysis: Analysis) -> pd.DataFrame:
+    """Give the angle series: ``time_s`` (from the first sample), ``elevation_deg``, ``valid``.
+
+    Every sample of the device, before the metric filter; a hole has no rows. The index counts rows.
+    """
+    parts = [
+        pd.DataFrame(
+            {
+                "time_s": segment.start_us / MICROSECONDS + np.arange(len(segment)) / segment.rate_hz,
+                "elevation_deg": segment.elevation_deg,
+                "valid": segment.valid,
+            }
+        )
+        for segment in analysis.elevation.segments
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def tabulate_exposure(exposure: Exposure) -> dict[str, pd.DataFrame]:
+    """Give each set of figures as a table, by its name in ``results.json``; ``low`` and ``high`` beside them.
+
+    ``intervals`` holds the ranges of the figures that have none of their own, by the name of the figure.
+    """
+    tables = {
+        "bins": _tabulate(exposure.bins),
+        "time_above": _tabulate(exposure.time_above),
+        "percentiles_deg": pd.DataFrame(
+            {"percentile": exposure.percentiles_deg.keys(), "angle_deg": exposure.percentiles_deg.values()}
+        ),
+        "entries": _tabulate(exposure.entries),
+        "cycles": _tabulate(exposure.cycles),
+        "episodes": _tabulate(exposure.episodes),
+        "velocity_dps": _tabulate_named(exposure.velocity_dps, "kind"),
+        "windows": _tabulate(exposure.peak_windows),
+        "by_hour": _tabulate(exposure.by_hour),
+        "by_period": _tabulate(exposure.by_period),
+        "intervals": _tabulate_named(exposure.intervals, "figure"),
+    }
+    return {name: table for name, table in tables.items() if len(table)}
+
+
+def _tabulate(rows: Iterable[Any]) -> pd.DataFrame:
+    return pd.DataFrame([_flatten(asdict(row)) for row in rows])
+
+
+def _tabulate_named(rows: Mapping[str, Any], name: str) -> pd.DataFrame:
+    return pd.DataFrame([{name: key} | _flatten(asdict(row)) for key, row in rows.items() if row is not None])
+
+
+def _flatten(row: dict[str, Any]) -> dict[str, Any]:
+    """Lay a range or a set of percentiles out in columns of its own."""
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        if name == "interval":
+            flat |= value or {"low": None, "high": None}
+        elif isinstance(value, dict):
+            flat |= {f"{name}_{key}": inner for key, inner in value.items()}
+        else:
+            flat[name] = value
+    return flat

@@ -1,0 +1,100 @@
+"""The settings of a study: written out, read back, and every slip in them named."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.batch.settings_file import apply_settings, encode_settings, read_settings
+from app.errors import UnusableSettings
+from app.request import ReportRequest
+from fusion.diary import DiaryEntry
+
+MOMENTS = st.floats(0, 86_400).map(lambda s: round(s, 3)) | st.times().map(
+    lambda t: t.replace(microsecond=0).isoformat()
+)
+ENTRIES = st.builds(
+    DiaryEntry,
+    start=MOMENTS,
+    end=st.none() | MOMENTS,
+    kind=st.sampled_from(["task", "break", "shift", "not_worn"]),
+    label=st.text(st.characters(exclude_categories=["C", "Z"]), max_size=20),
+    left_out=st.none() | st.booleans(),
+)
+REQUESTS = st.builds(
+    ReportRequest,
+    file_name=st.just("a.gt3x"),
+    side=st.sampled_from([None, "left", "right"]),
+    method=st.sampled_from(["smoothed", "published", "live"]),
+    pose=st.sampled_from(["n-pose", "side-lean", "two-point"]),
+    calibration_windows_s=st.lists(st.sampled_from([(0.0, 5.0), (12.5, 20.25)]), max_size=2).map(tuple),
+    rate_hz=st.none() | st.floats(1, 10_000),
+    languages=st.sampled_from([("en",), ("fr",)]),
+    kinds=st.sampled_from([("html",), ("pdf",), ("html", "pdf")]),
+    diary=st.lists(ENTRIES, max_size=3).map(tuple),
+    profile=st.sampled_from(["", '{"acceleration": ["ax", "ay", "az"]}']),
+)
+
+
+def refusal(content: bytes) -> UnusableSettings:
+    with pytest.raises(UnusableSettings) as caught:
+        read_settings(content)
+    return caught.value
+
+
+@given(REQUESTS)
+def test_what_is_written_is_read_back(request_: ReportRequest) -> None:
+    values = read_settings(encode_settings(request_))
+
+    assert apply_settings(ReportRequest("a.gt3x"), values) == request_
+
+
+def test_only_the_names_in_the_file_are_set() -> None:
+    assert read_settings(b"pose: side-lean\n") == {"pose": "side-lean"}
+
+
+def test_an_empty_file_sets_nothing() -> None:
+    assert read_settings(b"# nothing yet\n") == {}
+
+
+def test_a_clock_time_without_quotes_is_a_clock_time() -> None:
+    values = read_settings(b"diary: [{start: 10:30, end: 11:00, kind: break}]\n")
+
+    assert values["diary"] == (DiaryEntry("10:30:00", "11:00:00", "break"),)
+
+
+def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
+    assert refusal(b"metod: live\n").facts["nearest"] == "method"
+
+
+@pytest.mark.parametrize(
+    ("line", "allowed"),
+    [
+        ("method: kalman", "smoothed|published|live"),
+        ("pose: t-pose", "n-pose|side-lean|two-point"),
+        ("side: up", "left|right"),
+        ("lang: de", "en|fr"),
+        ("report: [docx]", "[html, pdf]"),
+        ("report: []", "[html, pdf]"),
+        ("rate_hz: 0", "1 to 10000"),
+        ("rate_hz: fast", "1 to 10000"),
+        ("calibration: [[10, 5]]", "[[START_S,END_S]]"),
+        ("calibration: [5, 10]", "[[START_S,END_S]]"),
+        ("diary: [{start: 25:99, kind: break}]", "[{start, end, kind, label}]"),
+        ("diary: [{start: 5, kind: lunch}]", "[{start, end, kind, label}]"),
+        ("diary: [{start: 5, kind: break, where: here}]", "[{start, end, kind, label}]"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_with_what_is_allowed(line: str, allowed: str) -> None:
+    assert refusal(line.encode()).facts["allowed"] == allowed
+
+
+def test_what_is_no_yaml_is_refused_with_its_line() -> None:
+    assert refusal(b"method: live\npose: [\n").facts["line"] == 3
+
+
+def test_a_list_is_no_settings_file() -> None:
+    assert refusal(b"- method\n").facts["why"] == "yaml"
+
+
+def test_code_in_the_file_is_not_run() -> None:
+    assert refusal(b"method: !!python/object/apply:os.getcwd []\n").facts["why"] == "yaml"

@@ -1,0 +1,77 @@
+"""Where the recordings of a run are named."""
+
+from pathlib import Path
+
+import pytest
+
+from app.batch.capacity import NEED_BYTES, Capacity, choose_workers
+from app.batch.sources import find_recordings, read_list
+from app.errors import UnusableList
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("b.gt3x", "a.csv", "notes.docx", "deep/c.csv.gz", "out/summary.csv", "diary.csv"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    return tmp_path
+
+
+def test_a_folder_gives_the_recordings_in_and_below_it_but_not_the_results(folder: Path) -> None:
+    found = find_recordings([folder], folder / "out", [folder / "diary.csv"])
+
+    assert [path.name for path in found.logs] == ["a.csv", "b.gt3x", "c.csv.gz"]
+
+
+def test_other_files_of_a_folder_are_counted(folder: Path) -> None:
+    assert find_recordings([folder], folder / "out", [folder / "diary.csv"]).others == 1
+
+
+def test_a_file_named_by_hand_is_taken_whatever_its_name(folder: Path) -> None:
+    assert find_recordings([folder / "notes.docx"], folder / "out").logs == (folder / "notes.docx",)
+
+
+def test_a_recording_named_twice_is_done_once(folder: Path) -> None:
+    assert len(find_recordings([folder / "b.gt3x", folder / "b.gt3x"], folder / "out").logs) == 1
+
+
+def test_a_pattern_that_the_shell_left_is_expanded(folder: Path) -> None:
+    found = find_recordings([folder / "*.gt3x"], folder / "out")
+
+    assert found.logs == (folder / "b.gt3x",)
+
+
+def test_a_pattern_that_fits_nothing_is_kept_to_be_told(folder: Path) -> None:
+    assert find_recordings([folder / "*.cwa"], folder / "out").logs == (folder / "*.cwa",)
+
+
+def test_a_file_whose_name_looks_like_a_pattern_is_that_file(folder: Path) -> None:
+    odd = folder / "run[1].csv"
+    odd.touch()
+
+    assert find_recordings([odd], folder / "out").logs == (odd,)
+
+
+def test_the_paths_of_a_list_start_from_its_folder(folder: Path) -> None:
+    assert read_list('# two\n\nb.gt3x\n"deep/c.csv.gz"\n', folder) == [
+        folder / "b.gt3x",
+        folder / "deep/c.csv.gz",
+    ]
+
+
+def test_a_line_that_names_nothing_is_refused_with_its_number(folder: Path) -> None:
+    with pytest.raises(UnusableList) as caught:
+        read_list("b.gt3x\nlost.gt3x\n", folder)
+
+    assert (caught.value.facts["line"], caught.value.facts["value"]) == (2, "lost.gt3x")
+
+
+@pytest.mark.parametrize(
+    ("recordings", "cores", "analyses_in_memory", "expected"),
+    [(300, 8, 100, 7), (3, 8, 100, 3), (300, 8, 2, 2), (300, 1, 100, 1), (300, 8, 0, 1)],
+)
+def test_workers_are_as_many_as_recordings_spare_cores_and_memory_allow(
+    recordings: int, cores: int, analyses_in_memory: int, expected: int
+) -> None:
+    assert choose_workers(recordings, Capacity(cores, analyses_in_memory * NEED_BYTES)) == expected
