@@ -4,6 +4,9 @@
       BadParameter     what was asked for cannot be (422)
       UnusableSettings, UnusableParticipants, UnusableList   a file that steers a run cannot be used
       UploadRefused    the bytes were not taken: FileTooLarge 413, DiskFull 507, SlowUpload 408
+                       (tus: WrongOffset 409, UnknownProtocol 412, LockedUpload 423, WrongDigest 460)
+      Busy             the queue is full (503)
+      StaleVersion     changed by somebody else meanwhile (412)
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
       NoSuchFile       the analysis ended without this file (404)
@@ -31,6 +34,14 @@ class AppError(Exception):
         self.facts = facts
 
 
+class RecordedProblem(Exception):
+    """A refusal that another process met: any code, with its facts."""
+
+    def __init__(self, code: str, facts: Mapping[str, Fact]) -> None:
+        super().__init__(code, facts)
+        self.code, self.facts = code, facts
+
+
 class BadParameter(AppError):
     """A value that cannot be. Facts: name, value, allowed."""
 
@@ -53,6 +64,12 @@ class UnusableList(AppError):
     """A list of recordings cannot be used. Facts: line, why, value."""
 
     code = "E-LIST"
+
+
+class BadChecksum(BadParameter):
+    """No checksum that could be compared. Facts: value, allowed."""
+
+    code = "E-CHECKSUM"
 
 
 class UploadRefused(AppError):
@@ -83,6 +100,54 @@ class BrokenUpload(UploadRefused):
     """Fewer bytes came than were announced."""
 
     code = "E-CUT-UPLOAD"
+
+
+class WrongOffset(UploadRefused):
+    """The bytes do not begin where the upload ended. Facts: expected."""
+
+    code = "E-OFFSET"
+
+
+class LockedUpload(UploadRefused):
+    """Another request writes to the same upload."""
+
+    code = "E-LOCKED"
+
+
+class WrongDigest(UploadRefused):
+    """What arrived is not what was sent."""
+
+    code = "E-DIGEST"
+
+
+class WrongLength(UploadRefused):
+    """The length is missing or wrong."""
+
+    code = "E-LENGTH"
+
+
+class WrongMediaType(UploadRefused):
+    """The body is of a kind that is not taken here. Facts: found, allowed."""
+
+    code = "E-MEDIA"
+
+
+class UnknownProtocol(UploadRefused):
+    """Another version of the upload protocol. Facts: allowed."""
+
+    code = "E-PROTOCOL"
+
+
+class Busy(AppError):
+    """More work waits than is allowed."""
+
+    code = "E-BUSY"
+
+
+class StaleVersion(AppError):
+    """Somebody else has changed it meanwhile."""
+
+    code = "E-STALE"
 
 
 class NotHere(AppError):
@@ -196,10 +261,19 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     UnusableSettings: Outcome(422, 2),
     UnusableParticipants: Outcome(422, 2),
     UnusableList: Outcome(422, 2),
+    BadChecksum: Outcome(400, 2),
     UploadRefused: Outcome(400, 3, retryable=True),
     FileTooLarge: Outcome(413, 3),
     DiskFull: Outcome(507, 3, retryable=True),
     SlowUpload: Outcome(408, 3, retryable=True),
+    WrongOffset: Outcome(409, 3, retryable=True),
+    LockedUpload: Outcome(423, 3, retryable=True),
+    WrongDigest: Outcome(460, 3, retryable=True),
+    WrongLength: Outcome(400, 3),
+    WrongMediaType: Outcome(415, 3),
+    UnknownProtocol: Outcome(412, 3),
+    Busy: Outcome(503, 3, retryable=True),
+    StaleVersion: Outcome(412, 3),
     NotHere: Outcome(404, 3),
     NotFinished: Outcome(409, 3, retryable=True),
     NotAllowed: Outcome(403, 2),

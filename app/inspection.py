@@ -1,6 +1,8 @@
 """What a file is, for `acromion inspect` and the page: nothing is analysed."""
 
+import json
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -8,27 +10,32 @@ from app.report.messages import describe_flag
 from app.report.numbers import format_exact, format_long_duration, format_number
 from app.report.subject import clean_text
 from app.report.wording import Language, Words, fill, load_wording
+from app.request import OnStage, ReportRequest
 from fusion.calibration import propose_still_periods
 from fusion.readers import parse_profile, read_recording
+from fusion.readers.head import inspect_head
 from fusion.readers.inspection import inspect_recording
 from fusion.recording import QualityFlag
 
 _MOST_LINES = 10
 
 
-def inspect_file(path: Path, rate_hz: float | None = None, profile: str = "") -> dict[str, Any]:
+def inspect_file(
+    path: Path, rate_hz: float | None = None, profile: str = "", file_name: str = ""
+) -> dict[str, Any]:
     """Read the file and say what was understood, with proposals for the calibration window.
 
-    ``profile``: JSON of a column profile, "" for none.
+    ``profile``: JSON of a column profile, "" for none. ``file_name``: "" takes the path's own.
 
     Raises
     ------
     fusion.errors.FusionError
         When it is not a recording.
     """
+    name = file_name or path.name
     with path.open("rb") as file:
         columns = parse_profile(profile) if profile else None
-        recording = read_recording(file, file_name=path.name, rate_hz=rate_hz, profile=columns)
+        recording = read_recording(file, file_name=name, rate_hz=rate_hz, profile=columns)
     proposals = [
         {
             "start_s": round(p.start_s, 3),
@@ -38,7 +45,23 @@ def inspect_file(path: Path, rate_hz: float | None = None, profile: str = "") ->
         for p in propose_still_periods(recording)
     ]
     understood: dict[str, Any] = inspect_recording(recording)
-    return {"file": path.name} | understood | {"calibration_proposals": proposals}
+    return {"file": name} | understood | {"calibration_proposals": proposals}
+
+
+def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Inspect the file for somebody who waits in another process: ``inspection.json`` in ``out``."""
+    on_stage("reading", 0.0)
+    found = inspect_file(log, request.rate_hz, request.profile, request.file_name)
+    (out / "inspection.json").write_text(json.dumps(found), "utf-8")
+
+
+def write_head_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Do the same for the first bytes of a file that is still on its way."""
+    on_stage("reading", 0.0)
+    facts = inspect_head(log.read_bytes(), request.file_name, request.rate_hz)
+    start = facts.start.isoformat() if facts.start else None
+    found = {"file": request.file_name, **asdict(facts), "start": start}
+    (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 
 def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:

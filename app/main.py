@@ -17,16 +17,19 @@ from fastapi.routing import APIRoute
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
+from app.api.events import router as event_routes
 from app.api.guard import SECURITY_HEADERS, Guard
 from app.api.patience import make_patient_protocol
 from app.api.problems import answer_refusal, name_refusal
+from app.api.recordings import router as recording_routes
+from app.api.requests import router as request_routes
 from app.api.routes import router as api_routes
-from app.api.services import Services
-from app.errors import AppError, DiskFull, ForeignAddress, PortTaken
+from app.api.services import Services, open_services
+from app.api.tus import router as upload_routes
+from app.errors import AppError, DiskFull, ForeignAddress, PortTaken, RecordedProblem
 from app.jobs.pool import WorkerPool
-from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage import FolderLock, Storage
+from app.storage import FolderLock
 from app.version import software_version
 from app.web.assets import FOLDER, Assets, find_assets
 from app.web.assets import router as asset_routes
@@ -45,8 +48,6 @@ logger = logging.getLogger(__name__)
 
 def create_app(settings: Settings) -> FastAPI:
     """Put database, folder, API and pages together."""
-    storage = Storage(settings.data_dir)
-    storage.prepare()
     application = FastAPI(
         title="Acromion",
         version=software_version(),
@@ -56,8 +57,9 @@ def create_app(settings: Settings) -> FastAPI:
         generate_unique_id_function=_name_operation,
         lifespan=_live,
     )
-    application.state.services = Services(JobStore(settings.database_url), storage, settings)
-    application.include_router(api_routes)
+    application.state.services = open_services(settings)
+    for routes in (upload_routes, recording_routes, request_routes, event_routes, api_routes):
+        application.include_router(routes)
     for pages in (page_routes, day_routes, help_routes, asset_routes):
         application.include_router(pages)
     _add_health(application)
@@ -125,6 +127,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     services: Services = application.state.services
     lock = FolderLock(services.storage.root)
     swept = services.storage.sweep(services.store.list_recordings(), services.store.list_attempts())
+    swept += services.incoming.sweep(services.uploads.list_growing())
     if swept:
         logger.info("swept %d files of interrupted uploads and attempts", swept)
     try:
@@ -135,7 +138,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
 
 
 def _add_refusals(application: FastAPI) -> None:
-    for kind in (FusionError, AppError, RequestValidationError, HTTPException, Exception):
+    for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
         application.add_exception_handler(kind, answer_error)
 
 

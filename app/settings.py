@@ -33,6 +33,11 @@ class Settings(BaseSettings):
         Longest time for one analysis: the larger of the first and the second times the file's size.
     min_body_rate_bytes_per_s, body_patience_s, header_patience_s
         A client that sends more slowly than this, for longer than this, is sent away.
+    max_queued
+        Analyses that may wait; more are refused until some are done.
+    upload_term_s, trash_term_s
+        How long the server keeps, while it runs, an upload that nobody goes on with, and what is
+        in the trash.
     """
 
     model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
@@ -53,6 +58,9 @@ class Settings(BaseSettings):
     min_body_rate_bytes_per_s: float = 10_000.0
     body_patience_s: float = 30.0
     header_patience_s: float = 10.0
+    max_queued: int = 100_000
+    upload_term_s: float = 24 * 3600.0
+    trash_term_s: float = 30 * 24 * 3600.0
 
     @cached_property
     def database_url(self) -> str:

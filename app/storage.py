@@ -66,12 +66,12 @@ class Upload:
         if self.size_bytes > self._max_bytes:
             raise too_large(self.size_bytes, self._max_bytes)
         self._sha256.update(chunk)
-        with _full_disk_named():
+        with name_full_disk():
             self._file.write(chunk)
 
     def keep(self) -> StoredRecording:
         """Make the bytes durable under their final name."""
-        with _full_disk_named():
+        with name_full_disk():
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
@@ -100,8 +100,27 @@ class Storage:
     def open_upload(self, max_bytes: int) -> Upload:
         """Start taking a recording under a new name."""
         name = f"rec_{secrets.token_hex(8)}"
-        with _full_disk_named():
+        with name_full_disk():
             return Upload(self.root / "uploads" / f"{name}.part", self.recording(name), max_bytes)
+
+    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
+        """Take a durable file of this machine as a recording; the caller removes it after the commit.
+
+        It keeps its own name until then, so that a crash in between loses nothing.
+        """
+        stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
+        with name_full_disk():
+            os.link(path, self.recording(stored.id))
+            sync_folder(self.root / "recordings")
+        return stored
+
+    def drop_recording(self, recording_id: str) -> None:
+        """Remove the bytes of a recording."""
+        self.recording(recording_id).unlink(missing_ok=True)
+
+    def drop_analysis(self, analysis_id: str) -> None:
+        """Remove every file of an analysis."""
+        shutil.rmtree(self.root / "analyses" / analysis_id, ignore_errors=True)
 
     def recording(self, recording_id: str) -> Path:
         """Path of a kept recording."""
@@ -203,7 +222,7 @@ def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:
 
 
 @contextmanager
-def _full_disk_named() -> Iterator[None]:
+def name_full_disk() -> Iterator[None]:
     """Turn "no space left" into a refusal with a code; let every other error through."""
     try:
         yield

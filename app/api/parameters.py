@@ -1,11 +1,12 @@
 """What may be asked with a recording."""
 
 from collections.abc import Callable
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from app.api.periods import PeriodView
 from app.errors import BadParameter
 from app.report.wording import Language
 from app.request import (
@@ -22,7 +23,8 @@ from fusion.choices import MethodName, Pose
 T = TypeVar("T")
 
 
-def _check_subject(text: str) -> str:
+def take_subject(text: str) -> str:
+    """Take a subject code, or say what is allowed."""
     return _take(check_subject, text, SUBJECT_ALLOWED)
 
 
@@ -38,17 +40,16 @@ def _take(read: Callable[[str], T], text: str, allowed: str) -> T:
         raise PydanticCustomError("value", "value", {"expected": allowed}) from None
 
 
-class AnalyzeParameters(BaseModel):
-    """Everything that may be asked with a recording; a name that is not known is refused."""
+class Wishes(BaseModel):
+    """What may be asked of an analysis; a name that is not known is refused."""
 
     model_config = ConfigDict(extra="forbid")
 
-    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
     side: Annotated[Literal["left", "right"] | None, Field(description="Which arm.")] = None
     subject: Annotated[
         str,
         Field(description="Subject code; never a name."),
-        AfterValidator(_check_subject),
+        AfterValidator(take_subject),
     ] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
@@ -70,16 +71,44 @@ class AnalyzeParameters(BaseModel):
             )
         return self
 
-    def to_request(self, language: Language) -> ReportRequest:
+    def ask(self, file_name: str, language: Language) -> ReportRequest:
         """Give the request of the one road; both languages are made, the one asked for first."""
-        other: Language = "en" if language == "fr" else "fr"
+        first = self.lang or language
         return ReportRequest(
-            file_name=clean_file_name(self.file_name),
+            file_name=file_name,
             subject=self.subject,
             side=self.side,
             method=self.method,
             pose=self.pose,
             calibration_windows_s=tuple(parse_window(text) for text in self.calibration),
             rate_hz=self.rate_hz,
-            languages=(language, other),
+            languages=(first, "en" if first == "fr" else "fr"),
         )
+
+
+class AnalyzeParameters(Wishes):
+    """What may be asked with a recording."""
+
+    file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
+    external_id: Annotated[
+        str, Field(description="Its name in your own system."), AfterValidator(take_subject)
+    ] = ""
+    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+
+    def to_request(self, language: Language) -> ReportRequest:
+        """Give the request of the one road."""
+        return self.ask(clean_file_name(self.file_name), language)
+
+
+class AnalysisSettings(Wishes):
+    """What may be asked of a stored recording; what is left out is as the recording says."""
+
+    source: Annotated[
+        Literal["samples", "angles"], Field(description="Samples of a sensor, or ready angles.")
+    ] = "samples"
+    profile: Annotated[
+        dict[str, Any] | None, Field(description="What the columns mean, for tables that do not tell.")
+    ] = None
+    periods: Annotated[
+        list[PeriodView] | None, Field(max_length=10_000, description="In place of the recording's periods.")
+    ] = None

@@ -18,12 +18,15 @@ from app.errors import (
     BadParameter,
     InternalError,
     NotHere,
+    RecordedProblem,
     WrongVerb,
     find_outcome_of_code,
 )
 from app.report.messages import describe_problem
 from app.report.wording import Language
 from fusion.errors import Fact, FusionError
+
+TUS_HEADERS: Mapping[str, str] = {"Tus-Resumable": "1.0.0", "Tus-Version": "1.0.0"}
 
 logger = logging.getLogger(__name__)
 
@@ -67,7 +70,10 @@ def view_problem(code: str, facts: Mapping[str, Fact], language: Language, insta
     )
 
 
-def answer_refusal(request: Request, error: FusionError | AppError) -> JSONResponse:
+Refusal = FusionError | AppError | RecordedProblem
+
+
+def answer_refusal(request: Request, error: Refusal) -> JSONResponse:
     """Answer with the problem and its status."""
     language = choose_language(request)
     view = view_problem(error.code, error.facts, language, request.url.path)
@@ -76,16 +82,18 @@ def answer_refusal(request: Request, error: FusionError | AppError) -> JSONRespo
         headers["Connection"] = "close"  # there may be a body that nobody will read
     if isinstance(error, WrongVerb) and error.facts.get("allowed"):
         headers["Allow"] = str(error.facts["allowed"])
-    if view.retryable and view.status in (409, 503, 507):
+    if view.retryable and view.status in (409, 423, 503, 507):
         headers["Retry-After"] = "5"
+    if request.url.path.startswith("/api/v1/uploads"):
+        headers |= TUS_HEADERS
     return JSONResponse(
         view.model_dump(), view.status, headers=headers, media_type="application/problem+json"
     )
 
 
-def name_refusal(error: Exception) -> FusionError | AppError:
+def name_refusal(error: Exception) -> Refusal:
     """Give the framework's own errors, and bugs, one of our codes."""
-    if isinstance(error, FusionError | AppError):
+    if isinstance(error, Refusal):
         return error
     if isinstance(error, RequestValidationError):
         return _name_bad_parameter(error.errors()[0])

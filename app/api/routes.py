@@ -1,35 +1,33 @@
 """The routes under ``/api/v1``. They take and give; what happens in between is the jobs' affair."""
 
 import re
-import time
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
-import anyio
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse, JSONResponse
+from fastapi.responses import FileResponse
 
 from app.api.guard import REPORT_POLICY
-from app.api.parameters import AnalyzeParameters
+from app.api.paging import cut_page, read_cursor
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
 from app.api.schemas import (
     RESULT_NAMES,
     AnalysisList,
+    AnalysisQuery,
     AnalysisView,
     VersionView,
     view_analysis,
 )
 from app.api.services import Services, UsedLanguage, UsedServices
-from app.api.upload import take_recording
+from app.api.waiting import LONGEST_WAIT_S, wait_for_end
 from app.errors import NoSuchFile, NotFinished, NotHere, list_refusals
 from app.jobs.job import Job, JobState
+from app.jobs.recordings import Place
+from app.jobs.store import JobFilter
 from app.report.bundle import pack_files
 from app.report.wording import Language
 from app.version import software_revision, software_version
 
-POLL_S = 0.2
-LONGEST_WAIT_S = 60.0
 MEDIA_TYPES: Mapping[str, str] = {
     "json": "application/json",
     "html": "text/html; charset=utf-8",
@@ -45,33 +43,19 @@ router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 ReportLanguage = Annotated[Language | None, Query(description="en or fr; else the one asked for first")]
 
 
-@router.post("/analyze", status_code=202, response_model=AnalysisView, response_model_exclude_unset=True)
-async def analyze(
-    request: Request,
-    services: UsedServices,
-    language: UsedLanguage,
-    parameters: Annotated[AnalyzeParameters, Query()],
-) -> Response:
-    """Analyse a recording sent as the raw body: 202, or 200 when ``Prefer: wait=N`` saw it end."""
-    job = await take_recording(request, services, parameters.to_request(language))
-    job = await wait_for_end(request, services, job.id, _read_preference(request.headers.get("prefer", "")))
-    body = view_analysis(job, language).model_dump(exclude_unset=True)
-    headers = {"Location": f"/api/v1/analyses/{job.id}"}
-    if job.is_over:
-        return JSONResponse(body, 200, headers)
-    return JSONResponse(body, 202, headers | {"Retry-After": "2"})
-
-
-router.put("/analyze", include_in_schema=False)(analyze)  # what ``curl -T`` sends
-
-
 @router.get("/analyses", response_model_exclude_unset=True)
 def list_analyses(
-    services: UsedServices, language: UsedLanguage, limit: Annotated[int, Query(ge=1, le=500)] = 100
+    request: Request,
+    answer: Response,
+    services: UsedServices,
+    language: UsedLanguage,
+    wanted: Annotated[AnalysisQuery, Query()],
 ) -> AnalysisList:
-    """Give the newest analyses."""
-    jobs = services.store.list_newest(limit)
-    return AnalysisList(items=[view_analysis(job, language) for job in jobs])
+    """Give the newest analyses, page by page."""
+    asked = JobFilter(JobState(wanted.state) if wanted.state else "", wanted.batch_id, wanted.recording_id)
+    found = services.store.list_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
+    jobs, following = cut_page(found, wanted.limit, _tell_place, request, answer)
+    return AnalysisList(items=[view_analysis(job, language) for job in jobs], next_cursor=following)
 
 
 @router.get("/analyses/{analysis_id}", response_model_exclude_unset=True)
@@ -84,12 +68,6 @@ async def get_analysis(
 ) -> AnalysisView:
     """Give one analysis; with ``wait``, as soon as it ends."""
     return view_analysis(await wait_for_end(request, services, analysis_id, wait), language)
-
-
-@router.post("/analyses/{analysis_id}/cancel", response_model_exclude_unset=True)
-def cancel_analysis(analysis_id: str, services: UsedServices, language: UsedLanguage) -> AnalysisView:
-    """Stop an analysis; one that is over stays as it is."""
-    return view_analysis(services.store.cancel(analysis_id), language)
 
 
 @router.get("/analyses/{analysis_id}/results.json", response_class=FileResponse)
@@ -163,20 +141,8 @@ def get_version() -> VersionView:
     return VersionView(name="acromion", version=software_version(), revision=software_revision())
 
 
-async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
-    """Look until the job is over, the time is up or nobody listens any more; blocks nobody else."""
-    end_s = time.monotonic() + wait_s
-    job = await run_in_threadpool(services.store.get, analysis_id)
-    while not job.is_over and time.monotonic() < end_s and not await request.is_disconnected():
-        await anyio.sleep(min(POLL_S, max(0.0, end_s - time.monotonic())))
-        job = await run_in_threadpool(services.store.get, analysis_id)
-    return job
-
-
-def _read_preference(header: str) -> float:
-    """Read ``Prefer: wait=N`` (RFC 7240); anything else is left aside, as the RFC asks."""
-    match = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", header)
-    return min(float(match[1]), LONGEST_WAIT_S) if match else 0.0
+def _tell_place(job: Job) -> Place:
+    return job.created_at.isoformat(timespec="microseconds"), job.id
 
 
 def _serve_report(

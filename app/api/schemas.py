@@ -1,10 +1,11 @@
 """What comes out of the API, typed for the people who read the OpenAPI document."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.periods import view_periods
 from app.api.problems import ProblemView, view_problem
 from app.jobs.job import Job
 from app.report.wording import Language
@@ -44,11 +45,34 @@ class AnalysisView(BaseModel):
     started_at: str | None
     ended_at: str | None
     links: dict[str, str]
+    batch_id: str | None = None
+    replaced_by: str | None = None
+    duplicate_of: str | None = None
     problem: ProblemView | None = None
 
 
+class AnalysisQuery(BaseModel):
+    """Which analyses are listed; what is left out asks for any."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"] | None = None
+    batch_id: str = ""
+    recording_id: str = ""
+    limit: Annotated[int, Field(ge=1, le=500)] = 100
+    cursor: str = ""
+    lang: Language | None = None
+
+
 class AnalysisList(BaseModel):
-    """The newest analyses."""
+    """A page of analyses, newest first; ``next_cursor`` asks for the next, null ends."""
+
+    items: list[AnalysisView]
+    next_cursor: str | None
+
+
+class StartedAnalyses(AnalysisView):
+    """The first of the analyses that were asked for, and all of them in order."""
 
     items: list[AnalysisView]
 
@@ -77,20 +101,25 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         created_at=job.created_at.isoformat(),
         started_at=job.started_at.isoformat() if job.started_at else None,
         ended_at=job.ended_at.isoformat() if job.ended_at else None,
-        links=dict(list_links(job.id)),
+        links=dict(list_links(job)),
+        batch_id=job.batch_id,
+        replaced_by=job.replaced_by,
     )
     if job.problem_code is not None:
         view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])
     return view
 
 
-def list_links(analysis_id: str) -> Mapping[str, str]:
-    """Say where an analysis and its files are."""
-    own = f"/api/v1/analyses/{analysis_id}"
+def list_links(job: Job) -> Mapping[str, str]:
+    """Say where an analysis, what can be done with it and its files are."""
+    own = f"/api/v1/analyses/{job.id}"
     files = {name.replace(".", "_"): f"{own}/{name}" for name in RESULT_NAMES}
-    return {"self": own, "cancel": f"{own}/cancel", "page": f"/analyses/{analysis_id}", **files}
+    steps = {name: f"{own}/{name}" for name in ("cancel", "retry", "events")}
+    about = {"page": f"/analyses/{job.id}", "recording": f"/api/v1/recordings/{job.recording_id}"}
+    return {"self": own, **steps, **about, **files}
 
 
 def _view_settings(request: ReportRequest) -> dict[str, Any]:
-    names = ("subject", "side", "method", "pose", "calibration_windows_s", "rate_hz")
-    return {name: getattr(request, name) for name in names}
+    names = ("subject", "side", "method", "pose", "calibration_windows_s", "rate_hz", "source")
+    periods = [period.model_dump() for period in view_periods(request.diary)]
+    return {name: getattr(request, name) for name in names} | {"periods": periods}

@@ -5,7 +5,12 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from app.incoming import Incoming
+from app.jobs.inspecting import Inspector
+from app.jobs.queueing import WayIn
+from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
+from app.jobs.uploads import UploadStore
 from app.report.wording import Language
 from app.settings import Settings
 from app.storage import Storage
@@ -15,11 +20,28 @@ LANGUAGE_COOKIE = "acromion_lang"
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """The database, the folder and the settings of this server."""
+    """The database, the folders and the settings of this server."""
 
     store: JobStore
     storage: Storage
     settings: Settings
+    recordings: RecordingStore
+    uploads: UploadStore
+    incoming: Incoming
+    inspector: Inspector
+
+
+def open_services(settings: Settings) -> Services:
+    """Open database and folders."""
+    storage = Storage(settings.data_dir)
+    storage.prepare()
+    store = JobStore(settings.database_url)
+    rows = (store.engine, store.reader)
+    incoming = Incoming(settings.data_dir / "incoming")
+    inspector = Inspector(settings, settings.data_dir / "inspections")
+    incoming.prepare()
+    inspector.prepare()
+    return Services(store, storage, settings, RecordingStore(*rows), UploadStore(*rows), incoming, inspector)
 
 
 def find_services(request: Request) -> Services:
@@ -56,3 +78,12 @@ def _read_weight(parameters: str) -> float:
 
 UsedServices = Annotated[Services, Depends(find_services)]
 UsedLanguage = Annotated[Language, Depends(choose_language)]
+
+
+def tell_way_in(request: Request) -> WayIn:
+    """Tell a person at the page (the browser says so, and the guard has checked it) from a script."""
+    from_page = request.headers.get("origin") or request.headers.get("sec-fetch-site") == "same-origin"
+    return "web" if from_page else "api"
+
+
+UsedWayIn = Annotated[WayIn, Depends(tell_way_in)]

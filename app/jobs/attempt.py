@@ -135,7 +135,7 @@ def _choose_context() -> Any:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["app.workflow"])
+    context.set_forkserver_preload(["app.workflow", "app.inspection"])
     return context
 
 

@@ -42,7 +42,7 @@ class Job:
 
     ``token`` names the attempt that runs now or that succeeded; only its holder may move the job on.
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` say why a
-    failed job failed.
+    failed job failed. ``replaced_by`` names the job that repeats it.
     """
 
     id: str
@@ -61,6 +61,8 @@ class Job:
     ended_at: datetime | None
     problem_code: str | None
     problem_facts: Mapping[str, Fact]
+    batch_id: str | None = None
+    replaced_by: str | None = None
 
     @property
     def is_over(self) -> bool:

@@ -3,17 +3,29 @@
 import json
 import secrets
 from collections.abc import Iterable, Mapping
-from datetime import UTC, datetime
-from typing import Any, cast
+from dataclasses import asdict, dataclass
+from typing import Literal
 
-from sqlalchemy import Connection, Row, Select, Update, func, insert, select, update
+from sqlalchemy import Connection, Engine, Update, func, insert, select, update
 
 from app.errors import NotHere
 from app.jobs.job import Claim, Claimer, Job, JobState, list_sources
+from app.jobs.queueing import WayIn, enqueue, identify_work
+from app.jobs.reading import read_job, select_jobs, tell_now
+from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.tables import READ_ONLY, analyses, open_engine, recordings, result_files
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
+
+
+@dataclass(frozen=True, slots=True)
+class JobFilter:
+    """Which jobs are listed; "" asks for any."""
+
+    state: JobState | Literal[""] = ""
+    batch_id: str = ""
+    recording_id: str = ""
 
 
 class JobStore:
@@ -31,27 +43,69 @@ class JobStore:
         """Let go of the database."""
         self._engine.dispose()
 
-    def add(self, stored: StoredRecording, request: ReportRequest, way_in: str = "api") -> Job:
+    @property
+    def engine(self) -> Engine:
+        """For those who keep other rows in the same database, and write."""
+        return self._engine
+
+    @property
+    def reader(self) -> Engine:
+        """The same, for those who only read."""
+        return self._reader
+
+    def add(
+        self,
+        stored: StoredRecording,
+        request: ReportRequest,
+        way_in: WayIn = "api",
+        external_id: str = "",
+    ) -> Job:
         """Acknowledge a recording and queue its analysis, in one commit."""
-        now = _now()
-        recording = {
-            "id": stored.id,
-            "sha256": stored.sha256,
-            "size_bytes": stored.size_bytes,
-            "file_name": request.file_name,
-            "state": "stored",
-            "created_at": now,
-        }
+        about = Description(request.file_name, request.subject, request.side, external_id)
         with self._engine.begin() as connection:
-            connection.execute(insert(recordings).values(recording))
-            analysis_id = _enqueue(connection, stored.id, request, way_in)
+            insert_recording(connection, stored, about)
+            analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
         return self.get(analysis_id)
 
-    def add_again(self, recording_id: str, request: ReportRequest, way_in: str = "web") -> Job:
-        """Queue another analysis of a recording that is kept."""
+    def add_analysis(self, recording: tuple[str, str], request: ReportRequest, way_in: WayIn = "api") -> Job:
+        """Queue an analysis of a recording that is stored (its id and SHA-256)."""
         with self._engine.begin() as connection:
-            analysis_id = _enqueue(connection, recording_id, request, way_in)
+            analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
+
+    def find_same(self, sha256: str, request: ReportRequest) -> Job | None:
+        """Give the analysis of the same bytes with the same settings by the same engine, if there is one."""
+        useful = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
+        query = (
+            select_jobs()
+            .where(analyses.c.key == identify_work(sha256, request), analyses.c.state.in_(useful))
+            .order_by(analyses.c.created_at)
+            .limit(1)
+        )
+        with self._reader.connect() as connection:
+            row = connection.execute(query).one_or_none()
+        return read_job(row) if row else None
+
+    def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
+        """Queue a failed or cancelled analysis again, once; one that is under way or done stays as it is.
+
+        Raises
+        ------
+        NotHere
+        """
+        job = self.get(analysis_id)
+        if job.replaced_by is not None:
+            return self.get(job.replaced_by)
+        if job.state not in (JobState.FAILED, JobState.CANCELLED):
+            return job
+        mine = analyses.c.id == job.id
+        with self._engine.begin() as connection:
+            repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
+            if connection.execute(repeated).scalar() is None:
+                recording = (job.recording_id, job.sha256)
+                again = enqueue(connection, recording, job.request, way_in, job.batch_id)
+                connection.execute(update(analyses).where(mine).values(replaced_by=again))
+        return self.get(str(self.get(analysis_id).replaced_by))
 
     def get(self, analysis_id: str) -> Job:
         """Give one job.
@@ -61,17 +115,27 @@ class JobStore:
         NotHere
         """
         with self._reader.connect() as connection:
-            row = connection.execute(_select_jobs().where(analyses.c.id == analysis_id)).one_or_none()
+            row = connection.execute(select_jobs().where(analyses.c.id == analysis_id)).one_or_none()
         if row is None:
             raise NotHere
-        return _read_job(row)
+        return read_job(row)
 
     def list_newest(self, limit: int = 100) -> tuple[Job, ...]:
         """Give the jobs asked for last, newest first."""
-        newest_first = analyses.c.created_at.desc(), analyses.c.id
+        return self.list_page(JobFilter(), limit)
+
+    def list_page(self, wanted: JobFilter, limit: int, after: Place | None = None) -> tuple[Job, ...]:
+        """Give the newest jobs that are wanted, from ``after`` on."""
+        query = select_jobs()
+        for name, value in asdict(wanted).items():
+            if value:
+                query = query.where(analyses.c[name] == value)
+        if after is not None:
+            query = query.where(is_after((analyses.c.created_at, analyses.c.id), after))
+        newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
         with self._reader.connect() as connection:
-            rows = connection.execute(_select_jobs().order_by(*newest_first).limit(limit)).all()
-        return tuple(_read_job(row) for row in rows)
+            rows = connection.execute(query.order_by(*newest_first).limit(limit)).all()
+        return tuple(read_job(row) for row in rows)
 
     def count_states(self) -> dict[JobState, int]:
         """Count the jobs of each state."""
@@ -80,17 +144,23 @@ class JobStore:
             counts = {JobState(state): number for state, number in connection.execute(query)}
         return {state: counts.get(state, 0) for state in JobState}
 
+    def count_waiting(self) -> int:
+        """Count the jobs that wait."""
+        query = select(func.count()).where(analyses.c.state == JobState.QUEUED)
+        with self._reader.connect() as connection:
+            return int(connection.execute(query).scalar_one())
+
     def claim(self, claimer: Claimer) -> Job | None:
-        """Take the oldest queued job, or None when nothing waits."""
-        oldest = (
+        """Take the job whose turn it is (:mod:`app.jobs.queueing`), or None when nothing waits."""
+        next_one = (
             select(analyses.c.id)
             .where(analyses.c.state == JobState.QUEUED)
-            .order_by(analyses.c.created_at, analyses.c.id)
+            .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
             .limit(1)
             .with_for_update(skip_locked=True)
         )
         with self._engine.begin() as connection:
-            analysis_id = connection.execute(oldest).scalar_one_or_none()
+            analysis_id = connection.execute(next_one).scalar_one_or_none()
             if analysis_id is None:
                 return None
             _start(connection, analysis_id, claimer)
@@ -127,7 +197,7 @@ class JobStore:
             for file in files
         ]
         with self._engine.begin() as connection:
-            ended = {"progress": 1.0, "ended_at": _now()}
+            ended = {"progress": 1.0, "ended_at": tell_now()}
             won = _move(connection, analysis_id, JobState.SUCCEEDED, ended, token)
             if won:
                 connection.execute(insert(result_files), rows)
@@ -135,7 +205,7 @@ class JobStore:
 
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job with the reason."""
-        reason = {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": _now()}
+        reason = {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}
         with self._engine.begin() as connection:
             return _move(connection, analysis_id, JobState.FAILED, reason, token)
 
@@ -155,7 +225,7 @@ class JobStore:
         NotHere
         """
         with self._engine.begin() as connection:
-            _move(connection, analysis_id, JobState.CANCELLED, {"ended_at": _now()})
+            _move(connection, analysis_id, JobState.CANCELLED, {"ended_at": tell_now()})
         return self.get(analysis_id)
 
     def list_claims(self) -> tuple[Claim, ...]:
@@ -195,22 +265,6 @@ class JobStore:
             return frozenset((row.id, row.token) for row in connection.execute(query))
 
 
-def _enqueue(connection: Connection, recording_id: str, request: ReportRequest, way_in: str) -> str:
-    analysis = {
-        "id": f"an_{secrets.token_hex(8)}",
-        "recording_id": recording_id,
-        "request": request.to_json(),
-        "way_in": way_in,
-        "state": JobState.QUEUED,
-        "progress": 0.0,
-        "attempts": 0,
-        "beats": 0,
-        "created_at": _now(),
-    }
-    connection.execute(insert(analyses).values(analysis))
-    return str(analysis["id"])
-
-
 def _start(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
     held: dict[str, object] = {
         "token": secrets.token_hex(8),
@@ -221,7 +275,7 @@ def _start(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
         "claimer_place": claimer.place,
         "claimer_pid": claimer.pid,
         "claimer_started": claimer.started,
-        "started_at": func.coalesce(analyses.c.started_at, _now()),
+        "started_at": func.coalesce(analyses.c.started_at, tell_now()),
     }
     _move(connection, analysis_id, JobState.RUNNING, held)
 
@@ -242,37 +296,3 @@ def _move(
 
 def _changed(connection: Connection, change: Update) -> bool:
     return connection.execute(change).rowcount == 1
-
-
-def _select_jobs() -> Select[Any]:
-    about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256)
-    return select(analyses, *about).join(recordings, analyses.c.recording_id == recordings.c.id)
-
-
-def _read_job(row: Row[Any]) -> Job:
-    return Job(
-        id=row.id,
-        recording_id=row.recording_id,
-        file_name=row.file_name,
-        size_bytes=row.size_bytes,
-        sha256=row.sha256,
-        request=ReportRequest.from_json(row.request),
-        state=JobState(row.state),
-        stage=row.stage,
-        progress=row.progress,
-        attempts=row.attempts,
-        token=row.token,
-        created_at=datetime.fromisoformat(row.created_at),
-        started_at=_read_time(row.started_at),
-        ended_at=_read_time(row.ended_at),
-        problem_code=row.problem_code,
-        problem_facts=cast("dict[str, Fact]", json.loads(row.problem_facts or "{}")),
-    )
-
-
-def _read_time(text: str | None) -> datetime | None:
-    return datetime.fromisoformat(text) if text else None
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="microseconds")

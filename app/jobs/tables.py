@@ -31,6 +31,20 @@ recordings = Table(
     Column("file_name", Text, nullable=False),
     Column("state", String(16), nullable=False),
     Column("created_at", String(32), nullable=False),
+    Column("subject", Text, nullable=False, server_default=""),
+    Column("side", String(8)),
+    Column("external_id", Text, nullable=False, server_default=""),
+    Column("note", Text, nullable=False, server_default=""),
+    Column("duplicate_of", String(32)),
+    Column("version", Integer, nullable=False, server_default="1"),
+    Column("start", String(40)),
+    Column("inspection", Text),
+    Column("diary", Text, nullable=False, server_default="[]"),
+    Column("trashed_s", Float),
+    Index("recordings_by_age", "state", "created_at", "id"),
+    Index("recordings_by_subject", "subject", "created_at", "id"),
+    Index("recordings_by_external_id", "external_id", "created_at", "id"),
+    Index("recordings_by_start", "start"),
 )
 
 analyses = Table(
@@ -54,8 +68,29 @@ analyses = Table(
     Column("ended_at", String(32)),
     Column("problem_code", String(32)),
     Column("problem_facts", Text),
-    Index("analyses_by_state", "state", "created_at"),
-    Index("analyses_by_age", "created_at"),
+    Column("key", String(64)),
+    Column("priority", Integer, nullable=False, server_default="1"),
+    Column("turn", Integer, nullable=False, server_default="0"),
+    Column("batch_id", String(32)),
+    Column("replaced_by", String(32)),
+    Index("analyses_in_turn", "state", "priority", "turn", "created_at", "id"),
+    Index("analyses_by_age", "created_at", "id"),
+    Index("analyses_by_state", "state", "created_at", "id"),
+    Index("analyses_by_key", "key"),
+    Index("analyses_by_flow", "batch_id", "state", "turn"),
+)
+
+uploads = Table(
+    "uploads",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("length_bytes", BigInteger, nullable=False),
+    Column("offset_bytes", BigInteger, nullable=False),
+    Column("metadata", Text, nullable=False),
+    Column("description", Text, nullable=False),
+    Column("idle_s", Float, nullable=False),
+    Column("recording_id", String(32)),
+    Column("created_at", String(32), nullable=False),
 )
 
 result_files = Table(
@@ -88,7 +123,8 @@ def _prepare_sqlite(connection: Any, _record: Any) -> None:
     """
     connection.isolation_level = None  # transactions are begun by us, below
     cursor = connection.cursor()
-    for pragma in ("busy_timeout=30000", "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+    settings = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
+    for pragma in ("busy_timeout=30000", *settings):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
 

@@ -54,7 +54,8 @@ def find_plotly() -> str:
 @cache
 def list_style_ids() -> tuple[str, ...]:
     """Give the ids of the styles that plotly's script puts into a page unless an element of that name is
-    there: map controls, which we never draw, and which our policy would refuse."""
+    there: map controls, which we never draw, and which our policy would refuse.
+    """
     return tuple(re.findall(r'getElementById\("([0-9a-f]{32,})"\)', _read_script().decode()))
 
 

@@ -60,7 +60,8 @@ async def analyse_again(analysis_id: str, request: Request, services: UsedServic
     job = await run_in_threadpool(services.store.get, analysis_id)
     clock = DayClock.of(find_day(services, job).facts)
     corrected = correct_request(job.request, form, clock)
-    again = await run_in_threadpool(services.store.add_again, job.recording_id, corrected)
+    recording = (job.recording_id, job.sha256)
+    again = await run_in_threadpool(services.store.add_analysis, recording, corrected, "web")
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 

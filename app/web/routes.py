@@ -5,14 +5,15 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
+from app.api.problems import Refusal
 from app.api.services import Services, UsedLanguage, UsedServices, choose_language
-from app.errors import AppError, find_outcome
+from app.errors import find_outcome_of_code
+from app.jobs.job import JobState
 from app.report.messages import describe_problem
 from app.report.wording import Language, load_wording
 from app.web.answers import read_answer, show_changes
 from app.web.rendering import find_base, show_page
 from app.web.views import count_done, format_size, now_utc, show_row, show_settings
-from fusion.errors import FusionError
 
 SHOWN = 200
 
@@ -63,16 +64,17 @@ def cancel(analysis_id: str, request: Request, services: UsedServices) -> Respon
 @router.post("/analyses/{analysis_id}/retry")
 def retry(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """Ask for the same analysis once more; the recording is kept, whatever became of the last one."""
-    job = services.store.get(analysis_id)
-    again = services.store.add_again(job.recording_id, job.request)
+    again = services.store.retry(analysis_id, "web")
+    if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
+        again = services.store.add_analysis((again.recording_id, again.sha256), again.request, "web")
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 
-def answer_with_page(request: Request, error: FusionError | AppError) -> HTMLResponse:
+def answer_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own."""
     language = choose_language(request)
     words = describe_problem(error.code, error.facts, language)
-    status = find_outcome(type(error)).status
+    status = find_outcome_of_code(error.code).status
     return show_page(request, "error.html", language, {"problem": words, "code": error.code}, status)
 
 

@@ -14,6 +14,7 @@ from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage import Storage
+from fusion.simulation import simulate_shift, write_shift
 
 AddJob = Callable[..., Job]
 OpenBench = Callable[..., Bench]
@@ -65,6 +66,13 @@ def bench(settings: Settings) -> Iterator[OpenBench]:
     yield make
     for one in opened:
         one.store.close()
+
+
+@pytest.fixture(scope="session")
+def small_gt3x(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """One minute of a GT9X Link, well below the limit of the tests' server."""
+    folder = tmp_path_factory.mktemp("minute")
+    return write_shift(folder, simulate_shift("gt9x", 1 / 60, seed=1), actilife_csv=False)[0].read_bytes()
 
 
 @pytest.fixture

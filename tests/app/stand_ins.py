@@ -5,8 +5,11 @@ import signal
 import time
 from pathlib import Path
 
+from app.jobs.job import Claimer
 from app.request import OnStage, ReportRequest
 from fusion.errors import TooShort
+
+NOBODY = Claimer("nowhere", 1, "")
 
 RESULTS = (
     b'{"time": {"recorded_s": 28800.0, "analysed_s": 27720.0}, "exposure": {"time_above": ['

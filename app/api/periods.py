@@ -1,0 +1,60 @@
+"""Periods of a recording, inwards and outwards: as rows of JSON or as a diary file."""
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.report.tables import encode_table
+from fusion.diary import DiaryEntry, read_diary
+
+COLUMNS = ["start", "end", "kind", "label", "left_out", "file"]
+_YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
+
+
+class PeriodView(BaseModel):
+    """A stretch of the day: seconds from the first sample, or the clock as text (ISO 8601 or HH:MM)."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    start: float | str
+    end: float | str | None = None
+    kind: Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
+    label: Annotated[str, Field(max_length=200)] = ""
+    left_out: bool | None = None
+
+
+def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:
+    """Show a diary as rows."""
+    return [
+        PeriodView(start=e.start, end=e.end, kind=e.kind, label=e.label, left_out=e.left_out) for e in diary
+    ]
+
+
+def write_periods(diary: tuple[DiaryEntry, ...]) -> bytes:
+    """Write a diary as the CSV that is read again."""
+    return encode_table(COLUMNS, [asdict(e) | {"left_out": _YES_NO[e.left_out]} for e in diary])
+
+
+def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
+    """Check rows by the very rules of the diary file (:func:`fusion.diary.read_diary`).
+
+    Raises
+    ------
+    fusion.errors.UnusableDiary
+        Its line is the place of the row, counted from 2: the header of a file would be line 1.
+    """
+    if not rows:
+        return ()
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(COLUMNS[:5])
+    for row in rows:
+        label = " ".join(row.label.split())
+        writer.writerow(
+            [row.start, "" if row.end is None else row.end, row.kind, label, _YES_NO[row.left_out]]
+        )
+    return read_diary(text.getvalue().encode())

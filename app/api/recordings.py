@@ -1,0 +1,212 @@
+"""Recordings: stored, described, looked at, divided into periods, thrown away."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import TypeAdapter, ValidationError
+
+from app.api.paging import cut_page, read_cursor
+from app.api.periods import PeriodView, read_periods, view_periods, write_periods
+from app.api.problems import PROBLEM_RESPONSES, name_refusal
+from app.api.recording_views import (
+    RecordingList,
+    RecordingPatch,
+    RecordingQuery,
+    RecordingView,
+    RecordingWords,
+    view_recording,
+)
+from app.api.services import Services, UsedServices
+from app.api.tus_body import finish_upload
+from app.api.upload import receive_recording
+from app.errors import NotFinished, StaleVersion
+from app.jobs.recordings import StoredRow
+from app.request import ReportRequest
+from app.storage import too_large
+from fusion.diary import DiaryEntry, read_diary
+
+router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
+IfMatch = Annotated[str, Header(description='The ETag that was read, as "3"; else no check is made.')]
+MOST_DIARY_BYTES = 4 << 20
+RAW: dict[str, Any] = {"content": {"application/octet-stream": {}, "application/json": {}}}
+DIARY_KINDS: dict[str, Any] = {
+    "application/json": {"schema": {"type": "array", "items": {"$ref": "#/components/schemas/PeriodView"}}},
+    "text/csv": {"schema": {"type": "string"}},
+}
+
+
+class UploadedRecording(RecordingWords):
+    """A recording that came by ``/uploads``, and what is said about it."""
+
+    upload_id: str
+
+
+@router.post("", status_code=201, openapi_extra={"requestBody": RAW})
+async def create_recording(
+    request: Request, services: UsedServices, words: Annotated[RecordingWords, Query()]
+) -> RecordingView:
+    """Store a recording: the raw file, or ``{"upload_id": ...}`` for one that came by ``/uploads``."""
+    if request.headers.get("content-type", "").startswith("application/json"):
+        row = await run_in_threadpool(_take_uploaded, services, await _read_small_body(request))
+    else:
+        about = words.describe()
+        row = await receive_recording(
+            request, services, lambda stored: services.recordings.add(stored, about)
+        )
+    location = {"Location": f"/api/v1/recordings/{row.id}"}
+    return _answer(row, 201, location)  # type: ignore[return-value]
+
+
+@router.get("")
+def list_recordings(
+    request: Request,
+    answer: Response,
+    services: UsedServices,
+    asked: Annotated[RecordingQuery, Query()],
+) -> RecordingList:
+    """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
+    limit = asked.limit
+    found = services.recordings.list_page(asked.wanted(), limit + 1, read_cursor(asked.cursor))
+    rows, following = cut_page(found, limit, lambda row: (row.created_at, row.id), request, answer)
+    return RecordingList(items=[view_recording(row) for row in rows], next_cursor=following)
+
+
+@router.get("/{recording_id}")
+def get_recording(recording_id: str, services: UsedServices) -> RecordingView:
+    """Give one recording, with its ETag."""
+    return _answer(services.recordings.get(recording_id))  # type: ignore[return-value]
+
+
+@router.patch("/{recording_id}")
+def change_recording(
+    recording_id: str, patch: RecordingPatch, services: UsedServices, if_match: IfMatch = ""
+) -> RecordingView:
+    """Say anew whose arm it is (JSON merge patch); reports that are made already stay as they are."""
+    row = _match(services.recordings.get(recording_id), if_match)
+    return _answer(services.recordings.describe(row, patch.merge(row.about)))  # type: ignore[return-value]
+
+
+@router.delete("/{recording_id}", status_code=204)
+def delete_recording(
+    recording_id: str,
+    services: UsedServices,
+    purge: bool = False,  # noqa: FBT001, FBT002
+) -> Response:
+    """Throw away a recording and all that was made of it; with ``purge``, or when in the trash, for good."""
+    row = services.recordings.get(recording_id, trashed=True)
+    if row.state == "stored":
+        services.recordings.trash(row.id)
+    if row.state == "trashed" or purge or services.settings.trash_term_s <= 0:
+        purge_recording(services, row.id)
+    return Response(status_code=204)
+
+
+@router.post("/{recording_id}/restore")
+def restore_recording(recording_id: str, services: UsedServices) -> RecordingView:
+    """Take a recording out of the trash."""
+    return _answer(services.recordings.restore(recording_id))  # type: ignore[return-value]
+
+
+@router.get("/{recording_id}/inspection")
+def get_inspection(
+    recording_id: str,
+    services: UsedServices,
+    rate_hz: Annotated[float | None, Query(ge=1, le=10_000, description="For logs without time.")] = None,
+) -> dict[str, Any]:
+    """Say what the file is: device, rate, clock, gaps, calibration proposals, warnings."""
+    row = services.recordings.get(recording_id)
+    if row.inspection is not None and rate_hz is None:
+        return dict(row.inspection)
+    wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
+    found = services.inspector.look(services.storage.recording(row.id), wish)
+    if rate_hz is None:
+        services.recordings.keep_inspection(row.id, found)
+    return found
+
+
+@router.get("/{recording_id}/periods", responses={200: {"content": DIARY_KINDS}})
+def get_periods(recording_id: str, request: Request, services: UsedServices) -> list[PeriodView]:
+    """Give what the day consisted of; as a diary file when text/csv is accepted."""
+    row = services.recordings.get(recording_id)
+    headers = {"ETag": _tag(row), "Vary": "Accept"}
+    if "text/csv" in request.headers.get("accept", ""):
+        return Response(write_periods(row.diary), headers=headers, media_type="text/csv")  # type: ignore[return-value]
+    periods = [period.model_dump() for period in view_periods(row.diary)]
+    return JSONResponse(periods, headers=headers)  # type: ignore[return-value]
+
+
+@router.put("/{recording_id}/periods", openapi_extra={"requestBody": {"content": DIARY_KINDS}})
+async def put_periods(
+    recording_id: str, request: Request, services: UsedServices, if_match: IfMatch = ""
+) -> list[PeriodView]:
+    """Say what the day consisted of, by rows of JSON or a diary file; the next analyses go by it."""
+    body = await _read_small_body(request)
+    is_csv = request.headers.get("content-type", "").startswith("text/csv")
+    diary = read_diary(body) if is_csv else parse_periods(body)
+    row = await run_in_threadpool(services.recordings.get, recording_id)
+    row = await run_in_threadpool(services.recordings.put_diary, _match(row, if_match), diary)
+    periods = [period.model_dump() for period in view_periods(row.diary)]
+    return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
+
+
+def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
+    """Read periods from JSON.
+
+    Raises
+    ------
+    BadParameter, fusion.errors.UnusableDiary
+    """
+    try:
+        return read_periods(TypeAdapter(list[PeriodView]).validate_json(body))
+    except ValidationError as error:
+        raise name_refusal(RequestValidationError(error.errors())) from None
+
+
+def purge_recording(services: Services, recording_id: str) -> None:
+    """Delete a recording and every file made of it: the rows first, so that a start-up sweeps the rest."""
+    for analysis_id in services.recordings.purge(recording_id):
+        services.storage.drop_analysis(analysis_id)
+    services.storage.drop_recording(recording_id)
+
+
+def _take_uploaded(services: Services, body: bytes) -> StoredRow:
+    try:
+        said = UploadedRecording.model_validate_json(body)
+    except ValidationError as error:
+        raise name_refusal(RequestValidationError(error.errors())) from None
+    upload = finish_upload(services, services.uploads.get(said.upload_id))
+    if upload.recording_id is None:
+        raise NotFinished(state=f"{upload.offset_bytes}/{upload.length_bytes}")
+    row = services.recordings.get(upload.recording_id)
+    told = said.model_fields_set - {"upload_id"}
+    if not told:
+        return row
+    patch = RecordingPatch(**{name: getattr(said, name) for name in told})
+    return services.recordings.describe(row, patch.merge(row.about))
+
+
+def _answer(row: StoredRow, status: int = 200, headers: dict[str, str] | None = None) -> JSONResponse:
+    return JSONResponse(view_recording(row).model_dump(), status, {"ETag": _tag(row)} | (headers or {}))
+
+
+def _tag(row: StoredRow) -> str:
+    return f'"{row.version}"'
+
+
+def _match(row: StoredRow, if_match: str) -> StoredRow:
+    """Refuse a change of something that was read before somebody else changed it."""
+    if if_match and if_match.strip() != "*" and _tag(row) not in if_match:
+        raise StaleVersion
+    return row
+
+
+async def _read_small_body(request: Request) -> bytes:
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MOST_DIARY_BYTES:
+            raise too_large(len(body), MOST_DIARY_BYTES)
+    return bytes(body)

@@ -1,0 +1,169 @@
+"""The bytes of a tus upload: written as they come, counted only when they are on the disk."""
+
+import base64
+import binascii
+import hashlib
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from fastapi import Request
+from fastapi.concurrency import run_in_threadpool
+
+from app.api.services import Services
+from app.api.upload import copy_body
+from app.errors import BadChecksum, LockedUpload, WrongDigest, WrongLength, WrongOffset
+from app.incoming import GrowingFile
+from app.jobs.uploads import UploadRow
+from app.storage import COPY_BYTES
+
+OFFSET_BODY = "application/offset+octet-stream"
+CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
+SYNC_S = 1.0
+HEAD_BYTES = 2 * COPY_BYTES
+
+
+async def take_bytes(
+    request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str = ""
+) -> UploadRow:
+    """Append the body to an upload.
+
+    Raises
+    ------
+    LockedUpload, WrongOffset, WrongLength, WrongDigest, BrokenUpload, SlowUpload, DiskFull
+    """
+    if not services.incoming.take(upload_id):
+        raise LockedUpload
+    try:
+        row = await run_in_threadpool(services.uploads.get, upload_id)
+        _check_place(request, row, offset_bytes)
+        body = await run_in_threadpool(_open_body, services, row, checksum)
+        try:
+            await copy_body(request, body.write)
+            await run_in_threadpool(body.check)
+        finally:
+            await run_in_threadpool(body.end)
+        return await run_in_threadpool(finish_upload, services, body.row)
+    finally:
+        services.incoming.let_go(upload_id)
+
+
+def _check_place(request: Request, row: UploadRow, offset_bytes: int) -> None:
+    if row.offset_bytes != offset_bytes:
+        raise WrongOffset(expected=row.offset_bytes)
+    announced = request.headers.get("content-length", "")
+    if announced.isdecimal() and offset_bytes + int(announced) > row.length_bytes:
+        raise WrongLength
+
+
+def finish_upload(services: Services, row: UploadRow) -> UploadRow:
+    """Make a whole upload a recording; any other is given back as it is.
+
+    The bytes keep their name among the uploads until the recording's row is committed: whatever is cut
+    short in between is done again by the next request.
+    """
+    if not row.is_whole or row.recording_id is not None:
+        return row
+    try:
+        sha256 = services.incoming.hash(row.id, row.length_bytes)
+        stored = services.storage.adopt(services.incoming.path(row.id), sha256, row.length_bytes)
+    except FileNotFoundError:  # a peer was quicker
+        return services.uploads.get(row.id)
+    counts = services.uploads.finish(row, stored)
+    if counts != stored.id:
+        services.storage.drop_recording(stored.id)
+    services.incoming.forget(row.id)
+    return replace(row, recording_id=counts)
+
+
+def drop_upload(services: Services, row: UploadRow) -> None:
+    """Forget an upload and its bytes; the recording of a finished one stays.
+
+    Raises
+    ------
+    LockedUpload
+    """
+    if not services.incoming.take(row.id):
+        raise LockedUpload
+    try:
+        services.uploads.drop(row.id)
+        services.incoming.forget(row.id)
+    finally:
+        services.incoming.let_go(row.id)
+
+
+def read_head(path: Path, offset_bytes: int) -> bytes:
+    """Give the first bytes that count."""
+    try:
+        with path.open("rb") as file:
+            return file.read(min(offset_bytes, HEAD_BYTES))
+    except FileNotFoundError:
+        return b""
+
+
+def _open_body(services: Services, row: UploadRow, checksum: str) -> "_Body":
+    digest, expected = _read_checksum(checksum) if checksum else (None, b"")
+    file = GrowingFile(services.incoming.path(row.id), row.offset_bytes)
+    return _Body(services, row, file, digest, expected)
+
+
+def _read_checksum(header: str) -> "tuple[hashlib._Hash, bytes]":
+    name, _, coded = header.strip().partition(" ")
+    allowed = "|".join(CHECKSUMS) + " base64"
+    if name not in CHECKSUMS:
+        raise BadChecksum(value=name[:20], allowed=allowed)
+    try:
+        return hashlib.new(name, usedforsecurity=False), base64.b64decode(coded, validate=True)
+    except binascii.Error:
+        raise BadChecksum(value=coded[:60], allowed=allowed) from None
+
+
+@dataclass(slots=True)
+class _Body:
+    """The bytes of one request; with a checksum they count once it is right, else once they are safe."""
+
+    services: Services
+    row: UploadRow
+    file: GrowingFile
+    digest: "hashlib._Hash | None"
+    expected: bytes
+    synced_s: float = field(default_factory=time.monotonic)
+
+    def write(self, chunk: bytes) -> None:
+        if self.file.offset_bytes + len(chunk) > self.row.length_bytes:
+            raise WrongLength
+        self.services.incoming.follow(self.row.id, self.file.offset_bytes, chunk)
+        self.file.write(chunk)
+        if self.digest is not None:
+            self.digest.update(chunk)
+        elif time.monotonic() - self.synced_s > SYNC_S:
+            self.count()
+
+    def count(self) -> None:
+        """Let the bytes count: on the disk first, then in the row."""
+        self.file.sync()
+        if not self.services.uploads.advance(self.row, self.file.offset_bytes):
+            raise WrongOffset(expected=self.services.uploads.get(self.row.id).offset_bytes)
+        self.row = self.services.uploads.get(self.row.id)
+        self.synced_s = time.monotonic()
+
+    def end(self) -> None:
+        """Keep what came, however the request ended; bytes that cannot be checked are not kept."""
+        try:
+            if self.digest is None and self.file.offset_bytes > self.row.offset_bytes:
+                self.count()
+        finally:
+            self.file.close()
+
+    def check(self) -> None:
+        """Compare the checksum, and only then let the bytes count.
+
+        Raises
+        ------
+        WrongDigest
+        """
+        if self.digest is None:
+            return
+        if self.digest.digest() != self.expected:
+            raise WrongDigest
+        self.count()

@@ -1,0 +1,124 @@
+"""The bytes of uploads that may be broken off and gone on with (tus): one growing file for each.
+
+    root/incoming/<upload>
+
+Nothing here is a recording. The row of the upload says how many of the bytes count: what stands behind them
+was written but never acknowledged, and is cut off before more is taken.
+"""
+
+import hashlib
+import os
+import threading
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from app.storage import name_full_disk, sync_folder
+
+
+class GrowingFile:
+    """The file of one upload, open at the place where the next byte goes."""
+
+    def __init__(self, path: Path, offset_bytes: int) -> None:
+        with name_full_disk():
+            is_new = not path.exists()
+            self._file: IO[bytes] = path.open("r+b" if not is_new else "xb")
+            self._file.truncate(offset_bytes)
+            self._file.seek(offset_bytes)
+        self._folder = path.parent if is_new else None
+        self.offset_bytes = offset_bytes
+
+    def write(self, chunk: bytes) -> None:
+        """Take the next bytes.
+
+        Raises
+        ------
+        DiskFull
+        """
+        with name_full_disk():
+            self._file.write(chunk)
+        self.offset_bytes += len(chunk)
+
+    def sync(self) -> None:
+        """Make every byte taken so far durable."""
+        with name_full_disk():
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            if self._folder is not None:
+                sync_folder(self._folder)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+
+@dataclass(slots=True)
+class _Running:
+    """The hash of an upload's first bytes, so that a finished one need not be read again."""
+
+    sha256: "hashlib._Hash"
+    offset_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Incoming:
+    """The folder of growing files, and who writes to which just now."""
+
+    folder: Path
+    _busy: set[str] = field(default_factory=set)
+    _hashes: dict[str, _Running] = field(default_factory=dict)
+    _guard: threading.Lock = field(default_factory=threading.Lock)
+
+    def prepare(self) -> None:
+        """Make the folder."""
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def path(self, upload_id: str) -> Path:
+        """Where the bytes of an upload are."""
+        return self.folder / upload_id
+
+    def take(self, upload_id: str) -> bool:
+        """Become the one writer of an upload; False while another is."""
+        with self._guard:
+            is_free = upload_id not in self._busy
+            self._busy.add(upload_id)
+            return is_free
+
+    def let_go(self, upload_id: str) -> None:
+        """Let another write."""
+        with self._guard:
+            self._busy.discard(upload_id)
+
+    def follow(self, upload_id: str, offset_bytes: int, chunk: bytes) -> None:
+        """Hash bytes that begin at an offset, where the hash of all before is known."""
+        running = self._hashes.get(upload_id)
+        if offset_bytes == 0:
+            running = self._hashes[upload_id] = _Running(hashlib.sha256(), 0)
+        if running is None:
+            return
+        if running.offset_bytes != offset_bytes:  # bytes that did not count were hashed
+            del self._hashes[upload_id]
+            return
+        running.sha256.update(chunk)
+        running.offset_bytes += len(chunk)
+
+    def hash(self, upload_id: str, size_bytes: int) -> str:
+        """Give the SHA-256 of a whole upload; read again only when the server was restarted meanwhile."""
+        running = self._hashes.get(upload_id)
+        if running is not None and running.offset_bytes == size_bytes:
+            return running.sha256.hexdigest()
+        with self.path(upload_id).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def forget(self, upload_id: str) -> None:
+        """Remove the bytes of an upload."""
+        self._hashes.pop(upload_id, None)
+        self.path(upload_id).unlink(missing_ok=True)
+
+    def sweep(self, growing: Collection[str]) -> int:
+        """Remove files that no upload grows any more; returns how many."""
+        stale = [path for path in self.folder.iterdir() if path.name not in growing]
+        for path in stale:
+            path.unlink()
+        return len(stale)

@@ -1,0 +1,83 @@
+"""A look at a recording while somebody waits: in a child process as an analysis is, but not queued."""
+
+import importlib
+import json
+import tempfile
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from app.errors import Crashed, RecordedProblem
+from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, choose_limits, run_attempt, warm_up
+from app.request import OnStage, ReportRequest
+from app.settings import Settings
+
+AT_ONCE = 2
+
+
+def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Look at a whole file; the science is loaded in the child process only."""
+    importlib.import_module("app.inspection").write_inspection(log, request, out, on_stage)
+
+
+def load_and_inspect_head(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Look at the first bytes of a file."""
+    importlib.import_module("app.inspection").write_head_inspection(log, request, out, on_stage)
+
+
+@dataclass(frozen=True, slots=True)
+class Inspector:
+    """Looks at a few recordings at once; whoever comes later waits."""
+
+    settings: Settings
+    folder: Path
+    inspect: MakeReport = load_and_inspect
+    inspect_head: MakeReport = load_and_inspect_head
+    _turns: threading.BoundedSemaphore = field(default_factory=lambda: threading.BoundedSemaphore(AT_ONCE))
+    _warm: threading.Event = field(default_factory=threading.Event)
+
+    def prepare(self) -> None:
+        """Make the folder for what passes from child to parent."""
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def get_ready(self) -> None:
+        """Load the science now, in the fork server, for a recording has been announced."""
+        if not self._warm.is_set():
+            self._warm.set()
+            threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
+
+    def look(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+        """Look at a whole recording.
+
+        Raises
+        ------
+        RecordedProblem
+            With the code of the refusal.
+        """
+        return self._run(log, request, self.inspect)
+
+    def look_at_head(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
+        """Look at the first bytes of a recording.
+
+        Raises
+        ------
+        RecordedProblem
+        """
+        with tempfile.NamedTemporaryFile(dir=self.folder) as file:
+            file.write(head)
+            file.flush()
+            return self._run(Path(file.name), request, self.inspect_head)
+
+    def _run(self, log: Path, request: ReportRequest, make: Callable[..., object]) -> dict[str, Any]:
+        with self._turns, tempfile.TemporaryDirectory(dir=self.folder) as name:
+            out = Path(name)
+            limits = choose_limits(self.settings, log.stat().st_size)
+            outcome = run_attempt(Attempt(log, request, out, make, limits), lambda *_: True)
+            if isinstance(outcome, Finished):
+                found: dict[str, Any] = json.loads((out / "inspection.json").read_bytes())
+                return found
+        if isinstance(outcome, Refused):
+            raise RecordedProblem(outcome.code, outcome.facts)
+        raise Crashed(attempts=1)

@@ -1,0 +1,82 @@
+"""Who comes next: a person before a script, and scripts in turn.
+
+A job asked for on the page goes first. Everything else waits in flows: each batch is one, all single
+requests of scripts are another. The jobs of a flow are numbered; whoever has the lowest number is next, so
+that the flows take turns. A new flow begins at the lowest number that waits, neither before nor behind the
+others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
+"""
+
+import hashlib
+import secrets
+from collections.abc import Sequence
+from typing import Literal
+
+from sqlalchemy import Connection, func, insert, select
+
+from app.jobs.job import JobState
+from app.jobs.reading import tell_now
+from app.jobs.tables import analyses
+from app.request import ReportRequest
+from app.version import software_revision, software_version
+
+WayIn = Literal["web", "api"]
+AT_ONCE, IN_TURN = 0, 1
+
+
+def identify_work(sha256: str, request: ReportRequest) -> str:
+    """Hash input, settings and engine: the same three give the same report."""
+    parts = (sha256, request.to_json(), software_version(), software_revision())
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def enqueue(
+    connection: Connection,
+    recording: tuple[str, str],
+    request: ReportRequest,
+    way_in: WayIn,
+    batch_id: str | None = None,
+) -> str:
+    """Write the row of a new job of ``recording`` (its id and SHA-256); gives the job's id."""
+    (analysis_id,) = enqueue_all(connection, [(*recording, request)], way_in, batch_id)
+    return analysis_id
+
+
+def enqueue_all(
+    connection: Connection,
+    items: Sequence[tuple[str, str, ReportRequest]],
+    way_in: WayIn,
+    batch_id: str | None = None,
+) -> list[str]:
+    """Write the rows of several jobs (recording, its SHA-256, request); gives their ids in order."""
+    first = 0 if way_in == "web" else _find_turn(connection, batch_id)
+    rows = [
+        {
+            "id": f"an_{secrets.token_hex(8)}",
+            "recording_id": recording_id,
+            "request": request.to_json(),
+            "key": identify_work(sha256, request),
+            "way_in": way_in,
+            "state": JobState.QUEUED,
+            "progress": 0.0,
+            "attempts": 0,
+            "beats": 0,
+            "created_at": tell_now(),
+            "priority": AT_ONCE if way_in == "web" else IN_TURN,
+            "turn": first + place,
+            "batch_id": batch_id,
+        }
+        for place, (recording_id, sha256, request) in enumerate(items)
+    ]
+    if rows:
+        connection.execute(insert(analyses), rows)
+    return [str(row["id"]) for row in rows]
+
+
+def _find_turn(connection: Connection, batch_id: str | None) -> int:
+    """Give the number behind the last of the flow, or the lowest that waits where the flow is new."""
+    waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == IN_TURN)
+    own = select(func.max(analyses.c.turn)).where(analyses.c.batch_id.is_not_distinct_from(batch_id), *waits)
+    last = connection.execute(own).scalar()
+    if last is not None:
+        return int(last) + 1
+    return int(connection.execute(select(func.min(analyses.c.turn)).where(*waits)).scalar() or 0)

@@ -1,0 +1,61 @@
+"""From rows to jobs."""
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any, cast
+
+from sqlalchemy import Row, Select, select
+
+from app.jobs.job import Job, JobState
+from app.jobs.tables import analyses, recordings
+from app.request import ReportRequest
+from fusion.errors import Fact
+
+STORED = "stored"
+TRASHED = "trashed"
+
+
+def select_jobs() -> Select[Any]:
+    """Select the jobs of recordings that are not in the trash."""
+    about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256)
+    joined = select(analyses, *about).join(recordings, analyses.c.recording_id == recordings.c.id)
+    return joined.where(recordings.c.state == STORED)
+
+
+def read_job(row: Row[Any]) -> Job:
+    """Read a row of :func:`select_jobs`."""
+    return Job(
+        id=row.id,
+        recording_id=row.recording_id,
+        file_name=row.file_name,
+        size_bytes=row.size_bytes,
+        sha256=row.sha256,
+        request=ReportRequest.from_json(row.request),
+        state=JobState(row.state),
+        stage=row.stage,
+        progress=row.progress,
+        attempts=row.attempts,
+        token=row.token,
+        created_at=datetime.fromisoformat(row.created_at),
+        started_at=_read_time(row.started_at),
+        ended_at=_read_time(row.ended_at),
+        problem_code=row.problem_code,
+        problem_facts=read_facts(row.problem_facts),
+        batch_id=row.batch_id,
+        replaced_by=row.replaced_by,
+    )
+
+
+def read_facts(text: str | None) -> Mapping[str, Fact]:
+    """Read the facts of a refusal."""
+    return cast("dict[str, Fact]", json.loads(text or "{}"))
+
+
+def tell_now() -> str:
+    """Give the time as the rows hold it: it sorts as text."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def _read_time(text: str | None) -> datetime | None:
+    return datetime.fromisoformat(text) if text else None

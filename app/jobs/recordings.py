@@ -1,0 +1,238 @@
+"""The rows of recordings: what is stored, whose arm it is, what its day consisted of."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, update
+
+from app.errors import NotHere, StaleVersion
+from app.jobs.job import JobState
+from app.jobs.reading import STORED, TRASHED, tell_now
+from app.jobs.tables import analyses, recordings, result_files, uploads
+from app.storage import StoredRecording
+from fusion.choices import Side
+from fusion.diary import DiaryEntry
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What people say about a recording. ``external_id`` is its name in their own system."""
+
+    file_name: str
+    subject: str = ""
+    side: Side | None = None
+    external_id: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredRow:
+    """A recording that was acknowledged.
+
+    ``start`` is the device's clock at the first sample, ISO 8601, once it has been inspected. ``version``
+    grows with every change. ``duplicate_of`` names the oldest recording of the same bytes.
+    """
+
+    id: str
+    sha256: str
+    size_bytes: int
+    state: Literal["stored", "trashed"]
+    created_at: str
+    about: Description
+    duplicate_of: str | None
+    version: int
+    start: str | None
+    inspection: Mapping[str, Any] | None
+    diary: tuple[DiaryEntry, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingFilter:
+    """Which recordings are listed; "" or None asks for any. ``begin`` and ``end`` bound the start."""
+
+    subject: str = ""
+    external_id: str = ""
+    sha256: str = ""
+    begin: str = ""
+    end: str = ""
+    trashed: bool = False
+
+
+Place = tuple[str, str]
+"""Where a page of a list ended: the time of making and the id of its last row."""
+
+
+class RecordingStore:
+    """Rows of recordings; every change is one guarded UPDATE that names the version it saw."""
+
+    def __init__(self, engine: Engine, reader: Engine) -> None:
+        self._engine, self._reader = engine, reader
+
+    def add(self, stored: StoredRecording, about: Description) -> StoredRow:
+        """Acknowledge a recording without asking for an analysis."""
+        with self._engine.begin() as connection:
+            insert_recording(connection, stored, about)
+        return self.get(stored.id)
+
+    def get(self, recording_id: str, *, trashed: bool = False) -> StoredRow:
+        """Give one recording.
+
+        Raises
+        ------
+        NotHere
+            Also for one in the trash, unless asked for.
+        """
+        query = select(recordings).where(recordings.c.id == recording_id)
+        with self._reader.connect() as connection:
+            row = connection.execute(query).one_or_none()
+        if row is None or (row.state == TRASHED and not trashed):
+            raise NotHere
+        return _read_row(row)
+
+    def list_page(
+        self, wanted: RecordingFilter, limit: int, after: Place | None = None
+    ) -> tuple[StoredRow, ...]:
+        """Give the newest recordings that are wanted, from ``after`` on."""
+        query = _select_wanted(wanted)
+        if after is not None:
+            query = query.where(is_after((recordings.c.created_at, recordings.c.id), after))
+        newest_first = recordings.c.created_at.desc(), recordings.c.id.desc()
+        with self._reader.connect() as connection:
+            rows = connection.execute(query.order_by(*newest_first).limit(limit)).all()
+        return tuple(_read_row(row) for row in rows)
+
+    def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
+        """Change columns, if nobody else has meanwhile.
+
+        Raises
+        ------
+        StaleVersion
+        """
+        mine = (recordings.c.id == recording_id, recordings.c.version == version)
+        change = update(recordings).where(*mine, recordings.c.state == STORED)
+        with self._engine.begin() as connection:
+            if connection.execute(change.values(version=version + 1, **values)).rowcount != 1:
+                raise StaleVersion
+        return self.get(recording_id)
+
+    def describe(self, row: StoredRow, about: Description) -> StoredRow:
+        """Say anew whose arm it is."""
+        return self.change(row.id, row.version, asdict(about))
+
+    def put_diary(self, row: StoredRow, diary: Sequence[DiaryEntry]) -> StoredRow:
+        """Say what the day consisted of."""
+        return self.change(row.id, row.version, {"diary": json.dumps([asdict(entry) for entry in diary])})
+
+    def keep_inspection(self, recording_id: str, found: Mapping[str, Any]) -> None:
+        """Remember what an inspection found; it follows from the bytes, so nobody need be asked."""
+        values = {"inspection": json.dumps(dict(found)), "start": found.get("start")}
+        with self._engine.begin() as connection:
+            connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
+
+    def trash(self, recording_id: str) -> None:
+        """Take a recording out of every list and stop its analyses; nothing is deleted yet."""
+        self.get(recording_id)
+        going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
+        with self._engine.begin() as connection:
+            connection.execute(
+                update(recordings)
+                .where(recordings.c.id == recording_id)
+                .values(state=TRASHED, trashed_s=0.0, version=recordings.c.version + 1)
+            )
+            connection.execute(
+                update(analyses)
+                .where(analyses.c.recording_id == recording_id, going_on)
+                .values(state=JobState.CANCELLED, ended_at=tell_now())
+            )
+
+    def restore(self, recording_id: str) -> StoredRow:
+        """Take a recording out of the trash."""
+        self.get(recording_id, trashed=True)
+        back = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == TRASHED)
+        with self._engine.begin() as connection:
+            connection.execute(back.values(state=STORED, trashed_s=None, version=recordings.c.version + 1))
+        return self.get(recording_id)
+
+    def purge(self, recording_id: str) -> tuple[str, ...]:
+        """Delete every row of a recording; gives the analyses whose files are to go with it."""
+        with self._engine.begin() as connection:
+            of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
+            gone = tuple(connection.execute(of_it).scalars())
+            connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
+            connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
+            connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
+            connection.execute(delete(recordings).where(recordings.c.id == recording_id))
+        self._empty_log()
+        return gone
+
+    def _empty_log(self) -> None:
+        """Leave no copy of deleted rows in SQLite's write-ahead log."""
+        if self._engine.dialect.name != "sqlite":
+            return
+        connection = self._engine.raw_connection()
+        try:
+            connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        finally:
+            connection.close()
+
+    def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
+        """Let time pass for what is in the trash; gives what has been there for the whole term."""
+        trashed = recordings.c.state == TRASHED
+        older = update(recordings).where(trashed).values(trashed_s=recordings.c.trashed_s + elapsed_s)
+        with self._engine.begin() as connection:
+            connection.execute(older)
+            due = select(recordings.c.id).where(trashed, recordings.c.trashed_s >= term_s)
+            return tuple(connection.execute(due).scalars())
+
+
+def insert_recording(connection: Connection, stored: StoredRecording, about: Description) -> None:
+    """Write the row of a recording, with the oldest one of the same bytes."""
+    same = (
+        select(recordings.c.id)
+        .where(recordings.c.sha256 == stored.sha256, recordings.c.state == STORED)
+        .order_by(recordings.c.created_at)
+        .limit(1)
+    )
+    row: dict[str, object] = {
+        "id": stored.id,
+        "sha256": stored.sha256,
+        "size_bytes": stored.size_bytes,
+        "state": STORED,
+    }
+    row |= {"created_at": tell_now(), "duplicate_of": connection.execute(same).scalar_one_or_none()}
+    connection.execute(insert(recordings).values(row | asdict(about)))
+
+
+def is_after(columns: tuple[Any, Any], place: Place) -> Any:
+    """Say which rows come after a place, newest first (a keyset, so that later pages cost no more)."""
+    moment, identity = columns
+    return (moment < place[0]) | ((moment == place[0]) & (identity < place[1]))
+
+
+def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
+    query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
+    named = {"subject": wanted.subject, "external_id": wanted.external_id, "sha256": wanted.sha256}
+    for name, value in named.items():
+        if value:
+            query = query.where(recordings.c[name] == value)
+    if wanted.begin:
+        query = query.where(recordings.c.start >= wanted.begin)
+    return query.where(recordings.c.start < wanted.end) if wanted.end else query
+
+
+def _read_row(row: Row[Any]) -> StoredRow:
+    return StoredRow(
+        id=row.id,
+        sha256=row.sha256,
+        size_bytes=row.size_bytes,
+        state=row.state,
+        created_at=row.created_at,
+        about=Description(row.file_name, row.subject, row.side, row.external_id, row.note),
+        duplicate_of=row.duplicate_of,
+        version=row.version,
+        start=row.start,
+        inspection=json.loads(row.inspection) if row.inspection else None,
+        diary=tuple(DiaryEntry(**entry) for entry in json.loads(row.diary)),
+    )

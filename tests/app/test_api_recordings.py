@@ -1,0 +1,270 @@
+"""``/api/v1/recordings``: stored, listed, described, divided into periods, thrown away."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.jobs.store import JobStore
+from app.jobs.worker import run_next
+from app.main import create_app
+from app.settings import Settings
+from tests.app import stand_ins
+from tests.app.conftest import OpenBench
+
+URL = "/api/v1/recordings"
+
+
+def keep(client: TestClient, content: bytes = b"recording", **words: str) -> dict[str, Any]:
+    answer = client.post(URL, content=content, params=words)
+    assert answer.status_code == 201, answer.text
+    kept: dict[str, Any] = answer.json()
+    return kept
+
+
+def list_ids(client: TestClient, **filters: Any) -> list[str]:
+    return [item["id"] for item in client.get(URL, params=filters).json()["items"]]
+
+
+def files_of(settings: Settings) -> list[Path]:
+    folders = ("incoming", "uploads", "recordings", "analyses", "inspections")
+    return [p for name in folders for p in (settings.data_dir / name).rglob("*") if p.is_file()]
+
+
+def test_a_raw_body_becomes_a_recording(client: TestClient) -> None:
+    answer = client.post(URL, content=b"abc", params={"file_name": "a.csv", "subject": "S1", "side": "left"})
+
+    kept = answer.json()
+    assert answer.status_code == 201
+    assert answer.headers["location"] == f"{URL}/{kept['id']}"
+    assert answer.headers["etag"] == '"1"'
+    assert kept["sha256"] == hashlib.sha256(b"abc").hexdigest()
+    assert (kept["file_name"], kept["subject"], kept["side"], kept["duplicate_of"]) == (
+        "a.csv",
+        "S1",
+        "left",
+        None,
+    )
+
+
+def test_the_same_bytes_again_are_flagged_as_a_duplicate(client: TestClient) -> None:
+    first, second = keep(client), keep(client)
+
+    assert second["duplicate_of"] == first["id"]
+    assert second["id"] != first["id"]
+
+
+def test_an_upload_can_be_described_when_it_is_whole(client: TestClient) -> None:
+    tus = {"tus-resumable": "1.0.0", "content-type": "application/offset+octet-stream", "upload-length": "3"}
+    address = client.post("/api/v1/uploads", content=b"abc", headers=tus).headers["location"]
+    upload_id = address.rpartition("/")[2]
+
+    answer = client.post(URL, json={"upload_id": upload_id, "subject": "S2"})
+
+    assert (answer.status_code, answer.json()["subject"]) == (201, "S2")
+    assert client.post(URL, json={"upload_id": upload_id}).json()["id"] == answer.json()["id"]
+
+
+def test_half_an_upload_is_no_recording_yet(client: TestClient) -> None:
+    tus = {"tus-resumable": "1.0.0", "upload-length": "3"}
+    upload_id = client.post("/api/v1/uploads", headers=tus).headers["location"].rpartition("/")[2]
+
+    assert client.post(URL, json={"upload_id": upload_id}).status_code == 409
+
+
+@pytest.mark.parametrize("body", ["{", "[]", "{}", '{"upload_id": 3}', '{"upload_id": "x", "sied": "left"}'])
+def test_a_wish_that_is_not_understood_is_a_problem(client: TestClient, body: str) -> None:
+    answer = client.post(URL, content=body, headers={"content-type": "application/json"})
+
+    assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
+
+
+@pytest.mark.parametrize("name", ["subject", "external_id", "sha256"])
+def test_recordings_are_found_by_what_they_are(client: TestClient, name: str) -> None:
+    keep(client, b"other", subject="S0", external_id="visit-0")
+    wanted = keep(client, b"wanted", subject="S1", external_id="visit-1")
+
+    assert list_ids(client, **{name: wanted[name]}) == [wanted["id"]]
+
+
+def test_recordings_are_found_by_their_start(client: TestClient, store: JobStore) -> None:
+    early, late = keep(client), keep(client)
+    with store.engine.begin() as connection:
+        for recording, start in ((early, "2026-03-02T07:00:00"), (late, "2026-03-03T07:00:00")):
+            connection.exec_driver_sql(
+                f"UPDATE recordings SET start = '{start}' WHERE id = '{recording['id']}'"
+            )
+
+    assert list_ids(client, **{"from": "2026-03-03"}) == [late["id"]]
+    assert list_ids(client, to="2026-03-03") == [early["id"]]
+
+
+def test_pages_follow_one_another_without_gap_or_repeat(client: TestClient) -> None:
+    kept = [keep(client, bytes([k]))["id"] for k in range(5)]
+    seen, address = [], f"{URL}?limit=2"
+
+    while address:
+        answer = client.get(address)
+        seen += [item["id"] for item in answer.json()["items"]]
+        address = answer.links.get("next", {}).get("url", "")
+
+    assert seen == kept[::-1]
+
+
+def test_the_last_page_has_no_next(client: TestClient) -> None:
+    keep(client)
+
+    assert client.get(URL).json()["next_cursor"] is None
+
+
+@pytest.mark.parametrize("cursor", ["x", "AAAA", "////", "é"])
+def test_a_cursor_of_nobodys_is_refused(client: TestClient, cursor: str) -> None:
+    assert client.get(URL, params={"cursor": cursor}).json()["code"] == "E-PARAMETER"
+
+
+def test_a_merge_patch_changes_only_what_it_names(client: TestClient) -> None:
+    kept = keep(client, subject="S1", side="left")
+
+    changed = client.patch(f"{URL}/{kept['id']}", json={"side": None, "note": "after lunch"}).json()
+
+    assert (changed["subject"], changed["side"], changed["note"]) == ("S1", None, "after lunch")
+
+
+def test_a_change_on_top_of_what_was_read_is_taken(client: TestClient) -> None:
+    kept = keep(client)
+    tag = client.get(f"{URL}/{kept['id']}").headers["etag"]
+
+    answer = client.patch(f"{URL}/{kept['id']}", json={"subject": "S2"}, headers={"if-match": tag})
+
+    assert (answer.status_code, answer.headers["etag"]) == (200, '"2"')
+
+
+def test_a_change_on_top_of_something_older_is_refused(client: TestClient) -> None:
+    kept = keep(client)
+    client.patch(f"{URL}/{kept['id']}", json={"subject": "S2"})
+
+    answer = client.patch(f"{URL}/{kept['id']}", json={"subject": "S3"}, headers={"if-match": '"1"'})
+
+    assert (answer.status_code, answer.json()["code"]) == (412, "E-STALE")
+
+
+def test_a_recording_thrown_away_is_in_no_list_and_can_be_brought_back(client: TestClient) -> None:
+    kept = keep(client)
+
+    assert client.delete(f"{URL}/{kept['id']}").status_code == 204
+    assert list_ids(client) == []
+    assert client.get(f"{URL}/{kept['id']}").status_code == 404
+    assert list_ids(client, trashed=True) == [kept["id"]]
+
+    client.post(f"{URL}/{kept['id']}/restore")
+    assert list_ids(client) == [kept["id"]]
+
+
+def test_the_analyses_of_a_recording_thrown_away_stop_and_hide(client: TestClient, store: JobStore) -> None:
+    job = client.post("/api/v1/analyze", content=b"x").json()
+
+    client.delete(f"{URL}/{job['recording_id']}")
+
+    assert client.get(f"/api/v1/analyses/{job['id']}").status_code == 404
+    client.post(f"{URL}/{job['recording_id']}/restore")
+    assert client.get(f"/api/v1/analyses/{job['id']}").json()["state"] == "cancelled"
+
+
+@pytest.mark.parametrize("way", ["twice", "purge", "no term"])
+def test_deleting_for_good_leaves_nothing(settings: Settings, bench: OpenBench, way: str) -> None:
+    term_s = 0.0 if way == "no term" else 1e6
+    application = create_app(settings.model_copy(update={"trash_term_s": term_s}))
+    with TestClient(application, base_url="http://localhost") as client:
+        job = client.post("/api/v1/analyze", content=b"PATIENT-BYTES", params={"subject": "CANARY"}).json()
+        run_next(bench(stand_ins.write_report))
+        address = f"{URL}/{job['recording_id']}"
+
+        client.delete(address, params={"purge": way == "purge"})
+        if way == "twice":
+            client.delete(address)
+
+        assert files_of(settings) == []
+        assert client.get(address).status_code == 404
+        left = b"".join(path.read_bytes() for path in settings.data_dir.glob("acromion.sqlite3*"))
+        assert b"CANARY" not in left
+
+
+def test_periods_are_given_back_as_they_were_put(client: TestClient) -> None:
+    address = f"{URL}/{keep(client)['id']}/periods"
+    periods: list[dict[str, Any]] = [
+        {"start": 0, "end": 60.5, "kind": "task", "label": "sorting", "left_out": None},
+        {"start": "07:58", "end": None, "kind": "not_worn", "label": "", "left_out": False},
+    ]
+
+    assert client.put(address, json=periods).status_code == 200
+    assert client.get(address).json() == [periods[0], periods[1] | {"start": "07:58:00"}]
+
+
+def test_a_diary_file_is_taken_and_given_as_csv(client: TestClient) -> None:
+    address = f"{URL}/{keep(client)['id']}/periods"
+    diary = "start;end;kind;label\n07:00;08:00;tâche;tri\n08:00;08:15;pause;\n"
+
+    client.put(address, content=diary.encode(), headers={"content-type": "text/csv"})
+
+    assert [row["kind"] for row in client.get(address).json()] == ["task", "break"]
+    text = client.get(address, headers={"accept": "text/csv"}).text
+    assert text.splitlines()[1] == "07:00:00,08:00:00,task,tri,,"
+    again = client.put(address, content=text.encode(), headers={"content-type": "text/csv"})
+    assert again.json() == client.get(address).json()
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ('[{"start": "25:00", "end": 3, "kind": "task"}]', "E-DIARY"),
+        ('[{"start": 0, "end": 3, "kind": "party"}]', "E-PARAMETER"),
+        ('{"start": 0}', "E-PARAMETER"),
+        ("x", "E-PARAMETER"),
+    ],
+)
+def test_periods_that_cannot_be_are_refused(client: TestClient, body: str, code: str) -> None:
+    answer = client.put(f"{URL}/{keep(client)['id']}/periods", content=body)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+
+
+def test_periods_are_guarded_by_their_etag_too(client: TestClient) -> None:
+    address = f"{URL}/{keep(client)['id']}/periods"
+    client.put(address, json=[])
+
+    assert client.put(address, json=[], headers={"if-match": '"1"'}).status_code == 412
+
+
+def test_the_head_of_an_upload_tells_the_device_before_the_rest_is_there(
+    client: TestClient, shift_gt3x: Path
+) -> None:
+    content = shift_gt3x.read_bytes()
+    tus = {"tus-resumable": "1.0.0", "content-type": "application/offset+octet-stream"}
+    headers = tus | {"upload-length": "900000"}
+    address = client.post("/api/v1/uploads", content=content[:200_000], headers=headers).headers["location"]
+
+    found = client.get(f"{address}/inspection").json()
+
+    assert (found["device"], round(found["rate_hz"])) == ("gt9x", 100)
+    assert found["start"].startswith("20")
+
+
+def test_an_inspection_is_made_once_and_gives_the_start(client: TestClient, small_gt3x: bytes) -> None:
+    kept = keep(client, small_gt3x, file_name="shift.gt3x")
+    address = f"{URL}/{kept['id']}"
+
+    found = client.get(f"{address}/inspection").json()
+
+    assert (found["file"], found["device"], round(found["rate_hz"])) == ("shift.gt3x", "gt9x", 100)
+    assert client.get(address).json()["start"] == found["start"]
+    assert client.get(f"{address}/inspection").json() == found
+
+
+def test_an_inspection_of_something_else_says_what_it_is(client: TestClient) -> None:
+    kept = keep(client, b"Dear diary,\ntoday I lifted boxes.\n", file_name="notes.csv")
+
+    answer = client.get(f"{URL}/{kept['id']}/inspection")
+
+    assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")

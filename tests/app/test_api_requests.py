@@ -1,0 +1,225 @@
+"""Analyses of stored recordings: their settings, doubles, retries, and progress as it happens."""
+
+import json
+import threading
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.jobs.store import JobStore
+from app.jobs.worker import run_next
+from app.main import create_app
+from app.settings import Settings
+from tests.app import stand_ins
+from tests.app.conftest import OpenBench
+
+URL = "/api/v1/analyses"
+
+
+def keep(client: TestClient, content: bytes = b"recording", **words: str) -> str:
+    return str(client.post("/api/v1/recordings", content=content, params=words).json()["id"])
+
+
+def ask(client: TestClient, *recordings: str, **wish: Any) -> dict[str, Any]:
+    answer = client.post(URL, json={"recording_ids": recordings, **wish})
+    assert answer.status_code in (200, 202), answer.text
+    view: dict[str, Any] = answer.json()
+    return view
+
+
+def test_a_stored_recording_can_be_analysed(client: TestClient) -> None:
+    recording = keep(client)
+
+    answer = client.post(URL, json={"recording_ids": [recording]})
+
+    assert answer.status_code == 202
+    assert answer.headers["location"] == f"{URL}/{answer.json()['id']}"
+    assert answer.json()["recording_id"] == recording
+
+
+def test_the_analysis_knows_what_the_recording_says(client: TestClient, store: JobStore) -> None:
+    recording = keep(client, file_name="a.csv", subject="S1", side="left")
+    client.put(f"/api/v1/recordings/{recording}/periods", json=[{"start": 0, "end": 9, "kind": "task"}])
+
+    request = store.get(ask(client, recording)["id"]).request
+
+    assert (request.file_name, request.subject, request.side) == ("a.csv", "S1", "left")
+    assert request.diary[0].end == 9
+
+
+def test_settings_win_over_what_the_recording_says(client: TestClient, store: JobStore) -> None:
+    recording = keep(client, subject="S1", side="left")
+    settings = {
+        "side": "right",
+        "method": "published",
+        "pose": "two-point",
+        "calibration": ["1,2", "3,4"],
+        "lang": "fr",
+        "rate_hz": 100,
+        "source": "samples",
+        "periods": [{"start": 5, "end": 6, "kind": "break"}],
+    }
+
+    request = store.get(ask(client, recording, settings=settings)["id"]).request
+
+    assert (request.side, request.subject, request.method) == ("right", "S1", "published")
+    assert request.calibration_windows_s == ((1.0, 2.0), (3.0, 4.0))
+    assert (request.languages[0], request.rate_hz, request.diary[0].kind) == ("fr", 100.0, "break")
+
+
+@pytest.mark.parametrize(
+    "wished",
+    [
+        {"method": "magic"},
+        {"calibration": ["2,1"]},
+        {"sied": "left"},
+        {"pose": "two-point"},
+        {"periods": [{"start": "x"}]},
+    ],
+)
+def test_settings_that_cannot_be_are_refused(client: TestClient, wished: dict[str, Any]) -> None:
+    answer = client.post(URL, json={"recording_ids": [keep(client)], "settings": wished})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+
+
+def test_several_recordings_give_an_analysis_each(client: TestClient) -> None:
+    recordings = [keep(client, bytes([k])) for k in range(3)]
+
+    items = ask(client, *recordings)["items"]
+
+    assert [item["recording_id"] for item in items] == recordings
+
+
+def test_a_recording_that_is_not_there_starts_nothing(client: TestClient, store: JobStore) -> None:
+    answer = client.post(URL, json={"recording_ids": [keep(client), "rec_none"]})
+
+    assert answer.status_code == 404
+    assert store.list_newest() == ()
+
+
+def test_the_same_question_twice_gives_the_same_analysis(client: TestClient, bench: OpenBench) -> None:
+    recording = keep(client)
+    first = ask(client, recording)
+    run_next(bench(stand_ins.write_report))
+
+    answer = client.post(URL, json={"recording_ids": [recording]})
+
+    assert (answer.status_code, answer.json()["id"]) == (200, first["id"])
+    assert answer.json()["duplicate_of"] == first["id"]
+
+
+def test_the_same_file_sent_twice_gives_the_same_analysis(client: TestClient, settings: Settings) -> None:
+    first = client.post("/api/v1/analyze", content=b"x").json()
+
+    second = client.post("/api/v1/analyze", content=b"x")
+
+    assert (second.status_code, second.json()["id"]) == (202, first["id"])
+    assert second.json()["duplicate_of"] == first["id"]
+    assert len(list((settings.data_dir / "recordings").iterdir())) == 1
+
+
+def test_another_setting_is_another_analysis(client: TestClient) -> None:
+    first = client.post("/api/v1/analyze", content=b"x").json()
+
+    assert client.post("/api/v1/analyze?method=live", content=b"x").json()["id"] != first["id"]
+
+
+def test_who_asks_again_on_purpose_gets_another_analysis(client: TestClient) -> None:
+    recording = keep(client)
+
+    assert ask(client, recording)["id"] != ask(client, recording, again=True)["id"]
+
+
+def test_a_failed_analysis_is_no_answer_to_the_same_question(client: TestClient, bench: OpenBench) -> None:
+    recording = keep(client)
+    first = ask(client, recording)
+    run_next(bench(stand_ins.refuse))
+
+    assert ask(client, recording)["id"] != first["id"]
+
+
+def test_a_failed_analysis_can_be_tried_again_once(client: TestClient, bench: OpenBench) -> None:
+    first = ask(client, keep(client))
+    run_next(bench(stand_ins.refuse))
+
+    again = client.post(f"{URL}/{first['id']}/retry")
+
+    assert (again.status_code, again.json()["state"]) == (202, "queued")
+    assert client.post(f"{URL}/{first['id']}/retry").json()["id"] == again.json()["id"]
+    assert client.get(f"{URL}/{first['id']}").json()["replaced_by"] == again.json()["id"]
+
+
+def test_an_analysis_that_succeeded_is_not_tried_again(client: TestClient, bench: OpenBench) -> None:
+    first = ask(client, keep(client))
+    run_next(bench(stand_ins.write_report))
+
+    again = client.post(f"{URL}/{first['id']}/retry")
+
+    assert (again.status_code, again.json()["id"]) == (200, first["id"])
+
+
+def test_analyses_are_found_by_state_and_recording(client: TestClient, bench: OpenBench) -> None:
+    recordings = [keep(client, bytes([k])) for k in range(3)]
+    first, second, _ = ask(client, *recordings)["items"]
+    run_next(bench(stand_ins.write_report))
+
+    def found(**filters: str) -> list[str]:
+        return [item["id"] for item in client.get(URL, params=filters).json()["items"]]
+
+    assert found(state="succeeded") == [first["id"]]
+    assert found(recording_id=recordings[1]) == [second["id"]]
+
+
+def test_pages_of_analyses_follow_one_another(client: TestClient) -> None:
+    asked = ask(client, *[keep(client, bytes([k])) for k in range(5)])["items"]
+    seen, address = [], f"{URL}?limit=2"
+
+    while address:
+        answer = client.get(address)
+        seen += [item["id"] for item in answer.json()["items"]]
+        address = answer.links.get("next", {}).get("url", "")
+
+    assert sorted(seen) == sorted(item["id"] for item in asked)
+    assert len(seen) == 5
+
+
+def test_a_full_queue_refuses_more(settings: Settings) -> None:
+    application = create_app(settings.model_copy(update={"max_queued": 1}))
+    with TestClient(application, base_url="http://localhost") as client:
+        client.post("/api/v1/analyze", content=b"x")
+
+        answer = client.post("/api/v1/analyze", content=b"y")
+
+    assert (answer.status_code, answer.json()["code"]) == (503, "E-BUSY")
+    assert answer.headers["retry-after"] == "5"
+
+
+def test_a_person_goes_before_a_hundred_scripts(client: TestClient, store: JobStore) -> None:
+    for k in range(100):
+        client.post("/api/v1/analyze", content=bytes([k]))
+    origin = {"origin": "http://localhost:8080"}
+
+    person = client.post("/api/v1/analyze", content=b"person", headers=origin).json()
+
+    claimed = store.claim(stand_ins.NOBODY)
+    assert claimed is not None
+    assert claimed.id == person["id"]
+
+
+def test_progress_is_told_as_events_until_the_end(client: TestClient, bench: OpenBench) -> None:
+    analysis = ask(client, keep(client))
+    worker = threading.Timer(0.5, run_next, (bench(stand_ins.write_report),))
+    worker.start()
+
+    with client.stream("GET", analysis["links"]["events"]) as stream:
+        lines = [line for line in stream.iter_lines() if line.startswith("data: ")]
+
+    worker.join()
+    states = [json.loads(line[6:])["state"] for line in lines]
+    assert (states[0], states[-1]) == ("queued", "succeeded")
+
+
+def test_events_of_an_analysis_that_is_not_there_are_a_problem(client: TestClient) -> None:
+    assert client.get(f"{URL}/an_none/events").status_code == 404

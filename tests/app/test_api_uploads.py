@@ -1,0 +1,273 @@
+"""``/api/v1/uploads``: tus 1.0.0, as its own text asks."""
+
+import base64
+import hashlib
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from starlette.requests import Request
+
+from app.api.services import find_services
+from app.jobs.store import JobStore
+from app.main import create_app
+from app.settings import Settings
+from app.storage import Storage
+
+URL = "/api/v1/uploads"
+TUS = {"tus-resumable": "1.0.0"}
+BODY = TUS | {"content-type": "application/offset+octet-stream"}
+
+
+def code(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()
+
+
+def announce(client: TestClient, length: int, **said: str) -> str:
+    metadata = ",".join(f"{name} {code(value)}" for name, value in said.items())
+    answer = client.post(URL, headers=TUS | {"upload-length": str(length), "upload-metadata": metadata})
+    assert answer.status_code == 201, answer.text
+    return answer.headers["location"]
+
+
+def append(client: TestClient, address: str, offset: int, content: bytes, **more: str) -> int:
+    headers = BODY | {"upload-offset": str(offset)} | more
+    return client.patch(address, content=content, headers=headers).status_code
+
+
+def files_of(settings: Settings) -> list[Path]:
+    return [p for name in ("incoming", "uploads", "recordings") for p in (settings.data_dir / name).iterdir()]
+
+
+def test_the_server_says_what_it_speaks(client: TestClient) -> None:
+    headers = client.options(URL).headers
+
+    assert headers["tus-version"] == "1.0.0"
+    assert headers["tus-max-size"] == "1000000"
+    assert headers["tus-extension"] == "creation,creation-with-upload,termination,checksum,expiration"
+    assert "sha1" in headers["tus-checksum-algorithm"].split(",")
+
+
+def test_an_announced_upload_has_an_address_and_no_bytes(client: TestClient) -> None:
+    head = client.head(announce(client, 10), headers=TUS)
+
+    assert (head.status_code, head.headers["upload-offset"], head.headers["upload-length"]) == (
+        200,
+        "0",
+        "10",
+    )
+    assert head.headers["cache-control"] == "no-store"
+    assert head.headers["tus-resumable"] == "1.0.0"
+
+
+def test_bytes_in_two_pieces_become_one_recording(client: TestClient, storage: Storage) -> None:
+    address = announce(client, 10, filename="shift.gt3x", subject="S012", side="left")
+
+    assert append(client, address, 0, b"01234") == 204
+    assert append(client, address, 5, b"56789") == 204
+
+    recording = client.get(client.get(address).json()["links"]["recording"]).json()
+    assert storage.recording(recording["id"]).read_bytes() == b"0123456789"
+    assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
+    assert (recording["file_name"], recording["subject"], recording["side"]) == ("shift.gt3x", "S012", "left")
+
+
+def test_the_last_answer_names_the_recording(client: TestClient) -> None:
+    address = announce(client, 1)
+
+    answer = client.patch(address, content=b"x", headers=BODY | {"upload-offset": "0"})
+
+    assert answer.headers["acromion-recording"].startswith("rec_")
+
+
+def test_the_first_bytes_may_come_with_the_announcement(client: TestClient) -> None:
+    answer = client.post(URL, content=b"0123", headers=BODY | {"upload-length": "10"})
+
+    assert (answer.status_code, answer.headers["upload-offset"]) == (201, "4")
+
+
+def test_bytes_for_another_place_are_refused(client: TestClient) -> None:
+    address = announce(client, 10)
+
+    answer = client.patch(address, content=b"x", headers=BODY | {"upload-offset": "3"})
+
+    assert (answer.status_code, answer.json()["code"]) == (409, "E-OFFSET")
+    assert answer.headers["tus-resumable"] == "1.0.0"
+
+
+def test_more_bytes_than_announced_are_refused(client: TestClient) -> None:
+    address = announce(client, 3)
+
+    assert append(client, address, 0, b"0123") == 400
+    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
+
+
+def test_another_kind_of_body_is_refused(client: TestClient) -> None:
+    address = announce(client, 3)
+
+    answer = client.patch(address, content=b"x", headers=TUS | {"upload-offset": "0"})
+
+    assert (answer.status_code, answer.json()["code"]) == (415, "E-MEDIA")
+
+
+def test_another_version_of_the_protocol_is_refused(client: TestClient) -> None:
+    answer = client.post(URL, headers={"tus-resumable": "0.2.2", "upload-length": "3"})
+
+    assert (answer.status_code, answer.json()["code"]) == (412, "E-PROTOCOL")
+    assert answer.headers["tus-version"] == "1.0.0"
+
+
+@pytest.mark.parametrize(
+    ("length", "status"), [("1000001", 413), ("0", 422), ("-1", 422), ("many", 422), (None, 400)]
+)
+def test_a_length_that_cannot_be_is_refused_before_the_first_byte(
+    client: TestClient, settings: Settings, length: str | None, status: int
+) -> None:
+    headers = TUS if length is None else TUS | {"upload-length": length}
+
+    assert client.post(URL, headers=headers).status_code == status
+    assert files_of(settings) == []
+
+
+def test_no_upload_is_begun_on_a_disk_that_is_nearly_full(settings: Settings) -> None:
+    application = create_app(settings.model_copy(update={"min_free_bytes": 1 << 60}))
+
+    with TestClient(application, base_url="http://localhost") as client:
+        assert client.post(URL, headers=TUS | {"upload-length": "3"}).status_code == 507
+
+
+@pytest.mark.parametrize("algorithm", ["sha1", "sha256", "sha512", "md5"])
+def test_bytes_with_the_right_checksum_are_taken(client: TestClient, algorithm: str) -> None:
+    address = announce(client, 10)
+    digest = base64.b64encode(hashlib.new(algorithm, b"01234").digest()).decode()
+
+    assert append(client, address, 0, b"01234", **{"upload-checksum": f"{algorithm} {digest}"}) == 204
+
+
+def test_bytes_with_a_wrong_checksum_do_not_count(client: TestClient) -> None:
+    address = announce(client, 10)
+    digest = base64.b64encode(hashlib.sha1(b"other").digest()).decode()
+
+    assert append(client, address, 0, b"01234", **{"upload-checksum": f"sha1 {digest}"}) == 460
+    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
+
+
+def test_the_recording_holds_the_right_bytes_after_wrong_ones(client: TestClient) -> None:
+    address = announce(client, 10)
+    digest = base64.b64encode(hashlib.sha1(b"01234").digest()).decode()
+    append(client, address, 0, b"WRONG", **{"upload-checksum": f"sha1 {digest}"})
+
+    append(client, address, 0, b"01234")
+    append(client, address, 5, b"56789")
+
+    recording = client.get(client.get(address).json()["links"]["recording"]).json()
+    assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
+
+
+@pytest.mark.parametrize("checksum", ["crc32 AAAA", "sha1 ???", "sha1"])
+def test_a_checksum_that_cannot_be_compared_is_a_400(client: TestClient, checksum: str) -> None:
+    address = announce(client, 10)
+
+    expected = 460 if checksum == "sha1" else 400
+    assert append(client, address, 0, b"01234", **{"upload-checksum": checksum}) == expected
+
+
+def test_a_terminated_upload_is_gone_with_its_bytes(client: TestClient, settings: Settings) -> None:
+    address = announce(client, 10)
+    append(client, address, 0, b"01234")
+
+    assert client.delete(address, headers=TUS).status_code == 204
+    assert client.head(address, headers=TUS).status_code == 404
+    assert files_of(settings) == []
+
+
+def test_the_recording_of_a_finished_upload_outlives_its_termination(client: TestClient) -> None:
+    address = announce(client, 1)
+    append(client, address, 0, b"x")
+    recording = client.get(address).json()["links"]["recording"]
+
+    client.delete(address, headers=TUS)
+
+    assert client.get(recording).status_code == 200
+
+
+def test_an_upload_says_when_it_expires(client: TestClient) -> None:
+    assert client.head(announce(client, 1), headers=TUS).headers["upload-expires"].endswith("GMT")
+
+
+def test_the_metadata_comes_back_as_it_was_sent(client: TestClient) -> None:
+    address = announce(client, 10, filename="Équipe 1.csv", filetype="text/csv")
+
+    sent = client.head(address, headers=TUS).headers["upload-metadata"]
+
+    assert sent == f"filename {code('Équipe 1.csv')},filetype {code('text/csv')}"
+
+
+@pytest.mark.parametrize("metadata", ["filename ???", "side dXA=", f"subject {code('a' * 101)}"])
+def test_metadata_that_cannot_be_is_refused(client: TestClient, metadata: str) -> None:
+    answer = client.post(URL, headers=TUS | {"upload-length": "3", "upload-metadata": metadata})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+
+
+def test_a_network_that_lets_only_post_pass_can_upload_too(client: TestClient) -> None:
+    address = announce(client, 1)
+
+    answer = client.post(
+        address, content=b"x", headers=BODY | {"upload-offset": "0", "x-http-method-override": "PATCH"}
+    )
+
+    assert (answer.status_code, answer.headers["upload-offset"]) == (204, "1")
+
+
+def test_a_server_started_anew_goes_on_where_the_bytes_ended(settings: Settings) -> None:
+    with TestClient(create_app(settings), base_url="http://localhost") as before:
+        address = announce(before, 10)
+        append(before, address, 0, b"01234")
+
+    with TestClient(create_app(settings), base_url="http://localhost") as after:
+        assert after.head(address, headers=TUS).headers["upload-offset"] == "5"
+        assert append(after, address, 5, b"56789") == 204
+        recording = after.get(after.get(address).json()["links"]["recording"]).json()
+        assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
+
+
+def test_bytes_that_were_written_but_never_counted_are_cut_off(
+    client: TestClient, settings: Settings
+) -> None:
+    address = announce(client, 4)
+    append(client, address, 0, b"01")
+    with (settings.data_dir / "incoming" / address.rpartition("/")[2]).open("ab") as file:
+        file.write(b"torn")
+
+    append(client, address, 2, b"23")
+
+    recording = client.get(client.get(address).json()["links"]["recording"]).json()
+    assert recording["sha256"] == hashlib.sha256(b"0123").hexdigest()
+
+
+def test_an_upload_that_was_whole_when_the_server_died_becomes_its_recording(
+    client: TestClient, store: JobStore, settings: Settings
+) -> None:
+    address = announce(client, 4)
+    append(client, address, 0, b"01")
+    upload_id = address.rpartition("/")[2]
+    with (settings.data_dir / "incoming" / upload_id).open("ab") as file:
+        file.write(b"23")
+    with store.engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE uploads SET offset_bytes = 4")
+
+    assert client.get(address).json()["recording_id"] is not None
+
+
+def test_two_writers_at_once_are_not_let_in(client: TestClient) -> None:
+    address = announce(client, 10)
+    find_services(Request({"type": "http", "app": client.app})).incoming.take(address.rpartition("/")[2])
+
+    assert append(client, address, 0, b"x") == 423
+    assert client.delete(address, headers=TUS).status_code == 423
+
+
+def test_an_upload_that_is_not_there_is_not_found(client: TestClient) -> None:
+    assert client.head(f"{URL}/up_none", headers=TUS).status_code == 404
+    assert append(client, f"{URL}/..%2f..%2fserver.lock", 0, b"x") == 404
