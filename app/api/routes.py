@@ -20,6 +20,7 @@ from app.api.schemas import (
 )
 from app.api.services import Services, UsedLanguage, UsedServices
 from app.api.waiting import LONGEST_WAIT_S, wait_for_end
+from app.day_file import NAME as DAY_NAME
 from app.errors import NoSuchFile, NotFinished, NotHere, list_refusals
 from app.jobs.job import Job, JobState
 from app.jobs.recordings import Place
@@ -114,7 +115,7 @@ def get_bundle(analysis_id: str, services: UsedServices) -> Response:
     if job.token is None:
         raise NoSuchFile(name="bundle.zip")
     folder = services.storage.attempt(job.id, job.token)
-    body = pack_files({path.name: path.read_bytes() for path in folder.iterdir()})
+    body = pack_files({path.name: path.read_bytes() for path in folder.iterdir() if path.name != DAY_NAME})
     disposition = f'attachment; filename="{name_ascii(name_download(job, "bundle.zip"))}"'
     return Response(body, media_type="application/zip", headers={"Content-Disposition": disposition})
 

@@ -13,6 +13,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.decoded import DecodedCache
 from app.errors import Crashed
+from app.jobs.answers import read_answer
 from app.jobs.attempt import (
     Attempt,
     Died,
@@ -114,7 +115,8 @@ def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
-        kept = bench.store.finish(job.id, token, outcome.files)
+        answer = read_answer(bench.storage.attempt(job.id, token) / "results.json")
+        kept = bench.store.finish(job.id, token, outcome.files, answer)
     elif isinstance(outcome, Refused):
         bench.store.fail(job.id, token, outcome.code, outcome.facts)
     elif isinstance(outcome, Died):

@@ -1,21 +1,19 @@
 """The pages. They show what the job rows say; the browser's own script only sends files and asks again."""
 
-from typing import Any
-
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from app.api.problems import Refusal
-from app.api.services import Services, UsedLanguage, UsedServices, choose_language
+from app.api.services import UsedLanguage, UsedServices, choose_language
 from app.errors import find_outcome_of_code
 from app.jobs.job import JobState
+from app.jobs.library import Entry
 from app.report.messages import describe_problem
-from app.report.wording import Language, load_wording
+from app.report.wording import load_wording
 from app.web.answers import read_answer, show_changes
+from app.web.library_views import find_neighbours, show_entry, show_library
 from app.web.rendering import find_base, show_page
-from app.web.views import count_done, format_size, now_utc, show_row, show_settings
-
-SHOWN = 200
+from app.web.views import format_size, now_utc, show_row, show_settings
 
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
@@ -24,15 +22,23 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 def home(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show the place to drop files, and the recordings."""
     limit_bytes = services.settings.max_upload_bytes
-    values = _list_rows(services, language)
+    values = show_library(services, request, language)
     values |= {"max_bytes": limit_bytes, "max_size": format_size(limit_bytes, language)}
+    values |= {
+        "devices": dict(load_wording(language)["device"]),
+        "address": str(request.base_url).rstrip("/"),
+    }
     return show_page(request, "home.html", language, values)
 
 
 @router.get("/rows")
 def rows(request: Request, services: UsedServices, language: UsedLanguage, only: str = "") -> Response:
     """Give the list alone, for a page that is open already; ``only`` one analysis if named."""
-    values = _list_rows(services, language, only)
+    if only:
+        entries = [show_entry(Entry(services.store.get(only), None), language)]
+        values = {"entries": entries, "is_empty": False, "count": ""}
+    else:
+        values = show_library(services, request, language)
     return show_page(request, "rows.html", language, values)
 
 
@@ -49,6 +55,8 @@ def analysis(
         "job_request": job.request,
         "d": load_wording(language, "day"),
         "changes": show_changes(services, job, before, language),
+        "recording_id": job.recording_id,
+        **find_neighbours(services, request, job),
         **answered,
     }
     return show_page(request, "analysis.html", language, values)
@@ -76,10 +84,3 @@ def answer_with_page(request: Request, error: Refusal) -> HTMLResponse:
     words = describe_problem(error.code, error.facts, language)
     status = find_outcome_of_code(error.code).status
     return show_page(request, "error.html", language, {"problem": words, "code": error.code}, status)
-
-
-def _list_rows(services: Services, language: Language, only: str = "") -> dict[str, Any]:
-    jobs = (services.store.get(only),) if only else services.store.list_newest(SHOWN)
-    now = now_utc()
-    shown = tuple(show_row(job, language, now) for job in jobs)
-    return {"rows": shown, "count": count_done(shown, language)}

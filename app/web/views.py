@@ -194,13 +194,6 @@ def _tell_windows(job: Job, words: Words, language: Language) -> str:
     return "; ".join(fill(words["window"], pair) for pair in pairs)
 
 
-def count_done(rows: tuple[JobRow, ...], language: Language) -> str:
-    """Say how many of the recordings shown are done."""
-    words = load_wording(language, "page")["list"]
-    done = sum(row.is_over for row in rows)
-    return fill(words["summary"], {"done": str(done), "all": str(len(rows))})
-
-
 def now_utc() -> datetime:
     """Give the time at which a page is shown."""
     return datetime.now(UTC)
