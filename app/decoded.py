@@ -97,6 +97,17 @@ class DecodedCache:
         return self.folder / f"{key}.samples"
 
 
+@dataclass(frozen=True, slots=True)
+class KnownLogs:
+    """What is known of the files before they are read: their SHA-256, and where their samples may lie."""
+
+    digests: tuple[str, ...] = ()
+    cache: DecodedCache | None = None
+
+
+NOTHING_KNOWN = KnownLogs()
+
+
 def _list_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
     for path in folder.iterdir():
         with suppress(FileNotFoundError):  # another worker may let go of it meanwhile

@@ -9,9 +9,12 @@
       StaleVersion     changed by somebody else meanwhile (412)
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
+      CannotPair       two analyses are not both arms of one shift (422)
       NoSuchFile       the analysis ended without this file (404)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
-      ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken
+      ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
+                       StoreMismatch, DatabaseTooOld, DatabaseTooNew
+      DatabaseAway     the database does not answer (503)
       AttemptFailed    the analysis was stopped: Crashed, OutOfMemory, OutOfTime, InternalError
 
 As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
@@ -162,6 +165,14 @@ class NoSuchFile(NotHere):
     code = "E-NO-FILE"
 
 
+class CannotPair(AppError):
+    """Two analyses cannot be set side by side. Facts: why ("offset", "apart", "side", "same",
+    "kept").
+    """
+
+    code = "E-PAIR"
+
+
 class NotFinished(AppError):
     """The analysis has not ended yet. Facts: state."""
 
@@ -214,6 +225,24 @@ class FolderTaken(ServerRefused):
     """Another server works in this data folder. Facts: folder."""
 
     code = "E-FOLDER-IN-USE"
+
+
+class DatabaseTooOld(ServerRefused):
+    """The tables are of an earlier release, and only the server migrates. Facts: found, needed."""
+
+    code = "E-DATABASE-OLD"
+
+
+class DatabaseTooNew(ServerRefused):
+    """The tables are of a later release. Facts: found, needed."""
+
+    code = "E-DATABASE-NEW"
+
+
+class DatabaseAway(AppError):
+    """The database does not answer."""
+
+    code = "E-DATABASE"
 
 
 class AttemptFailed(AppError):
@@ -275,11 +304,13 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     Busy: Outcome(503, 3, retryable=True),
     StaleVersion: Outcome(412, 3),
     NotHere: Outcome(404, 3),
+    CannotPair: Outcome(422, 3),
     NotFinished: Outcome(409, 3, retryable=True),
     NotAllowed: Outcome(403, 2),
     ForeignHostName: Outcome(421, 2),
     WrongVerb: Outcome(405, 2),
     ServerRefused: Outcome(503, 2),
+    DatabaseAway: Outcome(503, 3, retryable=True),
     AttemptFailed: Outcome(500, 3),
     Crashed: Outcome(422, 3, retryable=True),
     OutOfMemory: Outcome(422, 3),

@@ -3,6 +3,7 @@
 import logging
 import signal
 import socket
+import sqlite3
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Iterator
@@ -26,10 +27,11 @@ from app.api.requests import router as request_routes
 from app.api.routes import router as api_routes
 from app.api.services import Services, open_services
 from app.api.tus import router as upload_routes
-from app.errors import AppError, DiskFull, ForeignAddress, PortTaken, RecordedProblem
+from app.errors import AppError, DatabaseAway, DiskFull, ForeignAddress, PortTaken, RecordedProblem
+from app.jobs.database import bring_up_to_date
 from app.jobs.pool import WorkerPool
 from app.settings import Settings
-from app.storage import FolderLock
+from app.storage import FolderLock, Storage
 from app.version import software_version
 from app.web.assets import FOLDER, Assets, find_assets
 from app.web.assets import router as asset_routes
@@ -42,6 +44,8 @@ from fusion.errors import FusionError
 
 MAX_HEADER_BYTES = 64 * 1024
 GRACE_S = 3
+FULL_DISK = ("disk is full", "No space left")  # SQLite's words, and PostgreSQL's
+SQLITE_AWAY = ("database is locked", "unable to open", "disk I/O error")
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
@@ -76,11 +80,12 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, PortTaken, FolderTaken
+    ForeignAddress, PortTaken, FolderTaken, DatabaseTooNew
     """
     check_loopback(settings.host)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     listener = _listen(settings)
+    _migrate(settings)
     application = create_app(settings)
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
@@ -92,6 +97,18 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
         pool.stop()
+
+
+def _migrate(settings: Settings) -> None:
+    """Bring the tables up to date while no other server works in the folder."""
+    Storage(settings.data_dir).prepare()
+    lock = FolderLock(settings.data_dir)
+    try:
+        copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
+    finally:
+        lock.release()
+    if copy:
+        logger.info("the tables were migrated; their rows from before are in %s", copy)
 
 
 def check_loopback(host: str) -> None:
@@ -111,15 +128,22 @@ def check_loopback(host: str) -> None:
 
 def answer_error(request: Request, error: Exception) -> Response:
     """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
-    refusal = DiskFull() if _is_full(error) else name_refusal(error)
+    refusal = _name_trouble(error) if isinstance(error, OperationalError) else name_refusal(error)
     outside = request.url.path.startswith(("/api", "/healthz", "/readyz"))
     response = answer_refusal(request, refusal) if outside else answer_with_page(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
 
 
-def _is_full(error: Exception) -> bool:
-    return isinstance(error, OperationalError) and "disk is full" in str(error)
+def _name_trouble(error: OperationalError) -> FusionError | AppError | RecordedProblem:
+    """Tell a full disk, a database that does not answer, and a bug from each other."""
+    words = str(error.orig)
+    if any(sign in words for sign in FULL_DISK):
+        return DiskFull()
+    if isinstance(error.orig, sqlite3.Error) and not any(sign in words for sign in SQLITE_AWAY):
+        return name_refusal(error)
+    logger.error("the database does not answer: %s", words)
+    return DatabaseAway()
 
 
 @asynccontextmanager

@@ -8,10 +8,11 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from typing import Literal
+from typing import Any, Literal
 
 from fusion.choices import MethodName, Pose, Side
 from fusion.diary import DiaryEntry
+from fusion.task_windows import TaskWindow
 
 Stage = Literal["reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr"]
@@ -68,12 +69,30 @@ def list_window_counts(pose: Pose) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class Reference:
+    """What a recording is to be compared with: a stored file, and what a person says about the two.
+
+    ``offset_s`` and ``drift_ppm``: the reference's clock, where it is set by hand; ``rate_hz`` for a
+    reference without time.
+    """
+
+    path: str
+    file_name: str
+    offset_s: float | None = None
+    drift_ppm: float | None = None
+    rate_hz: float | None = None
+    tasks: tuple[TaskWindow, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ReportRequest:
     """Everything the person asked.
 
     ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
-    of the same shift, which only the command line can name.
+    of the same shift, which only the command line can name. ``version`` counts the reports of one recording
+    and ``changes`` names what is different from the one before (a setting, "input" or "engine").
+    With a ``reference``, a comparison is asked for instead of a report.
     """
 
     file_name: str
@@ -89,6 +108,9 @@ class ReportRequest:
     diary: tuple[DiaryEntry, ...] = ()
     profile: str = ""
     joined: tuple[str, ...] = ()
+    version: int = 1
+    changes: tuple[str, ...] = ()
+    reference: Reference | None = None
 
     def to_json(self) -> str:
         """Give the request as text for a job row or a settings hash."""
@@ -101,11 +123,24 @@ class ReportRequest:
         values = {name: value for name, value in json.loads(text).items() if name in known}
         windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
         diary = tuple(DiaryEntry(**entry) for entry in values.pop("diary", ()))
-        for name in ("languages", "kinds", "joined"):
+        for name in ("languages", "kinds", "joined", "changes"):
             if name in values:
                 values[name] = tuple(values[name])
-        return cls(calibration_windows_s=windows, diary=diary, **values)
+        reference = _read_reference(values.pop("reference", None))
+        return cls(calibration_windows_s=windows, diary=diary, reference=reference, **values)
+
+    def name_settings(self) -> dict[str, object]:
+        """Give what the figures depend on; in which languages and forms they are told is left out."""
+        told = {"file_name", "languages", "kinds", "joined", "version", "changes"}
+        return {name: value for name, value in asdict(self).items() if name not in told}
 
     def list_diary(self) -> tuple[DiaryEntry, ...]:
         """Give the rows of the diary that are for this file."""
         return tuple(entry for entry in self.diary if entry.file in {"", self.file_name})
+
+
+def _read_reference(values: dict[str, Any] | None) -> Reference | None:
+    if values is None:
+        return None
+    tasks = tuple(TaskWindow(**task) for task in values.pop("tasks", ()))
+    return Reference(tasks=tasks, **values)

@@ -1,11 +1,16 @@
 """What the person who runs Acromion may decide about the machine (never about the numbers)."""
 
-from functools import cached_property
 from pathlib import Path
+from typing import Any
 
+from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 GIB = 1 << 30
+
+
+def _name_own_database(known: dict[str, Any]) -> str:
+    return f"sqlite:///{known['data_dir'] / 'acromion.sqlite3'}"
 
 
 class Settings(BaseSettings):
@@ -14,7 +19,9 @@ class Settings(BaseSettings):
     Attributes
     ----------
     data_dir
-        Folder that holds the database, the recordings and the reports.
+        Folder that holds the database, the recordings and the reports, but for what is kept elsewhere.
+    database_url
+        Where the rows are: SQLite in the data folder or, say, ``postgresql+psycopg://acromion@db/acromion``.
     host, port
         Where the server listens. Only loopback is served until accounts exist; port 0 takes a free one.
     workers
@@ -43,6 +50,7 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
 
     data_dir: Path = Path("acromion-data")
+    database_url: str = Field(default_factory=_name_own_database)
     host: str = "127.0.0.1"
     port: int = 8080
     workers: int = 1
@@ -61,11 +69,6 @@ class Settings(BaseSettings):
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0
-
-    @cached_property
-    def database_url(self) -> str:
-        """Where the job rows are."""
-        return f"sqlite:///{self.data_dir / 'acromion.sqlite3'}"
 
     def as_environment(self) -> dict[str, str]:
         """Give every setting that was chosen, as a worker process reads it."""

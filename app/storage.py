@@ -205,6 +205,12 @@ def _seal_file(path: Path) -> ResultFile:
     return ResultFile(path.name, digest.hexdigest(), size_bytes)
 
 
+def sync_file(path: Path) -> None:
+    """Make the bytes of a file durable."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
 def sync_folder(folder: Path) -> None:
     """Make the names in a folder durable (a rename is not, before this)."""
     if sys.platform == "win32":

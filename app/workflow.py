@@ -2,19 +2,20 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.day import write_day_of
 from app.day_file import NAME as DAY_NAME
-from app.decoded import DecodedCache, name_entry
-from app.report.content import Report, ReportSubject, Software, build_report
+from app.decoded import NOTHING_KNOWN, KnownLogs, name_entry
 from app.report.elevation_file import write_elevation
-from app.report.exports import export_results, tell_in_brief
-from app.report.html import render_html
-from app.report.pdf import render_pdf
+from app.report.exports import export_results
+from app.report.findings import encode_findings, take_findings
 from app.report.results import encode_results
-from app.request import OnStage, ReportKind, ReportRequest, Stage
+from app.report.subject import ReportSubject, Software
+from app.report.writing import FINDINGS, RESULTS, rewrite_reports, write_reports
+from app.request import OnStage, ReportRequest, Stage
 from app.version import software_revision, software_version
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angles
 from fusion.readers import join_recordings, parse_profile, read_recording
@@ -40,90 +41,112 @@ def make_report(
     request: ReportRequest,
     out: Path,
     on_stage: OnStage = ignore_stage,
-    *,
-    cache: DecodedCache | None = None,
+    known: KnownLogs = NOTHING_KNOWN,
 ) -> None:
     """Analyse the file and write every product into the existing folder ``out``.
 
-    Writes ``results.json``, ``elevation.parquet``, the tables of :func:`export_results` and, for each
-    language, ``report.<language>.<kind>`` and the answer in five lines, ``answer.<language>.txt``. With a
-    ``cache``, as the server has one, the decoded samples are kept there, and the day is written for the page.
+    ``known``: SHA-256 of the log and of the files joined to it, where the caller has taken them already, and
+    where decoded samples are kept.
+
+    Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
+    tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
+    five lines, ``answer.<language>.txt``. With a cache, as the
+    server has one, the day is written for the page.
 
     Raises
     ------
     fusion.errors.FusionError
         When no number can be given; then nothing has been written.
     """
-    analysis = _analyse_file(log, request, lambda stage: on_stage(stage, _BEGINS[stage]), cache)
+    logs = _Logs(log, request, known)
+    analysis = _analyse_file(logs, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
-    subject = describe_subject(request)
-    results = encode_results(analysis, subject)
-    (out / "results.json").write_bytes(results)
+    findings, subject = take_findings(analysis), describe_subject(request)
+    results = encode_results(findings, subject)
+    (out / RESULTS).write_bytes(results)
+    (out / FINDINGS).write_bytes(encode_findings(findings, subject))
     for name, table in export_results(json.loads(results)).items():
         (out / name).write_bytes(table)
     write_elevation(analysis.elevation, out / "elevation.parquet")
-    if cache is not None:
+    if known.cache is not None:
         write_day_of(analysis, out / DAY_NAME)
-    reports = [build_report(analysis, subject, language) for language in request.languages]
-    for report in reports:
-        (out / f"answer.{report.language}.txt").write_bytes(tell_in_brief(report))
-        for kind, body in _render(report, request.kinds, results):
-            (out / f"report.{report.language}.{kind}").write_bytes(body)
+    write_reports(findings, subject, request, out)
+
+
+def make_report_again(
+    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
+) -> None:
+    """Write the reports of the finished analysis in the folder ``finished``, in the languages asked."""
+    on_stage("rendering", _BEGINS["rendering"])
+    rewrite_reports(finished, request, out)
 
 
 def describe_subject(request: ReportRequest) -> ReportSubject:
     """Say whose arm it is and which software answers."""
     software = Software(software_version(), software_revision())
     return ReportSubject(
-        file_name=request.file_name, subject=request.subject, side=request.side, software=software
+        file_name=request.file_name,
+        subject=request.subject,
+        side=request.side,
+        software=software,
+        version=request.version,
+        changes=request.changes,
     )
 
 
-def _analyse_file(
-    log: Path, request: ReportRequest, begin: Callable[[Stage], None], cache: DecodedCache | None
-) -> Analysis:
+@dataclass(frozen=True, slots=True)
+class _Logs:
+    """What is to be read, and where its samples may be kept or lie already."""
+
+    log: Path
+    request: ReportRequest
+    known: KnownLogs
+
+    def read(self) -> Recording:
+        """Read the log and those joined to it."""
+        paths = (self.log, *map(Path, self.request.joined))
+        digests = self.known.digests or ("",) * len(paths)
+        recordings = [self._read(path, digest) for path, digest in zip(paths, digests, strict=True)]
+        return join_recordings(recordings) if self.request.joined else recordings[0]
+
+    def _read(self, path: Path, digest: str) -> Recording:
+        """Read the file, or what an earlier reading of the same bytes has kept."""
+        cache = self.known.cache
+        if cache is None:
+            return self._parse(path, digest)
+        sha256 = digest or _hash_log(path)
+        reading = [Path(self._name(path)).suffix, self.request.rate_hz, self.request.profile]
+        key = name_entry(sha256, json.dumps(reading), software_revision())
+        recording = cache.find(key)
+        if recording is None:
+            recording = self._parse(path, sha256)
+            cache.keep(key, recording)
+        return recording
+
+    def _parse(self, path: Path, sha256: str) -> Recording:
+        asked = self.request
+        profile = parse_profile(asked.profile) if asked.profile else None
+        with path.open("rb") as file:
+            return read_recording(
+                file, file_name=self._name(path), rate_hz=asked.rate_hz, sha256=sha256, profile=profile
+            )
+
+    def _name(self, path: Path) -> str:
+        return self.request.file_name if path is self.log else path.name
+
+
+def _analyse_file(logs: _Logs, begin: Callable[[Stage], None]) -> Analysis:
+    request = logs.request
     begin("reading")
     if request.source == "angles":
-        with log.open("rb") as file:
+        with logs.log.open("rb") as file:
             return analyse_angles(file, begin, request.list_diary())
     settings = AnalysisSettings(
         request.method, request.pose, request.calibration_windows_s, request.list_diary()
     )
-    return analyse(_read_logs(log, request, cache), settings, begin)
+    return analyse(logs.read(), settings, begin)
 
 
-def _read_logs(log: Path, request: ReportRequest, cache: DecodedCache | None) -> Recording:
-    logs = ((log, request.file_name), *((path, path.name) for path in map(Path, request.joined)))
-    if cache is None:
-        recordings = [_read_log(path, name, request) for path, name in logs]
-    else:
-        recordings = [_read_once(path, name, request, cache) for path, name in logs]
-    return join_recordings(recordings) if request.joined else recordings[0]
-
-
-def _read_log(log: Path, name: str, request: ReportRequest, sha256: str = "") -> Recording:
-    profile = parse_profile(request.profile) if request.profile else None
+def _hash_log(log: Path) -> str:
     with log.open("rb") as file:
-        return read_recording(file, file_name=name, rate_hz=request.rate_hz, sha256=sha256, profile=profile)
-
-
-def _read_once(log: Path, name: str, request: ReportRequest, cache: DecodedCache) -> Recording:
-    """Read the file, or what an earlier reading of the same bytes has kept."""
-    with log.open("rb") as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-    reading = json.dumps([Path(name).suffix, request.rate_hz, request.profile])
-    key = name_entry(sha256, reading, software_revision())
-    recording = cache.find(key)
-    if recording is None:
-        recording = _read_log(log, name, request, sha256)
-        cache.keep(key, recording)
-    return recording
-
-
-def _render(
-    report: Report, kinds: tuple[ReportKind, ...], results: bytes
-) -> Iterator[tuple[ReportKind, bytes]]:
-    if "html" in kinds:
-        yield "html", render_html(report)
-    if "pdf" in kinds:
-        yield "pdf", render_pdf(report, {"results.json": results})
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -5,7 +5,7 @@ bridged for the filter only, and the bridge is not valid; longer, the segment en
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 import numpy as np
@@ -51,7 +51,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Series:
+class AngleRows:
     """The rows that hold an angle, shape (n,), and the stamps of the first and the last row of all."""
 
     time_s: FloatVector
@@ -81,20 +81,38 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
     sha256 = _hash(file)
     rows = _read_rows(file)
     series = _take_angles(rows)
-    period_s = _measure_period(series.time_s)
-    segments = _split_at_holes(series, period_s)
-    duration_us = round((series.last_s - series.first_s + period_s) * MICROSECONDS)
     recording = Recording(
         device="angles",
         sha256=sha256,
         start=None,
         time_zone=None,
+        duration_us=0,
+        segments=(),
+        flags=_flag_dropped(rows),
+        understood={"layout": "angles", "columns": ", ".join(COLUMNS)},
+    )
+    return lay_angles(recording, series)
+
+
+def lay_angles(recording: Recording, series: AngleRows) -> tuple[Recording, Elevation]:
+    """Lay rows of angles on even grids, cut at holes, and give the recording its length, rate and holes.
+
+    Raises
+    ------
+    UnusableTime
+        Too few rows to tell a rate.
+    """
+    period_s = _measure_period(series.time_s)
+    segments = _split_at_holes(series, period_s)
+    duration_us = round((series.last_s - series.first_s + period_s) * MICROSECONDS)
+    laid = replace(
+        recording,
         duration_us=duration_us,
         segments=tuple(_empty_segment(segment) for segment in segments),
-        flags=(*_flag_dropped(rows), *_flag_missing(segments, duration_us)),
-        understood={"layout": "angles", "columns": ", ".join(COLUMNS), "rate_hz": f"{1.0 / period_s:.6g}"},
+        flags=(*recording.flags, *_flag_missing(segments, duration_us)),
+        understood={**recording.understood, "rate_hz": f"{1.0 / period_s:.6g}"},
     )
-    return recording, Elevation(segments, None)
+    return laid, Elevation(segments, None)
 
 
 def _hash(file: BinaryIO) -> str:
@@ -172,14 +190,14 @@ def _drop_timeless(rows: _Rows, broken: int) -> _Rows:
     return _Rows(rows.time_s[timed], rows.elevation_deg[timed], rows.line[timed], dropped)
 
 
-def _take_angles(rows: _Rows) -> _Series:
+def _take_angles(rows: _Rows) -> AngleRows:
     _check_time(rows)
     _check_angle(rows)
     present = np.isfinite(rows.elevation_deg)
     if not present.any():
         raise TooShort(s=0.0)
     angle_deg = np.clip(rows.elevation_deg[present], 0.0, 180.0)
-    return _Series(rows.time_s[present], angle_deg, float(rows.time_s[0]), float(rows.time_s[-1]))
+    return AngleRows(rows.time_s[present], angle_deg, float(rows.time_s[0]), float(rows.time_s[-1]))
 
 
 def _check_time(rows: _Rows) -> None:
@@ -207,7 +225,7 @@ def _measure_period(time_s: FloatVector) -> float:
     return float(steps_s[steps_s <= HOLE_PERIODS * np.median(steps_s)].mean())
 
 
-def _split_at_holes(series: _Series, period_s: float) -> tuple[ElevationSegment, ...]:
+def _split_at_holes(series: AngleRows, period_s: float) -> tuple[ElevationSegment, ...]:
     steps_s = np.diff(series.time_s)
     longest_s = max(HOLE_PERIODS * period_s, LONGEST_BRIDGE_S + 1e-9)
     cuts = np.concatenate([[0], np.flatnonzero(steps_s > longest_s) + 1, [len(series.time_s)]])
@@ -217,7 +235,7 @@ def _split_at_holes(series: _Series, period_s: float) -> tuple[ElevationSegment,
     )
 
 
-def _make_segment(series: _Series, rows: slice, period_s: float) -> ElevationSegment:
+def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationSegment:
     """Lay a run on an even grid; grid rows inside a short hole are interpolated and not valid."""
     time_s, elevation_deg = series.time_s[rows], series.elevation_deg[rows]
     steps = np.diff(time_s)

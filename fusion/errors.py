@@ -114,6 +114,18 @@ class MissingMember(DamagedFile):
     code = "E-GT3X-PART"
 
 
+class RefusedXml(DamagedFile):
+    """XML with entities or a document type, cut off, or no MVNX. Facts: reason."""
+
+    code = "E-XML"
+
+
+class MissingSegment(UnreadableFile):
+    """A motion capture without what the angle is taken from. Facts: segment."""
+
+    code = "E-SEGMENT"
+
+
 class UnreadableRows(DamagedFile):
     """More than 5 % of the lines cannot be read. Facts: k, line."""
 
@@ -184,6 +196,42 @@ class UnusableJoin(UnusableRecording):
     """Files that are not one shift of one device. Facts: why."""
 
     code = "E-JOIN"
+
+
+class UnknownAxis(UnusableRecording):
+    """An orientation of which nothing says how the arm lies in it."""
+
+    code = "E-AXIS"
+
+
+class UnusableComparison(FusionError):
+    """Two measurements that cannot be set beside each other."""
+
+    code = "E-COMPARISON"
+
+
+class NotAligned(UnusableComparison):
+    """No shift of the clocks makes the two move alike. Facts: r, least."""
+
+    code = "E-ALIGN"
+
+
+class NothingInCommon(UnusableComparison):
+    """Under this shift of the clocks the two have no time in common. Facts: s."""
+
+    code = "E-OVERLAP"
+
+
+class UnusableTasks(FusionError):
+    """A list of tasks that cannot be used. Facts: line, why."""
+
+    code = "E-TASKS"
+
+
+class UnusableStudy(FusionError):
+    """A study folder in which nothing can be compared. Facts: why."""
+
+    code = "E-STUDY"
 
 
 class UnusableProfile(FusionError):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
 from fusion.angle_series import read_angle_series
-from fusion.calibration import Calibration, calibrate
+from fusion.calibration import CalibratedSamples, Calibration, calibrate
 from fusion.choices import MethodName, Pose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation
@@ -67,6 +67,18 @@ class Analysis:
     quality: Quality
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedRecording:
+    """A recording's angle before anything is counted: ``fused`` with, ``elevation`` without what the signal
+    itself excludes.
+    """
+
+    samples: CalibratedSamples
+    fused: Elevation
+    elevation: Elevation
+    exclusions: tuple[Span, ...]
+
+
 def announce_nothing(_step: Step) -> None:
     """Take the place of a listener where nobody listens."""
 
@@ -89,14 +101,10 @@ def analyse(
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
     refuse_short(recording)
-    exclusions = find_exclusions(recording)
-    on_step("calibrating")
-    samples = calibrate(recording, settings.pose, settings.calibration_windows_s)
-    on_step("fusing")
-    fused = estimate_elevation(samples, settings.method)
-    elevation = leave_out(fused, exclusions)
+    of = fuse_recording(recording, settings, on_step)
+    samples, elevation = of.samples, of.elevation
     on_step("counting")
-    day = _divide(recording, elevation, exclusions, placed)
+    day = _divide(recording, elevation, of.exclusions, placed)
     exposure = summarise_exposure(
         day.counted,
         recording.start,
@@ -106,11 +114,29 @@ def analyse(
         division=day.division,
     )
     time = _account(recording, day, exposure)
-    flags = (*samples.flags, *placed.flags, *_doubt(recording, fused, day.exclusions))
+    flags = (*samples.flags, *placed.flags, *_doubt(recording, of.fused, day.exclusions))
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
     return Analysis(
         recording, settings, samples.calibration, elevation, day.exclusions, time, exposure, quality
     )
+
+
+def fuse_recording(
+    recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = announce_nothing
+) -> FusedRecording:
+    """Calibrate and fuse; no minimum of time is asked for.
+
+    Raises
+    ------
+    fusion.errors.UnusableRecording
+        No usable calibration.
+    """
+    exclusions = find_exclusions(recording)
+    on_step("calibrating")
+    samples = calibrate(recording, settings.pose, settings.calibration_windows_s)
+    on_step("fusing")
+    fused = estimate_elevation(samples, settings.method)
+    return FusedRecording(samples, fused, leave_out(fused, exclusions), exclusions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,18 +1,17 @@
-"""Published values and conventions as data: value, source, what it applies to, and how far it is confirmed.
+"""Published values as data: value, source, what it applies to, and how far it is confirmed.
 
-EXPOSURE.md A1 and A10. A value that its brief marks unverified (the holding times of ISO 11226, the
+EXPOSURE.md A10 (how standards cut elevation into classes: ``fusion.conventions``). A value that its brief marks unverified (the holding times of ISO 11226, the
 footnotes of EN 1005-4, the 80 deg of ISO 11228-3) is not here: it is not shipped as a limit. Nothing here is
 turned into a score or into anyone's risk.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from fusion.exposure.types import ElevationBin, Exposure  # a report must not wait for the compiler
+    from fusion.exposure.types import Exposure  # a report must not wait for the compiler
 
 Status = Literal["proposal", "guidance", "context"]
 Reason = Literal["", "short", "poor", "not computed"]
@@ -83,49 +82,3 @@ def find_measured(key: str, exposure: Exposure) -> float | None:
         "velocity": velocity.p50_dps if velocity else None,
         "p99": exposure.elevation_p99_deg,
     }[key]
-
-
-@dataclass(frozen=True, slots=True)
-class Convention:
-    """How a standard or method cuts elevation into classes; its edges are edges of the stored bins."""
-
-    key: str
-    edges_deg: tuple[float, ...]
-    source: str
-    evidence: Literal["read", "second-hand"]
-    """Whether the cut-offs were read in the source itself or in a text that quotes it."""
-
-
-CONVENTIONS = (
-    Convention("iso_11226", (0, 20, 60, 180), "ISO 11226:2000, upper arm", "second-hand"),
-    Convention("en_1005_4", (0, 20, 60, 180), "EN 1005-4:2005+A1:2008, upper arm", "second-hand"),
-    Convention("rula_reba", (0, 20, 45, 90, 180), "RULA (1993), REBA (2000)", "second-hand"),
-    Convention("nfa", (0, 30, 60, 90, 120, 150, 180), "Acti4/Motus (NFA Denmark)", "read"),
-)  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class ConventionClass:
-    """Time within one class of a convention."""
-
-    lower_deg: float
-    upper_deg: float
-    duration_s: float
-    percent: float
-
-
-def divide_by_convention(bins: Sequence[ElevationBin], convention: Convention) -> tuple[ConventionClass, ...]:
-    """Add the stored bins up to the classes of a convention, exactly.
-
-    The classes are posture alone: whether a standard accepts them also depends on frequency, support, load
-    and duration, which its own text rules.
-    """
-    return tuple(
-        ConventionClass(
-            lower,
-            upper,
-            sum(part.duration_s for part in bins if lower <= part.lower_deg and part.upper_deg <= upper),
-            sum(part.percent for part in bins if lower <= part.lower_deg and part.upper_deg <= upper),
-        )
-        for lower, upper in zip(convention.edges_deg, convention.edges_deg[1:], strict=False)
-    )

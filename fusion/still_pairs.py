@@ -4,6 +4,7 @@ In the sensor frame gravity turns by da/dt = a x w. From moments at which the ar
 carried along the gyroscope to the next still moment and compared with what the accelerometer reads there.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -69,14 +70,30 @@ def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
 def moving_mean(segment: Segment, first: int, stop: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
     width = max(3, round(STILL_S * segment.rate_hz))
-    acc = segment.acc_g[first:stop].astype(np.float64)
-    if len(acc) <= width:
+    if stop - first <= width:
         return np.empty((0, 3)), np.empty(0)
-    sums = np.cumsum(np.vstack([np.zeros(3), acc]), axis=0)
-    squares = np.cumsum(np.vstack([np.zeros(3), acc * acc]), axis=0)
-    means = (sums[width:] - sums[:-width]) / width
-    variances = (squares[width:] - squares[:-width]) / width - means * means
-    return means, np.sqrt(np.maximum(variances, 0.0).max(axis=1))
+    return slide_mean(segment.acc_g[first:stop], width)
+
+
+@njit(cache=True, nogil=True)
+def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean over ``width`` rows from each row on, and the largest of its three standard deviations."""
+    n = len(acc_g) - width + 1
+    means, scatter = np.empty((n, 3)), np.zeros(n)
+    for axis in range(3):
+        total = squares = 0.0
+        for k in range(len(acc_g)):
+            total += acc_g[k, axis]
+            squares += np.float64(acc_g[k, axis]) ** 2
+            first = k - width + 1
+            if first < 0:
+                continue
+            means[first, axis] = total / width
+            variance = squares / width - means[first, axis] ** 2
+            scatter[first] = max(scatter[first], variance)
+            total -= acc_g[first, axis]
+            squares -= np.float64(acc_g[first, axis]) ** 2
+    return means, np.sqrt(scatter)
 
 
 def find_still_pairs(segments: Sequence[Segment]) -> list[StillPair]:
@@ -126,8 +143,9 @@ def _pairs_in(segment: Segment, first: int, stop: int) -> list[StillPair]:
 
 
 def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    lengths = max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-12)
-    return float(np.degrees(np.arccos(np.clip(first @ second / lengths, -1.0, 1.0))))
+    (ax, ay, az), (bx, by, bz) = first.tolist(), second.tolist()
+    lengths = max(math.hypot(ax, ay, az) * math.hypot(bx, by, bz), 1e-12)
+    return math.degrees(math.acos(max(-1.0, min(1.0, (ax * bx + ay * by + az * bz) / lengths))))
 
 
 def score_factor(pairs: Sequence[StillPair], factor: float) -> float:

@@ -1,12 +1,13 @@
 """What all tests share."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from fusion.simulation import simulate_shift, write_shift
+from tests.postgres import BINARIES, PostgresServer
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -29,6 +30,16 @@ def shift_gt3x(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulate six minutes of work recorded by a GT9X Link."""
     folder = tmp_path_factory.mktemp("shift")
     return write_shift(folder, simulate_shift("gt9x", 0.1, seed=1), actilife_csv=False)[0]
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[PostgresServer]:
+    """A real PostgreSQL, or skip by name where it is not installed."""
+    if BINARIES is None:
+        pytest.skip("PostgreSQL is not installed")
+    server = PostgresServer()
+    yield server
+    server.remove()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -81,5 +81,6 @@ def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRec
     try:
         return commit(stored)
     except BaseException:
-        services.storage.drop_recording(stored.id)
+        if not services.store.may_hold(stored.id):  # the answer to a commit can be lost on its way
+            services.storage.drop_recording(stored.id)
         raise

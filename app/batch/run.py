@@ -1,28 +1,42 @@
 """Does the recordings of a run, each in a child process with limits; what is done is not done again."""
 
-import errno
-import hashlib
-import json
-import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
-from app.batch.plan import MARKER, Task
+from app.batch.folder import (
+    Marker,
+    find_last_version,
+    has_report,
+    list_changes,
+    make_marker,
+    open_staging,
+    put_earlier_back,
+    read_marker,
+    refuse_foreign_folder,
+    replace_folder,
+    switch_language,
+    use_plain_names,
+    write_marker,
+)
+from app.batch.plan import Task
+from app.decoded import KnownLogs
 from app.errors import Crashed
 from app.jobs.attempt import (
     Attempt,
     Finished,
-    LoadAndMakeReport,
+    MakeReport,
     Refused,
     choose_limits,
+    load_and_make_report,
+    load_and_tell_again,
     run_attempt,
 )
 from app.request import ReportRequest
 from app.settings import Settings
-from app.version import software_revision, software_version
 from fusion.errors import Fact
 
 OnProgress = Callable[[Task, str | None, float], None]
@@ -30,13 +44,19 @@ OnProgress = Callable[[Task, str | None, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one recording: its answer in a few lines, or the code and facts of the refusal."""
+    """What came of one recording: its answer in a few lines, or the code and facts of the refusal.
+
+    ``version`` is that of its report; ``changes`` name what is different from the version before, if this is
+    a new one.
+    """
 
     task: Task
     answer: tuple[str, ...] = ()
     code: str | None = None
     facts: Mapping[str, Fact] = field(default_factory=dict)
     repeated: bool = False
+    version: int = 1
+    changes: tuple[str, ...] = ()
 
 
 def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> Iterator[Outcome]:
@@ -66,11 +86,6 @@ def _tell(
     return not stopping.is_set()
 
 
-def is_up_to_date(task: Task) -> bool:
-    """Tell whether the report that is there is the one the task would make."""
-    return _read_marker(task.folder) == _fingerprint(task)
-
-
 def do_task(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
     """Analyse one recording into its folder; whatever happens to it is an outcome, never an exception."""
     try:
@@ -80,63 +95,73 @@ def do_task(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
 
 
 def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
-    fingerprint = _fingerprint(task)
-    if not task.force and _read_marker(task.folder) == fingerprint:
-        return Outcome(task, _read_answer(task), repeated=True)
-    _refuse_foreign_folder(task.folder)
-    staging = task.folder.with_name(f".{task.folder.name}.part")
-    shutil.rmtree(staging, ignore_errors=True)
-    staging.mkdir(parents=True)
-    try:
-        return _do(task, staging, fingerprint, go_on)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    put_earlier_back(task.folder)
+    before, asked = read_marker(task.folder), make_marker(task)
+    if before is None or before.fingerprint != asked.fingerprint or task.force:
+        return _do(task, before, asked, go_on)
+    if not has_report(task.folder, before, task.request):
+        return _tell_again(task, before, go_on)
+    switch_language(task.folder, before, asked.language)
+    return Outcome(task, _read_answer(task), repeated=True, version=before.version)
 
 
-def _do(task: Task, staging: Path, fingerprint: str, go_on: Callable[[str | None, float], bool]) -> Outcome:
+def _do(
+    task: Task, before: Marker | None, asked: Marker, go_on: Callable[[str | None, float], bool]
+) -> Outcome:
+    """Analyse; other settings than before make the next version of the report."""
+    refuse_foreign_folder(task.folder)
+    marker = _number(before, asked, find_last_version(task.folder))
+    request = replace(task.request, version=marker.version, changes=marker.changes)
+    with open_staging(task.folder) as staging:
+        make = partial(load_and_make_report, known=KnownLogs(asked.list_digests()))
+        outcome = _attempt(task, request, staging, make, go_on)
+        if outcome.code:
+            return outcome
+        use_plain_names(staging, asked.language)
+        write_marker(staging, marker)
+        replace_folder(task.folder, staging)
+    return replace(outcome, answer=_read_answer(task), version=marker.version, changes=marker.changes)
+
+
+def _number(before: Marker | None, asked: Marker, last: int) -> Marker:
+    """Give the marker its version; the same analysis asked again (``--force``) is the same report."""
+    if before is None:
+        return replace(asked, version=last + 1)
+    if before.fingerprint == asked.fingerprint:
+        return replace(asked, version=before.version, changes=before.changes)
+    return replace(asked, version=before.version + 1, changes=list_changes(before, asked))
+
+
+def _tell_again(task: Task, before: Marker, go_on: Callable[[str | None, float], bool]) -> Outcome:
+    """Write the finished analysis in another language or form; nothing is analysed."""
+    language = task.request.languages[0]
+    with open_staging(task.folder) as staging:
+        outcome = _attempt(task, task.request, staging, load_and_tell_again(task.folder), go_on)
+        if outcome.code:
+            return outcome
+        if language == before.language:
+            use_plain_names(staging, language)
+        for path in (*staging.glob("report.*"), *staging.glob("answer.*")):
+            path.replace(task.folder / path.name)
+        switch_language(task.folder, before, language)
+    return replace(outcome, answer=_read_answer(task), repeated=True, version=before.version)
+
+
+def _attempt(
+    task: Task,
+    request: ReportRequest,
+    staging: Path,
+    make: MakeReport,
+    go_on: Callable[[str | None, float], bool],
+) -> Outcome:
     limits = choose_limits(Settings(), task.log.stat().st_size)
-    attempt = Attempt(task.log, task.request, staging, LoadAndMakeReport(), limits)
-    outcome = run_attempt(attempt, go_on)
+    outcome = run_attempt(Attempt(task.log, request, staging, make, limits), go_on)
     if isinstance(outcome, Refused):
         return Outcome(task, code=outcome.code, facts=outcome.facts)
     if not isinstance(outcome, Finished):
         return Outcome(task, code=Crashed.code, facts={"attempts": 1})
-    _use_plain_names(staging, task.request)
-    (staging / MARKER).write_text(json.dumps({"fingerprint": fingerprint}), "utf-8")
-    shutil.rmtree(task.folder, ignore_errors=True)
-    staging.rename(task.folder)
-    return Outcome(task, _read_answer(task))
-
-
-def _use_plain_names(folder: Path, request: ReportRequest) -> None:
-    """The report in the first language is ``report.html``, its answer ``answer.txt``."""
-    for path in folder.glob(f"*.{request.languages[0]}.*"):
-        path.rename(folder / f"{path.name.partition('.')[0]}{path.suffix}")
+    return Outcome(task)
 
 
 def _read_answer(task: Task) -> tuple[str, ...]:
     return tuple((task.folder / "answer.txt").read_text("utf-8").splitlines())
-
-
-def _refuse_foreign_folder(folder: Path) -> None:
-    """Only a folder that we made ourselves is replaced."""
-    if folder.exists() and not (folder / MARKER).exists() and any(folder.iterdir()):
-        raise FileExistsError(errno.EEXIST, "a folder of this name exists and was not made by acromion")
-
-
-def _read_marker(folder: Path) -> str | None:
-    """Give the fingerprint of the finished folder; None where it is not finished, or no longer whole."""
-    whole = all((folder / name).exists() for name in (MARKER, "results.json", "answer.txt"))
-    return str(json.loads((folder / MARKER).read_text("utf-8"))["fingerprint"]) if whole else None
-
-
-def _fingerprint(task: Task) -> str:
-    """Hash input, settings and engine: the same three give the same report."""
-    contents = [_hash_file(path) for path in (task.log, *map(Path, task.request.joined))]
-    parts = [*contents, task.request.to_json(), software_version(), software_revision()]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-
-def _hash_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

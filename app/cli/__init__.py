@@ -7,8 +7,10 @@ import typer
 
 from app.cli.analysing import exposure, run
 from app.cli.looking import inspect, version
+from app.cli.pairing import compare, pair
 from app.cli.samples import demo, simulate
 from app.cli.serving import serve, worker
+from app.cli.validating import validate
 
 app = typer.Typer(
     name="acromion",
@@ -18,7 +20,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, exposure, demo, simulate, inspect, serve, worker, version):
+for command in (
+    *(run, exposure, pair, compare, validate),
+    *(demo, simulate, inspect, version),
+    *(serve, worker),
+):
     app.command()(command)
 
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from app.batch.capacity import Capacity, choose_workers, measure_capacity
+from app.batch.folder import is_up_to_date
 from app.batch.participants import Participant, assign_participants
 from app.batch.plan import Task, plan_joined, plan_tasks
-from app.batch.run import is_up_to_date
 from app.batch.settings_file import apply_settings
 from app.batch.sources import find_recordings
 from app.cli.options import (

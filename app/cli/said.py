@@ -76,15 +76,13 @@ def _show_stage(task: Task, stage: str | None, fraction: float) -> None:
 def tell_outcome(outcome: Outcome, progress: Progress) -> None:
     """Say where the report is and what it answers, or what is wrong and the cure."""
     request = outcome.task.request
-    words = load_wording(request.languages[0], "run")["outcome"]
     if sys.stderr.isatty():
         typer.echo("\r\x1b[K", nl=False, err=True)
     counter = _count(progress, request.languages[0])
     if outcome.code:
         print_problem(counter + outcome.task.log.name, outcome.code, outcome.facts, request.languages[0])
         return
-    repeated = f" ({words['already']})" if outcome.repeated else ""
-    typer.echo(f"{counter}{outcome.task.log.name} -> {outcome.task.folder}{repeated}")
+    typer.echo(f"{counter}{outcome.task.log.name} -> {outcome.task.folder}{_tell_version(outcome)}")
     for line in outcome.answer:
         typer.echo(f"  {line}")
 
@@ -117,6 +115,19 @@ def tell_as_json(outcome: Outcome, progress: Progress) -> None:
         "left_s": None if progress.left_s is None else round(progress.left_s, 1),
     }
     typer.echo(json.dumps(line, ensure_ascii=False))
+
+
+def _tell_version(outcome: Outcome) -> str:
+    """Say what was not done again, and where the report is that a new one replaces."""
+    words = load_wording(outcome.task.request.languages[0], "run")["outcome"]
+    facts = {
+        "changes": ", ".join(outcome.changes),
+        "n": str(outcome.version),
+        "old": str(outcome.version - 1),
+    }
+    if outcome.changes:
+        return f" ({fill(words['version'], facts)})"
+    return f" ({words['already']})" if outcome.repeated else ""
 
 
 def print_problem(name: str, code: str, facts: Any, language: Language) -> None:

@@ -6,19 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Column, Connection, Float, ForeignKey, String, Table, insert
+from sqlalchemy import Connection, insert
 
-from app.jobs.tables import metadata
-
-answers = Table(
-    "answers",
-    metadata,
-    Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), primary_key=True),
-    Column("verdict", String(16), nullable=False, index=True),
-    Column("start", String(40)),
-    Column("recorded_s", Float),
-    Column("above_60_percent", Float),
-)
+from app.jobs.tables import answers
 
 
 @dataclass(frozen=True, slots=True)

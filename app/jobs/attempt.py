@@ -19,7 +19,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from app.decoded import DecodedCache
+from app.decoded import NOTHING_KNOWN, KnownLogs
 from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
 from app.request import OnStage, ReportRequest, Stage
 from app.settings import Settings
@@ -87,16 +87,25 @@ class Stopped:
 Outcome = Finished | Refused | Died | Stopped
 
 
-@dataclass(frozen=True, slots=True)
-class LoadAndMakeReport:
-    """Takes the one road; the science is loaded only where it is needed, in the child process."""
+def load_and_make_report(
+    log: Path, request: ReportRequest, out: Path, on_stage: OnStage, known: KnownLogs = NOTHING_KNOWN
+) -> None:
+    """Take the one road; the science is loaded only where it is needed, in the child process."""
+    if request.reference is not None:
+        importlib.import_module("app.agreement_workflow").make_validation(log, request, out, on_stage)
+    else:
+        importlib.import_module("app.workflow").make_report(log, request, out, on_stage, known)
 
-    cache: DecodedCache | None = None
 
-    def __call__(self, log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-        """Make the report, and keep what a second look at the same recording will want."""
-        workflow = importlib.import_module("app.workflow")
-        workflow.make_report(log, request, out, on_stage, cache=self.cache)
+def load_and_tell_again(finished: Path) -> MakeReport:
+    """Take the short road, from the finished analysis in a folder to its report in another language."""
+    return partial(_load_and_tell_again, finished)
+
+
+def _load_and_tell_again(
+    finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+) -> None:
+    importlib.import_module("app.workflow").make_report_again(finished, request, out, on_stage)
 
 
 def choose_limits(settings: Settings, size_bytes: int) -> Limits:

@@ -6,10 +6,10 @@ from typing import Any, Literal, get_args
 
 from sqlalchemy import ColumnElement, Engine, Select, and_, func, or_, select
 
-from app.jobs.answers import Answer, answers
+from app.jobs.answers import Answer
 from app.jobs.job import Job, JobState
 from app.jobs.reading import STORED, read_job
-from app.jobs.tables import analyses, recordings
+from app.jobs.tables import analyses, answers, recordings
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)

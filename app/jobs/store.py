@@ -7,14 +7,16 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 from sqlalchemy import Connection, Engine, Update, func, insert, select, update
+from sqlalchemy.exc import OperationalError
 
 from app.errors import NotHere
 from app.jobs.answers import Answer, insert_answer
+from app.jobs.database import READ_ONLY, open_database
 from app.jobs.job import Claim, Claimer, Job, JobState, list_sources
 from app.jobs.queueing import WayIn, enqueue, identify_work
 from app.jobs.reading import read_job, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
-from app.jobs.tables import READ_ONLY, analyses, open_engine, recordings, result_files
+from app.jobs.tables import analyses, recordings, result_files
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
@@ -37,7 +39,7 @@ class JobStore:
     """
 
     def __init__(self, url: str) -> None:
-        self._engine = open_engine(url)
+        self._engine = open_database(url)
         self._reader = self._engine.execution_options(**READ_ONLY)
 
     def close(self) -> None:
@@ -208,6 +210,11 @@ class JobStore:
                 insert_answer(connection, analysis_id, answer)
         return won
 
+    def is_published(self, analysis_id: str, token: str) -> bool:
+        """Tell whether this attempt's files are the report (asked when a commit's answer was lost)."""
+        job = self.get(analysis_id)
+        return job.state is JobState.SUCCEEDED and job.token == token
+
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job with the reason."""
         reason = {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}
@@ -256,6 +263,15 @@ class JobStore:
         with self._reader.connect() as connection:
             row = connection.execute(query).one_or_none()
         return ResultFile(*row) if row else None
+
+    def may_hold(self, recording_id: str) -> bool:
+        """Tell whether a recording has a row; True when the database cannot say."""
+        try:
+            with self._reader.connect() as connection:
+                query = select(recordings.c.id).where(recordings.c.id == recording_id)
+                return connection.execute(query).one_or_none() is not None
+        except OperationalError:
+            return True
 
     def list_recordings(self) -> frozenset[str]:
         """Every recording that was acknowledged."""

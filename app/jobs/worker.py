@@ -6,23 +6,25 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
-from app.decoded import DecodedCache
+from app.decoded import DecodedCache, KnownLogs
 from app.errors import Crashed
 from app.jobs.answers import read_answer
 from app.jobs.attempt import (
     Attempt,
     Died,
     Finished,
-    LoadAndMakeReport,
     MakeReport,
     Outcome,
     Refused,
     choose_limits,
+    load_and_make_report,
     run_attempt,
     warm_up,
 )
@@ -56,7 +58,7 @@ def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
     storage.prepare()
     watch = LeaseWatch(identify_self(), settings.lease_s)
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
-    chosen = make or LoadAndMakeReport(cache)
+    chosen = make or partial(load_and_make_report, known=KnownLogs(cache=cache))
     return Bench(JobStore(settings.database_url), storage, settings, watch, threading.Event(), chosen)
 
 
@@ -68,7 +70,7 @@ def run_next(bench: Bench) -> bool:
         return False
     started_s = time.monotonic()
     outcome = _attempt(bench, job, job.token)
-    _publish(bench, job, job.token, outcome)
+    _insist(bench, partial(_publish, bench, job, job.token, outcome))
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
     return True
@@ -104,6 +106,17 @@ def _run_next_patiently(bench: Bench) -> bool:
         return False
 
 
+def _insist(bench: Bench, change: Callable[[], None]) -> None:
+    """Repeat a guarded change until the database has answered: a finished analysis is worth the wait."""
+    while True:
+        try:
+            return change()
+        except OperationalError:
+            logger.exception("the database does not answer; trying again")
+            if bench.stopping.wait(TROUBLE_S):
+                raise
+
+
 def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
     limits = choose_limits(bench.settings, job.size_bytes)
@@ -116,7 +129,8 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
         answer = read_answer(bench.storage.attempt(job.id, token) / "results.json")
-        kept = bench.store.finish(job.id, token, outcome.files, answer)
+        won = bench.store.finish(job.id, token, outcome.files, answer)
+        kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
         bench.store.fail(job.id, token, outcome.code, outcome.facts)
     elif isinstance(outcome, Died):
@@ -145,9 +159,19 @@ class _Heart:
         self._due_s = 0.0
 
     def beat(self, stage: str | None, fraction: float) -> bool:
-        """Say that we live; False when the job was cancelled or taken, or we are to stop."""
+        """Say that we live; False when the job was cancelled or taken, or we are to stop.
+
+        While the database is away nobody can take the job: we go on, and the end is guarded anyway.
+        """
         if self._bench.stopping.is_set():
             return False
+        try:
+            return self._write_or_look(stage, fraction)
+        except OperationalError:
+            logger.warning("%s: no heartbeat, the database does not answer", self._analysis_id)
+            return True
+
+    def _write_or_look(self, stage: str | None, fraction: float) -> bool:
         now_s, news = time.monotonic(), (stage, fraction)
         if news == self._written and now_s < self._due_s:
             return self._bench.store.owns(self._analysis_id, self._token)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from app.report.clock import Clock
 from app.report.day import WORST_WINDOW_S
@@ -18,9 +17,7 @@ from app.report.numbers import (
     format_rate,
 )
 from app.report.wording import Language, Words, fill
-
-if TYPE_CHECKING:
-    from fusion.exposure import Entries, Episodes, Exposure
+from fusion.exposure.types import Entries, Episodes, Exposure
 
 MAIN_THRESHOLD_DEG = 60
 SHORTEST_RATED_S = 600

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from app.report.charts import build_parts, is_drawable
 from app.report.clock import Clock
 from app.report.day import name_reason
+from app.report.findings import Findings, StillFacts
 from app.report.measures import list_measures
 from app.report.messages import describe_flag
 from app.report.numbers import (
@@ -21,41 +21,37 @@ from app.report.numbers import (
     format_rate,
 )
 from app.report.parts import Pair, Section, Table
-from app.report.results import SCHEMA, find_rate_hz, identify_report
+from app.report.results import SCHEMA, identify_report
 from app.report.spread import build_spread
 from app.report.subject import ReportSubject, clean_text, cut_text
 from app.report.wording import Language, Words, fill
+from fusion.exposure.types import PartExposure
+from fusion.quality.types import TimePart
 from fusion.recording import MICROSECONDS, QualityFlag
-
-if TYPE_CHECKING:
-    from fusion.calibration import StillPeriod
-    from fusion.exposure import PartExposure
-    from fusion.pipeline import Analysis
-    from fusion.quality import TimePart
 
 LONGEST_NAME = 60
 """Of a period in its table; results.json and periods.csv hold the whole label."""
 
 
 def build_sections(
-    analysis: Analysis, subject: ReportSubject, clock: Clock, words: Words
+    findings: Findings, subject: ReportSubject, clock: Clock, words: Words
 ) -> tuple[Section, ...]:
     """Build the chapters in reading order; an empty one is left out."""
     sections = (
-        _build_parts(analysis, clock, words),
+        _build_parts(findings, clock, words),
         Section(
             "spread",
             words["section"]["spread"],
-            figures=build_spread(analysis.exposure, words, clock.language),
+            figures=build_spread(findings.exposure, words, clock.language),
         ),
         Section(
             "figures",
             words["section"]["figures"],
-            tables=list_measures(analysis.exposure, clock, words),
+            tables=list_measures(findings.exposure, clock, words),
         ),
-        _build_quality(analysis, clock, words),
-        _build_method(analysis, clock, words),
-        _build_provenance(analysis, subject, clock, words),
+        _build_quality(findings, clock, words),
+        _build_method(findings, clock, words),
+        _build_provenance(findings, subject, clock, words),
     )
     return tuple(section for section in sections if section.pairs or section.tables or section.figures)
 
@@ -63,8 +59,8 @@ def build_sections(
 # ------------------------------------------------------------------ by hour and by period
 
 
-def _build_parts(analysis: Analysis, clock: Clock, words: Words) -> Section:
-    exposure = analysis.exposure
+def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
+    exposure = findings.exposure
     hours = [(_name_hour(part, clock), part) for part in exposure.by_hour]
     periods = [(_name_period(part, clock, words), part) for part in exposure.by_period]
     groups = [
@@ -116,11 +112,11 @@ def _tell_analysed(part: PartExposure, entry: Words, language: Language) -> str:
 # ------------------------------------------------------------------ quality and time
 
 
-def _build_quality(analysis: Analysis, clock: Clock, words: Words) -> Section:
+def _build_quality(findings: Findings, clock: Clock, words: Words) -> Section:
     tables = [
-        _tabulate_flags(analysis.quality.flags, clock, words),
-        _tabulate_time(analysis, clock, words),
-        _tabulate_time_parts(analysis, clock, words),
+        _tabulate_flags(findings.quality.flags, clock, words),
+        _tabulate_time(findings, clock, words),
+        _tabulate_time_parts(findings, clock, words),
     ]
     return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
 
@@ -142,9 +138,9 @@ def _tell_place(seconds: float | None, clock: Clock) -> str:
     return NONE if seconds is None else clock.tell(seconds, with_seconds=True)
 
 
-def _tabulate_time(analysis: Analysis, clock: Clock, words: Words) -> Table:
+def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
     """Show that analysed, missing and excluded add up to what was recorded, to the microsecond."""
-    time, entry = analysis.time, words["time"]
+    time, entry = findings.time, words["time"]
     amounts = [
         (entry["analysed"], time.analysed_us),
         (entry["missing"], time.missing_us),
@@ -160,13 +156,13 @@ def _tabulate_time(analysis: Analysis, clock: Clock, words: Words) -> Table:
         )
         for name, amount_us in amounts
     ]
-    note = fill(entry["note"], {"reasons": _tell_reasons(analysis, clock, words)})
+    note = fill(entry["note"], {"reasons": _tell_reasons(findings, clock, words)})
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
 
 
-def _tabulate_time_parts(analysis: Analysis, clock: Clock, words: Words) -> Table:
+def _tabulate_time_parts(findings: Findings, clock: Clock, words: Words) -> Table:
     """Show what the diary made of the day: each kind of time, adding up to what was recorded."""
-    entry, whole_us = words["time_parts"], max(analysis.time.recorded_us, 1)
+    entry, whole_us = words["time_parts"], max(findings.time.recorded_us, 1)
     rows = tuple(
         (
             fill(entry[part.account], {"name": _name_time(part, words)}),
@@ -174,7 +170,7 @@ def _tabulate_time_parts(analysis: Analysis, clock: Clock, words: Words) -> Tabl
             format_exact(part.duration_us / MICROSECONDS, clock.language),
             format_percent(100 * part.duration_us / whole_us, clock.language),
         )
-        for part in (analysis.time.parts if analysis.exposure.by_period else ())
+        for part in (findings.time.parts if findings.exposure.by_period else ())
     )
     return Table(entry["caption"], tuple(entry["columns"]), rows, note=entry["note"])
 
@@ -185,10 +181,10 @@ def _name_time(part: TimePart, words: Words) -> str:
     return str(words["part"]["kind"].get(part.name, part.name))
 
 
-def _tell_reasons(analysis: Analysis, clock: Clock, words: Words) -> str:
+def _tell_reasons(findings: Findings, clock: Clock, words: Words) -> str:
     """Name each reason for leaving time out and how long its stretches lasted."""
     totals: dict[str, int] = {}
-    for span in analysis.exclusions:
+    for span in findings.exclusions:
         totals[span.reason] = totals.get(span.reason, 0) + span.duration_us
     told = (
         f"{name_reason(reason, words)} ({format_duration(us / MICROSECONDS, clock.language)})"
@@ -200,8 +196,8 @@ def _tell_reasons(analysis: Analysis, clock: Clock, words: Words) -> str:
 # ------------------------------------------------------------------ method and provenance
 
 
-def _build_method(analysis: Analysis, clock: Clock, words: Words) -> Section:
-    method, entry = analysis.elevation.method, words["method"]
+def _build_method(findings: Findings, clock: Clock, words: Words) -> Section:
+    method, entry = findings.method, words["method"]
     if method is None:
         ready = Pair(entry["name"], entry["ready_angles"])
         return Section("method", words["section"]["method"], tuple(entry["paragraphs"]), pairs=(ready,))
@@ -209,7 +205,7 @@ def _build_method(analysis: Analysis, clock: Clock, words: Words) -> Section:
     pairs = (
         Pair(entry["name"], f"{told} ({method.name})"),
         Pair(entry["version"], method.version),
-        *_describe_calibration(analysis, clock, words),
+        *_describe_calibration(findings, clock, words),
     )
     rows = tuple((name, f"{value:g}") for name, value in method.parameters.items())
     table = Table(entry["parameters"], tuple(entry["columns"]), rows)
@@ -222,13 +218,13 @@ def _build_method(analysis: Analysis, clock: Clock, words: Words) -> Section:
     )
 
 
-def _describe_calibration(analysis: Analysis, clock: Clock, words: Words) -> tuple[Pair, ...]:
-    calibration, entry = analysis.calibration, words["calibration"]
+def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tuple[Pair, ...]:
+    calibration, entry = findings.calibration, words["calibration"]
     if calibration is None:
         return ()
     bias = (f"{format_number(value, 3, clock.language)}" for value in calibration.still.gyro_bias_dps)
     score = format_number(calibration.still.score, 2, clock.language)
-    chosen = "asked" if analysis.settings.calibration_windows_s else "proposed"
+    chosen = "asked" if findings.settings.calibration_windows_s else "proposed"
     pairs = [
         Pair(entry["pose"], words["pose"][calibration.pose]),
         Pair(entry["window"], _tell_still(calibration.still, clock, words)),
@@ -241,7 +237,7 @@ def _describe_calibration(analysis: Analysis, clock: Clock, words: Words) -> tup
     return tuple(pairs)
 
 
-def _tell_still(still: StillPeriod, clock: Clock, words: Words) -> str:
+def _tell_still(still: StillFacts, clock: Clock, words: Words) -> str:
     facts = {
         "time": clock.tell(still.start_s, with_seconds=True),
         "second": format_number(still.start_s, 2, clock.language),
@@ -250,11 +246,11 @@ def _tell_still(still: StillPeriod, clock: Clock, words: Words) -> str:
     return fill(words["calibration"]["place"], facts)
 
 
-def _build_provenance(analysis: Analysis, subject: ReportSubject, clock: Clock, words: Words) -> Section:
-    recording, entry = analysis.recording, words["provenance"]
+def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, words: Words) -> Section:
+    recording, entry = findings.recording, words["provenance"]
     unknown = words["label"]["not_given"]
     start = recording.start.isoformat(sep=" ") if recording.start else unknown
-    rate = format_number(find_rate_hz(analysis), 3, clock.language)
+    rate = format_number(findings.recording.rate_hz, 3, clock.language)
     pairs = (
         Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
         Pair(entry["file"], clean_text(subject.file_name) or unknown),
@@ -267,6 +263,6 @@ def _build_provenance(analysis: Analysis, subject: ReportSubject, clock: Clock, 
         Pair(entry["version"], f"Acromion {subject.software.version}"),
         Pair(entry["revision"], subject.software.revision, code=True),
         Pair(entry["schema"], SCHEMA, code=True),
-        Pair(entry["report_id"], identify_report(analysis, subject), code=True),
+        Pair(entry["report_id"], identify_report(findings, subject), code=True),
     )
     return Section("provenance", words["section"]["provenance"], pairs=pairs)

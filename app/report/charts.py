@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from math import isfinite, nan
-from typing import TYPE_CHECKING
 
 from app.report.clock import Clock
 from app.report.day import Day, draw_up_day
 from app.report.figures import Slice, draw_bar
+from app.report.findings import Findings
 from app.report.numbers import format_angle, format_duration, format_percent
 from app.report.part_bars import PartRow, draw_parts
 from app.report.parts import Figure, Table
 from app.report.svg import NARROW, WIDE
 from app.report.timeline import DayLabels, draw_day
 from app.report.wording import Language, Words, fill
-
-if TYPE_CHECKING:
-    from fusion.exposure import Exposure, PartExposure
-    from fusion.pipeline import Analysis
+from fusion.exposure.types import Exposure, PartExposure
 
 SHOWN_EDGES_DEG = (0, 30, 60, 90, 120, 180)
 """The stored bins are finer; the page shows five classes that hold whole bins and the three guide lines."""
@@ -53,10 +50,10 @@ def _slice_exposure(exposure: Exposure, language: Language) -> list[Slice]:
     return slices
 
 
-def build_day(analysis: Analysis, clock: Clock, words: Words) -> Figure:
+def build_day(findings: Findings, clock: Clock, words: Words) -> Figure:
     """Build the timeline of the day."""
-    day = draw_up_day(analysis, clock, words)
-    labels = _label_day(analysis, day, words)
+    day = draw_up_day(findings, clock, words)
+    labels = _label_day(findings, day, words)
     return Figure(
         title=labels.title,
         alternative=labels.description,
@@ -66,21 +63,27 @@ def build_day(analysis: Analysis, clock: Clock, words: Words) -> Figure:
     )
 
 
-def _label_day(analysis: Analysis, day: Day, words: Words) -> DayLabels:
+def _label_day(findings: Findings, day: Day, words: Words) -> DayLabels:
     entry, clock = words["day"], day.clock
-    percent = next((w.percent_above_60 for w in analysis.exposure.peak_windows if w.length_s == 900), None)
+    percent = next((w.percent_above_60 for w in findings.exposure.peak_windows if w.length_s == 900), None)
     worst = fill(entry["worst"], {"percent": format_percent(percent, clock.language)})
     facts = {
         "start": clock.tell(0),
         "end": clock.tell(day.duration_s),
-        "p10": format_angle(analysis.exposure.percentiles_deg.get(10), clock.language),
-        "p50": format_angle(analysis.exposure.percentiles_deg.get(50), clock.language),
-        "p90": format_angle(analysis.exposure.percentiles_deg.get(90), clock.language),
+        "p10": format_angle(findings.exposure.percentiles_deg.get(10), clock.language),
+        "p50": format_angle(findings.exposure.percentiles_deg.get(50), clock.language),
+        "p90": format_angle(findings.exposure.percentiles_deg.get(90), clock.language),
         "marks": "; ".join(f"{m.label}, {clock.tell(m.start_s)}–{clock.tell(m.end_s)}" for m in day.marks),
     }
+    return label_day(entry["title"], fill(entry["alternative"], facts), words, worst)
+
+
+def label_day(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
+    """Give the words of a timeline; those of its legend are the same in every report."""
+    entry = words["day"]
     return DayLabels(
-        title=entry["title"],
-        description=fill(entry["alternative"], facts),
+        title=title,
+        description=description,
         band=entry["band"],
         median=entry["median"],
         left_out=entry["left_out"],

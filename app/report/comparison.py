@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from app.report.figures import Scale, draw_scale
+from app.report.findings import Findings
 from app.report.numbers import (
     NARROW,
     format_angle_range,
@@ -21,12 +21,9 @@ from app.report.numbers import (
 )
 from app.report.parts import Reference
 from app.report.wording import Language, Words, fill
+from fusion.exposure.types import Exposure, Interval
 from fusion.recording import MICROSECONDS
 from fusion.references import REFERENCES, WHOLE_DAY_S, find_measured
-
-if TYPE_CHECKING:
-    from fusion.exposure import Exposure, Interval
-    from fusion.pipeline import Analysis
 
 LIMITS = {reference.key: reference for reference in REFERENCES}
 
@@ -44,10 +41,10 @@ class _Measured:
     interval: Interval | None = None
 
 
-def compare_with_references(analysis: Analysis, words: Words, language: Language) -> tuple[Reference, ...]:
+def compare_with_references(findings: Findings, words: Words, language: Language) -> tuple[Reference, ...]:
     """Set the measured figures beside each reference."""
-    reason = _find_reason(analysis)
-    return tuple(_compare(item, reason, words, language) for item in _measure(analysis.exposure))
+    reason = _find_reason(findings)
+    return tuple(_compare(item, reason, words, language) for item in _measure(findings.exposure))
 
 
 def _measure(exposure: Exposure) -> tuple[_Measured, ...]:
@@ -61,11 +58,11 @@ def _measure(exposure: Exposure) -> tuple[_Measured, ...]:
     )
 
 
-def _find_reason(analysis: Analysis) -> str:
+def _find_reason(findings: Findings) -> str:
     """Say why nothing at all can be compared; empty where it can."""
-    if analysis.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
+    if findings.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
         return "short"
-    return "poor" if analysis.quality.verdict == "poor" else ""
+    return "poor" if findings.quality.verdict == "poor" else ""
 
 
 def _compare(item: _Measured, reason: str, words: Words, language: Language) -> Reference:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from app.report.clock import Clock
+from app.report.findings import Findings
 from app.report.wording import Words
+from fusion.exposure.types import MinuteProfile, PeakWindow
 from fusion.recording import MICROSECONDS, Span
-
-if TYPE_CHECKING:
-    from fusion.exposure import MinuteProfile, PeakWindow
-    from fusion.pipeline import Analysis
 
 MINUTE_S = 60.0
 WORST_WINDOW_S = 900
@@ -56,11 +54,11 @@ class Day:
     worst: Stretch | None
 
 
-def draw_up_day(analysis: Analysis, clock: Clock, words: Words) -> Day:
-    """Lay out the day of an analysis."""
-    duration_s = analysis.recording.duration_us / MICROSECONDS
-    bands = _list_bands(analysis.exposure.minutes, duration_s)
-    left_out = merge_spans(analysis.exclusions)
+def draw_up_day(findings: Findings, clock: Clock, words: Words) -> Day:
+    """Lay out the day."""
+    duration_s = findings.recording.duration_us / MICROSECONDS
+    bands = _list_bands(findings.exposure.minutes, duration_s)
+    left_out = merge_spans(findings.exclusions)
     missing = _find_missing([(band.start_s, band.end_s) for band in bands], left_out, duration_s)
     marks = [Mark(a, b, "left out", name_reason(reason, words)) for a, b, reason in left_out]
     marks += [Mark(a, b, "missing", words["day"]["missing"]) for a, b in missing]
@@ -70,8 +68,19 @@ def draw_up_day(analysis: Analysis, clock: Clock, words: Words) -> Day:
         clock=clock,
         runs=_split_runs(bands),
         marks=tuple(sorted(shown, key=lambda mark: mark.start_s)),
-        worst=_find_worst(analysis.exposure.peak_windows),
+        worst=_find_worst(findings.exposure.peak_windows),
     )
+
+
+def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: str) -> Day:
+    """Lay a day on a longer axis that begins ``by_s`` before it; what it does not reach is called absent."""
+    runs = tuple(
+        tuple(replace(b, start_s=b.start_s + by_s, end_s=b.end_s + by_s) for b in run) for run in day.runs
+    )
+    marks = [replace(m, start_s=m.start_s + by_s, end_s=m.end_s + by_s) for m in day.marks]
+    outside = ((0.0, by_s), (by_s + day.duration_s, duration_s))
+    marks += [Mark(a, b, "missing", absent) for a, b in outside if b - a >= SHORTEST_MARK_S]
+    return Day(duration_s, clock, runs, tuple(sorted(marks, key=lambda mark: mark.start_s)), None)
 
 
 def name_reason(reason: str, words: Words) -> str:

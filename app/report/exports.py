@@ -8,11 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from app.report.dictionary import encode_dictionary
-from app.report.parts import Report
 from app.report.redcap import encode_redcap_dictionary, encode_redcap_import
 from app.report.summary import COLUMNS, encode_summary, summarise_results
 from app.report.tables import FRENCH_EXCEL
-from app.report.wording import fill
 from app.report.workbook import encode_workbook
 
 
@@ -39,13 +37,3 @@ def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:
     body = io.BytesIO()
     pq.write_table(pa.table(columns, schema=schema), body, compression="zstd")
     return body.getvalue()
-
-
-def tell_in_brief(report: Report) -> bytes:
-    """Write the answer as five lines of plain text, to paste into a record."""
-    facts = {pair.name: pair.value for pair in report.header}
-    subject, date, arm, device, _ = facts.values()
-    told = {"subject": subject, "date": date, "arm": arm, "device": device, "footer": report.footer}
-    quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
-    lines = (*report.sentences, quality, fill(report.words["brief"], told))
-    return ("\n".join(lines) + "\n").encode("utf-8")

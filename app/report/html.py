@@ -7,15 +7,15 @@ from functools import cache
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from app.report.parts import Report
+from app.report.parts import AgreementReport, Report
 from app.report.template_folder import find_template_folder
 
 
-def render_html(report: Report) -> bytes:
+def render_html(report: Report | AgreementReport) -> bytes:
     """Render the report; the same report gives the same bytes."""
     style = Markup(read_style())  # noqa: S704 - our own style sheet
     policy = content_security_policy()
-    template = load_template("report.html.j2")
+    template = load_template("report.html.j2" if isinstance(report, Report) else "agreement.html.j2")
     text: str = template.render(report=report, words=report.words, style=style, policy=policy)
     return text.encode("utf-8")
 

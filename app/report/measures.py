@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from app.report.clock import Clock
 from app.report.measures_extra import list_extra_measures
@@ -20,9 +19,7 @@ from app.report.numbers import (
 from app.report.parts import Table
 from app.report.results import VELOCITIES
 from app.report.wording import Language, Words, fill
-
-if TYPE_CHECKING:
-    from fusion.exposure import ElevationBin, Exposure, PeakWindow, TimeAbove
+from fusion.exposure.types import ElevationBin, Exposure, PeakWindow, TimeAbove
 
 
 def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:

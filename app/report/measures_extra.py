@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from app.report.numbers import format_duration, format_number, format_percent, format_rate
 from app.report.parts import Table
 from app.report.wording import Language, Words
-
-if TYPE_CHECKING:
-    from fusion.exposure import Episodes, Exposure
+from fusion.exposure.types import Episodes, Exposure
 
 
 def list_extra_measures(exposure: Exposure, entry: Words, language: Language) -> tuple[Table, ...]:

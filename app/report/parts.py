@@ -93,8 +93,12 @@ class Report:
     ----------
     sentences
         The answer in three sentences.
+    figures, references
+        Of the first page; a report may have no references.
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
+    brief
+        The last line of the answer as plain text: whose, when, which report.
     made_of
         End of the recording, the only date a report bears; None without a clock.
     amendment
@@ -110,14 +114,37 @@ class Report:
     verdict: VerdictLine
     sentences: tuple[str, ...]
     pose_caution: str
-    bar: Figure
-    day: Figure
+    figures: tuple[Figure, ...]
     references: tuple[Reference, ...]
     limits: Note
     intended_use: Note
     sections: tuple[Section, ...]
     report_id: str
     footer: str
+    brief: str
     made_of: datetime | None
     amendment: str
+    words: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class AgreementReport:
+    """All that the template of a comparison, or of a study of several, may use.
+
+    ``main`` is the table that answers the question; ``made_of`` is always None: a comparison has no date of
+    its own.
+    """
+
+    language: Language
+    title: str
+    subtitle: str
+    header: tuple[Pair, ...]
+    sentences: tuple[str, ...]
+    main: tuple[Table, ...]
+    figures: tuple[Figure, ...]
+    limits: Note
+    sections: tuple[Section, ...]
+    report_id: str
+    footer: str
+    made_of: datetime | None
     words: Mapping[str, str]

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import typst
 
-from app.report.parts import Report
+from app.report.parts import AgreementReport, Report
 from app.report.template_folder import find_template_folder
 
 Paper = Literal["a4", "us-letter"]
@@ -32,10 +32,13 @@ _UNCOVERED = re.compile(
 )
 
 
-def render_pdf(report: Report, attachments: Mapping[str, bytes], paper: Paper = "a4") -> bytes:
+def render_pdf(
+    report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper = "a4"
+) -> bytes:
     """Render the report with its attachments; the same input gives the same bytes."""
     files: dict[str, bytes] = {
-        "main.typ": _template(),
+        "main.typ": _read_template("report.typ" if isinstance(report, Report) else "agreement.typ"),
+        "pieces.typ": _read_template("pieces.typ"),
         "report.json": _encode(report, tuple(attachments), paper),
         **{f"attached/{name}": content for name, content in attachments.items()},
     }
@@ -54,7 +57,7 @@ def spell_uncovered(text: str) -> str:
     return _UNCOVERED.sub(lambda found: f"[U+{ord(found[0]):04X}]", text)
 
 
-def _encode(report: Report, attached: tuple[str, ...], paper: Paper) -> bytes:
+def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: Paper) -> bytes:
     values = asdict(report)
     made_of = values.pop("made_of") or NO_CLOCK
     values["date"] = list(made_of.timetuple()[:6])
@@ -77,5 +80,5 @@ def _spell_all(value: Any) -> Any:
 
 
 @cache
-def _template() -> bytes:
-    return (find_template_folder() / "report.typ").read_bytes()
+def _read_template(name: str) -> bytes:
+    return (find_template_folder() / name).read_bytes()

@@ -5,79 +5,69 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.report.clock import Clock
-from app.report.results_extra import describe_episodes, describe_extra
+from app.report.findings import CalibrationFacts, Findings, MethodFacts, StillFacts
+from app.report.results_extra import describe_bin, describe_episodes, describe_extra, describe_interval
 from app.report.subject import ReportSubject
+from fusion.exposure.types import Eva, Exposure, Interval, PartExposure, Velocity
+from fusion.quality.types import TimeAccount
 from fusion.recording import MICROSECONDS, QualityFlag
-
-if TYPE_CHECKING:
-    from fusion.calibration import Calibration, StillPeriod
-    from fusion.elevation import Method
-    from fusion.exposure import Eva, Exposure, Interval, PartExposure, Velocity
-    from fusion.pipeline import Analysis
-    from fusion.quality import TimeAccount
 
 SCHEMA = "acromion.results/1"
 VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
 _DECIMALS = 6
 
 
-def build_results(analysis: Analysis, subject: ReportSubject) -> dict[str, object]:
+def build_results(findings: Findings, subject: ReportSubject) -> dict[str, object]:
     """Lay the analysis out in the order of the contract; NaN and infinity become None."""
-    clock = Clock(analysis.recording.start)
+    clock = Clock(findings.recording.start)
     results: dict[str, object] = {
         "schema": SCHEMA,
-        "recording": _describe_recording(analysis, subject),
-        "time": _describe_time(analysis.time),
-        "calibration": _describe_calibration(analysis.calibration),
-        "method": _describe_method(analysis.elevation.method),
-        "exposure": _describe_exposure(analysis.exposure, clock),
+        "recording": _describe_recording(findings, subject),
+        "time": _describe_time(findings.time),
+        "calibration": _describe_calibration(findings.calibration),
+        "method": _describe_method(findings.method),
+        "exposure": _describe_exposure(findings.exposure, clock),
         "quality": {
-            "verdict": analysis.quality.verdict,
-            "warnings": [_describe_warning(flag, clock) for flag in analysis.quality.flags],
+            "verdict": findings.quality.verdict,
+            "warnings": [_describe_warning(flag, clock) for flag in findings.quality.flags],
         },
         "software": {"version": subject.software.version, "revision": subject.software.revision},
     }
-    rounded: dict[str, object] = _round_all(results)
+    rounded: dict[str, object] = round_all(results)
     return rounded
 
 
-def encode_results(analysis: Analysis, subject: ReportSubject) -> bytes:
+def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
     """Write :func:`build_results` as UTF-8 JSON: the same analysis gives the same bytes."""
-    text = json.dumps(build_results(analysis, subject), ensure_ascii=False, indent=2, allow_nan=False)
+    text = json.dumps(build_results(findings, subject), ensure_ascii=False, indent=2, allow_nan=False)
     return text.encode("utf-8") + b"\n"
 
 
-def identify_report(analysis: Analysis, subject: ReportSubject) -> str:
+def identify_report(findings: Findings, subject: ReportSubject) -> str:
     """Name the report by a hash of input, settings and engine version: 16 hexadecimal digits."""
-    settings = analysis.settings
+    settings = findings.settings
     said = {
-        "input": analysis.recording.sha256,
+        "input": findings.recording.sha256,
         "method": settings.method,
         "pose": settings.pose,
         "calibration_windows_s": settings.calibration_windows_s,
         "diary": [asdict(entry) for entry in settings.diary],
-        "estimator": _describe_method(analysis.elevation.method),
+        "estimator": _describe_method(findings.method),
         "side": subject.side,
         "subject": subject.subject,
         "version": subject.software.version,
     }
-    text = json.dumps(_round_all(said), sort_keys=True)
+    text = json.dumps(round_all(said), sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
 
 
-def find_rate_hz(analysis: Analysis) -> float:
-    """Give the sampling rate; that of the longest angle run where there are no samples."""
-    if analysis.recording.segments:
-        return analysis.recording.rate_hz
-    return max(analysis.elevation.segments, key=len).rate_hz
-
-
-def _describe_recording(analysis: Analysis, subject: ReportSubject) -> dict[str, object]:
-    recording = analysis.recording
+def _describe_recording(findings: Findings, subject: ReportSubject) -> dict[str, object]:
+    recording = findings.recording
     return {
         "sha256": recording.sha256,
         "file_name": subject.file_name,
@@ -85,7 +75,7 @@ def _describe_recording(analysis: Analysis, subject: ReportSubject) -> dict[str,
         "serial_hash": recording.serial_hash,
         "start": recording.start.isoformat() if recording.start else None,
         "time_zone": recording.time_zone,
-        "rate_hz": find_rate_hz(analysis),
+        "rate_hz": findings.recording.rate_hz,
         "side": subject.side,
         "subject": subject.subject,
     }
@@ -104,7 +94,7 @@ def _describe_time(time: TimeAccount) -> dict[str, object]:
     }
 
 
-def _describe_calibration(calibration: Calibration | None) -> dict[str, object] | None:
+def _describe_calibration(calibration: CalibrationFacts | None) -> dict[str, object] | None:
     if calibration is None:
         return None
     still = calibration.still
@@ -113,16 +103,16 @@ def _describe_calibration(calibration: Calibration | None) -> dict[str, object] 
         "start_s": still.start_s,
         "duration_s": still.duration_s,
         "score": still.score,
-        "gyro_bias_dps": still.gyro_bias_dps.tolist(),
+        "gyro_bias_dps": list(still.gyro_bias_dps),
         "second": _describe_second(calibration.second),
     }
 
 
-def _describe_second(still: StillPeriod | None) -> dict[str, object] | None:
+def _describe_second(still: StillFacts | None) -> dict[str, object] | None:
     return {"start_s": still.start_s, "duration_s": still.duration_s} if still else None
 
 
-def _describe_method(method: Method | None) -> dict[str, object] | None:
+def _describe_method(method: MethodFacts | None) -> dict[str, object] | None:
     if method is None:
         return None
     return {"name": method.name, "version": method.version, "parameters": dict(method.parameters)}
@@ -137,29 +127,21 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         "eva": _describe_eva(exposure.eva),
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
         "by_period": [_describe_period(part) for part in exposure.by_period],
-        "intervals": {name: [i.low, i.high] for name, i in sorted(exposure.intervals.items())},
+        "by_task": [{"periods": part.periods, **_describe_period(part)} for part in exposure.by_task],
+        "intervals": _describe_intervals(exposure.intervals),
         **describe_extra(exposure),
     }
 
 
 def _describe_distribution(exposure: Exposure) -> dict[str, object]:
     return {
-        "bins": [
-            {
-                "lower_deg": b.lower_deg,
-                "upper_deg": b.upper_deg,
-                "duration_s": b.duration_s,
-                "percent": b.percent,
-                **_describe_interval(b.interval),
-            }
-            for b in exposure.bins
-        ],
+        "bins": [describe_bin(b) for b in exposure.bins],
         "time_above": [
             {
                 "threshold_deg": t.threshold_deg,
                 "duration_s": t.duration_s,
                 "percent": t.percent,
-                **_describe_interval(t.interval),
+                **describe_interval(t.interval),
             }
             for t in exposure.time_above
         ],
@@ -167,10 +149,8 @@ def _describe_distribution(exposure: Exposure) -> dict[str, object]:
     }
 
 
-def _describe_interval(interval: Interval | None) -> dict[str, object]:
-    if interval is None:
-        return {"low": None, "high": None}
-    return {"low": interval.low, "high": interval.high}
+def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
+    return {name: [interval.low, interval.high] for name, interval in sorted(intervals.items())}
 
 
 def _describe_repetition(exposure: Exposure) -> dict[str, object]:
@@ -223,6 +203,8 @@ def _describe_eva(eva: Eva) -> dict[str, object]:
         "angle_edges_deg": list(eva.angle_edges_deg),
         "duration_edges_s": list(eva.duration_edges_s),
         "percent": eva.percent.tolist(),
+        "low": [[cell.low for cell in row] for row in eva.intervals] or None,
+        "high": [[cell.high for cell in row] for row in eva.intervals] or None,
     }
 
 
@@ -235,6 +217,7 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
         **{f"elevation_p{p}_deg": value for p, value in part.percentiles_deg.items()},
         **{f"time_above_{c}_percent": value for c, value in part.percent_above.items()},
         "entries_above_60_per_h": part.entries_above_60_per_h,
+        "intervals": _describe_intervals(part.intervals),
     }
 
 
@@ -266,11 +249,12 @@ def _tell_iso(seconds: float | None, clock: Clock) -> str | None:
     return moment.isoformat() if moment else None
 
 
-def _round_all(value: Any) -> Any:
+def round_all(value: Any) -> Any:
+    """Round every number as results.json has it; NaN and infinity become None."""
     if isinstance(value, dict):
-        return {key: _round_all(inner) for key, inner in value.items()}
+        return {key: round_all(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_round_all(inner) for inner in value]
+        return [round_all(inner) for inner in value]
     if isinstance(value, float):
         return round(float(value), _DECIMALS) + 0.0 if math.isfinite(value) else None
     return value

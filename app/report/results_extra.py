@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
-if TYPE_CHECKING:
-    from fusion.exposure import Episodes, EvaSummary, Exposure, Frequency, HourVariation, Recovery
+from fusion.conventions import CONVENTIONS, Convention
+from fusion.exposure.types import (
+    ElevationBin,
+    Episodes,
+    EvaSummary,
+    Exposure,
+    Frequency,
+    HourVariation,
+    Interval,
+    Recovery,
+)
 
 
 def describe_episodes(episodes: Episodes) -> dict[str, object]:
@@ -25,7 +33,7 @@ def describe_episodes(episodes: Episodes) -> dict[str, object]:
 
 
 def describe_extra(exposure: Exposure) -> dict[str, object]:
-    """Lay out rest, frequency and variation; None where the exposure does not carry them."""
+    """Lay out rest, frequency, variation (None where the exposure does not carry them) and conventions."""
     return {
         "recovery": _describe_recovery(exposure.recovery),
         "frequency": _describe_frequency(exposure.frequency),
@@ -33,7 +41,40 @@ def describe_extra(exposure: Exposure) -> dict[str, object]:
             "by_hour": _describe_variation(exposure.hour_variation),
             "eva": _describe_eva_summary(exposure.eva_summary),
         },
+        "conventions": [
+            _describe_convention(item, exposure.conventions[item.key])
+            for item in CONVENTIONS
+            if item.key in exposure.conventions
+        ],
     }
+
+
+def _describe_convention(convention: Convention, classes: Sequence[ElevationBin]) -> dict[str, object]:
+    """Lay out the time in the classes of a standard or method."""
+    return {
+        "key": convention.key,
+        "source": convention.source,
+        "evidence": convention.evidence,
+        "classes": [describe_bin(part) for part in classes],
+    }
+
+
+def describe_bin(part: ElevationBin) -> dict[str, object]:
+    """Lay out the time between two angles."""
+    return {
+        "lower_deg": part.lower_deg,
+        "upper_deg": part.upper_deg,
+        "duration_s": part.duration_s,
+        "percent": part.percent,
+        **describe_interval(part.interval),
+    }
+
+
+def describe_interval(interval: Interval | None) -> dict[str, object]:
+    """Lay out the range of a figure that has one of its own."""
+    if interval is None:
+        return {"low": None, "high": None}
+    return {"low": interval.low, "high": interval.high}
 
 
 def _describe_recovery(recovery: Recovery | None) -> dict[str, object] | None:

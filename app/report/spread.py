@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,7 @@ from app.report.numbers import format_angle, format_angle_range, format_number
 from app.report.parts import Figure, Table
 from app.report.svg import NARROW, WIDE
 from app.report.wording import Language, Words, fill
-
-if TYPE_CHECKING:
-    from fusion.exposure import Eva, Exposure
+from fusion.exposure.types import Eva, Exposure
 
 MARKED_PERCENTILES = (10, 50, 90, 99)
 _CELLS_PER_DEG = 10

@@ -20,7 +20,8 @@ class Software:
 class ReportSubject:
     """``subject`` is a code, never a name; all texts come from outside and are only ever text.
 
-    ``version`` counts from 1; a later one replaces the one before, and ``reason`` says why.
+    ``version`` counts from 1; a later one replaces the one before: ``changes`` name what is different (a
+    setting, "input" or "engine"), ``reason`` is what a person said.
     """
 
     file_name: str
@@ -29,6 +30,7 @@ class ReportSubject:
     software: Software
     version: int = 1
     reason: str = ""
+    changes: tuple[str, ...] = ()
 
 
 def cut_text(text: str, most: int) -> str:

@@ -57,16 +57,37 @@ def draw_day(day: Day, labels: DayLabels, width: float) -> str:
     plot = _Plot(32, width - 4, 22, 152 if wide else 190, max(day.duration_s, 1.0))
     body = [
         svg.define_hatch(key),
-        *_draw_guides(plot),
-        *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
-        *(stroke for run in day.runs for stroke in _draw_run(run, plot)),
-        *(stroke for mark in day.marks for stroke in _label_mark(mark, plot)),
+        *_draw_panel(day, plot, key),
         *_draw_time_axis(day, plot),
         *_draw_bracket(day, plot, labels.worst),
         *_draw_day_legend(labels, plot.bottom + 34, key, width),
     ]
     height = plot.bottom + (40 if wide else 76)
     return svg.picture(width, height, key, (labels.title, labels.description), body)
+
+
+def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width: float) -> str:
+    """Draw days one above the other, on one clock; each is named at its top left."""
+    key = f"days{width:.0f}"
+    height = 120.0 if width > NARROW else 130.0
+    body, plot = [svg.define_hatch(key)], _Plot(32, width - 4, 0, 0, 1.0)
+    for rank, (name, day) in enumerate(days):
+        top = 18 + rank * (height + 28)
+        plot = _Plot(32, width - 4, top, top + height, max(day.duration_s, 1.0))
+        body += _draw_panel(day, plot, key)
+        body.append(svg.text(plot.left, top - 6, name, "strong"))
+    body += _draw_time_axis(days[-1][1], plot) + _draw_day_legend(labels, plot.bottom + 34, key, width)
+    bottom = plot.bottom + (40 if width > NARROW else 92)
+    return svg.picture(width, bottom, key, (labels.title, labels.description), body)
+
+
+def _draw_panel(day: Day, plot: _Plot, key: str) -> list[str]:
+    return [
+        *_draw_guides(plot),
+        *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
+        *(stroke for run in day.runs for stroke in _draw_run(run, plot)),
+        *(stroke for mark in day.marks for stroke in _label_mark(mark, plot)),
+    ]
 
 
 def _draw_guides(plot: _Plot) -> list[str]:

@@ -10,7 +10,7 @@ from fastapi import Request
 
 from app.api.services import Services
 from app.jobs.job import Job
-from app.jobs.library import GROUPS, Entry, Library, LibraryFilter
+from app.jobs.library import GROUPS, Entry, Group, Library, LibraryFilter
 from app.report.numbers import format_percent
 from app.report.wording import Language, fill, load_wording
 from app.web.views import JobRow, now_utc, show_row
@@ -40,7 +40,7 @@ class Chip:
 def read_filter(request: Request) -> LibraryFilter:
     """Read what was asked for; what cannot be is as if it had not been asked."""
     asked = request.query_params
-    group = next((known for known in GROUPS if known == asked.get("group")), "all")
+    group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
     first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
     return LibraryFilter(asked.get("text", "").strip()[:100], first_day, last_day, group)
 

@@ -32,7 +32,7 @@ def make_target(name: str) -> Callable[[bytes], None]:
             recording = readers.read_recording(io.BytesIO(whole))
         except errors.FusionError:
             return
-        outcome.check_recording(recording, 20 * len(whole))
+        outcome.check_recording(recording, outcome.PACKED_RATIO * len(whole))
 
     return read_one
 

@@ -15,6 +15,8 @@ from fusion.recording import MICROSECONDS, Recording
 
 SAMPLES_PER_BYTE = 64
 SPARE_BYTES = 1 << 20
+PACKED = ("CSV, gzip", "CSV in zip", "Parquet")
+PACKED_RATIO = 20
 
 
 def damage(name: str, random: Random) -> bytes:
@@ -36,7 +38,7 @@ def read_checked(name: str, content: bytes, rate_hz: float | None = None) -> str
             recording = read_recording(io.BytesIO(content), rate_hz=rate_hz)
     except FusionError as error:
         return error.code
-    check_recording(recording, len(content) * (20 if name == "CSV, gzip" else 1))
+    check_recording(recording, len(content) * (PACKED_RATIO if name.startswith(PACKED) else 1))
     return "read"
 
 

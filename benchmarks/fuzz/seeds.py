@@ -1,14 +1,20 @@
 """One small, sound recording of each format, for mutations to start from."""
 
 import gzip
+import io
 import struct
+import zipfile
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from tests.fusion.gt3x_builder import INFO, T0, log_of, pack, record
 from tests.fusion.table_builder import HEADER, PREAMBLE
 
 ROWS = 90
+LONG_ROWS = 1100
+"""More than the readers take at a time."""
 ACTILIFE_HEADER = (
     "------------ Data File Created By ActiGraph Link IMU 9DOF Sensor ActiLife v6.13.3 Firmware v1.7.2 "
     "date format M/d/yyyy at 100 Hz  -----------\nSerial Number: TAS1E00000001\nStart Time 07:00:00\n"
@@ -20,18 +26,18 @@ CHANNELS = "".join(
 ).replace(",Gyroscope X", ",Temperature,Gyroscope X")
 
 
-def motion() -> list[list[float]]:
+def motion(rows: int = ROWS) -> list[list[float]]:
     """Six channels that differ in every row, near 1 g."""
-    noise = np.random.default_rng(1).normal(0.0, 0.02, (ROWS, 6))
+    noise = np.random.default_rng(1).normal(0.0, 0.02, (rows, 6))
     values: list[list[float]] = (noise + np.array([0.1, 0.97, 0.1, 1.0, -2.0, 3.0])).tolist()
     return values
 
 
-def canonical() -> bytes:
-    rows = (
-        f"{9_990_000 + 10_000 * k}," + ",".join(f"{v:.6f}" for v in row) for k, row in enumerate(motion())
+def canonical(rows: int = ROWS) -> bytes:
+    lines = (
+        f"{9_990_000 + 10_000 * k}," + ",".join(f"{v:.6f}" for v in row) for k, row in enumerate(motion(rows))
     )
-    return (PREAMBLE + HEADER + "\n" + "\n".join(rows) + "\n").encode()
+    return (PREAMBLE + HEADER + "\n" + "\n".join(lines) + "\n").encode()
 
 
 def semicolon() -> bytes:
@@ -76,6 +82,21 @@ def device_log() -> bytes:
     return record(3, T0, b"\x08") + awake + record(26, T0 + 3, b"\0") + record(3, T0 + 12, b"\x09")
 
 
+def zipped(content: bytes) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr(zipfile.ZipInfo("shift.csv"), content)
+    return file.getvalue()
+
+
+def parquet() -> bytes:
+    columns = np.array(motion(), np.float32).T
+    table = {"time_us": np.arange(ROWS) * 10_000, **dict(zip(HEADER.split(",")[1:], columns, strict=True))}
+    file = io.BytesIO()
+    pq.write_table(pa.table(table), file, row_group_size=40)
+    return file.getvalue()
+
+
 def archive(log: bytes, info: bytes = INFO.encode()) -> bytes:
     return pack(log, info).getvalue()
 
@@ -88,10 +109,15 @@ SEEDS = {
     "ActiLife CSV with stamps": actilife(has_stamps=True),
     "ActiLife CSV without stamps": actilife(has_stamps=False),
     "LSM9DS1 CSV": canonical(),
+    "LSM9DS1 CSV of several blocks": canonical(LONG_ROWS),
     "CSV with ; and decimal comma": semicolon(),
     "LSM9DS1 registers, binary": registers_binary(),
     "LSM9DS1 registers, text": registers_text(),
     "CSV, gzip": canonical(),
+    "CSV, gzip, packed bytes": gzip.compress(canonical(), 6, mtime=0),
+    "CSV in zip": canonical(),
+    "CSV in zip, packed bytes": zipped(canonical()),
+    "Parquet": parquet(),
 }
 
 
@@ -101,4 +127,6 @@ def wrap(name: str, content: bytes) -> bytes:
         return archive(content)
     if name == "gt3x info.txt":
         return archive(SEEDS["gt3x log"], content)
+    if name == "CSV in zip":
+        return zipped(content)
     return gzip.compress(content, 1, mtime=0) if name == "CSV, gzip" else content

@@ -1,8 +1,12 @@
-"""How much the arm was raised: time in bins, percentiles, repetitions, episodes, peaks, speeds."""
+"""How much the arm was raised: time in bins, percentiles, repetitions, episodes, peaks, speeds.
 
-from fusion.exposure.by_period import DayDivision, snap_periods
-from fusion.exposure.metric_filter import CORNER_HZ, LOWEST_RATE_HZ
-from fusion.exposure.summary import summarise_exposure
+The values are loaded with the package; what computes them only when first asked for, so that a report can be
+written without the compiler.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
 from fusion.exposure.types import (
     Cycles,
     ElevationBin,
@@ -22,9 +26,18 @@ from fusion.exposure.types import (
     Velocity,
 )
 
+if TYPE_CHECKING:
+    from fusion.exposure.by_period import DayDivision as DayDivision
+    from fusion.exposure.by_period import snap_periods as snap_periods
+    from fusion.exposure.summary import summarise_exposure as summarise_exposure
+
+_HOMES = {
+    "DayDivision": "fusion.exposure.by_period",
+    "snap_periods": "fusion.exposure.by_period",
+    "summarise_exposure": "fusion.exposure.summary",
+}
+
 __all__ = [
-    "CORNER_HZ",
-    "LOWEST_RATE_HZ",
     "Cycles",
     "DayDivision",
     "ElevationBin",
@@ -45,3 +58,9 @@ __all__ = [
     "snap_periods",
     "summarise_exposure",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'fusion.exposure' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)

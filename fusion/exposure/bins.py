@@ -11,8 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.conventions import Convention
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.rows import IntArray, find_first_rows, find_touched_parts, split_time
+from fusion.exposure.rows import IntArray, add_time, find_first_rows, find_touched_parts
 from fusion.exposure.types import ElevationBin, TimeAbove
 from fusion.recording import MICROSECONDS
 
@@ -38,10 +39,9 @@ class PartHistograms:
         parts = find_touched_parts(angle, self.edges_us)
         rows = find_first_rows(angle, self.edges_us[parts.start : parts.stop + 1])
         rows[0], rows[-1] = 0, len(angle)
-        counts = np.zeros((len(rows) - 1, CELLS), np.int64)
+        counts = np.zeros((len(rows) - 1, CELLS), np.int32)
         count_cells(angle.elevation_deg, angle.valid, rows, counts)
-        added_us = split_time(counts.ravel(), angle.rate_hz).reshape(counts.shape)
-        self.cell_us[parts] += added_us.astype(self.cell_us.dtype)
+        add_time(counts, angle.rate_hz, self.cell_us[parts])
 
 
 @njit(cache=True, nogil=True)
@@ -63,6 +63,31 @@ def summarise_bins(cell_us: IntArray) -> tuple[ElevationBin, ...]:
         ElevationBin(lower, upper, *_share(within_us, ends_us[-1]))
         for (lower, upper), within_us in zip(pairwise(BIN_EDGES_DEG), np.diff(ends_us), strict=True)
     )
+
+
+def divide_by_convention(bins: tuple[ElevationBin, ...], convention: Convention) -> tuple[ElevationBin, ...]:
+    """Add the bins up to the classes of a standard or method, exactly."""
+    return tuple(
+        ElevationBin(
+            lower_deg,
+            upper_deg,
+            sum(bins[k].duration_s for k in inside),
+            sum(bins[k].percent for k in inside),
+        )
+        for (lower_deg, upper_deg), inside in list_classes(convention)
+    )
+
+
+def list_classes(convention: Convention) -> list[tuple[tuple[int, int], list[int]]]:
+    """Give the edges of each class, and the numbers of the bins inside."""
+    return [
+        (edges, [k for k, bin_edges in enumerate(pairwise(BIN_EDGES_DEG)) if _holds(edges, bin_edges)])
+        for edges in pairwise(convention.edges_deg)
+    ]
+
+
+def _holds(outer_deg: tuple[int, int], inner_deg: tuple[int, int]) -> bool:
+    return outer_deg[0] <= inner_deg[0] and inner_deg[1] <= outer_deg[1]
 
 
 def summarise_time_above(cell_us: IntArray) -> tuple[TimeAbove, ...]:

@@ -6,14 +6,17 @@ from math import ceil
 
 import numpy as np
 
-from fusion.exposure.bins import CELLS, PartHistograms
 from fusion.exposure.parts import summarise_part
 from fusion.exposure.rows import EvenRun, IntArray, find_end_us
+from fusion.exposure.stretches import AnyArray
 from fusion.exposure.types import PartExposure
 from fusion.periods import Period, Piece
 from fusion.recording import MICROSECONDS
 
 REST_KIND = "work"
+
+Group = tuple[int, ...]
+"""Numbers of pieces that are summed into one part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +26,38 @@ class DayDivision:
     periods: tuple[Period, ...] = ()
     pieces: tuple[Piece, ...] = ()
 
-    def start_histograms(self) -> PartHistograms:
-        """Give an empty histogram for each piece."""
+    def list_edges(self) -> IntArray:
+        """Give the edges of the pieces, shape (p + 1,); none without a diary."""
         edges_us = [piece.start_us for piece in self.pieces[:1]] + [piece.end_us for piece in self.pieces]
-        return PartHistograms(np.array(edges_us, np.int64), np.zeros((len(self.pieces), CELLS), np.int64))
+        return np.array(edges_us, np.int64)
+
+    def group_by_row(self) -> tuple[Group, ...]:
+        """Give the pieces of each row, in the order of the diary, then those that no row names.
+
+        A row that others cover wholly is left out.
+        """
+        owners = (*range(len(self.periods)), -1)
+        owned = (tuple(k for k, piece in enumerate(self.pieces) if piece.period == o) for o in owners)
+        return tuple(group for group in owned if group)
+
+    def group_by_task(self) -> tuple[Group, ...]:
+        """Give the pieces of all rows of one kind and label, in the order of the first of each.
+
+        What is left out and what is analysed stay apart.
+        """
+        groups: dict[tuple[str, str, str], list[int]] = {}
+        for group in self.group_by_row():
+            for k in group:
+                kind, label = self.name_owner(k)
+                groups.setdefault((kind, label, self.pieces[k].reason), []).append(k)
+        return tuple(tuple(sorted(group)) for group in groups.values())
+
+    def name_owner(self, piece: int) -> tuple[str, str]:
+        """Give kind and label of the row that owns a piece."""
+        found = self.pieces[piece]
+        if found.period < 0:
+            return ("outside" if found.reason else REST_KIND), ""
+        return self.periods[found.period].kind, self.periods[found.period].label
 
 
 def snap_periods(periods: Sequence[Period], runs: Sequence[EvenRun]) -> tuple[Period, ...]:
@@ -49,35 +80,23 @@ def _snap(time_us: int, runs: Sequence[EvenRun]) -> int:
     return time_us
 
 
-def summarise_periods(
-    division: DayDivision, histograms: PartHistograms, entry_us: IntArray
-) -> tuple[PartExposure, ...]:
-    """Give the main figures of each period, in the order of the diary, then of what no row names.
-
-    A row that others cover wholly is left out. Time that is excluded has no figures, only its length.
-    """
-    entries = np.histogram(entry_us, histograms.edges_us)[0] if division.pieces else np.zeros(0, np.int64)
-    owners = np.array([piece.period for piece in division.pieces], np.int64)
-    told = []
-    for owner in (*range(len(division.periods)), -1):
-        owned = np.flatnonzero(owners == owner)
-        if len(owned):
-            cell_us = histograms.cell_us[owned].sum(axis=0, dtype=np.int64)
-            pieces = [division.pieces[k] for k in owned]
-            told.append(_summarise(division.periods, pieces, cell_us, int(entries[owned].sum())))
-    return tuple(told)
-
-
-def _summarise(
-    periods: Sequence[Period], pieces: Sequence[Piece], cell_us: IntArray, entries: int
+def summarise_group(
+    division: DayDivision, group: Group, cell_us: AnyArray, entries: IntArray
 ) -> PartExposure:
-    owner = periods[pieces[0].period] if pieces[0].period >= 0 else None
-    rest = "outside" if pieces[0].reason else REST_KIND
+    """Give the main figures of pieces taken together.
+
+    ``cell_us``, shape (p, 1800), and ``entries`` above 60 deg, shape (p,), are those of each piece. Time that
+    is excluded has no figures, only its length.
+    """
+    pieces, chosen = [division.pieces[k] for k in group], list(group)
+    kind, label = division.name_owner(group[0])
     edges_us = np.array([pieces[0].start_us, pieces[-1].end_us], np.int64)
-    part = summarise_part(owner.label if owner else "", edges_us, cell_us, entries)
+    summed_us: IntArray = cell_us[chosen].sum(axis=0, dtype=np.int64)
+    part = summarise_part(label, edges_us, summed_us, int(entries[chosen].sum()))
     return replace(
         part,
-        kind=owner.kind if owner else rest,
+        kind=kind,
         recorded_s=sum(piece.end_us - piece.start_us for piece in pieces) / MICROSECONDS,
         reason=pieces[0].reason,
+        periods=len({piece.period for piece in pieces}),
     )

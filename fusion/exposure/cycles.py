@@ -1,12 +1,15 @@
 """Rainflow cycles of elevation (EXPOSURE.md A5; ASTM E1049-85 §5.4.4)."""
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.rows import IntArray
-from fusion.exposure.types import Cycles
+from fusion.exposure.resampling import Resampling, find_ranges
+from fusion.exposure.rows import IntArray, find_part_rows
+from fusion.exposure.types import Cycles, Interval
 
 HYSTERESIS_DEG = 5.0
 RANGE_EDGES_DEG = (10.0, 30.0, 60.0, 90.0, None)
@@ -15,89 +18,102 @@ USUAL_POINTS = 65536
 FloatVector = NDArray[np.float64]
 
 
-def count_cycles(angle: MetricAngle) -> FloatVector:
-    """Count the cycles of one segment in each range class, shape (4,); a half cycle counts 0.5.
+def count_cycles(angle: MetricAngle, edges_us: IntArray) -> FloatVector:
+    """Count the cycles of one segment in each part of the day and range class, shape (b, 4).
 
-    Runs of valid rows are counted apart. Ranges under 10 deg are in no class.
+    A half cycle counts 0.5; runs of valid rows are counted apart; ranges under 10 deg are in no class. A
+    cycle belongs to the part in which its range ends.
     """
-    points_deg, runs = find_turning_points(angle, HYSTERESIS_DEG)
-    ranges_deg, weights = count_rainflow(points_deg, runs)
-    edges = [*RANGE_EDGES_DEG[:-1], np.inf]
+    points_deg, runs, rows = find_turning_points(angle, HYSTERESIS_DEG)
+    ranges_deg, weights, ends = count_rainflow(points_deg, runs)
     # the angle is rounded to 1e-6 deg, so must be the difference of two angles
-    counts, _ = np.histogram(np.round(ranges_deg, 6), edges, weights=weights)
-    return np.asarray(counts, np.float64)
+    classes = np.searchsorted(RANGE_EDGES_DEG[:-1], np.round(ranges_deg, 6), side="right") - 1
+    parts = np.searchsorted(find_part_rows(angle, edges_us), rows[ends], side="right") - 1
+    counts = np.zeros((len(edges_us) - 1, len(RANGE_EDGES_DEG) - 1))
+    kept = classes >= 0
+    np.add.at(counts, (parts[kept], classes[kept]), weights[kept])
+    return counts
 
 
-def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[FloatVector, IntArray]:
-    """Give the peaks and valleys left after a hysteresis filter, and the valid run each belongs to.
+def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[FloatVector, IntArray, IntArray]:
+    """Give the peaks and valleys left after a hysteresis filter, the valid run of each, and its row.
 
     A reversal counts once the angle has come back by the hysteresis; the first and the last extreme of a run
     are turning points.
     """
-    points_deg, runs = np.empty(USUAL_POINTS), np.empty(USUAL_POINTS, np.int64)
-    count = _scan_turning_points(angle.elevation_deg, angle.valid, hysteresis_deg, points_deg, runs)
+    points_deg, places = np.empty(USUAL_POINTS), np.empty((USUAL_POINTS, 2), np.int64)
+    count = _scan_turning_points(angle.elevation_deg, angle.valid, hysteresis_deg, points_deg, places)
     if count > len(points_deg):
-        points_deg, runs = np.empty(count), np.empty(count, np.int64)
-        _scan_turning_points(angle.elevation_deg, angle.valid, hysteresis_deg, points_deg, runs)
-    return points_deg[:count], runs[:count]
+        points_deg, places = np.empty(count), np.empty((count, 2), np.int64)
+        _scan_turning_points(angle.elevation_deg, angle.valid, hysteresis_deg, points_deg, places)
+    return points_deg[:count], places[:count, 0], places[:count, 1]
 
 
 @njit(cache=True, nogil=True)
-def _scan_turning_points(angle_deg, valid, hysteresis_deg, points_deg, runs):  # type: ignore[no-untyped-def]
+def _scan_turning_points(angle_deg, valid, hysteresis_deg, points_deg, places):  # type: ignore[no-untyped-def]
     """Write as many turning points as there is room for; return how many there are.
 
     ``direction`` is 0 until the run has moved by the hysteresis, then 1 on the way up, -1 on the way down;
-    ``low`` and ``high`` are the extremes since the last turning point.
+    ``low`` and ``high`` are the extremes since the last turning point, at the rows ``at_low``, ``at_high``.
     """
     count, run, direction, low, high = 0, 0, 0, np.inf, -np.inf
+    at_low, at_high = 0, 0
     for i in range(len(angle_deg) + 1):
         if i == len(angle_deg) or not valid[i]:
             if direction != 0:
-                count = _write_point(points_deg, runs, count, high if direction > 0 else low, run)
+                point_deg, row = (high, at_high) if direction > 0 else (low, at_low)
+                count = _write_point(points_deg, places, count, point_deg, (run, row))
             run, direction, low, high = run + 1, 0, np.inf, -np.inf
             continue
         x = angle_deg[i]
-        low, high = min(low, x), max(high, x)
+        if x < low:
+            low, at_low = x, i
+        if x > high:
+            high, at_high = x, i
         if direction <= 0 and x - low >= hysteresis_deg:
-            count = _write_point(points_deg, runs, count, low, run)
-            direction, high = 1, x
+            count = _write_point(points_deg, places, count, low, (run, at_low))
+            direction, high, at_high = 1, x, i
         elif direction >= 0 and high - x >= hysteresis_deg:
-            count = _write_point(points_deg, runs, count, high, run)
-            direction, low = -1, x
+            count = _write_point(points_deg, places, count, high, (run, at_high))
+            direction, low, at_low = -1, x, i
     return count
 
 
 @njit(cache=True, nogil=True)
-def _write_point(points_deg, runs, count, point_deg, run):  # type: ignore[no-untyped-def]
+def _write_point(points_deg, places, count, point_deg, place):  # type: ignore[no-untyped-def]
     if count < len(points_deg):
         points_deg[count] = point_deg
-        runs[count] = run
+        places[count, 0], places[count, 1] = place
     return count + 1
 
 
 @njit(cache=True, nogil=True)
 def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
-    """Give the ranges and their counts (1 or 0.5) of turning points, each run by itself.
+    """Give the ranges, their counts (1 or 0.5) and the point that ends each; every run by itself.
 
     ASTM E1049-85 §5.4.4 with the points still in play on a stack: the last range X closes the one before, Y,
     when X >= Y; a Y that holds the starting point is a half cycle, and so is all that is left at the end.
     """
     ranges, weights = np.empty(len(points)), np.empty(len(points))
-    stack = np.empty(len(points))
+    ends, stack = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     count, top = 0, 0
     for k in range(len(points) + 1):
         if k == len(points) or (k > 0 and runs[k] != runs[k - 1]):
-            for j in range(top - 1):
-                ranges[count], weights[count] = abs(stack[j + 1] - stack[j]), 0.5
+            for j in range(1, top):
+                ranges[count], weights[count] = abs(points[stack[j]] - points[stack[j - 1]]), 0.5
+                ends[count] = stack[j]
                 count += 1
             top = 0
         if k == len(points):
             break
-        stack[top] = points[k]
+        stack[top] = k
         top += 1
-        while top >= 3 and abs(stack[top - 1] - stack[top - 2]) >= abs(stack[top - 2] - stack[top - 3]):
-            ranges[count] = abs(stack[top - 2] - stack[top - 3])
-            weights[count] = 0.5 if top == 3 else 1.0
+        while top >= 3:
+            x = abs(points[stack[top - 1]] - points[stack[top - 2]])
+            y = abs(points[stack[top - 2]] - points[stack[top - 3]])
+            if x < y:
+                break
+            ranges[count], weights[count], ends[count] = y, 0.5 if top == 3 else 1.0, stack[top - 2]
             count += 1
             if top == 3:
                 stack[0], stack[1] = stack[1], stack[2]
@@ -105,7 +121,7 @@ def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
             else:
                 stack[top - 3] = stack[top - 1]
                 top -= 2
-    return ranges[:count], weights[:count]
+    return ranges[:count], weights[:count], ends[:count]
 
 
 def summarise_cycles(counts: FloatVector) -> tuple[Cycles, ...]:
@@ -114,3 +130,18 @@ def summarise_cycles(counts: FloatVector) -> tuple[Cycles, ...]:
         Cycles(float(lower or 0.0), upper, float(count))
         for lower, upper, count in zip(RANGE_EDGES_DEG[:-1], RANGE_EDGES_DEG[1:], counts, strict=True)
     )
+
+
+def name_cycle_intervals(counts: FloatVector, draws: Resampling, block_s: FloatVector) -> dict[str, Interval]:
+    """Give the intervals of the counts, by 5-minute block of shape (b, 4): of the sampling of the day alone.
+
+    A constant error of the angle does not change a range.
+    """
+    share = draws.sum(block_s) / block_s.sum()
+    drawn = draws.sum(counts) / share[:, np.newaxis]
+    return dict(zip(_name_classes(), find_ranges(drawn), strict=True))
+
+
+def _name_classes() -> list[str]:
+    ends = [f"{edge:g}" if edge is not None else "up" for edge in RANGE_EDGES_DEG]
+    return [f"cycles_{lower}_{upper}_count" for lower, upper in pairwise(ends)]

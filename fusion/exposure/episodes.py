@@ -19,7 +19,7 @@ from fusion.recording import MICROSECONDS
 HALF_HYSTERESIS_DEG = 5.0
 MERGED_GAP_S = 0.5
 SHORTEST_S = 0.5
-USUAL_STAYS = 4096
+USUAL_STAYS = 16_384
 LONG_S = (5.0, 10.0, 30.0, 60.0)
 BUSY_PER_MINUTE = 2
 LEAST_OF_MINUTE = 0.5
@@ -115,14 +115,23 @@ def summarise_entries(
 
 
 def _share_busy(stays: list[Stays], minutes: PartHistograms) -> float | None:
-    analysed_min = minutes.cell_us.sum(axis=1, dtype=np.int64) / (60 * MICROSECONDS)
+    analysed_min = find_analysed_minutes(minutes)
     kept = analysed_min >= LEAST_OF_MINUTE
     if not kept.any():
         return None
     entry_us = np.concatenate([segment.entry_us for segment in stays])
     counts = np.histogram(entry_us, minutes.edges_us)[0]
-    busy = counts[kept] >= BUSY_PER_MINUTE * analysed_min[kept] - 1e-9
-    return 100.0 * float(busy.mean())
+    return 100.0 * float(is_busy(counts, analysed_min)[kept].mean())
+
+
+def find_analysed_minutes(minutes: PartHistograms) -> NDArray[np.float64]:
+    """Give how much of each minute was analysed, shape (m,)."""
+    return np.asarray(minutes.cell_us.sum(axis=1, dtype=np.int64) / (60 * MICROSECONDS), np.float64)
+
+
+def is_busy(counts: IntArray | NDArray[np.float64], analysed_min: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Say which minutes hold two entries or more per minute of analysed time; the last axis is minutes."""
+    return np.asarray(counts >= BUSY_PER_MINUTE * analysed_min - 1e-9)
 
 
 def summarise_episodes(threshold_deg: float, stays: list[Stays], analysed_s: float | None = None) -> Episodes:

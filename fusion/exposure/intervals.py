@@ -10,27 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.exposure.bins import (
-    BIN_EDGES_DEG,
-    CELLS_PER_DEG,
-    PERCENTS,
-    THRESHOLDS_DEG,
-    find_percentile_cells,
-)
-from fusion.exposure.resampling import (
-    BLOCK_US,
-    LOW_HIGH_PERCENT,
-    Resampling,
-    draw_blocks,
-    name_intervals,
-    scale_interval,
-)
+from fusion.conventions import CONVENTIONS
+from fusion.exposure.below import sum_below
+from fusion.exposure.bins import BIN_EDGES_DEG, PERCENTS, THRESHOLDS_DEG, find_percentile_cells, list_classes
+from fusion.exposure.resampling import Resampling, find_ranges, name_intervals, scale_interval
+from fusion.exposure.stretches import AnyArray
 from fusion.exposure.types import ElevationBin, Interval, TimeAbove, Velocity
 from fusion.exposure.velocity import CELL_DPS, COARSE_CELLS, WIDENING, SpeedTally
 from fusion.exposure.velocity import PERCENTS as SPEED_PERCENTS
-from fusion.recording import MICROSECONDS
-
-BLOCK_MINUTES = BLOCK_US // (60 * MICROSECONDS)
 
 FloatMatrix = NDArray[np.float64]
 
@@ -44,70 +31,44 @@ class Draws:
     percentiles_deg: FloatMatrix
 
 
-def draw_days(minute_us: NDArray[np.int32] | NDArray[np.int64], bias_sigma_deg: float) -> Draws:
-    """Draw 200 days from the minutes' 0.1 deg histograms, shape (m, 1800)."""
-    blocks = sum_blocks(minute_us)
-    return draw_figures(blocks, draw_blocks(blocks.sum(axis=1), bias_sigma_deg))
-
-
-def draw_figures(blocks: FloatMatrix, draws: Resampling) -> Draws:
+def draw_figures(blocks: AnyArray, draws: Resampling) -> Draws:
     """Give the figures of each draw from the blocks' histograms, shape (b, 1800)."""
-    bias_deg = draws.error_deg
-    shares = np.array([_share_below(day) for day in draws.sum(blocks)])
+    day = sum_below(blocks, draws)
     edges_deg = np.array(BIN_EDGES_DEG[1:-1], np.float64)
-    below = _look_up(shares, edges_deg - bias_deg[:, np.newaxis])
-    above = 1.0 - _look_up(shares, np.array(THRESHOLDS_DEG) - bias_deg[:, np.newaxis])
-    places = np.array([_find_places(share) for share in shares])
-    percentiles_deg = np.clip(places + bias_deg[:, np.newaxis], 0.0, 180.0)
-    return Draws(100.0 * np.diff(below, prepend=0.0, append=1.0), 100.0 * above, percentiles_deg)
-
-
-def sum_blocks(minute_us: NDArray[np.int32] | NDArray[np.int64]) -> FloatMatrix:
-    """Sum five minutes at a time, shape (b, 1800)."""
-    starts = np.arange(0, len(minute_us), BLOCK_MINUTES)
-    return np.asarray(np.add.reduceat(minute_us, starts, axis=0, dtype=np.float64))
-
-
-def _share_below(day: FloatMatrix) -> FloatMatrix:
-    """Give the share of time below each edge of the cells, shape (1801,)."""
-    ends = np.concatenate([[0.0], np.cumsum(day)])
-    return np.asarray(ends / ends[-1])
-
-
-def _look_up(shares: FloatMatrix, angles_deg: FloatMatrix) -> FloatMatrix:
-    """Give each draw's share of time below its angles, linear within a cell."""
-    cells_deg = np.arange(shares.shape[1]) / CELLS_PER_DEG
-    return np.array([np.interp(row, cells_deg, share) for row, share in zip(angles_deg, shares, strict=True)])
-
-
-def _find_places(share: FloatMatrix) -> FloatMatrix:
-    """Give the angles, deg, at which the share of time below reaches each percentile."""
-    wanted = np.array(PERCENTS) / 100.0
-    upper = np.searchsorted(share, wanted - 1e-12)
-    step = share[upper] - share[upper - 1]
-    return np.asarray((upper - 1 + (wanted - share[upper - 1]) / step) / CELLS_PER_DEG)
-
-
-def _to_intervals(figures: FloatMatrix) -> list[Interval]:
-    low, high = np.percentile(figures, LOW_HIGH_PERCENT, axis=0)
-    return [Interval(float(a), float(b)) for a, b in zip(low, high, strict=True)]
+    below = day.find_shares(edges_deg)
+    above = 1.0 - day.find_shares(np.array(THRESHOLDS_DEG, np.float64))
+    bins_percent = 100.0 * np.diff(below, prepend=0.0, append=1.0)
+    return Draws(bins_percent, 100.0 * above, day.find_percentiles(PERCENTS))
 
 
 def add_bin_intervals(bins: tuple[ElevationBin, ...], draws: Draws) -> tuple[ElevationBin, ...]:
     """Give each bin the interval of its percentage."""
-    intervals = _to_intervals(draws.bins_percent)
+    intervals = find_ranges(draws.bins_percent)
     return tuple(replace(part, interval=interval) for part, interval in zip(bins, intervals, strict=True))
+
+
+def add_class_intervals(
+    conventions: dict[str, tuple[ElevationBin, ...]], draws: Draws
+) -> dict[str, tuple[ElevationBin, ...]]:
+    """Give each class of the conventions the interval of its percentage."""
+    return {
+        convention.key: tuple(
+            replace(part, interval=find_ranges(draws.bins_percent[:, inside].sum(axis=1, keepdims=True))[0])
+            for part, (_, inside) in zip(conventions[convention.key], list_classes(convention), strict=True)
+        )
+        for convention in CONVENTIONS
+    }
 
 
 def add_above_intervals(above: tuple[TimeAbove, ...], draws: Draws) -> tuple[TimeAbove, ...]:
     """Give each time above a threshold the interval of its percentage."""
-    intervals = _to_intervals(draws.above_percent)
+    intervals = find_ranges(draws.above_percent)
     return tuple(replace(part, interval=interval) for part, interval in zip(above, intervals, strict=True))
 
 
 def name_percentile_intervals(draws: Draws) -> dict[str, Interval]:
     """Give the intervals of the percentiles by the names of their columns: ``elevation_p90_deg``."""
-    intervals = _to_intervals(draws.percentiles_deg)
+    intervals = find_ranges(draws.percentiles_deg)
     return {f"elevation_p{p}_deg": interval for p, interval in zip(PERCENTS, intervals, strict=True)}
 
 

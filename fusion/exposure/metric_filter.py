@@ -5,11 +5,12 @@ Without it, 0.2 deg of white noise at 500 Hz turns a true median speed of 44 deg
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt_zi
+from scipy.signal import butter
 
 from fusion.elevation import ElevationSegment
 from fusion.exposure.rows import find_runs
@@ -43,13 +44,22 @@ def filter_elevation(segment: ElevationSegment) -> MetricAngle:
 
     Rows that are not finite are not valid, and the filter restarts after them.
     """
-    finite = np.isfinite(segment.elevation_deg)
-    if finite.all():
+    if is_finite(segment.elevation_deg):
         angle_deg, valid = filter_angle(segment.elevation_deg, segment.rate_hz), segment.valid
     else:
+        finite = np.isfinite(segment.elevation_deg)
         angle_deg, valid = _filter_runs(segment, finite), segment.valid & finite
     _clip_and_round(angle_deg)
     return MetricAngle(segment.start_us, segment.rate_hz, angle_deg, valid)
+
+
+@njit(cache=True, nogil=True)
+def is_finite(angle):  # type: ignore[no-untyped-def]
+    """Say whether all rows are finite, without an array of answers."""
+    odd = 0
+    for i in range(len(angle)):
+        odd += not np.isfinite(angle[i])
+    return odd == 0
 
 
 def _filter_runs(segment: ElevationSegment, finite: BoolArray) -> NDArray[np.float64]:
@@ -69,19 +79,19 @@ def filter_angle(angle: NDArray[np.float32] | NDArray[np.float64], rate_hz: floa
         return angle.astype(np.float64)
     padding = min(PADDING_ROWS, len(angle) - 1)
     padded = np.empty(len(angle) + 2 * padding)
-    section, steady = design_filter(rate_hz)
-    _filter_padded(angle, padding, section, steady, padded)
+    _filter_padded(angle, padding, design_filter(rate_hz), padded)
     return padded[padding : padding + len(angle)]
 
 
-def design_filter(rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Give the section (b0, b1, b2, a1, a2) and its state at rest for a unit input, shape (2,)."""
-    sos = butter(2, CORNER_HZ, fs=rate_hz, output="sos")
-    return np.delete(sos[0], 3), np.asarray(sosfilt_zi(sos)[0], dtype=np.float64)
+@cache
+def design_filter(rate_hz: float) -> tuple[float, ...]:
+    """Give the section (b0, b1, b2, a1, a2), whose gain at rest is one."""
+    b0, b1, b2, _, a1, a2 = butter(2, CORNER_HZ, fs=rate_hz, output="sos")[0].tolist()
+    return b0, b1, b2, a1, a2
 
 
 @njit(cache=True, nogil=True)
-def _filter_padded(angle, padding, section, steady, padded):  # type: ignore[no-untyped-def]
+def _filter_padded(angle, padding, section, padded):  # type: ignore[no-untyped-def]
     """Write the odd extension of ``angle`` into ``padded`` and filter it there, forth and back."""
     n = len(angle)
     for i in range(n):
@@ -89,19 +99,24 @@ def _filter_padded(angle, padding, section, steady, padded):  # type: ignore[no-
     for i in range(1, padding + 1):
         padded[padding - i] = 2.0 * angle[0] - angle[i]
         padded[padding + n - 1 + i] = 2.0 * angle[n - 1] - angle[n - 1 - i]
-    _pass_in_place(padded, section, steady)
-    _pass_in_place(padded[::-1], section, steady)
+    _pass_in_place(padded, section)
+    _pass_in_place(padded[::-1], section)
 
 
 @njit(cache=True, nogil=True)
-def _pass_in_place(x, section, steady):  # type: ignore[no-untyped-def]
-    """One pass of a second-order section, direct form II transposed, started at rest at the first row."""
+def _pass_in_place(x, section):  # type: ignore[no-untyped-def]
+    """One pass of a second-order section, started at rest at the first row.
+
+    Direct form I: a row waits for the one before it through one product and one difference only, which makes
+    it twice as fast as the transposed form II of scipy; they agree to rounding.
+    """
     b0, b1, b2, a1, a2 = section
-    z0, z1 = steady[0] * x[0], steady[1] * x[0]
+    before, earlier = x[0], x[0]  # what came in
+    y, z = x[0], x[0]  # what went out
     for i in range(len(x)):
-        y = b0 * x[i] + z0
-        z0 = b1 * x[i] - a1 * y + z1
-        z1 = b2 * x[i] - a2 * y
+        told = b0 * x[i] + b1 * before + b2 * earlier - a2 * z
+        earlier, before, z = before, x[i], y
+        y = told - a1 * y
         x[i] = y
 
 

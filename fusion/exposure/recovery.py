@@ -5,95 +5,194 @@ where there is no vertical (a ready angle series) the speed of inclination takes
 the arm was, not that its muscles rested.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fusion.exposure.types import Recovery
-from fusion.recording import BoolArray
+from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.resampling import Resampling, find_interval, name_intervals
+from fusion.exposure.rows import IntArray, add_rows, find_part_rows
+from fusion.exposure.types import Interval, Recovery
 
 NEUTRAL_DEG = 20.0
 SLOW_DPS = 5.0
 SHORTEST_S = 3.0
-# the sums: seconds and number of neutral and slow stays, seconds and number of slow ones, longest without
-REST_S, RESTS, SLOW_S, SLOWS, WITHOUT_S = range(5)
-# the state in rows: of the stay under way (neutral and slow, slow), and since the last rest ended
-REST, SLOW, SINCE = range(3)
+SECONDS, STAYS = range(2)
+# the state: whether a run of valid rows is under way, and the first row of the slow stay (-1: none)
+INSIDE, SLOW_SINCE, LEVELS_BELOW = range(3)
+# of each level: the first row of its rest (-1: none), and since which row it has had none
+REST_SINCE, WITHOUT_SINCE = range(2)
 
-FloatVector = NDArray[np.float64]
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecoveryTally:
-    """Sums over the day, shape (5,), filled in place; the state, shape (3,), is carried on."""
+    """What was counted at each error of the angle (shape (g,), nought in the middle), filled in place.
 
-    sums: FloatVector = field(default_factory=lambda: np.zeros(5))
-    state: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
+    ``rest``, shape (g, b, 2), are seconds and number of neutral and slow stays in each 5-minute block,
+    ``slow``, shape (b, 2), those of the slow ones; ``longest_s``, shape (g,), the longest time without the
+    former. A stay is counted where it begins, its time where it lies.
+    """
 
-    def add(self, angle_deg: FloatVector, valid: BoolArray, speeds_dps: FloatVector, rate_hz: float) -> None:
-        """Count rows that follow those before; the speed of a row is that of the step to it, NaN for none."""
-        _scan_rest(angle_deg, valid, speeds_dps, rate_hz, (self.sums, self.state))
+    errors_deg: FloatArray
+    edges_us: IntArray
+    rest: FloatArray
+    slow: FloatArray
+    longest_s: FloatArray
+    state: NDArray[np.int64]
+    levels: NDArray[np.int64]
 
-    def end_segment(self, rate_hz: float) -> None:
+    def add(self, angle: MetricAngle, first: int, speeds_dps: FloatArray) -> None:
+        """Count rows from ``first`` on that follow those before; the speed of a row is that of the step to
+        it, NaN for none.
+        """
+        stop = first + len(speeds_dps)
+        rows = (angle.elevation_deg[first:stop], angle.valid[first:stop], speeds_dps)
+        _scan_rest(rows, first, self._limits(angle), self._tally())
+
+    def end_segment(self, angle: MetricAngle) -> None:
         """Let a hole end all that is under way."""
-        _end_run(rate_hz, self.sums, self.state)
+        _end_run(len(angle), self._limits(angle), self._tally())
+
+    def _limits(self, angle: MetricAngle) -> tuple[FloatArray, float, IntArray]:
+        """Give the levels (with an error b, neutral ends b lower), rising, the rate and the blocks' rows."""
+        levels_deg = np.round(NEUTRAL_DEG - self.errors_deg[::-1], 9)
+        return levels_deg, angle.rate_hz, find_part_rows(angle, self.edges_us)
+
+    def _tally(self) -> tuple[FloatArray | IntArray, ...]:
+        """Give the arrays, those of the errors turned round into the order of the rising levels."""
+        return self.rest[::-1], self.slow, self.longest_s[::-1], self.state, self.levels[::-1]
 
     def summarise(self, analysed_s: float) -> Recovery:
         """Give shares of the analysed time and rates per hour of it."""
         percent, per_hour = 100.0 / analysed_s, 3600.0 / analysed_s
+        middle = len(self.errors_deg) // 2
+        rest, slow = self.rest[middle].sum(axis=0), self.slow.sum(axis=0)
         return Recovery(
-            neutral_slow_percent=float(self.sums[REST_S]) * percent,
-            neutral_slow_per_hour=float(self.sums[RESTS]) * per_hour,
-            slow_percent=float(self.sums[SLOW_S]) * percent,
-            slow_per_hour=float(self.sums[SLOWS]) * per_hour,
-            longest_without_s=float(self.sums[WITHOUT_S]),
+            neutral_slow_percent=float(rest[SECONDS]) * percent,
+            neutral_slow_per_hour=float(rest[STAYS]) * per_hour,
+            slow_percent=float(slow[SECONDS]) * percent,
+            slow_per_hour=float(slow[STAYS]) * per_hour,
+            longest_without_s=float(self.longest_s[middle]),
         )
 
+    def name_intervals(self, draws: Resampling, block_s: FloatArray) -> dict[str, Interval]:
+        """Give the intervals; slowness knows no error of the angle, and the longest time without rest, as the
+        extreme of a day, only that error.
+        """
+        drawn_s = draws.sum(block_s)[:, np.newaxis]
+        per_s = draws.sum_with_error(self.rest, self.errors_deg) / drawn_s
+        slow_per_s = draws.sum(self.slow) / drawn_s
+        longest_s = draws.look_up(self.longest_s, self.errors_deg)
+        figures = {
+            "recovery_neutral_slow_percent": 100.0 * per_s[:, SECONDS],
+            "recovery_neutral_slow_per_h": 3600.0 * per_s[:, STAYS],
+            "recovery_slow_percent": 100.0 * slow_per_s[:, SECONDS],
+            "recovery_slow_per_h": 3600.0 * slow_per_s[:, STAYS],
+            "recovery_longest_without_s": longest_s,
+        }
+        return name_intervals({name: find_interval(drawn) for name, drawn in figures.items()})
+
+
+def start_recovery(errors_deg: FloatArray, edges_us: IntArray) -> RecoveryTally:
+    """Start with nothing counted."""
+    errors, blocks = len(errors_deg), len(edges_us) - 1
+    return RecoveryTally(
+        errors_deg,
+        edges_us,
+        np.zeros((errors, blocks, 2)),
+        np.zeros((blocks, 2)),
+        np.zeros(errors),
+        np.array([0, -1, errors], np.int64),
+        np.full((errors, 2), -1, np.int64),
+    )
+
 
 @njit(cache=True, nogil=True)
-def _scan_rest(angle_deg, valid, speeds_dps, rate_hz, tally):  # type: ignore[no-untyped-def]
-    """Grow the stays row by row; a row without a speed (the first of a run) is not slow."""
-    sums, state = tally
+def _scan_rest(rows, first, limits, tally):  # type: ignore[no-untyped-def]
+    """Follow the stays row by row; a row without a speed (the first of a run) is not slow.
+
+    The arm hangs at the levels above its angle: all but the lowest ``state[LEVELS_BELOW]``.
+    """
+    angle_deg, valid, speeds_dps = rows
+    levels_deg, state = limits[0], tally[3]
     for i in range(len(angle_deg)):
         if not valid[i]:
-            _end_run(rate_hz, sums, state)
+            _end_run(first + i, limits, tally)
             continue
-        slow = speeds_dps[i] < SLOW_DPS
-        state[SINCE] += 1
-        if slow:
-            state[SLOW] += 1
-        elif state[SLOW] > 0:
-            _end_slow(rate_hz, sums, state)
-        if slow and angle_deg[i] < NEUTRAL_DEG:
-            state[REST] += 1
-        elif state[REST] > 0:
-            _end_rest(rate_hz, sums, state, 1)
+        if state[INSIDE] == 0:
+            state[INSIDE] = 1
+            tally[4][:, WITHOUT_SINCE] = first + i
+        below = len(levels_deg)
+        if speeds_dps[i] < SLOW_DPS:
+            if state[SLOW_SINCE] < 0:
+                state[SLOW_SINCE] = first + i
+            below = _count_below(angle_deg[i], state[LEVELS_BELOW], levels_deg)
+        elif state[SLOW_SINCE] >= 0:
+            _end_slow(first + i, limits, tally)
+        if below != state[LEVELS_BELOW]:
+            _move(first + i, below, limits, tally)
 
 
 @njit(cache=True, nogil=True)
-def _end_slow(rate_hz, sums, state):  # type: ignore[no-untyped-def]
-    if state[SLOW] >= SHORTEST_S * rate_hz - 1e-3:
-        sums[SLOW_S] += state[SLOW] / rate_hz
-        sums[SLOWS] += 1
-    state[SLOW] = 0
+def _count_below(x, below, levels_deg):  # type: ignore[no-untyped-def]
+    """Count the levels that ``x`` has reached, starting from how many it was before."""
+    while below > 0 and x < levels_deg[below - 1]:
+        below -= 1
+    while below < len(levels_deg) and x >= levels_deg[below]:
+        below += 1
+    return below
 
 
 @njit(cache=True, nogil=True)
-def _end_rest(rate_hz, sums, state, rows_after):  # type: ignore[no-untyped-def]
+def _move(row, below, limits, tally):  # type: ignore[no-untyped-def]
+    """Let the rest begin at the levels that the angle has sunk under, and end at those it has reached."""
+    state, levels = tally[3], tally[4]
+    for level in range(below, state[LEVELS_BELOW]):
+        levels[level, REST_SINCE] = row
+    for level in range(state[LEVELS_BELOW], below):
+        _end_rest(level, row, limits, tally)
+    state[LEVELS_BELOW] = below
+
+
+@njit(cache=True, nogil=True)
+def _end_slow(row, limits, tally):  # type: ignore[no-untyped-def]
+    _, rate_hz, block_rows = limits
+    _, slow, _, state, _ = tally
+    first = state[SLOW_SINCE]
+    if row - first >= SHORTEST_S * rate_hz - 1e-3:
+        block = add_rows(first, row, 1.0 / rate_hz, block_rows, slow[:, SECONDS])
+        slow[block, STAYS] += 1
+    state[SLOW_SINCE] = -1
+
+
+@njit(cache=True, nogil=True)
+def _end_rest(level, row, limits, tally):  # type: ignore[no-untyped-def]
     """End a neutral and slow stay; if it was long enough, the time without rest starts anew after it."""
-    if state[REST] >= SHORTEST_S * rate_hz - 1e-3:
-        sums[REST_S] += state[REST] / rate_hz
-        sums[RESTS] += 1
-        sums[WITHOUT_S] = max(sums[WITHOUT_S], (state[SINCE] - rows_after - state[REST]) / rate_hz)
-        state[SINCE] = rows_after
-    state[REST] = 0
+    _, rate_hz, block_rows = limits
+    rest, _, longest_s, _, levels = tally
+    first = levels[level, REST_SINCE]
+    if row - first >= SHORTEST_S * rate_hz - 1e-3:
+        block = add_rows(first, row, 1.0 / rate_hz, block_rows, rest[level, :, SECONDS])
+        rest[level, block, STAYS] += 1
+        longest_s[level] = max(longest_s[level], (first - levels[level, WITHOUT_SINCE]) / rate_hz)
+        levels[level, WITHOUT_SINCE] = row
+    levels[level, REST_SINCE] = -1
 
 
 @njit(cache=True, nogil=True)
-def _end_run(rate_hz, sums, state):  # type: ignore[no-untyped-def]
-    _end_slow(rate_hz, sums, state)
-    _end_rest(rate_hz, sums, state, 0)
-    sums[WITHOUT_S] = max(sums[WITHOUT_S], state[SINCE] / rate_hz)
-    state[SINCE] = 0
+def _end_run(row, limits, tally):  # type: ignore[no-untyped-def]
+    """End all that is under way before ``row``, where a run of valid rows ends."""
+    levels_deg, rate_hz, _ = limits
+    _, _, longest_s, state, levels = tally
+    if state[INSIDE] == 0:
+        return
+    if state[SLOW_SINCE] >= 0:
+        _end_slow(row, limits, tally)
+    _move(row, len(levels_deg), limits, tally)
+    for level in range(len(levels)):
+        longest_s[level] = max(longest_s[level], (row - levels[level, WITHOUT_SINCE]) / rate_hz)
+    state[INSIDE] = 0

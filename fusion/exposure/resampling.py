@@ -11,12 +11,10 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from fusion.exposure.rows import IntArray
+from fusion.exposure.stretches import AnyArray
 from fusion.exposure.types import Interval
-from fusion.recording import MICROSECONDS
 
 DRAWS = 200
-BLOCK_US = 300 * MICROSECONDS
 SEED = 0
 LOW_HIGH_PERCENT = (2.5, 97.5)
 ERRORS = 11
@@ -35,7 +33,7 @@ class Resampling:
     times: FloatArray
     error_deg: FloatArray
 
-    def sum(self, blocks: NDArray[np.float64] | IntArray) -> FloatArray:
+    def sum(self, blocks: AnyArray) -> FloatArray:
         """Sum blocks, shape (b, ...), over each draw: shape (200, ...)."""
         kept = np.ascontiguousarray(blocks[self.kept], np.float64)
         sums = np.zeros((DRAWS, kept[0].size))
@@ -67,18 +65,13 @@ def _sum_draws(times, blocks, sums):  # type: ignore[no-untyped-def]
                     sums[draw, k] += count * blocks[block, k]
 
 
-def split_blocks(duration_us: int) -> IntArray:
-    """Give the edges of the 5-minute blocks from the first sample."""
-    return np.arange(-(-duration_us // BLOCK_US) + 1, dtype=np.int64) * BLOCK_US
-
-
 def spread_errors(sigma_deg: float) -> FloatArray:
     """Give the errors, shape (11,), between those of the first and the last draw."""
     furthest = max(sigma_deg * float(ndtri(1 - 0.5 / DRAWS)), 1e-6)  # an exact angle too has a grid
     return np.linspace(-furthest, furthest, ERRORS)
 
 
-def draw_blocks(analysed: FloatArray | IntArray, sigma_deg: float) -> Resampling:
+def draw_blocks(analysed: AnyArray, sigma_deg: float) -> Resampling:
     """Draw from the blocks that hold analysed time; ``analysed`` has shape (b,)."""
     kept = analysed > 0
     count = int(kept.sum())
@@ -94,6 +87,12 @@ def find_interval(figures: FloatArray) -> Interval | None:
         return None
     low, high = np.percentile(known, LOW_HIGH_PERCENT)
     return Interval(float(low), float(high))
+
+
+def find_ranges(figures: FloatArray) -> list[Interval]:
+    """Give the interval of each column of figures that every draw has, shape (200, k)."""
+    low, high = np.percentile(figures, LOW_HIGH_PERCENT, axis=0)
+    return [Interval(float(a), float(b)) for a, b in zip(low, high, strict=True)]
 
 
 def scale_interval(value: float | None, drawn: FloatArray, coarse: float) -> Interval | None:

@@ -42,6 +42,25 @@ def find_first_rows(run: EvenRun, times_us: IntArray) -> IntArray:
     return np.asarray(np.clip(rows, 0, len(run)), np.int64)
 
 
+def find_part_rows(run: EvenRun, edges_us: IntArray) -> IntArray:
+    """Give the first row of each part between successive edges; the first and last part take all the rest."""
+    rows = find_first_rows(run, edges_us)
+    rows[0], rows[-1] = 0, len(run)
+    return rows
+
+
+@njit(cache=True, nogil=True)
+def add_rows(first, stop, worth, part_rows, sums):  # type: ignore[no-untyped-def]
+    """Add what a stretch of rows is worth to the parts that they lie in; return the first one's number."""
+    part = min(np.searchsorted(part_rows, first, side="right") - 1, len(sums) - 1)
+    begun, here = part, first
+    while here < stop:
+        end = min(stop, part_rows[part + 1])
+        sums[part] += (end - here) * worth
+        here, part = end, part + 1
+    return begun
+
+
 def find_touched_rows(run: EvenRun, start_us: int, end_us: int) -> slice:
     """Give the rows whose period overlaps [start, end)."""
     tolerance = run.rate_hz / MICROSECONDS
@@ -58,11 +77,17 @@ def find_touched_parts(run: EvenRun, edges_us: IntArray) -> slice:
     return slice(max(first, 0), min(max(stop, 0), len(edges_us) - 1))
 
 
-def split_time(counts: IntArray, rate_hz: float) -> IntArray:
-    """Turn counts of rows into integer microseconds that add up to the rounded whole, exactly."""
-    ends_us = np.rint(np.cumsum(counts, dtype=np.int64) * (MICROSECONDS / rate_hz)).astype(np.int64)
-    parts_us: IntArray = np.diff(ends_us, prepend=0)
-    return parts_us
+@njit(cache=True, nogil=True)
+def add_time(counts, rate_hz, cell_us):  # type: ignore[no-untyped-def]
+    """Add counts of rows, shape (p, c), as whole microseconds that add up to the rounded whole, exactly."""
+    rows, told_us = 0, 0
+    for part in range(counts.shape[0]):
+        for cell in range(counts.shape[1]):
+            if counts[part, cell] > 0:
+                rows += counts[part, cell]
+                reached_us = int(np.rint(rows * (MICROSECONDS / rate_hz)))
+                cell_us[part, cell] += reached_us - told_us
+                told_us = reached_us
 
 
 def find_runs(mask: BoolArray) -> IntArray:

@@ -11,65 +11,81 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fusion.exposure.bins import THRESHOLDS_DEG, find_percentile_cells
-from fusion.exposure.episodes import HALF_HYSTERESIS_DEG, MERGED_GAP_S, SHORTEST_S
+from fusion.exposure.bins import THRESHOLDS_DEG, PartHistograms, find_percentile_cells
+from fusion.exposure.episodes import (
+    HALF_HYSTERESIS_DEG,
+    LEAST_OF_MINUTE,
+    LONG_S,
+    MERGED_GAP_S,
+    SHORTEST_S,
+    find_analysed_minutes,
+    is_busy,
+)
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
-from fusion.exposure.rows import IntArray, find_first_rows
+from fusion.exposure.rows import IntArray, add_rows, find_part_rows
+from fusion.exposure.stretches import BLOCK_MINUTES, Stretches, sum_groups
 from fusion.exposure.types import Episodes, Interval
 
 CELLS_PER_OCTAVE = 4
 CELLS = 16 * CELLS_PER_OCTAVE  # from 0.5 s to 9 h
-ENTRIES, STAYS, STAY_S = range(3)
+# the sums: episodes, their seconds, and the seconds of those longer than 5, 10, 30 and 60 s
+STAYS, STAY_S, LONGER_S = range(3)
+SUMS = LONGER_S + len(LONG_S)
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftedStays:
-    """What was counted at each threshold and error in each 5-minute block, filled in place.
+    """What was counted at each threshold and error in each part of the day, filled in place.
 
-    ``order`` sorts the thresholds of :data:`THRESHOLDS_DEG` with each error; ``sums``, shape (t, b, 3), are
-    entries, episodes and their seconds; ``cells``, shape (t, b, 64), the episodes by length in quarters
-    of an octave; ``longest_s``, shape (t,). An episode belongs to the block in which it begins.
+    ``levels_deg``, shape (t,), are the thresholds of :data:`THRESHOLDS_DEG` with each error, sorted.
+    ``entries``, shape (t, s), are the entries in each stretch; ``sums``, shape (t, b, 6), the episodes of
+    each 5-minute block and their seconds; ``cells``, shape (t, b, 64), the episodes by length in quarters of
+    an octave; ``longest_s``, shape (t,). An episode is counted where it begins, its time where it lies.
     """
 
     errors_deg: FloatArray
-    edges_us: IntArray
+    stretches: Stretches
     levels_deg: FloatArray
+    entries: FloatArray
     sums: FloatArray
     cells: NDArray[np.int32]
     longest_s: FloatArray
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment."""
-        rows = find_first_rows(angle, self.edges_us)
-        rows[0], rows[-1] = 0, len(angle)
-        limits = np.array([MERGED_GAP_S, SHORTEST_S]) * angle.rate_hz - 1e-3
-        scan_levels(
-            angle.elevation_deg,
-            angle.valid,
-            (self.levels_deg, limits, rows, angle.rate_hz),
-            (self.sums, self.cells, self.longest_s),
-        )
+        limits = np.array([MERGED_GAP_S, SHORTEST_S, *LONG_S]) * angle.rate_hz
+        limits += np.array([-1e-3, -1e-3, *(1e-3 for _ in LONG_S)])
+        rows = find_part_rows(angle, self.stretches.edges_us)
+        block_rows = find_part_rows(angle, self.stretches.block_edges_us)
+        how = (self.levels_deg, limits, rows, block_rows, angle.rate_hz)
+        tally = (self.entries, self.sums, self.cells, self.longest_s)
+        scan_levels(angle.elevation_deg, angle.valid, how, tally)
 
     def pick(self, array: NDArray[np.float64] | NDArray[np.int32], threshold_deg: int) -> FloatArray:
         """Give the rows of one threshold in the order of the errors, shape (11, ...)."""
         wanted = np.searchsorted(self.levels_deg, np.round(threshold_deg - self.errors_deg, 9))
         return np.asarray(array[wanted], np.float64)
 
+    def pick_entries(self, threshold_deg: int, group_of: IntArray) -> FloatArray:
+        """Give the entries of one threshold in each group of stretches, shape (11, groups)."""
+        return sum_groups(self.pick(self.entries, threshold_deg).T, group_of).T
 
-def start_shifted_stays(errors_deg: FloatArray, edges_us: IntArray) -> ShiftedStays:
+
+def start_shifted_stays(errors_deg: FloatArray, stretches: Stretches) -> ShiftedStays:
     """Start with nothing counted."""
     levels_deg = np.unique([np.round(c - errors_deg, 9) for c in THRESHOLDS_DEG])
-    shape = (len(levels_deg), len(edges_us) - 1)
+    levels, blocks = len(levels_deg), len(stretches.block_edges_us) - 1
     return ShiftedStays(
         errors_deg,
-        edges_us,
+        stretches,
         levels_deg,
-        np.zeros((*shape, 3)),
-        np.zeros((*shape, CELLS), np.int32),
-        np.zeros(len(levels_deg)),
+        np.zeros((levels, len(stretches.minute_of))),
+        np.zeros((levels, blocks, SUMS)),
+        np.zeros((levels, blocks, CELLS), np.int32),
+        np.zeros(levels),
     )
 
 
@@ -99,12 +115,11 @@ def scan_levels(angle_deg, valid, how, tally):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _move(x, row, above, state, how, tally):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
     """Let levels go up or down to the angle ``x``; at the first row of a run (``above`` -1) uncounted."""
-    levels, limits, block_rows, _ = how
+    levels, limits, rows = how[:3]
     counted, above = above >= 0, max(above, 0)
     while above < len(levels) and x > levels[above] + HALF_HYSTERESIS_DEG:
         if counted:
-            block = np.searchsorted(block_rows, row, side="right") - 1
-            tally[0][above, block, ENTRIES] += 1
+            tally[0][above, np.searchsorted(rows, row, side="right") - 1] += 1
         if state[above, 0] < 0 or row - state[above, 1] >= limits[0]:
             _record(above, state, how, tally)
             state[above, 0] = row
@@ -127,16 +142,18 @@ def _close_all(above, row, state, how, tally):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _record(level, state, how, tally):  # type: ignore[no-untyped-def]
     """Count a finished stay, unless it is too short, and forget it."""
-    _, limits, block_rows, rate_hz = how
-    sums, cells, longest_s = tally
+    _, limits, _, block_rows, rate_hz = how
+    _, sums, cells, longest_s = tally
     first, rows = state[level, 0], state[level, 1] - state[level, 0]
     state[level, 0] = -1
     if first < 0 or rows < limits[1]:
         return
     seconds = rows / rate_hz
-    block = min(np.searchsorted(block_rows, first, side="right") - 1, sums.shape[1] - 1)
+    block = add_rows(first, first + rows, 1.0 / rate_hz, block_rows, sums[level, :, STAY_S])
     sums[level, block, STAYS] += 1
-    sums[level, block, STAY_S] += seconds
+    for k in range(LONGER_S, SUMS):
+        if rows > limits[2 + k - LONGER_S]:
+            add_rows(first, first + rows, 1.0 / rate_hz, block_rows, sums[level, :, k])
     cell = int(np.log2(max(seconds / SHORTEST_S, 1.0)) * CELLS_PER_OCTAVE)
     cells[level, block, min(cell, CELLS - 1)] += 1
     longest_s[level] = max(longest_s[level], seconds)
@@ -151,15 +168,44 @@ def name_stay_intervals(
     alone, for the longest of other days cannot be drawn from this one.
     """
     found: dict[str, Interval | None] = {}
+    length_h = float(block_s.sum()) / 3600.0
     drawn_h = draws.sum(block_s) / 3600.0
     for item in episodes:
         c = int(item.threshold_deg)
-        drawn = draws.sum_with_error(shifted.pick(shifted.sums, c), shifted.errors_deg)
-        found[f"entries_above_{c}_per_h"] = find_interval(drawn[:, ENTRIES] / drawn_h)
-        found[f"episodes_above_{c}_per_h"] = find_interval(drawn[:, STAYS] / drawn_h)
+        entries = shifted.pick_entries(c, shifted.stretches.block_of)
+        entries_per_h = draws.sum_with_error(entries, shifted.errors_deg) / drawn_h
+        per_h = (
+            draws.sum_with_error(shifted.pick(shifted.sums, c), shifted.errors_deg) / drawn_h[:, np.newaxis]
+        )
+        found[f"entries_above_{c}_per_h"] = find_interval(entries_per_h)
+        found[f"entries_above_{c}_count"] = find_interval(entries_per_h * length_h)
+        found[f"episodes_above_{c}_per_h"] = find_interval(per_h[:, STAYS])
+        found[f"episodes_above_{c}_count"] = find_interval(per_h[:, STAYS] * length_h)
+        found[f"episodes_above_{c}_total_s"] = find_interval(per_h[:, STAY_S] * length_h)
+        for k, limit_s in enumerate(LONG_S):
+            name = f"episodes_above_{c}_longer_than_{limit_s:g}_s_total_s"
+            found[name] = find_interval(per_h[:, LONGER_S + k] * length_h)
         longest_s = draws.look_up(shifted.pick(shifted.longest_s, c), shifted.errors_deg)
         found[f"episodes_above_{c}_longest_s"] = find_interval(longest_s) if item.longest_s else None
         found |= _name_lengths(shifted, item, draws)
+    return name_intervals(found)
+
+
+def name_busy_intervals(
+    shifted: ShiftedStays, minutes: PartHistograms, draws: Resampling
+) -> dict[str, Interval]:
+    """Give the intervals of the share of minutes with two entries or more."""
+    analysed_min = find_analysed_minutes(minutes)
+    kept = analysed_min >= LEAST_OF_MINUTE
+    block_of = np.arange(len(kept)) // BLOCK_MINUTES
+    found: dict[str, Interval | None] = {}
+    drawn_minutes = draws.sum(sum_groups(kept.astype(np.float64), block_of))
+    for c in THRESHOLDS_DEG:
+        busy = is_busy(shifted.pick_entries(c, shifted.stretches.minute_of), analysed_min) & kept
+        by_block = sum_groups(busy.T.astype(np.float64), block_of).T
+        drawn = draws.sum_with_error(by_block, shifted.errors_deg)
+        with np.errstate(invalid="ignore"):  # a draw without a minute that counts
+            found[f"entries_above_{c}_busy_minutes_percent"] = find_interval(100.0 * drawn / drawn_minutes)
     return name_intervals(found)
 
 

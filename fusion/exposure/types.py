@@ -102,6 +102,8 @@ class Eva:
     angle_edges_deg: tuple[float, ...]
     duration_edges_s: tuple[float | None, ...]
     percent: NDArray[np.float64]
+    intervals: tuple[tuple[Interval, ...], ...] = ()
+    """Of each cell; empty where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +124,10 @@ class PartExposure:
     kind: str = ""
     recorded_s: float | None = None
     reason: str = ""
+    intervals: dict[str, Interval] = field(default_factory=dict)
+    """By the names of the figures; empty where that is not known."""
+    periods: int = 1
+    """How many rows of the diary were pooled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,3 +209,7 @@ class Exposure:
     frequency: Frequency | None = None
     hour_variation: dict[str, HourVariation] = field(default_factory=dict)
     eva_summary: EvaSummary | None = None
+    conventions: dict[str, tuple[ElevationBin, ...]] = field(default_factory=dict)
+    """The bins added up to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by its key."""
+    by_task: tuple[PartExposure, ...] = ()
+    """The periods once more, those of one kind and label pooled; they too add up to the recording."""

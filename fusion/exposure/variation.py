@@ -1,18 +1,25 @@
-"""How the exposure varies: from hour to hour (EXPOSURE.md A8) and in the EVA matrix (A6)."""
+"""How the exposure varies from hour to hour (EXPOSURE.md A8)."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fusion.exposure.types import Eva, EvaSummary, HourVariation, PartExposure
+from fusion.exposure.types import HourVariation, PartExposure
 
 LEAST_ANALYSED_S = 1800.0
-MIDDLE_OF_LONGEST_S = 255.0 * 1.5
+
+FloatArray = NDArray[np.float64]
+
+
+def is_compared(hour: PartExposure) -> bool:
+    """Say whether half an hour or more of a clock hour was analysed."""
+    return hour.analysed_s >= LEAST_ANALYSED_S
 
 
 def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
     """Compare the clock hours of which half an hour or more was analysed; nothing with fewer than two."""
-    kept = [hour for hour in hours if hour.analysed_s >= LEAST_ANALYSED_S]
+    kept = [hour for hour in hours if is_compared(hour)]
     if len(kept) < 2:
         return {}
     return {
@@ -24,29 +31,20 @@ def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
 
 def _describe(values: list[float]) -> HourVariation:
     """Coefficient of variation with the sample's standard deviation; None about a mean of nought."""
-    mean = float(np.mean(values))
+    coefficient, spread, last_less_first = (
+        float(figure[0]) for figure in describe_values(np.array([values]))
+    )
     return HourVariation(
         hours=len(values),
-        coefficient_percent=100.0 * float(np.std(values, ddof=1)) / mean if mean > 0 else None,
-        spread=max(values) - min(values),
-        last_less_first=values[-1] - values[0],
+        coefficient_percent=None if np.isnan(coefficient) else coefficient,
+        spread=spread,
+        last_less_first=last_less_first,
     )
 
 
-def summarise_eva_matrix(eva: Eva) -> EvaSummary:
-    """Give the marginals, the standard deviation of the cells and the centroid of the matrix.
-
-    The centroid is in degrees (middles of the angle classes) and seconds (middles of the duration classes;
-    the last, without an end, at one and a half times its beginning).
-    """
-    angles = np.array(eva.angle_edges_deg)
-    ends = [edge if edge is not None else 2 * MIDDLE_OF_LONGEST_S - 255.0 for edge in eva.duration_edges_s]
-    by_angle, by_duration = eva.percent.sum(axis=1), eva.percent.sum(axis=0)
-    durations = np.array(ends)
-    return EvaSummary(
-        by_angle_percent=tuple(by_angle.tolist()),
-        by_duration_percent=tuple(by_duration.tolist()),
-        cell_sd_percent=float(eva.percent.std()),
-        centroid_deg=float(by_angle @ (angles[:-1] + angles[1:]) / 200.0),
-        centroid_s=float(by_duration @ (durations[:-1] + durations[1:]) / 200.0),
-    )
+def describe_values(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Give coefficient (percent; NaN about a mean of nought), spread, and last less first of rows, (d, h)."""
+    mean = values.mean(axis=1)
+    mean = np.where(mean > 0, mean, np.nan)
+    coefficient = 100.0 * values.std(axis=1, ddof=1) / mean
+    return coefficient, values.max(axis=1) - values.min(axis=1), values[:, -1] - values[:, 0]

@@ -156,7 +156,8 @@ def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
         length = np.sqrt(x * x + y * y + z * z)
         here = valid[i] and length > 1e-9
         if here:
-            x, y, z = x / length, y / length, z / length
+            scale = 1.0 / length
+            x, y, z = x * scale, y * scale, z * scale
         if here and before:
             half = 0.5 * np.sqrt((x - bx) ** 2 + (y - by) ** 2 + (z - bz) ** 2)
             if half < 0.01:  # the series of the arcsine: within 1e-13 of it, and much faster

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.orientation.arrays import check_arrays
 from fusion.sensor_errors.rotation import RADIANS, bend, carry, turn_factors
 from fusion.sensor_errors.stillness import StillRules
@@ -76,7 +76,7 @@ class LiveVertical:
         return bool(self._state[STILLS] > 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  # pragma: no cover
     period_s, keep, mix, freshness = settings[0]
     for k in range(len(acc)):
@@ -104,7 +104,7 @@ def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  
             out[k, i] /= np.sqrt(square)
 
 
-@njit(inline="always")
+@inner
 def _gather(acc: Any, gyr: Any, k: int, state: Any, settings: Any) -> None:  # pragma: no cover
     """Add a sample to the moment being gathered; when it is full, see whether it was still."""
     for i in range(3):
@@ -120,7 +120,7 @@ def _gather(acc: Any, gyr: Any, k: int, state: Any, settings: Any) -> None:  # p
         state[GATHERED] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
     """If the moment was still, its mean rate goes into the bias; the first one also sets the vertical."""
     (_, keep, mix, _), (block, acc_limit, gyr_limit, bias_limit, memory) = settings

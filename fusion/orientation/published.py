@@ -13,9 +13,9 @@ from math import exp, pi
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import FloatArray
 from fusion.sensor_errors.rotation import RADIANS, carry, turn_factors
 from fusion.sensor_errors.runs import SensorRun
@@ -68,7 +68,7 @@ def highpass_gain(cutoff_hz: float, rate_hz: float) -> float:
     return 1.0 / (1.0 + 2.0 * pi * cutoff_hz / rate_hz)
 
 
-@njit(inline="always")
+@inner
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:  # pragma: no cover
     length = np.sqrt(x * x + y * y + z * z)
     if length == 0.0:
@@ -76,7 +76,7 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:  # pragma
     return x / length, y / length, z / length
 
 
-@njit(inline="always")
+@inner
 def _tilt_quaternion(up: Any) -> tuple[float, float, float]:  # pragma: no cover
     """(w, x, y) of the shortest rotation that takes ``up`` to z; its z component is nil."""
     across = np.sqrt(up[0] * up[0] + up[1] * up[1])
@@ -87,7 +87,7 @@ def _tilt_quaternion(up: Any) -> tuple[float, float, float]:  # pragma: no cover
     return np.cos(half), sine * up[1], -sine * up[0]
 
 
-@njit(inline="always")
+@inner
 def _slerp(start: Any, end: Any, weight: float) -> tuple[float, float, float]:  # pragma: no cover
     dot = start[0] * end[0] + start[1] * end[1] + start[2] * end[2]
     sign = -1.0 if dot < 0.0 else 1.0
@@ -104,14 +104,14 @@ def _slerp(start: Any, end: Any, weight: float) -> tuple[float, float, float]:  
     )
 
 
-@njit(inline="always")
+@inner
 def _vertical_of(tilt: Any) -> tuple[float, float, float]:  # pragma: no cover
     """The direction that the tilt quaternion (w, x, y) takes to z."""
     w, x, y = tilt
     return -2.0 * w * y, 2.0 * w * x, w * w - x * x - y * y
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _run_published(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     acc: Any, gyr: Any, bias: Any, period_s: float, gains: Any, out: Any
 ) -> None:  # pragma: no cover

@@ -15,12 +15,13 @@ each node the vertical is carried to the samples about it by the gyroscope alone
 """
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import FloatArray
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias, hold_bias
@@ -83,7 +84,6 @@ def smooth_nodes(
     disagreement = np.zeros(-(-len(up) // per_second))
     for direction in (1, -1):
         _sweep(nodes.acc_g, nodes.turn_rad, decay, direction, up, disagreement, per_second)
-    _finish(nodes.acc_g, up)
     return SmoothedNodes(up, np.degrees(np.sqrt(disagreement / per_second)), per_second)
 
 
@@ -104,7 +104,7 @@ def smooth_vertical(
     return SmoothedVertical(out, smoothed.disagreement_deg, smoothed.nodes_per_value * nodes.rows_per_node)
 
 
-@njit(inline="always")
+@inner
 def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
     """Square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller one's share."""
     first = past[0] * past[0] + past[1] * past[1] + past[2] * past[2]
@@ -112,11 +112,12 @@ def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
     both = past[0] * future[0] + past[1] * future[1] + past[2] * future[2]
     if first * second == 0.0:
         return 0.0
-    square = 1.0 if both < 0.0 else max(0.0, 1.0 - both * both / (first * second))
-    return square * min(first, second) / (first + second + 2.0 * np.sqrt(first * second))
+    square = 1.0 if both < 0.0 else 1.0 - both * both / (first * second)
+    smaller = first if first < second else second
+    return (square if square > 0.0 else 0.0) * smaller / (first + second + 2.0 * sqrt(first * second))
 
 
-@njit(inline="always")
+@inner
 def _fade(real: Any, imaginary: Any, decay: complex, acc: Any) -> Any:  # pragma: no cover
     """One step: the complex state shrinks and turns in its own plane, the new sample comes in."""
     keep, mix = decay.real, decay.imag
@@ -134,40 +135,42 @@ def _fade(real: Any, imaginary: Any, decay: complex, acc: Any) -> Any:  # pragma
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sweep(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     acc: Any, turns: Any, decay: complex, direction: int, out: Any, disagreement: Any, per_value: int
 ) -> None:  # pragma: no cover
     """Filter in one direction and add to ``out``.
 
-    The backward sweep meets in ``out`` what the forward one left, and notes how far they disagree.
+    The backward sweep meets in ``out`` what the forward one left, notes how far they disagree, counts the
+    present node once, not twice, and scales to unit length.
     """
     nodes, backwards = len(acc), direction < 0
     real, imaginary = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    turn = real
     for step in range(nodes):
         k = nodes - 1 - step if backwards else step
         if step > 0:
-            if backwards:
-                turn = (-turns[k + 1, 0], -turns[k + 1, 1], -turns[k + 1, 2])
-            else:
+            if not backwards:
                 turn = (turns[k, 0], turns[k, 1], turns[k, 2])
             factors = turn_factors(turn)
             real, imaginary = carry(real, turn, factors), carry(imaginary, turn, factors)
-        real, imaginary = _fade(real, imaginary, decay, (acc[k, 0], acc[k, 1], acc[k, 2]))
+        felt = (float(acc[k, 0]), float(acc[k, 1]), float(acc[k, 2]))
+        real, imaginary = _fade(real, imaginary, decay, felt)
         mean = (real[0] - imaginary[0], real[1] - imaginary[1], real[2] - imaginary[2])
         if backwards:
-            disagreement[k // per_value] += _disagree((out[k, 0], out[k, 1], out[k, 2]), mean)
-        for axis in range(3):
-            out[k, axis] += mean[axis]
+            turn = (-turns[k, 0], -turns[k, 1], -turns[k, 2])
+            past = (out[k, 0], out[k, 1], out[k, 2])
+            disagreement[k // per_value] += _disagree(past, mean)
+            mean = _scale_to_unit(past, mean, felt)
+        out[k, 0], out[k, 1], out[k, 2] = mean
 
 
-@njit(cache=True, nogil=True)
-def _finish(acc: Any, out: Any) -> None:  # pragma: no cover
-    """Count the present node once, not twice, and scale to unit length."""
-    for k in range(len(out)):
-        x, y, z = out[k, 0] - acc[k, 0], out[k, 1] - acc[k, 1], out[k, 2] - acc[k, 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        if length > 0.0:
-            out[k, 0], out[k, 1], out[k, 2] = x / length, y / length, z / length
-        else:
-            out[k, 0], out[k, 1], out[k, 2] = 0.0, 0.0, 1.0
+@inner
+def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no cover
+    x = past[0] + future[0] - present[0]
+    y = past[1] + future[1] - present[1]
+    z = past[2] + future[2] - present[2]
+    length = sqrt(x * x + y * y + z * z)
+    if length > 0.0:
+        return x / length, y / length, z / length
+    return 0.0, 0.0, 1.0

@@ -1,12 +1,38 @@
-"""How far the numbers can be trusted: what was left out, where the time went, the verdict."""
+"""How far the numbers can be trusted: what was left out, where the time went, the verdict.
 
-from fusion.quality.exclusions import find_exclusions, leave_out, make_disjoint, refuse_short
-from fusion.quality.nonwear import propose_nonwear
-from fusion.quality.spans import flag_spans
-from fusion.quality.time_account import account_time, name_parts
+The values are loaded with the package; what computes them only when first asked for, so that a report can be
+written without the compiler.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
 from fusion.quality.types import Quality, TimeAccount, TimePart, Verdict
-from fusion.quality.untrusted import flag_untrusted
-from fusion.quality.verdict import assess_quality
+
+if TYPE_CHECKING:
+    from fusion.quality.exclusions import find_exclusions as find_exclusions
+    from fusion.quality.exclusions import leave_out as leave_out
+    from fusion.quality.exclusions import make_disjoint as make_disjoint
+    from fusion.quality.exclusions import refuse_short as refuse_short
+    from fusion.quality.nonwear import propose_nonwear as propose_nonwear
+    from fusion.quality.spans import flag_spans as flag_spans
+    from fusion.quality.time_account import account_time as account_time
+    from fusion.quality.time_account import name_parts as name_parts
+    from fusion.quality.untrusted import flag_untrusted as flag_untrusted
+    from fusion.quality.verdict import assess_quality as assess_quality
+
+_HOMES = {
+    "account_time": "fusion.quality.time_account",
+    "assess_quality": "fusion.quality.verdict",
+    "find_exclusions": "fusion.quality.exclusions",
+    "flag_spans": "fusion.quality.spans",
+    "flag_untrusted": "fusion.quality.untrusted",
+    "leave_out": "fusion.quality.exclusions",
+    "make_disjoint": "fusion.quality.exclusions",
+    "name_parts": "fusion.quality.time_account",
+    "propose_nonwear": "fusion.quality.nonwear",
+    "refuse_short": "fusion.quality.exclusions",
+}
 
 __all__ = [
     "Quality",
@@ -24,3 +50,9 @@ __all__ = [
     "propose_nonwear",
     "refuse_short",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'fusion.quality' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)

@@ -186,33 +186,29 @@ def fit_line(
     """Least squares of stamps on their place in the grid; return offset, period and RMS of the residuals.
 
     Before each of ``rows`` the place grows by ``added``. What is fitted are the small distances from the line
-    through the first and the last stamp, and what is squared are the residuals: sums over the stamps
-    themselves would lose all their digits in a long file.
+    through the first and the last stamp: sums over the stamps themselves would lose all their digits in a
+    long file.
     """
     n = len(stamps)
     last = np.float64(n - 1 + added.sum())
     guess = (stamps[n - 1] - stamps[0]) / last
-    sums = np.zeros(4)
-    tilt = level = squares = 0.0
-    for is_second_pass in (False, True):
-        place = np.int64(-1)
-        hole = 0
-        for k in range(n):
-            place += 1
-            while hole < len(rows) and rows[hole] == k:
-                place += added[hole]
-                hole += 1
-            x = place - 0.5 * last
-            y = (stamps[k] - stamps[0]) - guess * place
-            if is_second_pass:
-                squares += (y - level - tilt * x) ** 2
-            else:
-                sums[0] += x
-                sums[1] += y
-                sums[2] += x * x
-                sums[3] += x * y
-        tilt = (sums[3] - sums[0] * sums[1] / n) / (sums[2] - sums[0] * sums[0] / n)
-        level = (sums[1] - tilt * sums[0]) / n
+    sum_x = sum_y = sum_xx = sum_xy = sum_yy = 0.0
+    shift = np.int64(0)
+    for hole in range(len(rows) + 1):
+        first = rows[hole - 1] if hole > 0 else 0
+        shift += added[hole - 1] if hole > 0 else 0
+        for k in range(first, rows[hole] if hole < len(rows) else n):
+            x = (k + shift) - 0.5 * last
+            y = (stamps[k] - stamps[0]) - guess * (k + shift)
+            sum_x += x
+            sum_y += y
+            sum_xx += x * x
+            sum_xy += x * y
+            sum_yy += y * y
+    spread_xx, spread_xy = sum_xx - sum_x * sum_x / n, sum_xy - sum_x * sum_y / n
+    tilt = spread_xy / spread_xx
+    level = (sum_y - tilt * sum_x) / n
+    squares = max(0.0, sum_yy - sum_y * sum_y / n - tilt * spread_xy)
     return level - 0.5 * tilt * last, guess + tilt, np.sqrt(squares / n)
 
 

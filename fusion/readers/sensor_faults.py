@@ -31,6 +31,7 @@ SPIKE_RATIO = 20.0
 """A spike stands out of the steps around it by this factor: hard taps on a sensor reach 10."""
 LEAST_SPIKE_G, LEAST_SPIKE_DPS = 1.0, 150.0
 AROUND_ROWS = 5
+SCANNED_ROWS = 512
 Rows = NDArray[np.int64]
 
 
@@ -118,19 +119,39 @@ def mend_spikes(values: NDArray[np.float32], least: float, marked: NDArray[np.bo
     way, they must agree, and every step of the five rows on either side must be far smaller.
     """
     found = 0
-    for k in range(AROUND_ROWS + 1, len(values) - AROUND_ROWS - 1):
+    last = len(values) - AROUND_ROWS - 1
+    for first in range(AROUND_ROWS + 1, last, SCANNED_ROWS):
+        stop = min(first + SCANNED_ROWS, last)
+        if has_step(values[first - 1 : stop], least):
+            for k in range(first, stop):
+                found += mend_row(values, k, least, marked)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def has_step(values: NDArray[np.float32], least: float) -> bool:
+    """Whether any reading is ``least`` or more from the one before; few stretches of a shift have such."""
+    steps = 0
+    for k in range(1, len(values)):
         for axis in range(3):
-            up = values[k, axis] - values[k - 1, axis]
-            if abs(up) < least:
-                continue
-            down = values[k, axis] - values[k + 1, axis]
-            height = min(abs(up), abs(down))
-            if height < least or up * down <= 0.0:
-                continue
-            if largest_step(values, k, axis) * SPIKE_RATIO < height:
-                values[k, axis] = 0.5 * (values[k - 1, axis] + values[k + 1, axis])
-                marked[k] = True
-                found += 1
+            steps |= int(abs(values[k, axis] - values[k - 1, axis]) >= least)
+    return steps > 0
+
+
+@njit(cache=True, nogil=True)
+def mend_row(values: NDArray[np.float32], row: int, least: float, marked: NDArray[np.bool_]) -> int:
+    """Mend what is a spike in one row; return how many readings were."""
+    found = 0
+    for axis in range(3):
+        up = values[row, axis] - values[row - 1, axis]
+        down = values[row, axis] - values[row + 1, axis]
+        height = min(abs(up), abs(down))
+        if height < least or up * down <= 0.0:
+            continue
+        if largest_step(values, row, axis) * SPIKE_RATIO < height:
+            values[row, axis] = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
+            marked[row] = True
+            found += 1
     return found
 
 
@@ -214,15 +235,23 @@ def find_flat_runs(values: NDArray[np.float32], axis: int, shortest: int) -> Row
 
 @njit(cache=True, nogil=True)
 def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest: int) -> Rows:
-    """Runs in which all six channels keep their values, shape (m, 2)."""
-    runs = np.empty((len(acc) // max(shortest, 1) + 1, 2), np.int64)
-    found, first = 0, 0
-    for k in range(1, len(acc) + 1):
-        if k == len(acc) or not is_repeat(acc, gyr, k):
-            if k - first >= shortest:
-                runs[found, 0], runs[found, 1] = first, k
-                found += 1
-            first = k
+    """Runs in which all six channels keep their values, shape (m, 2).
+
+    Such a run holds one of any ``shortest - 1`` repeats that follow each other: only there is looked around.
+    """
+    stride = max(shortest - 1, 1)
+    runs = np.empty((len(acc) // stride + 1, 2), np.int64)
+    found, k = 0, stride
+    while k < len(acc):
+        first, stop = k, k
+        while first > 0 and k - first < shortest and is_repeat(acc, gyr, first):
+            first -= 1
+        while first < k and stop < len(acc) and is_repeat(acc, gyr, stop):
+            stop += 1
+        if stop - first >= shortest:
+            runs[found, 0], runs[found, 1] = first, stop
+            found += 1
+        k = max(k, stop - 1) + stride
     return runs[:found]
 
 

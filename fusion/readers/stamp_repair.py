@@ -21,6 +21,8 @@ COARSE_ROWS = 4.0
 """Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
 FULL_RUN = 0.1
 HOUR_US = 3600 * MICROSECONDS
+FIRST_ROWS = 4097
+PART_ROWS = 1 << 14
 CHANGE_HOURS = (1, 2, 3)
 """Hours of the wall clock at which a country's clocks change."""
 CHANGE_MONTHS = (3, 4, 9, 10, 11)
@@ -138,18 +140,27 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     Only a step of exactly one hour on a Sunday of spring or autumn, at a full hour of the night, with no row
     missing, is taken for that. The stamps go on by the clock of the first row.
     """
-    steps = np.diff(stamps)
-    usual = float(np.median(steps[:4096])) if len(steps) else 0.0
-    places = np.flatnonzero(np.abs(np.abs(steps - usual) - HOUR_US) <= max(1.5 * usual, 1.0))
+    first_steps = np.diff(stamps[:FIRST_ROWS])
+    usual = float(np.median(first_steps)) if len(first_steps) else 0.0
     flags: tuple[QualityFlag, ...] = ()
-    for place in places.tolist():
-        step_us = int(steps[place])
-        if not _is_change(int(stamps[place]) + round(usual)):
+    for place in _find_long_steps(stamps, HOUR_US // 2):
+        step_us = int(stamps[place + 1] - stamps[place])
+        is_hour = abs(abs(step_us - usual) - HOUR_US) <= max(1.5 * usual, 1.0)
+        if not is_hour or not _is_change(int(stamps[place]) + round(usual)):
             continue
         at_s = float(stamps[place + 1] - np.sign(step_us) * HOUR_US - stamps[0]) / MICROSECONDS
         stamps[place + 1 :] -= np.int64(np.sign(step_us) * HOUR_US)
         flags += (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": int(np.sign(step_us)) * 3600}),)
     return flags
+
+
+def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int]:
+    """Rows after which the clock steps far either way; in parts, so that no array as long is made."""
+    return [
+        first + int(place)
+        for first in range(0, len(stamps), PART_ROWS)
+        for place in np.flatnonzero(np.abs(np.diff(stamps[first : first + PART_ROWS + 1])) > longer_than_us)
+    ]
 
 
 def _is_change(unix_us: int) -> bool:

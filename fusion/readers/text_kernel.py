@@ -34,8 +34,6 @@ TALLY_PLACES = 8
 PAUSE = 1 << 32
 """Added to the row number at a blank line or a new header where the layout has no time: a break of unknown
 length."""
-Piece = tuple[NDArray[np.uint8], int, int, NDArray[np.int32]]
-"""Buffer; first byte of the first line; first byte after the last one; room for the field ends."""
 Rules = tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 """Header line; target of each column (-1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate);
 column of each target, -1 for none; delimiter, decimal mark, kind of stamp, power of ten from stamps to

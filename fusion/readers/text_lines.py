@@ -22,26 +22,25 @@ from fusion.readers.text_kernel import (
     starts_with,
     take_row,
 )
+from fusion.readers.text_marks import Marks, find_marks
 from fusion.readers.text_numbers import NUMBER, SPACE
 from fusion.readers.text_plain import take_plain_rows
-from fusion.readers.text_words import find_marks
 
-Piece = tuple[NDArray[np.uint8], int, int, NDArray[np.int32]]
-"""Buffer; first byte of the first line; first byte after the last one; room for the field ends."""
+Piece = tuple[NDArray[np.uint8], int, int, Marks, Marks]
+"""Buffer; first byte of the first line; first byte after the last one; room for ends of fields, of lines."""
 SHORTEST_RUN, LONGEST_RUN = 1, 1024
 """Lines that are tried together on the plain path; few enough that they stay in the processor's cache."""
 
 
 @njit(cache=True, nogil=True)
 def parse_line(
-    piece: Piece, place: tuple[int, int], rules: Rules, values: Values, tally: NDArray[np.int64]
+    line: tuple[NDArray[np.uint8], int], row: int, rules: Rules, values: Values, tally: NDArray[np.int64]
 ) -> tuple[int, int]:
     """Read one line of any form with care; return the first byte after it and how many rows it gave.
 
-    ``place``: first byte of the line; its row.
+    ``line``: buffer and first byte of the line; ``row``: where its values go.
     """
-    buffer = piece[0]
-    at, row = place
+    buffer, at = line
     header, targets, _, signs, scales = rules
     acc, gyr, stamps = values
     is_header = starts_with(buffer, at, header)
@@ -69,25 +68,26 @@ def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDA
     the plain path decides nothing but the time it takes. Runs that succeed grow, so that the work stays
     linear where few lines are plain.
     """
-    buffer, at, stop, marks = piece
+    buffer, at, stop, marks, ends = piece
     may_be_plain = rules[3][0] != SPACE and rules[2][1:].min() >= 0
-    n_marks = find_marks(buffer, at, stop, rules[3][0], marks) if may_be_plain else 0
-    mark = 0
+    n_lines, end_bytes = find_marks(buffer, (at, stop), rules[3][0], marks, ends) if may_be_plain else (0, 0)
+    line = 0
     run = SHORTEST_RUN
     while at < stop:
-        rows, used = take_plain_rows(buffer, marks[mark:n_marks], rules, values, (row, run, tally[SAMPLES]))
+        most = min(run, n_lines - line)
+        lines = (marks[ends[line] :], ends[line:], end_bytes)
+        rows = take_plain_rows(buffer, lines, rules, values, (row, most, tally[SAMPLES])) if most > 0 else 0
         if rows > 0:
             tally[LINES] += rows
             tally[SAMPLES] += rows
             row += rows
-            mark += used
-            at = np.int64(marks[mark]) + 1
+            line += rows
+            at = np.int64(marks[ends[line]]) + 1
             run = min(2 * run, LONGEST_RUN)
             continue
         tally[LINES] += 1
-        at, kept = parse_line(piece, (at, row), rules, values, tally)
+        at, kept = parse_line((buffer, at), row, rules, values, tally)
         row += kept
-        while mark + 1 < n_marks and marks[mark + 1] < at:
-            mark += 1
+        line += int(line < n_lines)
         run = SHORTEST_RUN
     return row

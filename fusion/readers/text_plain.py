@@ -11,36 +11,33 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.readers.text_blocks import (
+    BLOCK_ROWS,
+    MOST_DECIMALS,
+    WORDS_OF_A_FIELD,
+    fold_words,
+    gather_words,
+)
 from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, LARGEST_VALUE, STAMP, Rules, Values
+from fusion.readers.text_marks import Marks
 from fusion.readers.text_numbers import (
     MINUS,
-    NEWLINE,
     NINE,
     NUMBER,
     POWERS,
-    RETURN,
     SPACE,
     WHOLE_POWERS,
     ZERO,
     scale_stamp,
     take_calendar,
 )
-from fusion.readers.text_words import (
-    EVERY_BYTE,
-    NOT_PLAIN,
-    WORD_DIGITS,
-    load_word,
-    take_plain,
-    take_short,
-)
+from fusion.readers.text_words import EVERY_BYTE, NOT_PLAIN, load_word, take_plain
 
 POINT = 46
 BYTE, SPACE_BYTE = np.uint64(255), np.uint64(SPACE)
 MINUTE_BYTES = 17
 """Of `2019-02-14T08:58:`, what all stamps of a minute begin with."""
 LONGEST_SECOND = 61
-Marks = NDArray[np.int32]
-"""Where fields end, one after the other; the first is the end of the line before."""
 
 
 @njit(cache=True, nogil=True)
@@ -50,25 +47,12 @@ def spread_mark(decimal: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def count_regular(
-    buffer: NDArray[np.uint8], marks: Marks, n_columns: int, delimiter: int, most: int
-) -> tuple[int, int]:
-    """How many lines from here on have exactly ``n_columns`` fields, and how many marks each has."""
-    if len(marks) <= n_columns:
-        return 0, n_columns
-    extra = int(buffer[marks[n_columns]] == RETURN)
-    stride = n_columns + extra
+def count_regular(ends: Marks, n_columns: int, most: int) -> int:
+    """How many lines from here on have exactly ``n_columns`` fields."""
     rows = 0
-    while rows < most and (rows + 1) * stride < len(marks):
-        at = rows * stride
-        for k in range(at + 1, at + n_columns):
-            if buffer[marks[k]] != delimiter:
-                return rows, stride
-        end = np.int64(marks[at + n_columns])
-        if buffer[end + extra] != NEWLINE or (extra == 1 and buffer[end] != RETURN):
-            return rows, stride
+    while rows < most and ends[rows + 1] - ends[rows] == n_columns:
         rows += 1
-    return rows, stride
+    return rows
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -79,36 +63,56 @@ def skip_padding(buffer: NDArray[np.uint8], at: int) -> int:
     return at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def take_values(
+@njit(cache=True, nogil=True)
+def take_each(
     buffer: NDArray[np.uint8],
     fields: Marks,
-    stride: int,
+    step: tuple[int, int],
     form: tuple[int, float],
     values: NDArray[np.float32],
 ) -> int:
-    """Read a column of numbers; return how many, up to the first that is not plain or no sensor's value.
+    """Read a column of numbers one by one; return how many, up to the first that is not plain or too large.
 
-    ``form``: decimal mark as of :func:`spread_mark`, factor. Most columns keep to one number of decimals:
-    that of the first field is foreseen, and any other costs a little more time.
+    ``step``: marks from a row to the next, and bytes between the field and the mark after it; ``form``:
+    decimal mark as of :func:`spread_mark`, factor.
     """
+    stride, tail = step
     dots, factor = form
-    usual = np.int64(0)
-    power = 1.0
     for row in range(len(values)):
         first = skip_padding(buffer, np.int64(fields[row * stride]) + 1)
-        stop = np.int64(fields[row * stride + 1])
-        mantissa, is_short = take_short(buffer, first, stop, usual, dots)
-        if is_short:
-            values[row] = mantissa / power * factor
-            continue
-        mantissa, decimals = take_plain(buffer, first, stop, dots)
+        mantissa, decimals = take_plain(buffer, first, np.int64(fields[row * stride + 1]) - tail, dots)
         value = mantissa / POWERS[decimals]
         if decimals == NOT_PLAIN or abs(value) >= LARGEST_VALUE:
             return row
         values[row] = value * factor
-        if row == 0 and decimals < WORD_DIGITS:
-            usual, power = decimals, POWERS[decimals]
+    return len(values)
+
+
+@njit(cache=True, nogil=True)
+def take_values(
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    form: tuple[int, float],
+    values: NDArray[np.float32],
+) -> int:
+    """Read a column of numbers as :func:`take_each`, in blocks that keep to the decimals of the first."""
+    if len(values) == 0:
+        return 0
+    dots, factor = form
+    words, folded = np.empty((WORDS_OF_A_FIELD, BLOCK_ROWS), np.uint64), np.empty(BLOCK_ROWS)
+    _, usual = take_plain(buffer, np.int64(fields[0]) + 1, np.int64(fields[1]) - step[1], dots)
+    for first in range(0, len(values), BLOCK_ROWS):
+        block = values[first : first + BLOCK_ROWS]
+        places = fields[first * step[0] :]
+        if 1 <= usual <= MOST_DECIMALS and len(block) == BLOCK_ROWS:
+            gather_words(buffer, places, step, usual, words)
+            if fold_words(words, usual, (dots, POWERS[usual], factor), folded):
+                block[:] = folded
+                continue
+        taken = take_each(buffer, places, step, form, block)
+        if taken < len(block):
+            return first + taken
     return len(values)
 
 
@@ -116,15 +120,17 @@ def take_values(
 def take_stamps(
     buffer: NDArray[np.uint8],
     fields: Marks,
-    stride: int,
+    step: tuple[int, int],
     form: tuple[int, int],
     stamps: NDArray[np.int64],
 ) -> int:
     """Read a column of numbers that are times; ``form``: decimal mark, power of ten to microseconds."""
+    stride, tail = step
     dots, exponent = form
     for row in range(len(stamps)):
         first = skip_padding(buffer, np.int64(fields[row * stride]) + 1)
-        mantissa, decimals = take_plain(buffer, first, np.int64(fields[row * stride + 1]), dots)
+        stop = np.int64(fields[row * stride + 1]) - tail
+        mantissa, decimals = take_plain(buffer, first, stop, dots)
         if decimals == NOT_PLAIN:
             return row
         stamps[row] = scale_stamp(mantissa, exponent - decimals)
@@ -154,13 +160,17 @@ def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
 
 @njit(cache=True, nogil=True)
 def take_calendars(
-    buffer: NDArray[np.uint8], fields: Marks, stride: int, delimiter: int, stamps: NDArray[np.int64]
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    delimiter: int,
+    stamps: NDArray[np.int64],
 ) -> int:
     """Read a column of dates with times; where the minute is that of the row before, by the seconds only."""
     early, late, minute_us = np.uint64(0), np.uint64(0), np.int64(0)
     for row in range(len(stamps)):
-        first = np.int64(fields[row * stride]) + 1
-        stop = np.int64(fields[row * stride + 1])
+        first = np.int64(fields[row * step[0]]) + 1
+        stop = np.int64(fields[row * step[0] + 1]) - step[1]
         at = first + MINUTE_BYTES
         seconds_us = take_seconds(buffer, at, stop) if stop > at else -1
         if seconds_us < 0:
@@ -176,36 +186,47 @@ def take_calendars(
 
 @njit(cache=True, nogil=True)
 def take_plain_stamps(
-    buffer: NDArray[np.uint8], marks: Marks, stride: int, rules: Rules, stamps: NDArray[np.int64]
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    rules: Rules,
+    stamps: NDArray[np.int64],
 ) -> int:
     """Read the stamps of a run of lines by the layout's kind of stamp."""
-    _, _, columns, signs, _ = rules
-    fields = marks[columns[STAMP] :]
+    _, _, _, signs, _ = rules
     if signs[2] == CALENDAR_TIME:
-        return take_calendars(buffer, fields, stride, signs[0], stamps)
-    return take_stamps(buffer, fields, stride, (spread_mark(signs[1]), signs[3]), stamps)
+        return take_calendars(buffer, fields, step, signs[0], stamps)
+    return take_stamps(buffer, fields, step, (spread_mark(signs[1]), signs[3]), stamps)
 
 
 @njit(cache=True, nogil=True)
 def take_plain_rows(
-    buffer: NDArray[np.uint8], marks: Marks, rules: Rules, values: Values, reach: tuple[int, int, int]
-) -> tuple[int, int]:
-    """Read the plain lines at the first mark; return how many, and how many marks they have.
+    buffer: NDArray[np.uint8],
+    lines: tuple[Marks, Marks, int],
+    rules: Rules,
+    values: Values,
+    reach: tuple[int, int, int],
+) -> int:
+    """Read the plain lines at the first mark; return how many.
 
-    ``reach``: first row to fill, how many lines at most, and the number of the first sample.
+    ``lines``: marks and ends as of :func:`fusion.readers.text_marks.find_marks`, from the line on, and how
+    many bytes end a line; ``reach``: first row to fill, how many lines at most, number of the first sample.
     """
+    marks, ends, end_bytes = lines
     _, targets, columns, signs, scales = rules
     acc, gyr, stamps = values
     row, most, number = reach
-    rows, stride = count_regular(buffer, marks, len(targets), signs[0], most)
+    n_columns = len(targets)
+    rows = count_regular(ends, n_columns, most)
     dots = spread_mark(signs[1])
-    for axis in range(3):
-        fields = marks[columns[1 + axis] :]
-        rows = take_values(buffer, fields, stride, (dots, scales[1 + axis]), acc[row : row + rows, axis])
-        fields = marks[columns[4 + axis] :]
-        rows = take_values(buffer, fields, stride, (dots, scales[4 + axis]), gyr[row : row + rows, axis])
+    for target in range(1, 7):
+        column = columns[target]
+        step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
+        taken = (acc if target < 4 else gyr)[row : row + rows, (target - 1) % 3]
+        rows = take_values(buffer, marks[column:], step, (dots, scales[target]), taken)
     if signs[2] == COUNTER:
         stamps[row : row + rows] = np.arange(number, number + rows)
-    else:
-        rows = take_plain_stamps(buffer, marks, stride, rules, stamps[row : row + rows])
-    return rows, rows * stride
+        return rows
+    column = columns[STAMP]
+    step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
+    return take_plain_stamps(buffer, marks[column:], step, rules, stamps[row : row + rows])

@@ -25,6 +25,7 @@ from fusion.readers.text_kernel import (
 )
 from fusion.readers.text_layout import TextLayout
 from fusion.readers.text_lines import parse_lines
+from fusion.readers.text_marks import SPARE_MARKS
 from fusion.readers.text_stream import TextForm, drop_lines, read_line_pieces, read_text_pieces
 from fusion.recording import QualityFlag
 
@@ -92,17 +93,17 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
     tally = np.zeros(TALLY_PLACES, np.int64)
     rules = make_rules(layout, plan)
     row_bytes = SHORTEST_NUMBER_BYTES * sum(target != IGNORED for target in plan.targets)
-    marks = np.empty(0, np.int32)
+    marks = ends = np.empty(0, np.int32)
     done_bytes = 0
     has_reserved = False
     end = LastBytes()
     pieces = rewrite_pieces(end.watch(read_text_pieces(source, form)), layout.dates)
     for piece in drop_lines(read_line_pieces(pieces), layout.first_line):
-        if len(marks) <= len(piece):
-            marks = np.empty(len(piece) + 1, np.int32)
+        if len(marks) < len(piece) + SPARE_MARKS:
+            marks, ends = (np.empty(len(piece) + SPARE_MARKS, np.int32) for _ in range(2))
         columns.make_room(len(piece) // row_bytes + 1)
         values = (columns.acc, columns.gyr, columns.stamps)
-        lines = (piece.buffer, piece.first, piece.stop, marks)
+        lines = (piece.buffer, piece.first, piece.stop, marks, ends)
         columns.rows = parse_lines(lines, rules, values, columns.rows, tally)
         done_bytes += len(piece)
         if not has_reserved and done_bytes > FORECAST_BYTES:

@@ -66,52 +66,41 @@ def load_word(typing_context, buffer, at):  # type: ignore[no-untyped-def]  # no
 
 
 @intrinsic
-def match_bytes(typing_context, buffer, at, delimiter):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Return 64 bits, one for each of 64 bytes: set where a field may end (delimiter, newline, return)."""
+def match_byte(typing_context, buffer, at, byte):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Return 64 bits, one for each of 64 bytes: set where it is ``byte``."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         lanes = ir.VectorType(ir.IntType(8), 64)
         text = _load(context, builder, signature, arguments, lanes)
-        byte = builder.trunc(arguments[2], ir.IntType(8))
-        single = builder.insert_element(ir.Constant(lanes, ir.Undefined), byte, ir.IntType(32)(0))
+        wanted = builder.trunc(arguments[2], ir.IntType(8))
+        nothing = ir.Constant(lanes, ir.Undefined)
+        single = builder.insert_element(nothing, wanted, ir.IntType(32)(0))
         spread = builder.shuffle_vector(
-            single, ir.Constant(lanes, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), 64), [0] * 64)
+            single, nothing, ir.Constant(ir.VectorType(ir.IntType(32), 64), [0] * 64)
         )
-        found = builder.icmp_unsigned("==", text, spread)
-        for mark in (NEWLINE, RETURN):
-            same = builder.icmp_unsigned("==", text, ir.Constant(lanes, [mark] * 64))
-            found = builder.or_(found, same)
-        return builder.bitcast(found, ir.IntType(64))
+        return builder.bitcast(builder.icmp_unsigned("==", text, spread), ir.IntType(64))
 
     return types.uint64(buffer, types.intp, types.int64), generate
 
 
 @intrinsic
 def lowest_bit(typing_context, word):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Return the place of the lowest bit that is set; the word must not be 0."""
+    """Return the place of the lowest bit that is set; 64 where none is."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
-        return builder.cttz(arguments[0], ir.IntType(1)(1))
+        return builder.cttz(arguments[0], ir.IntType(1)(0))
 
     return types.uint64(types.uint64), generate
 
 
-@njit(cache=True, nogil=True)
-def find_marks(
-    buffer: NDArray[np.uint8], first: int, stop: int, delimiter: int, marks: NDArray[np.int32]
-) -> int:
-    """Write the byte before ``first`` and all ends of fields up to ``stop``; return how many these are."""
-    marks[0] = first - 1
-    found = 1
-    for base in range(first, stop, 64):
-        word = match_bytes(buffer, base, delimiter)
-        if stop - base < 64:
-            word &= (ONE << np.uint64(stop - base)) - ONE
-        while word != ZERO_WORD:
-            marks[found] = base + np.int64(lowest_bit(word))
-            found += 1
-            word &= word - ONE
-    return found
+@intrinsic
+def count_bits(typing_context, word):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Return how many bits are set."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+        return builder.ctpop(arguments[0])
+
+    return types.uint64(types.uint64), generate
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -141,9 +130,9 @@ def close_gap(word: int, place: int, filling: int) -> int:
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def has_others(word: int) -> bool:
-    """Whether a byte is none of 0 to 9."""
-    return (((word & LOW_BITS) + ABOVE_NINE) | word) & TOP_BITS != ZERO_WORD
+def find_others(word: int) -> int:
+    """A bit for each byte that is none of 0 to 9; 0 where all are."""
+    return (((word & LOW_BITS) + ABOVE_NINE) | word) & TOP_BITS
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -172,28 +161,7 @@ def take_plain(buffer: NDArray[np.uint8], first: int, stop: int, dots: int) -> t
             early = close_gap(early, place, ZERO_WORD)
             decimals = np.int64(15) - np.int64(place >> THREE)
             length -= 1
-    if length < 1 or has_others(late) or has_others(early):
+    if length < 1 or (find_others(late) | find_others(early)) != ZERO_WORD:
         return np.int64(0), NOT_PLAIN
     mantissa = fold_digits(early) * TEN_TO_EIGHT + fold_digits(late)
     return -mantissa if is_negative else mantissa, decimals
-
-
-@njit(cache=True, nogil=True, forceinline=True)
-def take_short(
-    buffer: NDArray[np.uint8], first: int, stop: int, decimals: int, dots: int
-) -> tuple[int, bool]:
-    """Read a number of at most 8 digits whose 1 to 7 decimals are foreseen; return it and whether it is one.
-
-    The decimals and the digits before the mark are each loaded to where they belong in one word.
-    """
-    is_negative = load_word(buffer, first) & LAST_BYTE == MINUS_BYTE
-    length = stop - first - np.int64(is_negative)
-    shift = np.uint64(8 * decimals)
-    late = load_word(buffer, stop - 8) ^ ZEROS
-    whole = (load_word(buffer, stop - 9 - decimals) ^ ZEROS) >> shift
-    fraction = late & ~(ALL_BITS >> shift)
-    word = (whole | fraction) & (ALL_BITS << (np.uint64(72 - 8 * length) & SHIFT_BITS))
-    mark = ((late ^ dots) >> (BYTE_PLACES - shift)) & LAST_BYTE
-    is_short = decimals >= 1 and decimals + 2 <= length <= 9 and mark == ZERO_WORD and not has_others(word)
-    mantissa = fold_digits(word)
-    return -mantissa if is_negative else mantissa, is_short

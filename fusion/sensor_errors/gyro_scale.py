@@ -8,12 +8,13 @@ carry no acceleration of the arm's own, which would pass for a scale error of up
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import kernel
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.nodes import Nodes
@@ -93,9 +94,12 @@ def _compare_in_run(
     near = near[:: -(-len(near) // settings.most_pairs) or 1]
     first, second = inside[near], inside[near + 1]
     left_rad = bias.at(middle_s[first] + gap_s[near] / 2.0) * RADIANS - nodes.bias_rad[place[first]]
-    slope, miss, turned = _carry_between(
-        nodes.turn_rad, left_rad * nodes.period_s, place[first], place[second], up[first], up[second]
+    frame, drift, turned = np.zeros((len(near), 3, 3)), np.zeros((len(near), 3, 9)), np.zeros(len(near))
+    _carry_between(
+        nodes.turn_rad, left_rad * nodes.period_s, place[first], place[second], frame, drift, turned
     )
+    slope = np.cross(drift, up[first][:, :, None], axis=1)
+    miss = np.einsum("wij,wj->wi", frame, up[second]) - up[first]
     variance = settings.still_g**2 + (np.radians(settings.bias_dps) * gap_s[near]) ** 2
     return slope, miss, variance + (settings.turn_share * turned) ** 2
 
@@ -115,35 +119,27 @@ def _fit(slope: Table, miss: Table, variance: Table, settings: GyroScaleSettings
     return solution[diagonal], error[diagonal]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _carry_between(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    turns: Any, left: Any, first: Any, second: Any, up_first: Any, up_second: Any
-) -> tuple[Any, Any, Any]:  # pragma: no cover
-    """Carry the later vertical back to the earlier one, in the earlier one's frame, for each pair.
+    turns: Any, left: Any, first: Any, second: Any, frames: Any, drifts: Any, turned: Any
+) -> None:  # pragma: no cover
+    """How the sensor turned from one node to another: what takes vectors of the second to the first.
 
-    ``left`` (w, 3) is the rotation of each step that is bias still.
-    Column 3 j + k of the slopes: what a share of the rate about axis k that shows on axis j does.
+    ``left`` (w, 3) is the rotation of each step that is bias still. Column 3 j + k of the drifts: what a
+    share of the rate about axis k that shows on axis j does; ``turned`` is the length of the way, rad.
     """
-    slope, miss, turned = np.zeros((len(first), 3, 9)), np.zeros((len(first), 3)), np.zeros(len(first))
     for w in range(len(first)):
-        frame, drift = np.eye(3), np.zeros((3, 9))
-        for row in range(first[w] + 1, second[w] + 1):
-            turn = (turns[row, 0] - left[w, 0], turns[row, 1] - left[w, 1], turns[row, 2] - left[w, 2])
-            factors = turn_factors(turn)
-            turned[w] += np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-            for i in range(3):
-                frame[i, 0], frame[i, 1], frame[i, 2] = carry(
-                    (frame[i, 0], frame[i, 1], frame[i, 2]), turn, factors
-                )
-                for j in range(3):
-                    for k in range(3):
-                        drift[i, 3 * j + k] -= frame[i, j] * turn[k]
-        x, y, z = up_first[w, 0], up_first[w, 1], up_first[w, 2]
-        for j in range(9):
-            slope[w, 0, j] = drift[1, j] * z - drift[2, j] * y
-            slope[w, 1, j] = drift[2, j] * x - drift[0, j] * z
-            slope[w, 2, j] = drift[0, j] * y - drift[1, j] * x
+        x, y, z = left[w, 0], left[w, 1], left[w, 2]
         for i in range(3):
-            carried = frame[i, 0] * up_second[w, 0] + frame[i, 1] * up_second[w, 1]
-            miss[w, i] = carried + frame[i, 2] * up_second[w, 2] - up_first[w, i]
-    return slope, miss, turned
+            frames[w, i, i] = 1.0
+        for row in range(first[w] + 1, second[w] + 1):
+            turn = (turns[row, 0] - x, turns[row, 1] - y, turns[row, 2] - z)
+            factors = turn_factors(turn)
+            turned[w] += sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+            for i in range(3):
+                seen = carry((frames[w, i, 0], frames[w, i, 1], frames[w, i, 2]), turn, factors)
+                frames[w, i, 0], frames[w, i, 1], frames[w, i, 2] = seen
+                for j in range(3):
+                    drifts[w, i, 3 * j] -= frames[w, i, j] * turn[0]
+                    drifts[w, i, 3 * j + 1] -= frames[w, i, j] * turn[1]
+                    drifts[w, i, 3 * j + 2] -= frames[w, i, j] * turn[2]

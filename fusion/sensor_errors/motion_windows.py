@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import kernel
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.nodes import Nodes
 from fusion.sensor_errors.rotation import RADIANS, carry, turn_factors
@@ -59,55 +59,52 @@ def _form_of_run(nodes: Nodes, bias: GyroBias, length_s: float, every_s: float) 
     middle_s = np.asarray(nodes.start_s + (first + half) * nodes.period_s, dtype=np.float64)
     total = bias.at(middle_s)
     remaining = total * RADIANS - nodes.bias_rad[first + half]
-    matrix, difference = _walk_windows(nodes.acc_g, nodes.turn_rad, first, half, nodes.period_s, remaining)
+    spread, difference, felt = np.zeros((len(first), 3, 3)), *np.zeros((2, len(first), 3))
+    room = (np.empty((3, 3)), np.empty((3, 3)))
+    _walk_windows(
+        nodes.acc_g,
+        nodes.turn_rad,
+        first,
+        (half, nodes.period_s),
+        remaining,
+        room,
+        (spread, difference, felt),
+    )
+    up = felt / (np.linalg.norm(felt, axis=1, keepdims=True) + 1e-12)
+    matrix = np.cross(RADIANS * spread, up[:, :, None], axis=1)
     whole = np.asarray(difference + np.einsum("wij,wj->wi", matrix, total), dtype=np.float64)
     return WindowEquations(middle_s, matrix, whole, every_s)
 
 
-@njit(cache=True, nogil=True)
-def _walk_window(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    acc: Any, turns: Any, first: int, half: int, period_s: float, bias: Any, mean_acc: Any, mean_turned: Any
-) -> None:  # pragma: no cover
-    """Add up the means of acceleration (2, 3) and of the integrated rotation (2, 3, 3) of both halves."""
-    frame = np.eye(3)
-    turned = np.zeros((3, 3))
-    share = 1.0 / half
-    for step in range(2 * half):
-        row = first + step
-        part = 0 if step < half else 1
-        turn = (
-            turns[row, 0] - bias[0] * period_s,
-            turns[row, 1] - bias[1] * period_s,
-            turns[row, 2] - bias[2] * period_s,
-        )
-        factors = turn_factors(turn)
-        x, y, z = float(acc[row, 0]), float(acc[row, 1]), float(acc[row, 2])
-        for i in range(3):
-            if step > 0:
-                frame[i, 0], frame[i, 1], frame[i, 2] = carry(
-                    (frame[i, 0], frame[i, 1], frame[i, 2]), turn, factors
-                )
-            mean_acc[part, i] += share * (frame[i, 0] * x + frame[i, 1] * y + frame[i, 2] * z)
-            for j in range(3):
-                turned[i, j] += frame[i, j] * period_s
-                mean_turned[part, i, j] += share * turned[i, j]
-
-
-@njit(cache=True, nogil=True)
+@kernel
 def _walk_windows(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    acc: Any, turns: Any, first: Any, half: int, period_s: float, bias: Any
-) -> tuple[Any, Any]:  # pragma: no cover
-    """Equations of the windows that begin at the nodes ``first``; ``bias`` (w, 3), rad/s, is taken off."""
-    matrix, difference = np.zeros((len(first), 3, 3)), np.zeros((len(first), 3))
+    acc: Any, turns: Any, first: Any, steps: Any, bias: Any, room: Any, out: Any
+) -> None:  # pragma: no cover
+    """For the windows that begin at the nodes ``first``, with ``bias`` (w, 3), rad/s, taken off.
+
+    Into ``out``, all in the window's first frame: mean of the second half less that of the first, of the
+    integrated rotation (w, 3, 3) and of the acceleration (w, 3); and the sum of the acceleration (w, 3).
+    """
+    half, period_s = steps
+    frame, turned = room
+    spread, difference, total = out
     for w in range(len(first)):
-        mean_acc, mean_turned = np.zeros((2, 3)), np.zeros((2, 3, 3))
-        _walk_window(acc, turns, first[w], half, period_s, bias[w], mean_acc, mean_turned)
-        up = mean_acc[0] + mean_acc[1]
-        up /= np.sqrt((up * up).sum()) + 1e-12
-        spread = (mean_turned[1] - mean_turned[0]) * RADIANS
-        for j in range(3):
-            matrix[w, 0, j] = spread[1, j] * up[2] - spread[2, j] * up[1]
-            matrix[w, 1, j] = spread[2, j] * up[0] - spread[0, j] * up[2]
-            matrix[w, 2, j] = spread[0, j] * up[1] - spread[1, j] * up[0]
-        difference[w] = mean_acc[1] - mean_acc[0]
-    return matrix, difference
+        x, y, z = period_s * bias[w, 0], period_s * bias[w, 1], period_s * bias[w, 2]
+        for i in range(3):
+            for j in range(3):
+                frame[i, j], turned[i, j] = 1.0 if i == j else 0.0, 0.0
+        for step in range(2 * half):
+            row = first[w] + step
+            share = -1.0 / half if step < half else 1.0 / half
+            moved = 1.0 if step > 0 else 0.0
+            turn = (moved * (turns[row, 0] - x), moved * (turns[row, 1] - y), moved * (turns[row, 2] - z))
+            factors = turn_factors(turn)
+            for i in range(3):
+                seen = carry((frame[i, 0], frame[i, 1], frame[i, 2]), turn, factors)
+                frame[i, 0], frame[i, 1], frame[i, 2] = seen
+                felt = seen[0] * acc[row, 0] + seen[1] * acc[row, 1] + seen[2] * acc[row, 2]
+                difference[w, i] += share * felt
+                total[w, i] += felt
+                for j in range(3):
+                    turned[i, j] += frame[i, j] * period_s
+                    spread[w, i, j] += share * turned[i, j]

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import FloatArray
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias
@@ -58,7 +58,7 @@ def reduce_to_nodes(
     rows = 2 * int((run.rate_hz / node_rate_hz - 1.0) / 2.0 + 0.25) + 1 if node_rate_hz < run.rate_hz else 1
     rows = rows if len(run) >= LEAST_NODES * rows else 1
     start_s, period_s, count = run.start_s + rows // 2 / run.rate_hz, rows / run.rate_hz, len(run) // rows
-    bias_rad = bias.along(start_s, period_s, count) * RADIANS
+    bias_rad = bias.at(start_s + period_s * np.arange(count)) * RADIANS
     acc_g, turn_rad = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3))
     lag_rows = min(1.0, gyro_lag_s * run.rate_hz)
     taps = _place_taps(lag_rows, np.ones(3))
@@ -78,9 +78,10 @@ def correct_nodes(
     of a second, it nearly does: 1e-4 deg for a bias wrong by 1 deg/s.
     """
     gyro_scale = np.ones(3) if gyro_scale is None else gyro_scale
-    bias_rad = bias.along(nodes.start_s, nodes.period_s, len(nodes.acc_g)) * RADIANS
-    turn_rad = np.empty_like(nodes.turn_rad)
-    _rebias(nodes.turn_rad, nodes.bias_rad, bias_rad, nodes.period_s, gyro_scale / nodes.gyro_scale, turn_rad)
+    bias_rad, turn_rad = np.empty_like(nodes.bias_rad), np.empty_like(nodes.turn_rad)
+    line = (bias.time_s, bias.bias_dps * RADIANS)
+    steps = (nodes.start_s, nodes.period_s, gyro_scale / nodes.gyro_scale)
+    _rebias(nodes.turn_rad, nodes.bias_rad, line, steps, turn_rad, bias_rad)
     acc_g = nodes.acc_g
     if accelerometer is not None and accelerometer.directions:
         offset_g, scale = accelerometer.offset_g.astype(np.float32), accelerometer.scale.astype(np.float32)
@@ -88,16 +89,28 @@ def correct_nodes(
     return replace(nodes, acc_g=acc_g, turn_rad=turn_rad, bias_rad=bias_rad, gyro_scale=gyro_scale)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rebias(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    turns: Any, before: Any, after: Any, period_s: float, scale: Any, out: Any
+    turns: Any, before: Any, line: Any, steps: Any, turned: Any, after: Any
 ) -> None:  # pragma: no cover
-    for axis in range(3):
-        out[0, axis] = 0.0
-    for node in range(1, len(turns)):
+    """Draw the bias from knot to knot into ``after``, and change the turns by what it differs."""
+    time_s, bias = line
+    start_s, period_s, scale = steps
+    left, last = 0, len(time_s) - 1
+    for node in range(len(turns)):
+        now_s = start_s + node * period_s
+        while left < last - 1 and now_s >= time_s[left + 1]:
+            left += 1
+        share, right = 0.0, left
+        if last > 0:
+            right = left + 1
+            share = (now_s - time_s[left]) / (time_s[right] - time_s[left])
+            share = 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
+        moved = period_s if node > 0 else 0.0
         for axis in range(3):
-            change = period_s * (after[node, axis] - before[node, axis])
-            out[node, axis] = scale[axis] * (turns[node, axis] - change)
+            after[node, axis] = bias[left, axis] + share * (bias[right, axis] - bias[left, axis])
+            change = moved * (after[node, axis] - before[node, axis])
+            turned[node, axis] = scale[axis] * (turns[node, axis] - change)
 
 
 def spread_rows(  # noqa: PLR0913, PLR0917 (it is asked for block by block)
@@ -127,14 +140,14 @@ def _place_taps(lag_rows: float, gyro_scale: NDArray[np.float64]) -> tuple[Tripl
     )
 
 
-@njit(inline="always")
+@inner
 def _read(table: Any, row: int) -> Any:  # pragma: no cover
     """A row as a triple; the first and last stand for what lies outside."""
-    inside = min(max(row, 0), len(table) - 1)
+    inside = 0 if row < 0 else row if row < len(table) else len(table) - 1
     return float(table[inside, 0]), float(table[inside, 1]), float(table[inside, 2])
 
 
-@njit(inline="always")
+@inner
 def _mix(before: Any, now: Any, after: Any, taps: Any, offset: Any) -> Any:  # pragma: no cover
     """Rate of a row, rad/s, as the trapezoid wants it; ``taps`` rad/s for each deg/s, ``offset`` rad/s."""
     a, b, c = taps
@@ -145,14 +158,14 @@ def _mix(before: Any, now: Any, after: Any, taps: Any, offset: Any) -> Any:  # p
     )
 
 
-@njit(inline="always")
+@inner
 def _add(table: Any, row: int, vector: Any, share: float) -> None:  # pragma: no cover
     table[row, 0] += share * vector[0]
     table[row, 1] += share * vector[1]
     table[row, 2] += share * vector[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _reduce(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     acc: Any, gyr: Any, bias: Any, steps: Any, mean_acc: Any, turns: Any
 ) -> None:  # pragma: no cover
@@ -164,14 +177,16 @@ def _reduce(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     rows, period_s, taps = steps
     half, share = rows // 2, 1.0 / rows
     for node in range(len(mean_acc) + 1):
-        start, stop = max(0, (node - 1) * rows + half), min(len(mean_acc) * rows - 1, node * rows + half)
-        at = min(node, len(mean_acc) - 1)
+        first, at, stop = node == 0, node, node * rows + half
+        start = 0 if first else stop - rows
+        if node == len(mean_acc):
+            at, stop = node - 1, node * rows - 1
         offset = (bias[at, 0], bias[at, 1], bias[at, 2])
         last, now = _read(gyr, start), _read(gyr, start + 1)
         before = _mix(_read(gyr, start - 1), last, now, taps, offset)
         whole, ahead = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        if node == 0:
-            ahead = _read(acc, 0)
+        if first:
+            ahead = _read(acc, start)
         for row in range(start + 1, stop + 1):
             following = _read(gyr, row + 1)
             after = _mix(last, now, following, taps, offset)
@@ -186,11 +201,11 @@ def _reduce(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
                 ahead = (ahead[0] + felt[0], ahead[1] + felt[1], ahead[2] + felt[2])
         if node < len(mean_acc):
             _add(mean_acc, node, ahead, share)
-            if node > 0:
+            if not first:
                 turns[node, 0], turns[node, 1], turns[node, 2] = whole
 
 
-@njit(inline="always")
+@inner
 def _compose(first: Any, second: Any) -> Any:  # pragma: no cover
     """Rotation vector of ``first``, then ``second`` as seen after it."""
     return (
@@ -200,37 +215,38 @@ def _compose(first: Any, second: Any) -> Any:  # pragma: no cover
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _spread(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     gyr: Any, bias: Any, steps: Any, up: Any, first: int, out: Any
 ) -> None:  # pragma: no cover
     """Carry the vertical of each node to the rows before and after it."""
     rows, period_s, taps, scale = steps
     shift = first * rows
-    backwards = (taps[2], taps[1], taps[0])
-    for node in range(first, min(len(up), first + (len(out) + rows - 1) // rows)):
-        middle = node * rows + rows // 2
-        stop = shift + len(out) if node == len(up) - 1 else (node + 1) * rows
+    ahead, behind = (period_s, taps), (-period_s, (taps[2], taps[1], taps[0]))
+    node, end = first, shift + len(out)
+    while node < len(up) and node * rows < end:
+        middle, last = node * rows + rows // 2, end if node == len(up) - 1 else (node + 1) * rows
         offset = (bias[node, 0] * scale[0], bias[node, 1] * scale[1], bias[node, 2] * scale[2])
         vertical = (up[node, 0], up[node, 1], up[node, 2])
         out[middle - shift, 0], out[middle - shift, 1], out[middle - shift, 2] = vertical
-        _walk(gyr, (middle + 1, stop, 1), (period_s, taps, offset), vertical, shift, out)
-        _walk(gyr, (middle - 1, node * rows - 1, -1), (-period_s, backwards, offset), vertical, shift, out)
+        _walk(gyr, middle + 1, last - middle - 1, (ahead, offset), vertical, shift, out)
+        _walk(gyr, middle - 1, rows // 2, (behind, offset), vertical, shift, out)
+        node += 1
 
 
-@njit(inline="always")
+@inner
 def _walk(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    gyr: Any, ends: Any, motion: Any, vertical: Any, shift: int, out: Any
+    gyr: Any, row: int, count: int, motion: Any, vertical: Any, shift: int, out: Any
 ) -> None:  # pragma: no cover
-    """From the row beside a node outwards, forwards or backwards in time."""
-    first, stop, step = ends
-    period_s, taps, offset = motion
-    last, now = _read(gyr, first - step), _read(gyr, first)
-    before = _mix(_read(gyr, first - 2 * step), last, now, taps, offset)
-    for row in range(first, stop, step):
+    """From the row beside a node outwards: forwards, or where the period is negative backwards in time."""
+    (period_s, taps), offset = motion
+    step = 1 if period_s > 0.0 else -1
+    last, now = _read(gyr, row - step), _read(gyr, row)
+    before = _mix(_read(gyr, row - 2 * step), last, now, taps, offset)
+    for _ in range(count):
         following = _read(gyr, row + step)
         after = _mix(last, now, following, taps, offset)
         turn = bend(before, after, period_s)
         vertical = carry(vertical, turn, turn_factors(turn))
         out[row - shift, 0], out[row - shift, 1], out[row - shift, 2] = vertical
-        last, now, before = now, following, after
+        last, now, before, row = now, following, after, row + step

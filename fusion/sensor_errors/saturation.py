@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import kernel
 from fusion.recording import FloatArray
 from fusion.sensor_errors.runs import SensorRun
 from fusion.sensor_errors.stillness import QuarterSeconds
@@ -94,7 +94,7 @@ def _measure_rest(channel: _Channel, column: int, extreme: float) -> int:
     return int(_count_rest(channel.samples, column % 3, extreme, blocks, channel.rows_per_block))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count_rest(
     samples: Any, axis: int, extreme: float, blocks: Any, rows_per_block: int
 ) -> int:  # pragma: no cover
@@ -122,7 +122,7 @@ def _repair(samples: FloatArray, limits: Table, rate_hz: float) -> FloatArray:
     return repaired
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bridge(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     samples: Any, axis: int, sign: float, limit: float, longest: int, repaired: Any
 ) -> None:  # pragma: no cover
@@ -140,7 +140,7 @@ def _bridge(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
         _draw_cubic(samples, axis, sign, limit, (first - 1, row), repaired)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _draw_cubic(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     samples: Any, axis: int, sign: float, limit: float, ends: tuple[int, int], repaired: Any
 ) -> None:  # pragma: no cover

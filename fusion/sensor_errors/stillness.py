@@ -6,12 +6,13 @@ question about stillness is then answered from the blocks, whatever the length o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import kernel
 from fusion.recording import FloatArray
 from fusion.sensor_errors.runs import SensorRun
 
@@ -54,26 +55,23 @@ class QuietTable:
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def reduce_to_blocks(samples: Any, per_block: int, moments: Any, extremes: Any) -> None:  # pragma: no cover
     """Mean and mean square (m, 6), lowest and highest (6, m) of each block of rows; the last may be short."""
     for block in range(len(moments)):
-        first, stop = block * per_block, min((block + 1) * per_block, len(samples))
-        x, y, z = float(samples[first, 0]), float(samples[first, 1]), float(samples[first, 2])
-        a, b, c, aa, bb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        low_x, low_y, low_z, high_x, high_y, high_z = x, y, z, x, y, z
-        for row in range(first, stop):
-            x, y, z = float(samples[row, 0]), float(samples[row, 1]), float(samples[row, 2])
-            a, b, c = a + x, b + y, c + z
-            aa, bb, cc = aa + x * x, bb + y * y, cc + z * z
-            low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
-            high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
-        share = 1.0 / (stop - first)
-        sums = (a, b, c, aa, bb, cc)
-        ends = (low_x, low_y, low_z, high_x, high_y, high_z)
-        for k in range(6):
-            moments[block, k] = sums[k] * share
-            extremes[k, block] = ends[k]
+        first, stop = block * per_block, (block + 1) * per_block
+        stop = stop if stop < len(samples) else len(samples)
+        for axis in range(3):
+            total, squares = 0.0, 0.0
+            low = high = float(samples[first, axis])
+            for row in range(first, stop):
+                value = float(samples[row, axis])
+                total += value
+                squares += value * value
+                low = value if value < low else low
+                high = value if value > high else high
+            moments[block, axis], moments[block, axis + 3] = total / (stop - first), squares / (stop - first)
+            extremes[axis, block], extremes[axis + 3, block] = low, high
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,25 +117,25 @@ def _summarise_run(blocks: QuarterSeconds, duration_s: float) -> QuietTable:
     start_s = np.asarray(blocks.start_s + blocks.block_s * np.arange(count), dtype=np.float64)
     means, sds = np.empty((2, count, 3)), np.empty((2, count))
     for moments, mean, sd in ((blocks.acc, means[0], sds[0]), (blocks.gyr, means[1], sds[1])):
-        _slide(moments, length, mean, sd)
+        _slide(moments, length, np.zeros(6), mean, sd)
     return QuietTable(start_s, length * blocks.block_s, means[0], means[1], sds[0], sds[1])
 
 
-@njit(cache=True, nogil=True)
-def _slide(moments: Any, length: int, mean: Any, largest_sd: Any) -> None:  # pragma: no cover
+@kernel
+def _slide(moments: Any, length: int, sums: Any, mean: Any, largest_sd: Any) -> None:  # pragma: no cover
     """Mean and largest standard deviation of each window of ``length`` blocks, by a running sum."""
-    sums = np.zeros(6)
     for block in range(len(moments)):
         for k in range(6):
             sums[k] += moments[block, k]
         first = block - length + 1
         if first < 0:
             continue
-        variance = 0.0
+        largest = 0.0
         for k in range(3):
             mean[first, k] = sums[k] / length
-            variance = max(variance, sums[k + 3] / length - mean[first, k] * mean[first, k])
-        largest_sd[first] = np.sqrt(variance)
+            variance = sums[k + 3] / length - mean[first, k] * mean[first, k]
+            largest = variance if variance > largest else largest
+        largest_sd[first] = sqrt(largest)
         for k in range(6):
             sums[k] -= moments[first, k]
 
@@ -176,18 +174,12 @@ def _join(tables: list[QuietTable]) -> QuietTable:
 
 def keep_apart(table: QuietTable) -> QuietTable:
     """Take windows that do not overlap, in time order."""
-    return table.select(_choose_apart(table.start_s, table.duration_s))
-
-
-@njit(cache=True, nogil=True)
-def _choose_apart(start_s: Any, duration_s: float) -> Any:  # pragma: no cover
-    chosen = np.zeros(len(start_s), dtype=np.bool_)
-    free_from_s = -np.inf
-    for row in range(len(start_s)):
-        if start_s[row] >= free_from_s - 1e-6:
-            chosen[row] = True
-            free_from_s = start_s[row] + duration_s
-    return chosen
+    following = np.searchsorted(table.start_s, table.start_s + table.duration_s - 1e-6)
+    chosen, row = [], 0
+    while row < len(following):
+        chosen.append(row)
+        row = int(following[row])
+    return table.select(np.array(chosen, dtype=np.intp))
 
 
 def find_quietest_rate(run: SensorRun, duration_s: float = 2.0) -> FloatTable:

@@ -12,8 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.report.content import ReportSubject, Software
-from fusion.calibration import Calibration, StillPeriod
-from fusion.elevation import Elevation, ElevationSegment, Method
+from app.report.findings import (
+    CalibrationFacts,
+    Findings,
+    MethodFacts,
+    RecordingFacts,
+    SettingsFacts,
+    StillFacts,
+)
 from fusion.exposure import (
     Cycles,
     ElevationBin,
@@ -28,9 +34,8 @@ from fusion.exposure import (
     TimeAbove,
     Velocity,
 )
-from fusion.pipeline import Analysis, AnalysisSettings
 from fusion.quality import Quality, TimeAccount
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
+from fusion.recording import MICROSECONDS, QualityFlag, Span
 
 RECORDED_S = 28740.0
 BREAKS_S = ((7200.0, 8100.0), (14400.0, 16200.0))
@@ -55,25 +60,24 @@ def make_analysis(
     exposure: Exposure | None = None,
     quality: Quality | None = None,
     calibrated: bool = True,
-) -> Analysis:
+) -> Findings:
     """Give an analysed shift."""
-    segment = Segment(0, 100.0, np.zeros((10, 3), np.float32), np.zeros((10, 3), np.float32))
-    recording = Recording(
+    recording = RecordingFacts(
         device="gt9x",
         sha256=SHA256,
         start=start,
         time_zone="UTC-05:00",
         duration_us=round(RECORDED_S * MICROSECONDS),
-        segments=(segment,),
+        rate_hz=100.0,
         serial_hash="3f2a9c01b7de",
     )
     exclusions = tuple(Span(_us(a), _us(b - a), "break") for a, b in BREAKS_S)
     time = TimeAccount(_us(RECORDED_S), _us(ANALYSED_S), _us(540), _us(2700))
-    return Analysis(
+    return Findings(
         recording=recording,
-        settings=AnalysisSettings(),
+        settings=SettingsFacts(),
         calibration=make_calibration() if calibrated else None,
-        elevation=make_elevation() if calibrated else replace(make_elevation(), method=None),
+        method=make_method() if calibrated else None,
         exclusions=exclusions,
         time=time,
         exposure=exposure or make_exposure(),
@@ -81,17 +85,14 @@ def make_analysis(
     )
 
 
-def make_calibration() -> Calibration:
+def make_calibration() -> CalibrationFacts:
     """An N-pose found in the first minute."""
-    still = StillPeriod(42.5, 6.2, np.array([0.02, 0.99, 0.05]), np.array([0.31, -0.12, 0.07]), 0.93)
-    return Calibration("n-pose", still, np.array([0.02, 0.998, 0.05]))
+    return CalibrationFacts("n-pose", StillFacts(42.5, 6.2, 0.93, (0.31, -0.12, 0.07)))
 
 
-def make_elevation() -> Elevation:
-    """Ten samples; the report takes only the method from here."""
-    samples = ElevationSegment(0, 100.0, np.zeros(10, np.float32), np.ones(10, bool))
-    method = Method("smoothed", "1", {"low_pass_hz": 0.5, "rest_threshold_dps": 2.0, "window_s": 30.0})
-    return Elevation((samples,), method)
+def make_method() -> MethodFacts:
+    """An estimator with three parameters."""
+    return MethodFacts("smoothed", "1", {"low_pass_hz": 0.5, "rest_threshold_dps": 2.0, "window_s": 30.0})
 
 
 def make_quality(verdict: str = "caution") -> Quality:

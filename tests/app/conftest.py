@@ -15,15 +15,28 @@ from app.request import ReportRequest
 from app.settings import Settings
 from app.storage import Storage
 from fusion.simulation import simulate_shift, write_shift
+from tests.postgres import PostgresServer
 
 AddJob = Callable[..., Job]
 OpenBench = Callable[..., Bench]
 
 
 @pytest.fixture
-def settings(tmp_path: Path) -> Settings:
+def database(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """An empty database: SQLite or, for tests parametrised so, PostgreSQL."""
+    if getattr(request, "param", "sqlite") == "sqlite":
+        return f"sqlite:///{tmp_path / 'data' / 'acromion.sqlite3'}"
+    server: PostgresServer = request.getfixturevalue("postgres")
+    server.empty()
+    return server.url
+
+
+@pytest.fixture
+def settings(tmp_path: Path, database: str) -> Settings:
     """Settings of a folder of the test's own, on a disk that may be small."""
-    return Settings(data_dir=tmp_path / "data", min_free_bytes=0, max_upload_bytes=1_000_000)
+    return Settings(
+        data_dir=tmp_path / "data", database_url=database, min_free_bytes=0, max_upload_bytes=1_000_000
+    )
 
 
 @pytest.fixture
@@ -36,7 +49,7 @@ def storage(settings: Settings) -> Storage:
 
 @pytest.fixture
 def store(settings: Settings) -> Iterator[JobStore]:
-    """A real SQLite database."""
+    """A real database."""
     opened = JobStore(settings.database_url)
     yield opened
     opened.close()

@@ -64,3 +64,10 @@ def fail_by_bug(log: Path, request: ReportRequest, out: Path, on_stage: OnStage)
 def take_all_memory(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Ask for a tebibyte."""
     bytearray(1 << 40)
+
+
+def write_in_a_second(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Take long enough for something to happen meanwhile."""
+    on_stage("fusing", 0.5)
+    time.sleep(1)
+    write_report(log, request, out, on_stage)

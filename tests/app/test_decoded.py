@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.decoded import DecodedCache, name_entry
+from app.decoded import DecodedCache, KnownLogs, name_entry
 from app.request import ReportRequest
 from app.workflow import make_report
 from fusion.recording import QualityFlag, Recording, Span
@@ -117,7 +117,7 @@ def test_the_report_is_the_same_with_and_without_the_cache(tmp_path: Path, cache
     for kept in (None, cache, cache):
         out = tmp_path / f"out{len(bodies)}"
         out.mkdir()
-        make_report(log, request, out, cache=kept)
+        make_report(log, request, out, known=KnownLogs(cache=kept))
         bodies.append((out / "results.json").read_bytes())
 
     assert len(list_entries(cache)) == 1
@@ -128,11 +128,11 @@ def test_a_change_of_the_file_is_never_hidden_by_the_cache(tmp_path: Path, cache
     first, second = (write_recordings(tmp_path / str(seed), "gt9x", 0.02, seed)[0] for seed in (1, 2))
     out = tmp_path / "out"
     out.mkdir()
-    make_report(first, ReportRequest("a.gt3x", kinds=()), out, cache=cache)
+    make_report(first, ReportRequest("a.gt3x", kinds=()), out, known=KnownLogs(cache=cache))
     before = (out / "results.json").read_bytes()
 
     first.write_bytes(second.read_bytes())
-    make_report(first, ReportRequest("a.gt3x", kinds=()), out, cache=cache)
+    make_report(first, ReportRequest("a.gt3x", kinds=()), out, known=KnownLogs(cache=cache))
 
     assert (out / "results.json").read_bytes() != before
 

@@ -12,10 +12,11 @@ import openpyxl
 import pyarrow.parquet as pq
 import pytest
 
+from app.report.brief import tell_in_brief
 from app.report.bundle import pack_files
 from app.report.content import build_report
 from app.report.dictionary import encode_dictionary, list_paths, name_unit
-from app.report.exports import export_results, tell_in_brief
+from app.report.exports import export_results
 from app.report.redcap import DICTIONARY_COLUMNS
 from app.report.results import encode_results
 from app.report.summary import COLUMNS, PERIOD_COLUMNS
@@ -229,3 +230,11 @@ def test_the_same_recording_gives_the_same_bytes_in_every_file(shift_gt3x: Path,
 
     assert [name for name in made[0] if made[0][name] != made[1][name]] == []
     assert pack_files(made[0]) == pack_files(made[1])
+
+
+def test_a_digest_that_is_known_is_not_taken_again(shift_gt3x: Path, tmp_path: Path) -> None:
+    known = "ab" * 32
+
+    make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",)), tmp_path, known=KnownLogs((known,)))
+
+    assert json.loads((tmp_path / "results.json").read_text())["recording"]["sha256"] == known

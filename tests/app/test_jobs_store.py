@@ -6,14 +6,18 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, text
+from sqlalchemy import create_engine, delete, text
+from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere
 from app.jobs.job import TRANSITIONS, Claimer, Job, JobState
 from app.jobs.store import JobStore
+from app.jobs.tables import recordings
 from app.settings import Settings
 from app.storage import ResultFile
 from tests.app.conftest import AddJob
+
+pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 
 ME = Claimer("here", 1, "10")
 FILES = (ResultFile("results.json", "0" * 64, 2),)
@@ -156,23 +160,27 @@ def test_a_state_follows_another_only_where_the_table_says_so(
 
 
 def test_a_commit_is_durable_through_a_power_cut(store: JobStore) -> None:
-    with store._engine.connect() as connection:
-        modes = [
-            connection.execute(text(f"PRAGMA {name}")).scalar() for name in ("journal_mode", "synchronous")
-        ]
+    asked = {
+        "sqlite": ("PRAGMA journal_mode", "PRAGMA synchronous"),
+        "postgresql": ("SHOW synchronous_commit",),
+    }
+    durable = {"sqlite": ["wal", 2], "postgresql": ["on"]}  # 2 is FULL
 
-    assert modes == ["wal", 2]  # 2 is FULL
+    with store._engine.connect() as connection:
+        modes = [connection.execute(text(query)).scalar() for query in asked[connection.dialect.name]]
+
+    assert modes == durable[store._engine.dialect.name]
 
 
 def test_rows_cannot_lose_their_recording(store: JobStore, add_job: AddJob) -> None:
     add_job()
 
-    with store._engine.connect() as connection:
-        assert connection.execute(text("PRAGMA foreign_keys")).scalar() == 1
+    with pytest.raises(IntegrityError), store._engine.begin() as connection:
+        connection.execute(delete(recordings))
 
 
 def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
-    settings.data_dir.mkdir()
+    settings.data_dir.mkdir(exist_ok=True)
 
     with ThreadPoolExecutor(4) as pool:
         stores = list(pool.map(lambda _: JobStore(settings.database_url), range(4)))
@@ -189,3 +197,13 @@ def test_the_rows_outlive_the_store(settings: Settings, add_job: AddJob, tmp_pat
     with engine.connect() as connection:
         assert connection.execute(text("SELECT id FROM analyses")).scalar() == job.id
     engine.dispose()
+
+
+def test_a_published_attempt_is_known_as_that_when_asked_again(store: JobStore, add_job: AddJob) -> None:
+    job = add_job()
+    _, token = claim(store)
+    store.finish(job.id, token, FILES)
+
+    assert not store.finish(job.id, token, FILES)
+    assert store.is_published(job.id, token)
+    assert not store.is_published(job.id, "another")

@@ -19,6 +19,8 @@ from app.storage import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 
+pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+
 
 def start_bystander() -> subprocess.Popen[bytes]:
     """Start a process that does nothing."""

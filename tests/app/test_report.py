@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from app.report.content import Report, build_report
+from app.report.findings import Findings
 from app.report.parts import Section, Table
 from app.report.wording import LANGUAGES, Language
 from fusion.exposure import Entries, Episodes, Exposure, Interval, PartExposure, PeakWindow, Velocity
-from fusion.pipeline import Analysis
 from fusion.quality import Quality, TimeAccount
 from tests.app.analysis_factory import (
     make_analysis,
@@ -21,7 +21,7 @@ from tests.app.analysis_factory import (
 
 
 def report_of(
-    *, analysis: Analysis | None = None, exposure: Exposure | None = None, language: Language = "en"
+    *, analysis: Findings | None = None, exposure: Exposure | None = None, language: Language = "en"
 ) -> Report:
     return build_report(analysis or make_analysis(exposure=exposure), make_subject(), language)
 
@@ -173,7 +173,7 @@ def test_a_ready_angle_series_has_no_pose() -> None:
 
 
 def test_the_bar_merges_whole_bins() -> None:
-    assert [plain(row[2]) for row in report_of().bar.table.rows] == [
+    assert [plain(row[2]) for row in report_of().figures[0].table.rows] == [
         "67.5 %",
         "24.9 %",
         "5.5 %",
@@ -331,7 +331,7 @@ def test_the_range_of_time_above_stands_beside_the_proposal() -> None:
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_two_tables_bear_the_same_name(language: Language) -> None:
     report = report_of(language=language)
-    figures = [report.bar, report.day, *(f for s in report.sections for f in s.figures)]
+    figures = [*report.figures, *(f for s in report.sections for f in s.figures)]
     captions = [f.table.caption for f in figures] + [t.caption for s in report.sections for t in s.tables]
 
     assert len(captions) == len(set(captions))

@@ -12,8 +12,9 @@ import openpyxl
 import pytest
 from pypdf import PdfReader
 
+from app.report.brief import tell_in_brief
 from app.report.content import Report, build_report
-from app.report.exports import tell_in_brief
+from app.report.findings import Findings
 from app.report.html import render_html
 from app.report.pdf import render_pdf, spell_uncovered
 from app.report.redcap import encode_redcap_import
@@ -23,7 +24,6 @@ from app.report.tables import FRENCH_EXCEL, INTERNATIONAL
 from app.report.wording import Language
 from app.report.workbook import encode_workbook
 from fusion.exposure import PartExposure
-from fusion.pipeline import Analysis
 from fusion.quality import Quality
 from fusion.recording import QualityFlag, Span
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
@@ -34,7 +34,7 @@ RESULTS: dict[str, Any] = build_results(make_analysis(), make_subject())
 SHARES = ({10: 1.0, 50: 2.0, 90: 3.0}, {30: 1.0, 60: 1.0, 90: 1.0}, None)
 
 
-def analysis_with(texts: Sequence[str]) -> Analysis:
+def analysis_with(texts: Sequence[str]) -> Findings:
     """Put texts wherever a file or a person could: labels, reasons, zone, facts, unknown codes and kinds."""
     tasks = (
         PartExposure(text, 60.0 * k, 60.0 * k + 60, 60.0, *SHARES, kind="task", recorded_s=60.0)
@@ -86,7 +86,7 @@ def test_the_page_has_no_other_element_and_no_other_attribute(family: str) -> No
 def test_every_drawing_stays_well_formed_with_the_same_elements(family: str) -> None:
     def elements(texts: Sequence[str]) -> list[list[str]]:
         report = report_with(texts)
-        figures = [report.day, report.bar, *(f for s in report.sections for f in s.figures)]
+        figures = [*report.figures, *(f for s in report.sections for f in s.figures)]
         drawings = [svg for figure in figures for svg in (figure.wide, figure.narrow)]
         return [[e.tag for e in ET.fromstring(svg).iter()] for svg in drawings]
 

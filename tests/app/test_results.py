@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.report.findings import SettingsFacts
 from app.report.results import build_results, encode_results, identify_report
 from fusion.exposure import Interval, PeakWindow
-from fusion.pipeline import AnalysisSettings
 from fusion.quality import Quality
 from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
@@ -72,7 +72,8 @@ def test_a_ready_angle_series_has_no_calibration_and_no_method() -> None:
 def test_the_figures_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
     assert list(results["exposure"]) == [
         "bins", "time_above", "percentiles_deg", "entries", "cycles", "episodes", "velocity_dps", "peak",
-        "eva", "by_hour", "by_period", "intervals", "recovery", "frequency", "variation",
+        "eva", "by_hour", "by_period", "by_task", "intervals", "recovery", "frequency", "variation",
+        "conventions",
     ]  # fmt: skip
 
 
@@ -203,7 +204,7 @@ def test_the_file_is_utf8_and_ends_with_a_newline() -> None:
 
 def test_the_report_id_follows_the_settings() -> None:
     analysis = make_analysis()
-    other = replace(analysis, settings=AnalysisSettings(pose="side-lean"))
+    other = replace(analysis, settings=SettingsFacts(pose="side-lean"))
 
     assert identify_report(analysis, make_subject()) != identify_report(other, make_subject())
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from tests.badfiles import gt3x_files as g
+from tests.badfiles import person_files as p
 from tests.badfiles import signal_files as s
 from tests.badfiles import table_files as t
 from tests.fusion.gt3x_builder import INFO, T0, record
@@ -294,4 +295,23 @@ SIGNALS = (
     refused("95 tiny", "shift.csv", given(t.canon()[:200]), "E-SHORT"),
 )
 
-BAD_FILES = (*CONTAINERS, *RECORDS, *INFO_AND_TIME, *TABLES, *SIGNALS)
+PERSONS = (
+    refused("91 never still", "shift.csv", p.swing(0.0), "E-CALIBRATION"),
+    refused("91 still for 1 s", "shift.csv", p.swing(1.0), "E-CALIBRATION"),
+    read("91 still for 3 s", "shift.csv", p.swing(3.0), "W-NO-STILL"),
+    read("92 upside down", "shift.csv", p.turned((1, -1, -1))),
+    read("92 other side", "shift.csv", p.turned((-1, -1, 1))),
+    read("93", "shift.csv", p.put_back_turned, "W-REMOUNT W-GAP", (5403.52, 360.0, 0.0)),
+    read("94", "shift.csv", p.left_on_a_desk, "W-NONWEAR", (780.0, 0.0, 0.0)),
+    read("96 twice in one file", "shift.csv", p.the_same_twice, "W-CLOCK-BACK", (120.0, 0.0, 0.0)),
+)
+
+PARTS = {
+    "A. Container": CONTAINERS,
+    "B. Records in log.bin": RECORDS,
+    "C. info.txt and time": INFO_AND_TIME,
+    "D. Tables": TABLES,
+    "E. Signal and sensor": SIGNALS,
+    "E. Person": PERSONS,
+}
+BAD_FILES = tuple(bad for part in PARTS.values() for bad in part)

@@ -3,8 +3,6 @@
 import io
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -12,7 +10,6 @@ from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.report.messages import describe_problem
 from app.report.wording import LANGUAGES, Language
@@ -21,17 +18,13 @@ from fusion.errors import FusionError
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
 from tests.badfiles.expected import ALWAYS, BAD_FILES, BadFile
+from tests.badfiles.ways_in import Server, codes_in, content_of
 
 REFUSED = [bad for bad in BAD_FILES if bad.code]
 ONE_OF_EACH = list({bad.code: bad for bad in REFUSED}.values())
 READ = [bad for bad in BAD_FILES if not bad.code]
 SENT = READ[:: len(READ) // 3]
 """A few of those that give a report go all the way through the server: one road serves them all."""
-
-
-@cache
-def content_of(bad: BadFile) -> bytes:
-    return bad.make()
 
 
 def name_row(bad: BadFile) -> str:
@@ -61,28 +54,6 @@ def test_it_is_read_with_its_warnings_and_times(bad: BadFile) -> None:
     assert {flag.code for flag in analysis.quality.flags} - ALWAYS == bad.warnings
     assert seen_s == pytest.approx([bad.analysed_s, bad.missing_s, bad.excluded_s], abs=0.006)
     assert time.analysed_us + time.missing_us + time.excluded_us == time.recorded_us
-
-
-@dataclass(frozen=True, slots=True)
-class Server:
-    """The application and a worker of the same folder, called in turns."""
-
-    client: TestClient
-    settings: Settings
-
-    def send(self, bad: BadFile) -> str:
-        """Send a file, let a worker do it, and give the address of what became of it."""
-        answer = self.client.post("/api/v1/analyze", content=content_of(bad), params={"file_name": bad.name})
-        bench = open_bench(self.settings)
-        run_next(bench)
-        bench.store.close()
-        return str(answer.headers["location"])
-
-    def tell_problem(self, address: str, language: Language) -> dict[str, str]:
-        """Why there is no report, in a language."""
-        seen = self.client.get(address, headers={"Accept-Language": language})
-        problem: dict[str, str] = seen.json()["problem"]
-        return problem
 
 
 @pytest.fixture(scope="module")
@@ -138,10 +109,6 @@ def test_the_command_line_gives_the_other_files_their_warnings(files: list[BadFi
     results = sorted((tmp_path / "out").glob("*/results.json"))
     assert ended.exit_code == 0
     assert [codes_in(json.loads(path.read_text())) for path in results] == [bad.warnings for bad in files]
-
-
-def codes_in(results: dict[str, dict[str, list[dict[str, str]]]]) -> set[str]:
-    return {warning["code"] for warning in results["quality"]["warnings"]} - ALWAYS
 
 
 def test_the_api_names_a_refusal_of_each_code_in_both_languages(server: Server) -> None:

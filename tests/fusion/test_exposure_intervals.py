@@ -7,8 +7,8 @@ from scipy.stats import norm
 from fusion.elevation import Elevation
 from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.exposure.bins import CELLS
-from fusion.exposure.intervals import draw_days
-from fusion.exposure.resampling import DRAWS
+from fusion.exposure.intervals import draw_figures
+from fusion.exposure.resampling import DRAWS, draw_blocks
 from tests.factories import elevate
 
 
@@ -66,7 +66,8 @@ def test_blocks_that_differ_widen_the_interval_of_an_exact_angle() -> None:
 
 def test_the_bins_of_every_draw_add_up() -> None:
     random = np.random.default_rng(4)
-    draws = draw_days(random.integers(0, 40_000, (33, CELLS), np.int32), bias_sigma_deg=4.0)
+    blocks = random.integers(0, 40_000, (7, CELLS))
+    draws = draw_figures(blocks, draw_blocks(blocks.sum(axis=1), 4.0))
 
     assert draws.bins_percent.sum(axis=1) == pytest.approx(np.full(DRAWS, 100.0))
 

@@ -14,7 +14,8 @@ from fusion.exposure.episodes import find_stays
 from fusion.exposure.frequency import count_crossings, find_mean_power_frequency
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.peaks import ShiftedSeconds
-from fusion.exposure.shifted_stays import ENTRIES, STAY_S, STAYS, start_shifted_stays
+from fusion.exposure.shifted_stays import LONGER_S, STAY_S, STAYS, start_shifted_stays
+from fusion.exposure.stretches import cut_day
 from fusion.exposure.variation import describe_hours
 from tests.factories import elevate
 
@@ -110,16 +111,22 @@ def test_an_arm_that_does_not_move_has_no_frequency() -> None:
     assert find_mean_power_frequency(np.full(12_000, 50.0), 100.0) is None
 
 
+def count_all_crossings(angle: NDArray[np.float64]) -> float:
+    counts = np.zeros(1)
+    count_crossings(angle, np.ones(len(angle), np.bool_), 100.0, np.array([0, len(angle)]), counts)
+    return float(counts[0])
+
+
 def test_a_swing_changes_direction_twice() -> None:
     angle = 45 + 40 * np.sin(2 * np.pi * 0.25 * np.arange(60_000) / 100)
 
-    assert count_crossings(angle, np.ones(60_000, np.bool_), 100.0, 10.0) == 300  # 150 peaks, 150 valleys
+    assert count_all_crossings(angle) == 300  # 150 peaks, 150 valleys
 
 
 def test_a_tremor_slower_than_the_dead_band_is_no_change_of_direction() -> None:
     angle = 45 + 0.5 * np.sin(2 * np.pi * 3 * np.arange(6000) / 100)  # at most 9.4 deg/s
 
-    assert count_crossings(angle, np.ones(6000, np.bool_), 100.0, 10.0) == 0
+    assert count_all_crossings(angle) == 0
 
 
 def test_time_in_long_stays_is_told_by_their_length() -> None:
@@ -184,17 +191,23 @@ def test_the_triggers_at_all_errors_count_what_one_trigger_counts_at_each(
     valid[[gap for gap in gaps if gap < len(series)]] = False
     angle = MetricAngle(0, rate_hz, series, valid)
     errors_deg = np.linspace(-7.3, 7.3, 11)
-    shifted = start_shifted_stays(errors_deg, np.array([0, 10_000_000, 10_000_000_000]))
+    nothing = np.zeros(0, np.int64)
+    shifted = start_shifted_stays(
+        errors_deg, cut_day(np.array([0, 10_000_000, 120_000_000]), nothing, nothing)
+    )
     shifted.add(angle)
 
     for threshold_deg in (30, 60, 90):
         sums = shifted.pick(shifted.sums, threshold_deg).sum(axis=1)
+        entries = shifted.pick(shifted.entries, threshold_deg).sum(axis=1)
         longest_s = shifted.pick(shifted.longest_s, threshold_deg)
         for k, error_deg in enumerate(errors_deg):
             stays = find_stays(angle, float(np.round(threshold_deg - error_deg, 9)))
-            assert sums[k, ENTRIES] == len(stays.entry_us)
+            assert entries[k] == len(stays.entry_us)
             assert sums[k, STAYS] == len(stays.duration_s)
             assert sums[k, STAY_S] == pytest.approx(stays.duration_s.sum())
+            longer_s = stays.duration_s[stays.duration_s > 5.0].sum()
+            assert sums[k, LONGER_S] == pytest.approx(longer_s)
             assert longest_s[k] == pytest.approx(stays.duration_s.max(initial=0.0))
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import io
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +15,12 @@ from fusion.readers.grid import fit_line, open_rows
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import HashedFile, open_source
 from fusion.readers.table_plan import plan_table
+from fusion.readers.text_blocks import fold_words, gather_words
 from fusion.readers.text_layout import find_layout
 from fusion.readers.text_plain import spread_mark
 from fusion.readers.text_stream import decode_head, find_form, read_line_pieces
 from fusion.readers.text_table import read_table
-from fusion.readers.text_words import NOT_PLAIN, take_plain, take_short
+from fusion.readers.text_words import NOT_PLAIN, take_plain
 from tests.fusion.table_builder import HEADER
 
 NO_HOLES = np.empty(0, np.int64)
@@ -71,10 +73,17 @@ def test_a_plain_number_is_the_double_that_python_reads(whole: int, fraction: st
 
 
 @given(text=st.text("0123456789.,-+e /:;", min_size=1, max_size=14), decimals=st.integers(1, 7))
+@settings(deadline=None)
 def test_a_foreseen_number_of_decimals_changes_no_value(text: str, decimals: int) -> None:
-    mantissa, is_short = take_short(pad(text), 20, 20 + len(text), decimals, POINT)
+    padded, fields = pad(text), np.array([19, 20 + len(text)], np.int32)
+    form: Any = (np.uint64(POINT), 10.0**decimals, 1.0)
+    words, folded = np.empty((4, 1), np.uint64), np.empty(1)
 
-    assert not is_short or (mantissa, decimals) == take(text)
+    gather_words(padded, fields, (1, 0), decimals, words)
+    is_foreseen = fold_words(words, decimals, form, folded)
+
+    mantissa, found = take(text)
+    assert not is_foreseen or (folded[0], decimals) == (mantissa / 10.0**found, found)
 
 
 NUMBERS = st.one_of(
@@ -95,6 +104,36 @@ def test_a_table_holds_the_floats_that_python_reads(fields: list[str]) -> None:
 
     expected = np.array([[float(field.strip(' "')) for field in row] for row in rows]).astype(np.float32)
     assert np.array_equal(np.hstack([columns.acc, columns.gyr])[60:63], expected)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    decimals=st.integers(0, 8),
+    odd=st.lists(st.tuples(st.integers(0, 699), st.integers(0, 5), NUMBERS), max_size=3),
+    end=st.sampled_from(["\n", "\r\n"]),
+)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_blocks_of_alike_numbers_hold_the_floats_that_python_reads(
+    seed: int, decimals: int, odd: list[tuple[int, int, str]], end: str
+) -> None:
+    values = np.random.default_rng(seed).uniform(-1.0, 1.0, (700, 6)) * 10.0 ** np.arange(-2, 4)
+    fields = [[f"{value:.{decimals}f}" for value in row] for row in values]
+    for row, column, number in odd:
+        fields[row][column] = number
+    lines = [f"{10_000 * k},{','.join(row)}" for k, row in enumerate(fields)]
+
+    columns = parse(end.join([HEADER, *lines, ""]))
+
+    expected = np.array([[float(field.strip(' "')) for field in row] for row in fields])
+    assert np.array_equal(np.hstack([columns.acc, columns.gyr]), expected.astype(np.float32))
+
+
+def test_a_return_inside_a_line_is_no_end_of_a_field() -> None:
+    text = RESTING.replace("\n", "\r\n").replace("100000,0,1,", "100000,0\r1,")
+
+    columns = parse(HEADER + "\r\n" + text)
+
+    assert columns.stamps.tolist() == [10_000 * k for k in range(60) if k != 10]
 
 
 def parse(text: str) -> SampleColumns:

@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from fusion.exposure import Exposure, Velocity, summarise_exposure
-from fusion.exposure.bins import BIN_EDGES_DEG
-from fusion.references import CONVENTIONS, REFERENCES, compare_with_references, divide_by_convention
+from fusion.references import REFERENCES, compare_with_references
 from tests.factories import elevate
 
 
@@ -52,18 +50,3 @@ def test_no_value_marked_unverified_is_shipped() -> None:
         ("velocity", 60.0),
         ("p99", 124.0),
     }
-
-
-@pytest.mark.parametrize("convention", CONVENTIONS, ids=lambda convention: convention.key)
-def test_every_convention_follows_exactly_from_the_stored_bins(convention) -> None:  # type: ignore[no-untyped-def]
-    exposure = work(1)
-
-    classes = divide_by_convention(exposure.bins, convention)
-    assert set(convention.edges_deg) <= set(BIN_EDGES_DEG)
-    assert sum(part.duration_s for part in classes) == exposure.analysed_s
-
-
-def test_the_classes_of_iso_11226_are_20_and_60_deg() -> None:
-    iso = divide_by_convention(work(1).bins, CONVENTIONS[0])
-
-    assert [(part.lower_deg, part.percent) for part in iso] == [(0, 25.0), (20, 25.0), (60, 50.0)]

@@ -73,9 +73,9 @@ def test_6_each_stay_above_60_deg_lasts_what_the_sine_gives(
 
 
 def test_8_150_swings_of_80_deg_are_149_and_a_half_cycles() -> None:
-    counts = count_cycles(sample(swing, 600))
+    counts = count_cycles(sample(swing, 600), np.array([0, 10**12]))
 
-    assert counts.tolist() == [
+    assert counts[0].tolist() == [
         0.0,
         1.0,
         149.5,
@@ -166,7 +166,7 @@ def test_15_a_ripple_on_a_slow_swing_is_not_a_repetition(
 
 def test_16_the_example_of_the_rainflow_standard_is_counted_as_printed_there() -> None:
     points = np.array([-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0])
-    ranges, counts = count_rainflow(points, np.zeros(9, np.int64))
+    ranges, counts, _ = count_rainflow(points, np.zeros(9, np.int64))
 
     table = {size: float(counts[ranges == size].sum()) for size in sorted(set(ranges.tolist()))}
     assert table == {3.0: 0.5, 4.0: 1.5, 6.0: 0.5, 8.0: 1.0, 9.0: 0.5}

@@ -1,0 +1,181 @@
+"""The folder of a finished recording: what it was made from, the version before it, its languages.
+
+No report is overwritten. The newest stands in the folder under the plain names; the one before it moves into
+``v1``, ``v2``, ... inside. A report in another language is the same report: it takes the plain names, and the
+one there keeps its language in its name (``report.en.html``).
+"""
+
+import errno
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from app.batch.plan import MARKER, Task
+from app.request import Language, ReportRequest
+from app.version import software_revision, software_version
+
+_TOLD = ("answer.txt", "report.html", "report.pdf")
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """What the products in a folder were made from; written last, so that they are complete."""
+
+    fingerprint: str
+    input: str = ""
+    settings: str = "{}"
+    version: int = 1
+    changes: tuple[str, ...] = ()
+    language: Language = "en"
+
+    def list_digests(self) -> tuple[str, ...]:
+        """Give the SHA-256 of the log and of each file joined to it."""
+        return tuple(self.input.split())
+
+
+def make_marker(task: Task) -> Marker:
+    """Say what the products of a task are made from: the same three give the same figures."""
+    digest = _hash_files(task)
+    settings = json.dumps(task.request.name_settings(), sort_keys=True)
+    parts = [digest, task.request.file_name, settings, software_version(), software_revision()]
+    fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    return Marker(fingerprint, digest, settings, language=task.request.languages[0])
+
+
+def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
+    """Read what a finished folder was made from; None where it is not finished, or no longer whole."""
+    if not all((folder / name).exists() for name in (MARKER, figures, "answer.txt")):
+        return None
+    values = json.loads((folder / MARKER).read_text("utf-8"))
+    return Marker(**{**values, "changes": tuple(values.get("changes", ()))})
+
+
+def is_up_to_date(task: Task) -> bool:
+    """Tell whether the report that is there holds the figures that the task would make."""
+    before = read_marker(task.folder)
+    return before is not None and before.fingerprint == make_marker(task).fingerprint
+
+
+def write_marker(folder: Path, marker: Marker) -> None:
+    """Declare the folder complete."""
+    (folder / MARKER).write_text(json.dumps(asdict(marker)), "utf-8")
+
+
+def list_changes(before: Marker, after: Marker) -> tuple[str, ...]:
+    """Name what is different: "input", the settings, or else the "engine"."""
+    old, new = json.loads(before.settings), json.loads(after.settings)
+    settings = tuple(name for name in new if name in old and old[name] != new[name])
+    other_input = ("input",) if before.input and before.input != after.input else ()
+    return (*other_input, *settings) or ("engine",)
+
+
+def refuse_foreign_folder(folder: Path) -> None:
+    """Only a folder that we made ourselves is replaced."""
+    if folder.exists() and not (folder / MARKER).exists() and any(folder.iterdir()):
+        raise FileExistsError(errno.EEXIST, "a folder of this name exists and was not made by acromion")
+
+
+def use_plain_names(folder: Path, language: Language) -> None:
+    """The report in the language asked is ``report.html``, its answer ``answer.txt``."""
+    for path in folder.glob(f"*.{language}.*"):
+        path.rename(folder / f"{path.name.partition('.')[0]}{path.suffix}")
+
+
+def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
+    """Tell whether the report stands there in the language and the forms asked."""
+    mark = "" if request.languages[0] == marker.language else f".{request.languages[0]}"
+    return all((folder / f"report{mark}.{kind}").exists() for kind in request.kinds)
+
+
+def switch_language(folder: Path, marker: Marker, language: Language) -> None:
+    """Give the plain names to another language, of which the files stand there, and write that down."""
+    if language == marker.language:
+        return
+    for name in _TOLD:
+        plain = folder / name
+        if plain.exists():
+            plain.rename(plain.with_name(f"{plain.stem}.{marker.language}{plain.suffix}"))
+    use_plain_names(folder, language)
+    write_marker(folder, replace(marker, language=language))
+
+
+def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -> None:
+    """Put the new products in place; what stood there moves to ``v<version>`` inside."""
+    earlier = name_earlier(folder)
+    if folder.exists():
+        folder.rename(earlier)
+    staging.rename(folder)
+    put_earlier_back(folder, figures)
+
+
+def put_earlier_back(folder: Path, figures: str = "results.json") -> None:
+    """Find its place for what was moved aside: its own where nothing took it (a run was cut), else inside."""
+    earlier = name_earlier(folder)
+    if not earlier.exists():
+        return
+    if not folder.exists():
+        earlier.rename(folder)
+        return
+    for older in _list_versions(earlier):
+        older.rename(folder / older.name)
+    before, now = read_marker(earlier, figures), read_marker(folder, figures)
+    if before is None or (now is not None and now.version == before.version):
+        shutil.rmtree(earlier)
+    else:
+        earlier.rename(folder / f"v{before.version}")
+
+
+def find_last_version(folder: Path) -> int:
+    """Give the number of the last version kept inside; 0 for none."""
+    return max((int(path.name[1:]) for path in _list_versions(folder)), default=0)
+
+
+def _list_versions(folder: Path) -> list[Path]:
+    return [path for path in folder.glob("v*/") if path.name[1:].isdigit()]
+
+
+@contextmanager
+def open_staging(folder: Path) -> Iterator[Path]:
+    """Give an empty folder beside ``folder`` to make its products in; nothing of it is left behind."""
+    staging = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir(parents=True)
+    try:
+        yield staging
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def keep_versions(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
+    """Make a report of two in its folder, as a new version where its figures are others than before."""
+    put_earlier_back(folder, figures)
+    refuse_foreign_folder(folder)
+    with open_staging(folder) as staging:
+        make(staging)
+        use_plain_names(staging, language)
+        fingerprint, before = _hash_file(staging / figures), read_marker(folder, figures)
+        version = find_last_version(folder) + 1
+        if before is not None:
+            version = before.version + (before.fingerprint != fingerprint)
+        marker = Marker(fingerprint, version=version, language=language)
+        write_marker(staging, marker)
+        replace_folder(folder, staging, figures)
+    return marker
+
+
+def name_earlier(folder: Path) -> Path:
+    """Name the place beside a folder for what stood in it."""
+    return folder.with_name(f".{folder.name}.earlier")
+
+
+def _hash_files(task: Task) -> str:
+    return " ".join(_hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
+
+
+def _hash_file(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,11 @@
+"""What Alembic runs: the migrations, in the transaction of :mod:`app.jobs.migrate`."""
+
+from alembic import context
+
+from app.jobs.tables import metadata
+
+context.configure(
+    connection=context.config.attributes["connection"], target_metadata=metadata, render_as_batch=True
+)
+with context.begin_transaction():
+    context.run_migrations()

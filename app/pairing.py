@@ -1,0 +1,185 @@
+"""The road from finished analyses to the report of both arms, and to that of one day beside another.
+
+Both start from the folders that finished analyses leave: nothing is fused again. The page, the API and the
+command line take these same roads.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from app.errors import CannotPair
+from app.report.before_after import build_comparison, describe_comparison
+from app.report.beside import encode_document
+from app.report.both_arms import ArmPair, build_pair, describe_pair
+from app.report.findings import Kept
+from app.report.parts import Report
+from app.report.writing import read_kept, write_report
+from app.request import Language, ReportKind
+from fusion.elevation import Elevation, ElevationSegment
+from fusion.errors import TooShort
+from fusion.paired import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
+from fusion.quality import leave_out
+from fusion.recording import MICROSECONDS
+
+ELEVATION = "elevation.parquet"
+PAIR, COMPARISON = "pair.json", "comparison.json"
+HOLE_PERIODS = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class PairRequest:
+    """What a report of two is asked with.
+
+    ``trunk`` is the folder of a third analysis, of the trunk; ``offset_s`` tells when the right recording
+    began, seconds after the left, where the clocks do not or are wrong.
+    """
+
+    trunk: Path | None = None
+    offset_s: float | None = None
+    languages: tuple[Language, ...] = ("en", "fr")
+    kinds: tuple[ReportKind, ...] = ("html", "pdf")
+
+
+def make_pair_report(left: Path, right: Path, request: PairRequest, out: Path) -> None:
+    """Set two finished analyses of one shift side by side, into the existing folder ``out``.
+
+    Writes ``pair.json`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
+
+    Raises
+    ------
+    CannotPair
+        When they are not both arms of one shift, or nothing tells how their clocks lie.
+    """
+    first, second = _read(left), _read(right)
+    _refuse_strangers(first, second)
+    offset_s = find_offset_s(first, second) if request.offset_s is None else request.offset_s
+    angles = read_analysed(left, first), read_analysed(right, second)
+    pair = ArmPair(
+        first,
+        second,
+        offset_s,
+        "clocks" if request.offset_s is None else "person",
+        _share(*angles, offset_s),
+        _relate(angles, request.trunk, (first, second)),
+    )
+    reports = [build_pair(pair, language) for language in request.languages]
+    _write(reports, (PAIR, describe_pair(pair)), request.kinds, out)
+
+
+def make_comparison_report(before: Path, after: Path, request: PairRequest, out: Path) -> None:
+    """Set one finished analysis beside a later one, into the existing folder ``out``.
+
+    Writes ``comparison.json`` and the reports as :func:`make_pair_report` does.
+
+    Raises
+    ------
+    CannotPair
+        When a folder holds no finished analysis.
+    """
+    first, second = _read(before), _read(after)
+    reports = [build_comparison(first, second, language) for language in request.languages]
+    _write(reports, (COMPARISON, describe_comparison(first, second)), request.kinds, out)
+
+
+def find_offset_s(left: Kept, right: Kept) -> float:
+    """Give by how many seconds the right recording began after the left, by their clocks.
+
+    Where only one file tells its zone, both are taken for clocks of the same place.
+
+    Raises
+    ------
+    CannotPair
+        When one of them has no clock.
+    """
+    first, second = left.findings.recording.start, right.findings.recording.start
+    if first is None or second is None:
+        raise CannotPair(why="offset")
+    if first.tzinfo is None or second.tzinfo is None:
+        first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
+    return (second - first).total_seconds()
+
+
+def read_analysed(folder: Path, kept: Kept) -> Elevation:
+    """Read the angle series of a finished analysis; what its report leaves out is not valid."""
+    table = pq.read_table(folder / ELEVATION)
+    columns = (table[name].to_numpy() for name in ("time_s", "elevation_deg", "valid"))
+    return leave_out(Elevation(tuple(_split_runs(*columns)), None), kept.findings.exclusions)
+
+
+def _split_runs(
+    time_s: np.ndarray[Any, Any], angle_deg: np.ndarray[Any, Any], valid: np.ndarray[Any, Any]
+) -> list[ElevationSegment]:
+    """Cut the series where a step is longer than a sample and a half."""
+    steps_s = np.diff(time_s)
+    period_s = float(np.median(steps_s)) if len(steps_s) else 1.0
+    cuts = [0, *(np.flatnonzero(steps_s > HOLE_PERIODS * period_s) + 1).tolist(), len(time_s)]
+    return [
+        ElevationSegment(
+            start_us=round(float(time_s[a]) * MICROSECONDS),
+            rate_hz=_fit_rate_hz(time_s[a:b], period_s),
+            elevation_deg=angle_deg[a:b],
+            valid=valid[a:b],
+        )
+        for a, b in pairwise(cuts)
+        if b > a
+    ]
+
+
+def _fit_rate_hz(time_s: np.ndarray[Any, Any], period_s: float) -> float:
+    return (len(time_s) - 1) / float(time_s[-1] - time_s[0]) if len(time_s) > 1 else 1 / period_s
+
+
+def _read(folder: Path) -> Kept:
+    try:
+        return read_kept(folder)
+    except (OSError, ValueError, KeyError):
+        raise CannotPair(why="kept") from None
+
+
+def _refuse_strangers(left: Kept, right: Kept) -> None:
+    """Two recordings of one arm, or one recording twice, would look like a perfectly even worker."""
+    if left.findings.recording.sha256 == right.findings.recording.sha256:
+        raise CannotPair(why="same")
+    if left.subject.side == "right" or right.subject.side == "left":
+        raise CannotPair(why="side")
+
+
+def _share(left: Elevation, right: Elevation, offset_s: float) -> PairedArms:
+    try:
+        return pair_arms(left, right, offset_s)
+    except TooShort:
+        raise CannotPair(why="apart") from None
+
+
+def _relate(
+    angles: tuple[Elevation, Elevation], trunk: Path | None, kept: tuple[Kept, Kept]
+) -> tuple[TrunkRelative, TrunkRelative]:
+    """Give each arm beside the trunk, on the clocks of the devices."""
+    if trunk is None:
+        return relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)
+    found = _read(trunk)
+    body = read_analysed(trunk, found)
+    try:
+        left, right = (
+            relate_to_trunk(angle, body, find_offset_s(arm, found))
+            for angle, arm in zip(angles, kept, strict=True)
+        )
+    except TooShort:
+        raise CannotPair(why="apart") from None
+    return left, right
+
+
+def _write(
+    reports: Sequence[Report], document: tuple[str, dict[str, Any]], kinds: tuple[ReportKind, ...], out: Path
+) -> None:
+    name, values = document
+    body = encode_document(values)
+    (out / name).write_bytes(body)
+    for report in reports:
+        write_report(report, kinds, {name: body}, out)

@@ -1,0 +1,69 @@
+"""From findings to the files of a report: HTML, PDF and the answer in five lines, in each language asked.
+
+It needs no science: a finished analysis is written again, in the other language or on its own, from what it
+left in its folder.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from app.report.brief import tell_in_brief
+from app.report.content import build_report
+from app.report.findings import Findings, Kept, decode_findings
+from app.report.html import render_html
+from app.report.parts import Report
+from app.report.pdf import render_pdf
+from app.report.subject import ReportSubject
+from app.request import ReportKind, ReportRequest
+
+RESULTS, FINDINGS = "results.json", "findings.json"
+
+
+def write_reports(findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path) -> None:
+    """Write ``report.<language>.<kind>`` and ``answer.<language>.txt`` beside the results in ``out``."""
+    results = (out / RESULTS).read_bytes()
+    for language in request.languages:
+        report = build_report(findings, subject, language)
+        write_report(report, request.kinds, {RESULTS: results}, out)
+
+
+def write_report(
+    report: Report, kinds: tuple[ReportKind, ...], attachments: dict[str, bytes], out: Path
+) -> None:
+    """Write one report, in its language, and its answer in a few lines."""
+    (out / f"answer.{report.language}.txt").write_bytes(tell_in_brief(report))
+    for kind, body in _render(report, kinds, attachments):
+        (out / f"report.{report.language}.{kind}").write_bytes(body)
+
+
+def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
+    """Write the reports of a finished analysis anew into ``out``, where its results are put too.
+
+    Raises
+    ------
+    OSError, ValueError
+        When the folder holds no findings, or those of a later program.
+    """
+    kept = read_kept(finished)
+    (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
+    write_reports(kept.findings, kept.subject, request, out)
+
+
+def read_kept(finished: Path) -> Kept:
+    """Read what the analysis in a folder found.
+
+    Raises
+    ------
+    OSError, ValueError
+        As :func:`rewrite_reports`.
+    """
+    return decode_findings((finished / FINDINGS).read_bytes())
+
+
+def _render(
+    report: Report, kinds: tuple[ReportKind, ...], attachments: dict[str, bytes]
+) -> Iterator[tuple[ReportKind, bytes]]:
+    if "html" in kinds:
+        yield "html", render_html(report)
+    if "pdf" in kinds:
+        yield "pdf", render_pdf(report, attachments)

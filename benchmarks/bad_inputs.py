@@ -1,0 +1,127 @@
+"""The table of bad inputs: what must become of each file, and what did, by each way in.
+
+    python -m benchmarks.bad_inputs > docs/bad-inputs.md
+
+Takes some minutes: every file goes through `fusion`, the command line and the API. Exit code 1 where an
+outcome is not the expected one.
+"""
+
+import io
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from fastapi.testclient import TestClient
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.main import create_app
+from app.settings import Settings
+from fusion.errors import FusionError
+from fusion.pipeline import analyse
+from fusion.readers import read_recording
+from tests.badfiles.expected import ALWAYS, BAD_FILES, PARTS, BadFile
+from tests.badfiles.ways_in import Server, codes_in, content_of
+
+HEAD = """# Bad inputs: expected and seen
+
+Written by `python -m benchmarks.bad_inputs`. Each file is made by a generator in `tests/badfiles`; rows are
+those of the list of what goes wrong with files. An outcome is a refusal (`E-`), or a report with warnings and
+with its seconds: analysed + missing + excluded = recorded. Left out is what every short recording calibrated
+in the N-pose is told (W-FEW-HOURS, W-NPOSE). "same" means: exactly the expected outcome.
+"""
+Outcomes = dict[BadFile, str]
+
+
+def describe(warnings: frozenset[str] | set[str], times_s: tuple[float, float, float]) -> str:
+    times = " + ".join(f"{round(seconds, 2):g}" for seconds in times_s)
+    return f"{' '.join(sorted(warnings)) or 'clean'}; {times} s"
+
+
+def expect(bad: BadFile) -> str:
+    times_s = (bad.analysed_s, bad.missing_s, bad.excluded_s)
+    return bad.code or describe(bad.warnings, times_s)
+
+
+def see_by_fusion(bad: BadFile) -> str:
+    try:
+        analysis = analyse(read_recording(io.BytesIO(content_of(bad)), file_name=bad.name))
+    except FusionError as error:
+        return error.code
+    time = analysis.time
+    assert time.analysed_us + time.missing_us + time.excluded_us == time.recorded_us
+    warnings = {flag.code for flag in analysis.quality.flags} - ALWAYS
+    return describe(warnings, (time.analysed_us / 1e6, time.missing_us / 1e6, time.excluded_us / 1e6))
+
+
+def see_in_results(text: str | bytes) -> str:
+    results = json.loads(text)
+    time = results["time"]
+    return describe(codes_in(results), (time["analysed_s"], time["missing_s"], time["excluded_s"]))
+
+
+def see_by_command_line(bad: BadFile, folder: Path) -> str:
+    folder.mkdir()
+    path = folder / bad.name
+    path.write_bytes(content_of(bad))
+    ended = CliRunner().invoke(app, ["run", str(path), "-o", str(folder / "out"), "--report", "html"])
+    found = list((folder / "out").glob("*/results.json"))
+    if found and ended.exit_code == 0:
+        return see_in_results(found[0].read_text("utf-8"))
+    told = [line.split(": ", 1)[1] for line in ended.stderr.splitlines() if line.startswith("[")]
+    return told[0].split(" ", 1)[0] if told and ended.exit_code == 3 else f"exit code {ended.exit_code}"
+
+
+def see_by_api(bad: BadFile, server: Server) -> str:
+    if not content_of(bad):
+        answer = server.client.post("/api/v1/analyze", content=b"", params={"file_name": bad.name})
+        return str(answer.json()["code"])
+    address = server.send(bad)
+    analysis = server.client.get(address).json()
+    if analysis["state"] == "succeeded":
+        return see_in_results(server.client.get(f"{address}/results.json").content)
+    return str((analysis.get("problem") or {}).get("code", analysis["state"]))
+
+
+def go_each_way(folder: Path) -> dict[str, Outcomes]:
+    settings = Settings(data_dir=folder / "data", min_free_bytes=0)
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as client:
+        server = Server(client, settings)
+        ways: dict[str, Callable[[int, BadFile], str]] = {
+            "fusion": lambda _, bad: see_by_fusion(bad),
+            "command line": lambda number, bad: see_by_command_line(bad, folder / f"{number:03d}"),
+            "API": lambda _, bad: see_by_api(bad, server),
+        }
+        return {
+            name: {bad: way(number, bad) for number, bad in enumerate(BAD_FILES)}
+            for name, way in ways.items()
+        }
+
+
+def write_table(seen: dict[str, Outcomes]) -> int:
+    """Print the document; return how many outcomes are not the expected ones."""
+    wrong = 0
+    print(HEAD)
+    for part, files in PARTS.items():
+        print(
+            f"## {part}\n\n| row | file | expected | {' | '.join(seen)} |\n|---|---|---|{'---|' * len(seen)}"
+        )
+        for bad in files:
+            told = ["same" if one[bad] == expect(bad) else f"**{one[bad]}**" for one in seen.values()]
+            wrong += sum(text != "same" for text in told)
+            print(f"| {bad.row} | {bad.name} | {expect(bad)} | {' | '.join(told)} |")
+        print()
+    print(f"{len(BAD_FILES)} files, {len(seen)} ways in, {wrong} outcomes other than expected.")
+    return wrong
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        wrong = write_table(go_each_way(Path(folder)))
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

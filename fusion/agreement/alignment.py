@@ -1,0 +1,265 @@
+"""Find how the reference's clock runs beside the recording's, from the motion that both saw.
+
+1. Whole shift: normalised cross-correlation of the angles' rates of change (10 Hz grid, cut at 150 deg/s,
+   zero in holes). A held pose has no rate of change, so quasi-static parts say nothing,
+   whatever their angle is; an error of the pose does not matter either.
+2. Drift: the same in stretches, each within 4 s of the first answer, placed to a fraction of a sample by the
+   parabola through the peak; then the line that most stretches agree on (Theil and Sen). A drift is only
+   fitted where the stretches that agree span 2 min or more; else it is 0, and said to be.
+3. To the millisecond: least squares of the difference of the angles over offset, drift and bias together,
+   with the reference interpolated by cubics, Huber's weights (Huber 1964) and a few steps of Gauss and Newton.
+
+A constant delay of a filter on one side is taken up by the offset and cannot be told from it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, nan
+
+import numpy as np
+from scipy.signal import correlate
+from scipy.stats import theilslopes
+
+from fusion.agreement.clocks import Alignment, WindowLag
+from fusion.agreement.pairing import pair
+from fusion.agreement.runs import Run, Runs, Vector, find_rate_hz, interpolate
+from fusion.agreement.statistics import find_r
+from fusion.errors import NotAligned, NothingInCommon
+
+GRID_HZ = 10.0
+LEAST_R = 0.5
+"""Below this the motions are not alike, and no alignment is given."""
+
+LEAST_ENERGY = 0.2
+"""Of the lesser side's motion that must lie in the common time of a shift, lest an edge matches by chance."""
+
+FASTEST_DPS = 150.0
+"""Faster motion counts no more than this, lest one throw decide."""
+
+REACH_S = 4.0
+WINDOW_R = 0.7
+LEAST_SPAN_S = 120.0
+MOST_WINDOWS, SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 60, 20.0, 300.0
+STEPS = 8
+HUBER = 1.345
+MOST_SHIFT_S = 1.0
+"""Beyond this the last step has lost its way, and the answer of the step before stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockWishes:
+    """What a person sets by hand; None is "find it"."""
+
+    offset_s: float | None = None
+    drift_ppm: float | None = None
+
+
+def align(ours: Runs, reference: Runs, wishes: ClockWishes | None = None) -> Alignment:
+    """Find offset and drift, except what is given.
+
+    Raises
+    ------
+    NotAligned
+        The rates of change correlate by less than 0.5 at the best shift (unless the offset is given).
+    NothingInCommon
+        A side without any valid row.
+    """
+    refined = refine(ours, reference, align_roughly(ours, reference, wishes or ClockWishes()))
+    aligned = replace(refined, r=_correlate_rates(ours, reference, refined))
+    if not aligned.is_offset_given and not aligned.r >= LEAST_R:
+        raise NotAligned(r=round(aligned.r, 2) if isfinite(aligned.r) else 0.0, least=LEAST_R)
+    return aligned
+
+
+def align_roughly(ours: Runs, reference: Runs, wishes: ClockWishes) -> Alignment:
+    """Find offset and drift to some hundredths of a second, from any two curves whose slopes are alike.
+
+    Raises
+    ------
+    NothingInCommon
+        A side without any valid row.
+    """
+    if not ours or not reference:
+        raise NothingInCommon(s=0.0)
+    first = find_shift(ours, reference) if wishes.offset_s is None else _start_given(wishes)
+    if wishes.drift_ppm is not None:
+        first = _hold_drift(first, wishes.drift_ppm, ours)
+    return _fit_windows(ours, reference, first, wishes)
+
+
+def _start_given(wishes: ClockWishes) -> Alignment:
+    return Alignment(wishes.offset_s or 0.0, wishes.drift_ppm or 0.0, nan, is_offset_given=True)
+
+
+def _hold_drift(first: Alignment, drift_ppm: float, ours: Runs) -> Alignment:
+    """Take the given drift; the shift found without it holds in the middle of the recording."""
+    middle_s = 0.0 if first.is_offset_given else _find_middle_s(ours)
+    offset_s = first.offset_s - drift_ppm / 1e6 * middle_s
+    return replace(first, offset_s=offset_s, drift_ppm=drift_ppm, is_drift_given=True)
+
+
+def _find_middle_s(runs: Runs) -> float:
+    return (runs[0].start_s + runs[-1].end_s) / 2.0
+
+
+def sample_rates(runs: Runs, start_s: float, count: int) -> Vector:
+    """Rates of change on an even grid of 10 Hz: the change over one grid step; 0 where there is none."""
+    rates = np.zeros(count)
+    for run in runs:
+        first = max(0, int(np.ceil((run.start_s - start_s) * GRID_HZ)))
+        stop = min(count, int(np.floor((run.end_s - start_s) * GRID_HZ)) + 1)
+        if stop - first >= 2:
+            values = interpolate(run, start_s + np.arange(first, stop) / GRID_HZ)
+            rates[first : stop - 1] = np.diff(values) * GRID_HZ
+    return np.clip(rates, -FASTEST_DPS, FASTEST_DPS)
+
+
+def find_shift(ours: Runs, reference: Runs) -> Alignment:
+    """Find the shift at which the rates of change of both match best; to about 0.05 s, drift taken as 0."""
+    own_start_s, other_start_s = ours[0].start_s, reference[0].start_s
+    own = sample_rates(ours, own_start_s, _count_steps(ours))
+    other = sample_rates(reference, other_start_s, _count_steps(reference))
+    score = _score_shifts(own, other)
+    best = int(np.argmax(score))
+    lag_s = (best - (len(own) - 1)) / GRID_HZ
+    return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(score[best]))
+
+
+def _count_steps(runs: Runs) -> int:
+    return int((runs[-1].end_s - runs[0].start_s) * GRID_HZ) + 1
+
+
+def _score_shifts(own: Vector, other: Vector) -> Vector:
+    """Correlation for every shift of ``other`` to the right; index len(own) - 1 is none."""
+    product = correlate(other, own, mode="full", method="fft")
+    own_energy = correlate((other != 0).astype(float), own**2, mode="full", method="fft")
+    other_energy = correlate(other**2, np.ones(len(own)), mode="full", method="fft")
+    least = LEAST_ENERGY * min(float(own @ own), float(other @ other))
+    score: Vector = product / np.sqrt(
+        np.maximum(own_energy, max(least, 1e-9)) * np.maximum(other_energy, max(least, 1e-9))
+    )
+    return score
+
+
+def _fit_windows(ours: Runs, reference: Runs, first: Alignment, wishes: ClockWishes) -> Alignment:
+    """Place stretches one by one and lay the line that most of them agree on."""
+    windows = _place_windows(ours, reference, first)
+    start_s = np.array([window.start_s for window in windows])
+    lags_s = np.array([window.lag_s for window in windows])
+    spans = len(windows) >= 3 and float(np.ptp(start_s)) >= LEAST_SPAN_S
+    slope = 0.0
+    if spans and wishes.drift_ppm is None:
+        slope = float(theilslopes(lags_s, start_s).slope)
+    if len(windows) and wishes.offset_s is None:
+        offset_s = first.offset_s + float(np.median(lags_s - slope * start_s))
+    else:
+        offset_s = first.offset_s
+    return replace(
+        first,
+        offset_s=offset_s,
+        drift_ppm=first.drift_ppm + slope * 1e6,
+        is_drift_fitted=spans and wishes.drift_ppm is None,
+        windows=windows,
+    )
+
+
+def _place_windows(ours: Runs, reference: Runs, first: Alignment) -> tuple[WindowLag, ...]:
+    """Give each stretch's own lag, for those that correlate by 0.7 or more."""
+    start_s, end_s = ours[0].start_s, ours[-1].end_s
+    length_s = float(np.clip((end_s - start_s) / MOST_WINDOWS, SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
+    count = int(length_s * GRID_HZ)
+    reach = int(REACH_S * GRID_HZ)
+    own = sample_rates(ours, start_s, _count_steps(ours))
+    other = sample_rates(_move_back(reference, first), start_s - REACH_S, len(own) + 2 * reach)
+    found = []
+    for at in range(0, len(own) - count + 1, count):
+        lag, r = _place(own[at : at + count], other[at : at + count + 2 * reach], reach)
+        if r >= WINDOW_R:
+            found.append(WindowLag(start_s + (at + count / 2) / GRID_HZ, lag / GRID_HZ, r))
+    return tuple(found)
+
+
+def _move_back(reference: Runs, alignment: Alignment) -> Runs:
+    starts_s = alignment.to_recording(np.array([run.start_s for run in reference]))
+    return tuple(
+        Run(float(start), run.rate_hz * alignment.pace, run.values)
+        for start, run in zip(starts_s, reference, strict=True)
+    )
+
+
+def _place(own: Vector, other: Vector, reach: int) -> tuple[float, float]:
+    """Give the lag in grid steps, to a fraction by the parabola through the peak, and its correlation."""
+    energy = float(own @ own)
+    if energy <= 0:
+        return 0.0, 0.0
+    product = correlate(other, own, mode="valid", method="direct")
+    sums = np.concatenate([[0.0], np.cumsum(other**2)])
+    others = sums[len(own) :] - sums[: -len(own)]
+    score = product / np.sqrt(energy * np.maximum(others, energy / 4.0))
+    best = int(np.argmax(score))
+    if not 0 < best < len(score) - 1:
+        return 0.0, 0.0
+    before, peak, after = score[best - 1 : best + 2]
+    bend = before - 2 * peak + after
+    shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return best - reach + float(shift), float(peak)
+
+
+def refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:
+    """Least squares over offset, drift (where it is fitted) and bias; what was given stays."""
+    free = [not placed.is_offset_given, placed.is_drift_fitted]
+    now = placed
+    for _ in range(STEPS):
+        step = _find_step(ours, reference, now, free)
+        if step is None:
+            return placed
+        now = replace(now, offset_s=now.offset_s + step[0], drift_ppm=now.drift_ppm + step[1] * 1e6)
+        if abs(now.offset_s - placed.offset_s) > MOST_SHIFT_S:
+            return placed
+        if abs(step[0]) < 1e-5 and abs(step[1]) < 1e-8:
+            break
+    return now
+
+
+def _find_step(
+    ours: Runs, reference: Runs, now: Alignment, free: Sequence[bool]
+) -> tuple[float, float] | None:
+    """One step of Gauss and Newton; None where the common time does not tell one."""
+    if not any(free):
+        return 0.0, 0.0
+    pairs = pair(ours, reference, now)
+    slopes = np.concatenate([np.gradient(run.reference_deg) * run.rate_hz for run in pairs.runs])
+    time_s = np.concatenate([run.time_s for run in pairs.runs])
+    error = pairs.ours_deg - pairs.reference_deg
+    columns = [slopes, slopes * time_s]
+    design = np.stack(
+        [*(c for c, is_free in zip(columns, free, strict=True) if is_free), np.ones(len(error))]
+    )
+    weights = _weigh(error - np.median(error))
+    weighted = design * weights
+    normal = weighted @ design.T
+    scale = np.sqrt(np.diag(normal))
+    if not (scale > 0).all():
+        return None
+    solution = np.linalg.lstsq(normal / np.outer(scale, scale), weighted @ error / scale, rcond=1e-12)[0]
+    found = iter((solution / scale).tolist())
+    return (next(found) if free[0] else 0.0), (next(found) if free[1] else 0.0)
+
+
+def _weigh(residual: Vector) -> Vector:
+    """Huber's weights; the scale is the median absolute deviation."""
+    scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
+    size = np.abs(residual) / scale
+    return np.asarray(np.where(size <= HUBER, 1.0, HUBER / np.maximum(size, HUBER)))
+
+
+def _correlate_rates(ours: Runs, reference: Runs, alignment: Alignment) -> float:
+    """Correlation of the rates of change over the common time."""
+    try:
+        pairs = pair(ours, reference, alignment)
+    except NothingInCommon:
+        return nan
+    steps = max(1, round(find_rate_hz(ours) / GRID_HZ))
+    parts = [(run.ours_deg[::steps], run.reference_deg[::steps]) for run in pairs.runs]
+    changes = [np.concatenate([np.diff(part[k]) for part in parts]) for k in (0, 1)]
+    return find_r(changes[0], changes[1]) if len(changes[0]) > 1 else nan

@@ -1,0 +1,139 @@
+"""How far two angles agree. ``ours`` and ``reference`` are always shape (n,), deg, at the same moments.
+
+Pearson's r, root mean square and mean absolute error: as in Table 1 of the source paper. Bias and limits of
+agreement: Bland and Altman 1986; with repeated measures, Bland and Altman 2007, section 3 (the true value
+varies). ICC(A,1): McGraw and Wong 1996, two-way, absolute agreement, one measurement (Shrout and Fleiss's
+ICC(2,1)). Concordance: Lin 1989.
+
+r, ICC and concordance say how the error compares with the spread of the angle. Where the angle hardly moves
+they say nothing of the error, so they are not given (NaN) where the reference is quasi-static: its standard
+deviation below 5 deg. The paper leaves r out of its quasi-static tasks without naming a rule.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan, sqrt
+
+import numpy as np
+
+from fusion.agreement.runs import Vector
+
+QUASI_STATIC_DEG = 5.0
+LIMIT_SD = 1.96
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Agreement over some rows; ``bias_deg`` is ours minus reference. NaN is "not computable"."""
+
+    count: int
+    duration_s: float
+    r: float
+    rmse_deg: float
+    mean_absolute_error_deg: float
+    bias_deg: float
+    sd_deg: float
+    loa_low_deg: float
+    loa_high_deg: float
+    icc: float
+    concordance: float
+    reference_sd_deg: float
+
+    @property
+    def is_quasi_static(self) -> bool:
+        """Whether the reference moves too little for r, ICC and concordance."""
+        return not self.reference_sd_deg >= QUASI_STATIC_DEG
+
+
+def measure_agreement(ours_deg: Vector, reference_deg: Vector, duration_s: float) -> Agreement:
+    """Compare row by row.
+
+    Standard deviations are the sample's (n - 1), except within r and concordance, as their authors define.
+    """
+    if not len(ours_deg):
+        return Agreement(0, 0.0, *([nan] * 10))
+    error = ours_deg - reference_deg
+    bias, sd = float(error.mean()), find_sd(error)
+    reference_sd = find_sd(reference_deg)
+    moves = reference_sd >= QUASI_STATIC_DEG
+    return Agreement(
+        count=len(error),
+        duration_s=duration_s,
+        r=find_r(ours_deg, reference_deg) if moves else nan,
+        rmse_deg=float(np.sqrt(np.mean(error**2))),
+        mean_absolute_error_deg=float(np.abs(error).mean()),
+        bias_deg=bias,
+        sd_deg=sd,
+        loa_low_deg=bias - LIMIT_SD * sd,
+        loa_high_deg=bias + LIMIT_SD * sd,
+        icc=find_icc(ours_deg, reference_deg) if moves else nan,
+        concordance=find_concordance(ours_deg, reference_deg) if moves else nan,
+        reference_sd_deg=reference_sd,
+    )
+
+
+def find_sd(values: Vector) -> float:
+    """Sample standard deviation; NaN of fewer than two."""
+    return float(values.std(ddof=1)) if len(values) > 1 else nan
+
+
+def find_r(a: Vector, b: Vector) -> float:
+    """Pearson's correlation; NaN where one does not vary."""
+    u, v = a - a.mean(), b - b.mean()
+    size = sqrt(float(u @ u) * float(v @ v))
+    return float(u @ v) / size if size > 0 else nan
+
+
+def find_concordance(a: Vector, b: Vector) -> float:
+    """Lin's coefficient: 2 s_ab / (s_a^2 + s_b^2 + (mean_a - mean_b)^2), variances over n."""
+    apart = float(a.mean() - b.mean()) ** 2 + float(a.var()) + float(b.var())
+    return 2.0 * float(np.mean((a - a.mean()) * (b - b.mean()))) / apart if apart > 0 else nan
+
+
+def find_icc(a: Vector, b: Vector) -> float:
+    """ICC(A,1): (MSR - MSE) / (MSR + MSE + 2 (MSC - MSE) / n), for two measurements of n moments."""
+    n = len(a)
+    if n < 2:
+        return nan
+    middle, grand = (a + b) / 2.0, float((a.mean() + b.mean()) / 2.0)
+    rows = 2.0 * float(np.sum((middle - grand) ** 2)) / (n - 1)
+    columns = n * float((a.mean() - grand) ** 2 + (b.mean() - grand) ** 2)
+    residual = (a - middle - (a.mean() - grand)) ** 2 + (b - middle - (b.mean() - grand)) ** 2
+    error = float(residual.sum()) / (n - 1)
+    whole = rows + error + 2.0 * (columns - error) / n
+    return (rows - error) / whole if whole > 0 else nan
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bias and 95 % limits of agreement, and the two parts of their spread."""
+
+    bias_deg: float
+    low_deg: float
+    high_deg: float
+    between_sd_deg: float
+    within_sd_deg: float
+
+
+def find_repeated_limits(groups: Sequence[Agreement]) -> Limits:
+    """Give limits of agreement for several people (or repetitions) with many rows each.
+
+    One-way analysis of variance of the differences: within = MSW, between = (MSB - MSW) / m0 with
+    m0 = (N^2 - sum m_i^2) / ((k - 1) N); limits = mean of all rows +- 1.96 sqrt(between + within). With one
+    group they are the plain limits. Groups without rows are left out.
+    """
+    groups = [group for group in groups if group.count > 0]
+    if not groups:
+        return Limits(nan, nan, nan, nan, nan)
+    sizes = np.array([group.count for group in groups], np.float64)
+    means = np.array([group.bias_deg for group in groups])
+    total, k = float(sizes.sum()), len(groups)
+    bias = float(sizes @ means / total)
+    squares = sum(group.sd_deg**2 * (group.count - 1) for group in groups if group.count > 1)
+    within = squares / (total - k) if total > k else 0.0
+    between = 0.0
+    if k > 1:
+        between_ms = float(sizes @ (means - bias) ** 2) / (k - 1)
+        between = max(0.0, (between_ms - within) * (k - 1) * total / (total**2 - float(sizes @ sizes)))
+    spread = LIMIT_SD * sqrt(between + within)
+    return Limits(bias, bias - spread, bias + spread, sqrt(between), sqrt(within))

@@ -1,0 +1,74 @@
+"""Files whose angle needs no fusion of ours: motion capture, orientations, ready angles.
+
+They serve as the reference of a comparison and, those of motion capture, as recordings of their own. One
+format is one file, as in :mod:`fusion.readers`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from fusion.angle_files import dot_csv, elevation_parquet, mt_manager, mvnx, named_csv
+from fusion.angle_files.laying import calibrate_file, lay_file
+from fusion.angle_files.types import AngleFile, AngleFileOptions
+from fusion.errors import EmptyFile
+from fusion.readers.contents import explain_refusal
+from fusion.readers.source import Source, open_source
+
+__all__ = [
+    "AngleFile",
+    "AngleFileOptions",
+    "calibrate_file",
+    "lay_file",
+    "read_angle_file",
+    "tell_layout",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class AngleReader:
+    """A format: how to tell it by its bytes, how to read it."""
+
+    layout: str
+    recognise: Callable[[Source], bool]
+    read: Callable[[Source, AngleFileOptions], AngleFile]
+
+
+ANGLE_READERS = (
+    AngleReader("mvnx", mvnx.recognise, mvnx.read),
+    AngleReader("parquet", elevation_parquet.recognise, elevation_parquet.read),
+    AngleReader("mt-manager", mt_manager.recognise, mt_manager.read),
+    AngleReader("dot", dot_csv.recognise, dot_csv.read),
+    AngleReader("csv", named_csv.recognise, named_csv.read),
+)
+"""In the order in which they are asked."""
+
+NO_OPTIONS = AngleFileOptions()
+
+
+def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptions = NO_OPTIONS) -> AngleFile:
+    """Read an angle or an orientation, whatever its format; binary and seekable.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        It is none; code and facts say why.
+    """
+    source = open_source(file, file_name)
+    if source.size_bytes == 0:
+        raise EmptyFile
+    reader = _find_reader(source)
+    if reader is None:
+        raise explain_refusal(source)
+    return reader.read(source, options)
+
+
+def tell_layout(file: BinaryIO, file_name: str = "") -> str:
+    """Say which of the formats a file has by its first bytes, "" for none of them; leaves it rewound."""
+    reader = _find_reader(open_source(file, file_name, is_hashed=False))
+    file.seek(0)
+    return reader.layout if reader else ""
+
+
+def _find_reader(source: Source) -> AngleReader | None:
+    return next((reader for reader in ANGLE_READERS if reader.recognise(source)), None)

@@ -1,0 +1,248 @@
+"""Xsens MVN's export, MVNX (XML), from MVN 2018 on: the upper arm's segment orientation, frame by frame.
+
+The file is read as a stream; a document type and entities are refused. The arm's axis is the file's own: from
+the elbow's point to the shoulder's in the frame of the upper-arm segment (``points/pos_b``), else the
+segment's y axis, which MVN lays along the arm (towards the left of the body, so that it points to the
+shoulder on the right side). Where an export leaves the orientations out, the joint positions give the same
+angle: the direction from the elbow (origin of the forearm) to the shoulder (origin of the upper arm).
+Joint angles are of no use here: MVN's shoulder angles are taken against the trunk, not against gravity.
+
+Source: Xsens MVN User Manual, chapter on the MVNX format (version 4).
+"""
+
+from array import array
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from math import isfinite, nan
+from typing import Any, BinaryIO
+from xml.sax import SAXException
+from xml.sax.handler import ContentHandler, feature_external_ges, feature_external_pes
+
+import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.expatreader import create_parser
+
+from fusion.angle_files.types import AngleFile, AngleFileOptions, Vector
+from fusion.angle_files.vertical import Up, measure_from_up, take_up_of_quaternion, take_up_of_row
+from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
+from fusion.readers.source import CHUNK_BYTES, Source, hash_source
+from fusion.recording import QualityFlag
+
+MARK = b"<mvnx"
+DEFAULT_SIDE = "right"
+LATEST_MS = 4e12
+TOWARDS_SHOULDER = {"right": (0.0, 1.0, 0.0), "left": (0.0, -1.0, 0.0)}
+"""MVN lays the segment's y axis along the arm, to the left of the body, in the T-pose."""
+
+
+def recognise(source: Source) -> bool:
+    """XML whose root is ``mvnx``, or that may hide one behind a document type."""
+    head = source.head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    return head.startswith(b"<") and (MARK in source.head or source.extension == ".mvnx")
+
+
+def read(source: Source, options: AngleFileOptions) -> AngleFile:
+    """Read the upper arm of one side.
+
+    Raises
+    ------
+    RefusedXml
+        A document type, entities, cut off, or not MVNX.
+    MissingSegment
+        No upper arm of that side, or neither its orientation nor its position.
+    UnknownRate
+        Neither a frame rate nor times.
+    TooShort
+        No frame of a movement.
+    """
+    side = options.side or DEFAULT_SIDE
+    frames = _Frames(side)
+    _parse(source, frames)
+    if not frames.times:
+        raise TooShort(s=0.0)
+    up, axis = _find_up(frames, side)
+    time_s = _find_times(frames)
+    present = np.isfinite(up).all(axis=1)
+    return AngleFile(
+        device="mvn",
+        sha256=hash_source(source),
+        time_s=time_s[present],
+        first_s=float(time_s[0]),
+        last_s=float(time_s[-1]),
+        elevation_deg=measure_from_up(up[present], axis),
+        up=up[present],
+        axis=axis,
+        start=frames.find_start(),
+        flags=() if options.side else (QualityFlag("W-SIDE-ASSUMED"),),
+        understood=_describe(frames, side, axis),
+    )
+
+
+class _Frames(ContentHandler):
+    """Takes the elements as they come and keeps the numbers of one arm only, packed.
+
+    ``times`` holds three numbers for each frame (index, milliseconds since the start, milliseconds since
+    1970), ``orientation`` four, ``towards`` three (elbow to shoulder, m; only while there is no orientation).
+    """
+
+    def __init__(self, side: str) -> None:
+        super().__init__()
+        self.arm, self.forearm = f"{side.capitalize()}UpperArm", f"{side.capitalize()}ForeArm"
+        self.header: dict[str, str] = {}
+        self.labels: list[str] = []
+        self.points: dict[str, list[float]] = {}
+        self.times, self.orientation, self.towards = array("d"), array("d"), array("d")
+        self.pose_orientation: list[float] | None = None
+        self._path: list[str] = []
+        self._text: list[str] = []
+        self._frame: dict[str, str] = {}
+        self._found: dict[str, list[float]] = {}
+        self._point = ""
+
+    def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802  the name that SAX calls
+        """Note where we are."""
+        if not self._path and name != "mvnx":
+            raise RefusedXml(reason="not MVNX")
+        self._path.append(name)
+        self._text.clear()
+        if name == "frame":
+            self._frame, self._found = dict(attrs.items()), {}
+        elif name in {"mvnx", "mvn", "subject"}:
+            self.header |= {f"{name}_{key}": value for key, value in attrs.items()}
+        elif name == "segment":
+            self.labels.append(attrs.get("label", ""))
+        elif name == "point":
+            self._point = attrs.get("label", "")
+
+    def characters(self, content: str) -> None:
+        """Keep the text of the few elements that are read."""
+        if self._path[-1] in {"orientation", "position", "pos_b"}:
+            self._text.append(content)
+
+    def endElement(self, name: str) -> None:  # noqa: N802
+        """Take the numbers of an element that is complete."""
+        self._path.pop()
+        if name == "orientation":
+            self._found[name] = self._cut(self.arm, 4)
+        elif name == "position" and not self.orientation:
+            shoulder, elbow = self._cut(self.arm, 3), self._cut(self.forearm, 3)
+            self._found[name] = [a - b for a, b in zip(shoulder, elbow, strict=False)]
+        elif name == "pos_b" and self.labels[-1:] == [self.arm]:
+            self.points[self._point] = _to_numbers(self._split())
+        elif name == "frame":
+            self._end_frame()
+
+    def _end_frame(self) -> None:
+        kind = self._frame.get("type", "normal")
+        if kind == "tpose":
+            self.pose_orientation = self._found.get("orientation") or None
+        if kind != "normal":
+            return
+        self.times.extend(_to_number(self._frame.get(key)) for key in ("index", "time", "ms"))
+        if self._found.get("orientation") or self.orientation:
+            missing = len(self.times) // 3 - 1 - len(self.orientation) // 4
+            self.orientation.extend([nan] * (4 * missing) + (self._found.get("orientation") or [nan] * 4))
+        else:
+            self.towards.extend(self._found.get("position") or [nan] * 3)
+
+    def _split(self) -> list[str]:
+        return "".join(self._text).split()
+
+    def _cut(self, label: str, count: int) -> list[float]:
+        """Give the numbers of one segment; none where the frame is shorter than its list of segments."""
+        if label not in self.labels:
+            return []
+        first = self.labels.index(label) * count
+        words = self._split()[first : first + count]
+        return _to_numbers(words) if len(words) == count else []
+
+    def find_start(self) -> datetime | None:
+        """Give the clock at the first frame: MVN writes milliseconds since 1970, UTC."""
+        since_ms = self.times[2]
+        return datetime.fromtimestamp(since_ms / 1000.0, UTC) if 0 < since_ms < LATEST_MS else None
+
+
+def _to_number(word: str | None) -> float:
+    return _to_numbers([word or "nan"])[0]
+
+
+def _to_numbers(words: list[str]) -> list[float]:
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return [nan] * len(words)
+
+
+def _parse(source: Source, frames: _Frames) -> None:
+    """Feed the parser piece by piece; it expands nothing and follows nothing."""
+    parser = create_parser(forbid_dtd=True, forbid_entities=True, forbid_external=True)
+    parser.setFeature(feature_external_ges, False)  # noqa: FBT003  the standard library's own signature
+    parser.setFeature(feature_external_pes, False)  # noqa: FBT003
+    parser.setContentHandler(frames)
+    try:
+        for piece in _read_pieces(source.file):
+            parser.feed(piece)
+        parser.close()
+    except (DefusedXmlException, SAXException) as error:
+        reason = "forbidden" if isinstance(error, DefusedXmlException) else "broken"
+        raise RefusedXml(reason=reason) from error
+
+
+def _read_pieces(file: BinaryIO) -> Iterator[bytes]:
+    file.seek(0)
+    while piece := file.read(CHUNK_BYTES):
+        yield piece
+
+
+def _find_up(frames: _Frames, side: str) -> tuple[Up, Vector]:
+    """Give the zenith in the segment's frame (n, 3) and the axis towards the shoulder."""
+    orientation = np.asarray(frames.orientation).reshape(-1, 4)
+    if np.isfinite(orientation).any():
+        return take_up_of_quaternion(orientation), _find_axis(frames, side)
+    towards = np.asarray(frames.towards).reshape(-1, 3)
+    if not np.isfinite(towards).any():
+        raise MissingSegment(segment=frames.arm)
+    return _take_up_of_positions(towards), np.array([0.0, 0.0, 1.0])
+
+
+def _take_up_of_positions(towards_shoulder: Vector) -> Up:
+    """Lay a frame whose z axis is the arm: its zenith leans from z by the elevation, in the x-z plane."""
+    across = np.hypot(towards_shoulder[:, 0], towards_shoulder[:, 1])
+    return take_up_of_row(np.stack([across, np.zeros(len(across)), towards_shoulder[:, 2]], axis=1) * 10.0)
+
+
+def _find_axis(frames: _Frames, side: str) -> Vector:
+    elbow = frames.points.get(f"j{side.capitalize()}Elbow")
+    shoulder = frames.points.get(f"j{side.capitalize()}Shoulder", [0.0, 0.0, 0.0])
+    axis = np.array(shoulder) - np.array(elbow) if elbow else np.array(TOWARDS_SHOULDER[side])
+    length = float(np.linalg.norm(axis)) if axis.shape == (3,) else np.nan
+    return axis / length if isfinite(length) and length > 0.01 else np.array(TOWARDS_SHOULDER[side])
+
+
+def _find_times(frames: _Frames) -> Vector:
+    """Give seconds from the first frame: frame numbers over the rate, which nothing rounds."""
+    index, since_ms, _ = np.asarray(frames.times).reshape(-1, 3).T
+    rate_hz = float(frames.header.get("subject_frameRate") or "nan")
+    if rate_hz > 0 and np.isfinite(index).all() and (np.diff(index) > 0).all():
+        return np.asarray((index - index[0]) / rate_hz)
+    if np.isfinite(since_ms).all() and (np.diff(since_ms) > 0).all():
+        return np.asarray((since_ms - since_ms[0]) / 1000.0)
+    if rate_hz > 0:
+        return np.asarray(np.arange(len(index)) / rate_hz)
+    raise UnknownRate(h="-", m="-")
+
+
+def _describe(frames: _Frames, side: str, axis: Vector) -> dict[str, str]:
+    told = {
+        "layout": "MVNX",
+        "version": frames.header.get("mvn_version", ""),
+        "side": side,
+        "segment": frames.arm,
+        "axis": " ".join(f"{value:.3f}" for value in axis),
+        "source": "orientation" if frames.orientation else "position",
+        "rate_hz": frames.header.get("subject_frameRate", ""),
+    }
+    if frames.pose_orientation is not None:
+        pose_up = take_up_of_quaternion(np.array([frames.pose_orientation]))
+        told["t_pose_elevation_deg"] = f"{float(measure_from_up(pose_up, axis)[0]):.1f}"
+    return told

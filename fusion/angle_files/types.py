@@ -1,0 +1,59 @@
+"""What a file holds that gives angles without a fusion of ours."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.recording import QualityFlag
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AngleFile:
+    """Rows in the file's own clock, missing ones absent.
+
+    Attributes
+    ----------
+    device
+        "mvn", "dot", "other" (MT Manager) or "angles".
+    time_s
+        Shape (n,), rising. The file's own time column; where it has none, seconds from its first row.
+    first_s, last_s
+        The file's clock at its first and its last row, missing ones counted.
+    elevation_deg
+        Shape (n,), float32: 0 hanging, 90 level, 180 overhead; None as long as the arm's axis is not known.
+    up
+        Shape (n, 3), float32: the unit vector to the zenith in the frame of the segment or sensor; None where
+        the file holds ready angles.
+    axis
+        Shape (3,), unit: along the upper arm towards the shoulder in that frame; None where it is not known.
+    understood
+        What the reader took the file for, for people.
+    """
+
+    device: str
+    sha256: str
+    time_s: Vector
+    first_s: float
+    last_s: float
+    elevation_deg: NDArray[np.float32] | None = None
+    up: NDArray[np.float32] | None = None
+    axis: Vector | None = None
+    start: datetime | None = None
+    flags: tuple[QualityFlag, ...] = ()
+    understood: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class AngleFileOptions:
+    """What the person says about a file.
+
+    ``side``: which arm of an MVNX, the right one where nothing is said; ``rate_hz``: for files without time.
+    """
+
+    side: str | None = None
+    rate_hz: float | None = None

@@ -1,0 +1,163 @@
+"""What the segments of a day leave behind: sums that are filled in place, and stays in time order."""
+
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.elevation import ElevationSegment
+from fusion.exposure.bins import CELLS, THRESHOLDS_DEG, PartHistograms
+from fusion.exposure.by_period import DayDivision
+from fusion.exposure.cycles import RANGE_EDGES_DEG, count_cycles
+from fusion.exposure.episodes import Stays, find_stays
+from fusion.exposure.eva import EvaTally, start_eva
+from fusion.exposure.frequency import FrequencyTally
+from fusion.exposure.metric_filter import MetricAngle, is_filtered
+from fusion.exposure.parts import DayParts, split_hours, split_minutes
+from fusion.exposure.peaks import SecondTally, ShiftedSeconds
+from fusion.exposure.recovery import RecoveryTally, start_recovery
+from fusion.exposure.resampling import spread_errors
+from fusion.exposure.rows import IntArray
+from fusion.exposure.shifted_stays import ShiftedStays, start_shifted_stays
+from fusion.exposure.stretches import Stretches, cut_day
+from fusion.exposure.types import Velocity
+from fusion.exposure.velocity import SpeedTally, measure_generalised, measure_inclination
+from fusion.recording import MICROSECONDS, BoolArray, Segment
+
+EXACT = np.zeros(1)
+"""The errors of the angle where none is known: the angle as it was read."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpeedTallies:
+    """The four speeds of the day, and the rest that the fused one shows."""
+
+    inclination: SpeedTally
+    generalised: SpeedTally
+    generalised_accelerometer: SpeedTally
+    gyroscope: SpeedTally
+    recovery: RecoveryTally
+
+    def add_vertical(self, segment: ElevationSegment, angle: MetricAngle) -> None:
+        """Count the speed that is taken from the fused vertical, and the rest that it shows."""
+        if segment.vertical is None or not is_filtered(segment.rate_hz):
+            speeds_dps = measure_inclination(angle.elevation_deg, angle.valid, angle.rate_hz)
+            self.recovery.add(angle, 0, speeds_dps)
+        else:
+            for first, speeds_dps in measure_generalised(segment, angle.valid):
+                self.generalised.add(segment, first, speeds_dps, segment.rate_hz)
+                self.recovery.add(angle, first, speeds_dps)
+        self.recovery.end_segment(angle)
+
+    def add_samples(
+        self, segment: Segment, gyro_bias_dps: NDArray[np.float64] | None, valid: BoolArray
+    ) -> None:
+        """Count the speeds that are taken from what the sensor wrote."""
+        if not is_filtered(segment.rate_hz):
+            return
+        self.generalised_accelerometer.add_accelerometer(segment, valid)
+        if gyro_bias_dps is not None:
+            self.gyroscope.add_gyroscope(segment, gyro_bias_dps, valid)
+
+    def list_kinds(self) -> dict[str, SpeedTally]:
+        """Give each speed by its name in results.json."""
+        return {
+            "inclination": self.inclination,
+            "generalised": self.generalised,
+            "generalised_accelerometer": self.generalised_accelerometer,
+            "gyroscope": self.gyroscope,
+        }
+
+    def summarise(self) -> dict[str, Velocity | None]:
+        """Give the figures of each speed; None where it could not be computed."""
+        return {kind: tally.summarise() for kind, tally in self.list_kinds().items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorTally:
+    """What is counted again with the angle read a little too high or too low."""
+
+    sigma_deg: float
+    stays: ShiftedStays
+    seconds: ShiftedSeconds
+
+    def add(self, angle: MetricAngle) -> None:
+        """Count one segment's angle."""
+        self.stays.add(angle)
+        self.seconds.add(angle)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DayTally:
+    """All that is counted; ``cycles`` has shape (b, 4): 5-minute block and class of range."""
+
+    duration_us: int
+    hours: DayParts
+    division: DayDivision
+    stretches: Stretches
+    by_hour: PartHistograms
+    by_stretch: PartHistograms
+    by_second: SecondTally
+    speeds: SpeedTallies
+    errors: ErrorTally | None
+    frequency: FrequencyTally
+    eva: EvaTally
+    cycles: NDArray[np.float64]
+    stays: dict[int, list[Stays]] = field(default_factory=lambda: {c: [] for c in THRESHOLDS_DEG})
+
+    def add(self, angle: MetricAngle) -> None:
+        """Count one segment's angle."""
+        self.by_hour.add(angle)
+        self.by_stretch.add(angle)
+        self.by_second.add(angle)
+        for threshold_deg, stays in self.stays.items():
+            stays.append(find_stays(angle, threshold_deg))
+        self.cycles.__iadd__(count_cycles(angle, self.stretches.block_edges_us))
+        self.eva.add(angle)
+        self.frequency.add(angle)
+        if self.errors is not None:
+            self.errors.add(angle)
+        self.speeds.inclination.add_inclination(angle)
+
+    def list_entries(self, threshold_deg: int) -> IntArray:
+        """Give the times of the entries above a threshold."""
+        return np.concatenate([stays.entry_us for stays in self.stays[threshold_deg]])
+
+
+def start_day(
+    duration_us: int, start: datetime | None, division: DayDivision, bias_sigma_deg: float | None
+) -> DayTally:
+    """Start with nothing counted; without a known error of the angle, no figure gets an interval."""
+    hours = split_hours(start, duration_us)
+    stretches = cut_day(split_minutes(duration_us), hours.edges_us, division.list_edges())
+    block_edges_us = stretches.block_edges_us
+    seconds = -(-duration_us // MICROSECONDS)
+    errors_deg = EXACT if bias_sigma_deg is None else spread_errors(bias_sigma_deg)
+    return DayTally(
+        duration_us,
+        hours,
+        division,
+        stretches,
+        PartHistograms(hours.edges_us, np.zeros((len(hours.labels), CELLS), np.int64)),
+        stretches.start_histograms(),
+        SecondTally(np.zeros((seconds, 2))),
+        SpeedTallies(
+            SpeedTally(block_edges_us),
+            SpeedTally(block_edges_us),
+            SpeedTally(block_edges_us),
+            SpeedTally(block_edges_us),
+            start_recovery(errors_deg, block_edges_us),
+        ),
+        None if bias_sigma_deg is None else _start_errors(seconds, stretches, bias_sigma_deg, errors_deg),
+        FrequencyTally(block_edges_us),
+        start_eva(errors_deg, block_edges_us),
+        np.zeros((len(block_edges_us) - 1, len(RANGE_EDGES_DEG) - 1)),
+    )
+
+
+def _start_errors(
+    seconds: int, stretches: Stretches, sigma_deg: float, errors_deg: NDArray[np.float64]
+) -> ErrorTally:
+    shifted = ShiftedSeconds(errors_deg, np.zeros((seconds, len(errors_deg) + 1), np.float32))
+    return ErrorTally(sigma_deg, start_shifted_stays(errors_deg, stretches), shifted)

@@ -1,0 +1,117 @@
+"""One day beside another: the change, whether days differ as much anyway, and what else is different."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+
+from app.report.before_after import build_comparison, describe_comparison
+from app.report.beside import encode_document
+from app.report.findings import Kept
+from app.report.html import render_html
+from app.report.parts import Report
+from app.report.pdf import render_pdf, spell_uncovered
+from app.report.wording import LANGUAGES, Language
+from fusion.exposure.types import TimeAbove
+from tests.app.analysis_factory import ANALYSED_S, make_analysis, make_exposure, make_quality, make_subject
+
+
+def kept_with(above_60_percent: float = 7.6, side: str = "right", subject: str = "S012") -> Kept:
+    exposure = make_exposure()
+    above = tuple(
+        TimeAbove(60, ANALYSED_S * above_60_percent / 100, above_60_percent) if t.threshold_deg == 60 else t
+        for t in exposure.time_above
+    )
+    findings = make_analysis(exposure=replace(exposure, time_above=above), quality=make_quality("good"))
+    return Kept(findings, make_subject(subject, side=side))
+
+
+def report_of(after: Kept, language: Language = "en") -> Report:
+    return build_comparison(kept_with(), after, language)
+
+
+def plain(text: str) -> str:
+    return re.sub(r"[\u202f\u00a0]", " ", text).replace("’", "'")
+
+
+def test_a_change_above_the_least_detectable_one_is_called_larger() -> None:
+    sentence = plain(report_of(kept_with(13.2)).sentences[0])
+
+    assert sentence == (
+        "Time above 60° went from 7.6 % to 13.2 % of the analysed time (+5.6 points). "
+        "The change is larger than two days differ anyway (least detectable: 5.5 points)."
+    )
+
+
+def test_a_change_below_it_is_not() -> None:
+    sentence = plain(report_of(kept_with(13.1), "fr").sentences[0])
+
+    assert sentence == (
+        "Le temps au-dessus de 60° est passé de 7,6 % à 13,1 % du temps analysé (+5,5 points). "
+        "Le changement n'est pas plus grand que l'écart habituel entre deux jours "
+        "(plus petit décelable : 5,5 points)."
+    )
+
+
+def test_like_is_compared_with_like() -> None:
+    assert report_of(kept_with()).verdict.level == "good"
+
+
+def test_what_differs_besides_the_work_is_named() -> None:
+    verdict = report_of(kept_with(side="left")).verdict
+
+    assert (verdict.level, verdict.reason) == ("caution", "The two differ in more than the work: the arm.")
+
+
+def test_another_pose_is_named() -> None:
+    after = kept_with()
+    calibration = replace(after.findings.calibration, pose="side-lean")  # type: ignore[type-var]
+
+    report = report_of(replace(after, findings=replace(after.findings, calibration=calibration)))
+
+    assert "the calibration pose" in report.verdict.reason
+
+
+def test_a_figure_without_published_variation_has_no_verdict() -> None:
+    rows = {row[0]: row for row in report_of(kept_with()).sections[0].tables[0].rows}
+
+    assert rows["P90 of elevation"][4:] == ("–", "not known")
+
+
+def test_the_known_error_of_the_pose_stands_beside_the_change_once() -> None:
+    assert report_of(kept_with()).pose_caution.count("15° low") == 1
+
+
+def test_the_document_holds_the_same_change_as_the_page() -> None:
+    document = describe_comparison(kept_with(), kept_with(13.2))
+
+    figure = next(f for f in document["figures"] if f["name"] == "time_above_60_percent")
+    assert (figure["before"], figure["after"], figure["change"]) == (7.6, 13.2, 5.6)
+    assert (figure["detectable"], figure["verdict"]) == (5.543717, "larger")
+
+
+def test_the_document_names_both_analyses_and_what_differs() -> None:
+    document = json.loads(encode_document(describe_comparison(kept_with(), kept_with(side="left"))))
+
+    assert (document["before"]["side"], document["after"]["side"]) == ("right", "left")
+    assert document["differences"] == ["side"]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_it_is_one_page_and_one_pdf(language: Language) -> None:
+    report = report_of(kept_with(13.2), language)
+
+    assert f'<html lang="{language}">' in render_html(report).decode()
+    assert render_pdf(report, {"comparison.json": b"{}\n"}).startswith(b"%PDF-")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_all_its_words_can_be_drawn(language: Language) -> None:
+    assert "[U+" not in spell_uncovered(str(report_of(kept_with(13.2), language)))
+
+
+def test_a_hostile_subject_code_stays_text() -> None:
+    page = render_html(report_of(kept_with(subject="<script>alert(1)</script>"))).decode()
+
+    assert "<script" not in page

@@ -1,0 +1,231 @@
+"""Both arms of one shift on one clock: the figures over the shared time, and what is not known."""
+
+import re
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import CannotPair
+from app.pairing import PairRequest, find_offset_s, make_pair_report, read_analysed
+from app.report.both_arms import ArmPair, build_pair, describe_pair
+from app.report.elevation_file import write_elevation
+from app.report.findings import Kept, encode_findings
+from app.report.html import render_html
+from app.report.parts import Report
+from app.report.pdf import render_pdf, spell_uncovered
+from app.report.wording import LANGUAGES, Language
+from fusion.elevation import Elevation, ElevationSegment
+from fusion.paired import ArmShare, PairedArms, TrunkRelative
+from fusion.recording import Span
+from tests.app.analysis_factory import START, make_analysis, make_subject
+
+NO_TRUNK = TrunkRelative("no trunk sensor")
+SHARED = PairedArms(
+    3600.0,
+    ArmShare({10: 5.0, 50: 20.0, 90: 40.0, 99: 80.0}, {30: 30.0, 60: 4.0, 90: 1.0}),
+    ArmShare({10: 6.0, 50: 30.0, 90: 60.0, 99: 100.0}, {30: 50.0, 60: 10.0, 90: 3.0}),
+    2.5,
+    2.5,
+    1.5,
+)
+
+
+def kept_of(side: str, start: datetime | None = START, sha256: str = "") -> Kept:
+    findings = make_analysis(start=start)
+    recording = replace(findings.recording, sha256=sha256 or side * 8)
+    return Kept(replace(findings, recording=recording), make_subject(side=side))
+
+
+def make_pair(offset_s: float = 0.0, trunk: TrunkRelative = NO_TRUNK) -> ArmPair:
+    return ArmPair(kept_of("left"), kept_of("right"), offset_s, "clocks", SHARED, (trunk, trunk))
+
+
+def report_of(pair: ArmPair, language: Language = "en") -> Report:
+    return build_pair(pair, language)
+
+
+def plain(text: str) -> str:
+    return re.sub(r"[\u202f\u00a0]", " ", text).replace("’", "'")
+
+
+def keep(folder: Path, side: str, angle_deg: float, sha256: str = "", start: datetime | None = START) -> Path:
+    """Leave a finished analysis of 60 s at one angle."""
+    folder.mkdir()
+    kept = kept_of(side, start, sha256)
+    findings = replace(kept.findings, exclusions=())
+    (folder / "findings.json").write_bytes(encode_findings(findings, kept.subject))
+    angles = np.full(6000, angle_deg, np.float32)
+    segment = ElevationSegment(0, 100.0, angles, np.ones(6000, bool))
+    write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
+    return folder
+
+
+def test_the_answer_tells_both_arms_and_the_time_at_once() -> None:
+    assert [plain(s) for s in report_of(make_pair()).sentences] == [
+        (
+            "In the 1 h in which both arms were analysed, the left arm was above 60° for 4.0 % and the right "
+            "arm for 10.0 % of the time (right to left 2.50)."
+        ),
+        "Both arms were above 60° at once for 2.5 % of that time.",
+        "The median elevation was 20° on the left and 30° on the right.",
+    ]
+
+
+def test_the_offset_of_the_clocks_is_seen_at_the_head_of_the_page() -> None:
+    header = {pair.name: plain(pair.value) for pair in report_of(make_pair(80.0)).header}
+
+    assert header["Right began after left"] == "+1 min 20 s"
+
+
+def test_nothing_but_the_clocks_vouches_for_the_offset_and_that_is_said() -> None:
+    told = plain(report_of(make_pair(-80.0)).pose_caution)
+
+    assert told.startswith("The right recording began 1 min 20 s before the left. This is what the clocks")
+
+
+def test_no_ratio_is_told_where_the_left_arm_was_never_up() -> None:
+    pair = replace(make_pair(), shared=replace(SHARED, ratio_above_60=None))
+
+    assert "right to left" not in report_of(pair).sentences[0]
+
+
+def test_both_days_lie_on_the_clock_of_the_one_that_began_first() -> None:
+    rows = report_of(make_pair(-3600.0)).figures[1].table.rows
+
+    left, right = (next(row for row in rows if row[0] == name) for name in ("Left arm", "Right arm"))
+    assert (left[1], right[1]) == ("07:58", "06:58")
+
+
+def test_without_a_trunk_sensor_the_report_says_what_is_missing() -> None:
+    section = next(s for s in report_of(make_pair()).sections if s.key == "trunk")
+
+    assert section.paragraphs[0].startswith("The trunk was not measured")
+    assert section.tables == ()
+
+
+def test_with_a_trunk_sensor_the_limits_stand_beside_the_figures() -> None:
+    measured = TrunkRelative("sagittal plane only", 60.0, {10: 1.0, 50: 12.0, 90: 30.0, 99: 50.0})
+
+    report = report_of(make_pair(trunk=measured))
+
+    section = next(s for s in report.sections if s.key == "trunk")
+    assert "12.1° off" in section.paragraphs[0]
+    assert section.tables[0].rows[0][2:] == ("1.0°", "12.0°", "30.0°", "50.0°")
+    assert "the trunk was not measured" not in report.limits.paragraphs[0]
+
+
+def test_the_document_holds_what_the_page_tells() -> None:
+    document = describe_pair(make_pair(80.0))
+
+    assert document["clock"] == {"offset_s": 80.0, "from": "clocks"}
+    assert document["arms"]["right"]["time_above_percent"]["60"] == 10.0
+    assert document["trunk_relative"]["left"]["limit"] == "no trunk sensor"
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_it_is_one_page_and_one_pdf_in_words_that_can_be_drawn(language: Language) -> None:
+    report = report_of(make_pair(600.0), language)
+
+    assert f'<html lang="{language}">' in render_html(report).decode()
+    assert render_pdf(report, {}).startswith(b"%PDF-")
+    assert "[U+" not in spell_uncovered(str(report))
+
+
+def test_the_clocks_of_the_devices_give_the_offset() -> None:
+    assert find_offset_s(kept_of("left"), kept_of("right", START + timedelta(seconds=80))) == 80.0
+
+
+def test_a_clock_without_a_zone_is_taken_for_one_of_the_same_place() -> None:
+    later = START.replace(tzinfo=None) + timedelta(seconds=5)
+
+    assert find_offset_s(kept_of("left"), kept_of("right", later)) == 5.0
+
+
+def test_without_a_clock_somebody_must_tell_the_offset(tmp_path: Path) -> None:
+    left = keep(tmp_path / "l", "left", 10.0)
+    right = keep(tmp_path / "r", "right", 70.0, start=None)
+
+    with pytest.raises(CannotPair) as refused:
+        make_pair_report(left, right, PairRequest(languages=("en",), kinds=("html",)), tmp_path)
+
+    assert refused.value.facts == {"why": "offset"}
+
+
+@pytest.mark.parametrize(
+    ("sides", "hashes", "offset_s", "why"),
+    [
+        (("left", "right"), ("same", "same"), 0.0, "same"),
+        (("right", "left"), ("a", "b"), 0.0, "side"),
+        (("left", "right"), ("a", "b"), 7200.0, "apart"),
+    ],
+)
+def test_what_is_no_pair_is_refused(
+    sides: tuple[str, str], hashes: tuple[str, str], offset_s: float, why: str, tmp_path: Path
+) -> None:
+    left, right = (
+        keep(tmp_path / name, side, 70.0, sha256)
+        for name, side, sha256 in zip("lr", sides, hashes, strict=True)
+    )
+
+    with pytest.raises(CannotPair) as refused:
+        make_pair_report(left, right, PairRequest(offset_s=offset_s), tmp_path)
+
+    assert refused.value.facts == {"why": why}
+
+
+def test_a_folder_without_a_finished_analysis_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CannotPair) as refused:
+        make_pair_report(tmp_path, tmp_path, PairRequest(), tmp_path)
+
+    assert refused.value.facts == {"why": "kept"}
+
+
+def test_two_finished_analyses_make_every_product(tmp_path: Path) -> None:
+    left, right = keep(tmp_path / "l", "left", 10.0), keep(tmp_path / "r", "right", 70.0)
+    out = tmp_path / "out"
+    out.mkdir()
+
+    make_pair_report(left, right, PairRequest(languages=("fr",)), out)
+
+    made = {path.name for path in out.iterdir()}
+    assert made == {"pair.json", "answer.fr.txt", "report.fr.html", "report.fr.pdf"}
+
+
+def test_the_trunk_is_taken_off_each_arm(tmp_path: Path) -> None:
+    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
+    trunk = keep(tmp_path / "t", "unknown", 15.0)
+
+    make_pair_report(left, right, PairRequest(trunk, languages=("en",), kinds=("html",)), tmp_path)
+
+    page = (tmp_path / "report.en.html").read_text("utf-8")
+    assert "25.0°" in page
+    assert "55.0°" in page
+
+
+def test_what_a_report_leaves_out_is_not_paired(tmp_path: Path) -> None:
+    folder = keep(tmp_path / "l", "left", 40.0)
+    kept = kept_of("left")
+    findings = replace(kept.findings, exclusions=(Span(0, 10_000_000, "break"),))
+
+    elevation = read_analysed(folder, Kept(findings, kept.subject))
+
+    assert sum(int(segment.valid.sum()) for segment in elevation.segments) == 5000
+
+
+def test_a_hole_in_the_file_of_angles_ends_the_run(tmp_path: Path) -> None:
+    runs = tuple(
+        ElevationSegment(start, 100.0, np.full(200, 5.0, np.float32), np.ones(200, bool))
+        for start in (0, 5_000_000)
+    )
+    write_elevation(Elevation(runs, None), tmp_path / "elevation.parquet")
+    kept = kept_of("left")
+
+    elevation = read_analysed(tmp_path, Kept(replace(kept.findings, exclusions=()), kept.subject))
+
+    assert [(s.start_us, len(s), round(s.rate_hz, 6)) for s in elevation.segments] == [
+        (0, 200, 100.0),
+        (5_000_000, 200, 100.0),
+    ]

@@ -1,0 +1,117 @@
+"""Old tables become new ones, with a copy made before; tables of a later release are left alone."""
+
+import json
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Engine, inspect, text
+
+from app.errors import DatabaseTooNew, DatabaseTooOld
+from app.jobs.database import connect, open_database, read_revision
+from app.jobs.migrate import configure, migrate, upgrade
+from app.jobs.store import JobStore
+from app.jobs.tables import REVISION, metadata
+from app.request import ReportRequest
+
+pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+
+
+@pytest.fixture
+def engine(database: str) -> Iterator[Engine]:
+    opened = connect(database)
+    yield opened
+    opened.dispose()
+
+
+def set_revision(engine: Engine, revision: str) -> None:
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = :found"), {"found": revision})
+
+
+def test_the_migrations_end_with_the_tables_of_the_code(engine: Engine) -> None:
+    with engine.begin() as connection:
+        upgrade(connection)
+
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+        assert read_revision(connection) == REVISION
+
+
+def test_the_last_migration_is_the_one_the_code_asks_for(engine: Engine) -> None:
+    with engine.connect() as connection:
+        assert ScriptDirectory.from_config(configure(connection)).get_current_head() == REVISION
+
+
+def test_a_new_database_gets_its_tables_and_its_revision(engine: Engine, database: str) -> None:
+    open_database(database).dispose()
+
+    with engine.connect() as connection:
+        assert read_revision(connection) == REVISION
+        assert set(metadata.tables) <= set(inspect(connection).get_table_names())
+
+
+def test_a_later_release_s_database_is_refused(engine: Engine, database: str, tmp_path: Path) -> None:
+    open_database(database).dispose()
+    set_revision(engine, "9999")
+
+    assert migrate(database, tmp_path) is None
+    with pytest.raises(DatabaseTooNew) as refusal:
+        open_database(database)
+
+    assert refusal.value.facts == {"found": "9999", "needed": REVISION}
+
+
+def test_an_earlier_release_s_database_is_not_touched_by_a_worker(engine: Engine, database: str) -> None:
+    open_database(database).dispose()
+    set_revision(engine, "0000")
+
+    with pytest.raises(DatabaseTooOld):
+        open_database(database)
+
+
+def make_earlier(engine: Engine) -> None:
+    """Make the tables of the first release, with one recording that waits for its analysis."""
+    with engine.begin() as connection:
+        upgrade(connection, "0001")
+        connection.execute(
+            text(
+                "INSERT INTO recordings (id, sha256, size_bytes, file_name, state, created_at)"
+                " VALUES ('rec_1', 'aa', 9, 'Équipe.gt3x', 'stored', '2026-03-02T07:00:00+00:00')"
+            )
+        )
+        connection.execute(
+            text(
+                "INSERT INTO analyses (id, recording_id, request, way_in, state, progress, attempts, beats,"
+                " created_at) VALUES ('an_1', 'rec_1', :asked, 'api', 'queued', 0, 0, 0,"
+                " '2026-03-02T07:00:00+00:00')"
+            ),
+            {"asked": ReportRequest("Équipe.gt3x").to_json()},
+        )
+
+
+def test_an_earlier_release_s_rows_are_copied_and_kept(engine: Engine, database: str, tmp_path: Path) -> None:
+    make_earlier(engine)
+
+    copy = migrate(database, tmp_path / "backups")
+
+    store = JobStore(database)
+    assert store.get("an_1").file_name == "Équipe.gt3x"
+    store.close()
+    assert copy is not None
+    with zipfile.ZipFile(copy) as archive:
+        assert json.loads(archive.read("rows/recordings.jsonl"))["file_name"] == "Équipe.gt3x"
+
+
+def test_a_migration_that_fails_leaves_the_tables_as_they_were(engine: Engine) -> None:
+    make_earlier(engine)
+
+    with engine.connect() as connection, connection.begin() as change:
+        upgrade(connection)
+        change.rollback()
+
+    with engine.connect() as connection:
+        assert not inspect(connection).has_table("uploads")

@@ -1,0 +1,67 @@
+"""``acromion pair`` and ``acromion compare``: from recordings or finished folders to one report of two."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from app.cli import app
+from fusion.simulation import write_recordings
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def paired(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two recordings set side by side."""
+    out = tmp_path_factory.mktemp("pair")
+    made = write_recordings(out / "other", "gt9x", 0.05, 5)
+    other = next(path for path in made if path.suffix == ".gt3x")
+    result = run("pair", shift_gt3x, other, "-o", out, "--report", "html", "--offset-s", "0")
+    assert result.exit_code == 0, result.output
+    return out
+
+
+def test_recordings_are_analysed_first_each_as_its_arm(paired: Path) -> None:
+    document = json.loads((paired / "both-arms" / "pair.json").read_text("utf-8"))
+
+    assert (document["left"]["side"], document["right"]["side"]) == ("left", "right")
+
+
+def test_the_offset_given_is_told_as_given(paired: Path) -> None:
+    page = (paired / "both-arms" / "report.html").read_text("utf-8")
+
+    assert "This was given by the person who asked for the report." in page
+
+
+def test_finished_folders_are_compared_without_a_new_analysis(paired: Path) -> None:
+    before, after = (next((paired / side).iterdir()) for side in ("left", "right"))
+
+    result = run("compare", before, after, "-o", paired, "--report", "html", "--lang", "fr")
+
+    assert result.exit_code == 0, result.output
+    assert "Le temps au-dessus de 60° est passé de" in result.output.replace("\u202f", " ")
+    assert not (paired / "before").exists()
+
+
+def test_another_pair_in_the_same_place_keeps_the_earlier_one(paired: Path) -> None:
+    left, right = (next((paired / side).iterdir()) for side in ("left", "right"))
+
+    result = run("pair", left, right, "-o", paired, "--report", "html", "--offset-s", "20")
+
+    assert "(version 2)" in result.output
+    earlier = json.loads((paired / "both-arms" / "v1" / "pair.json").read_text("utf-8"))
+    assert earlier["clock"]["offset_s"] == 0.0
+
+
+def test_one_recording_twice_is_refused_with_its_reason(paired: Path) -> None:
+    left = next((paired / "left").iterdir())
+
+    result = run("pair", left, left, "-o", paired)
+
+    assert result.exit_code == 3
+    assert "E-PAIR" in result.output
+    assert "they are the same recording" in result.output
