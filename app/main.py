@@ -35,6 +35,7 @@ from app.storage import FolderLock, Storage
 from app.version import software_version
 from app.web.assets import FOLDER, Assets, find_assets
 from app.web.assets import router as asset_routes
+from app.web.beside_routes import router as beside_routes
 from app.web.day_routes import router as day_routes
 from app.web.help_routes import router as help_routes
 from app.web.library_routes import router as library_routes
@@ -65,7 +66,7 @@ def create_app(settings: Settings) -> FastAPI:
     application.state.services = open_services(settings)
     for routes in (upload_routes, recording_routes, request_routes, event_routes, api_routes):
         application.include_router(routes)
-    for pages in (page_routes, day_routes, library_routes, help_routes, asset_routes):
+    for pages in (page_routes, day_routes, library_routes, beside_routes, help_routes, asset_routes):
         application.include_router(pages)
     _add_health(application)
     application.mount(find_assets(), Assets(directory=FOLDER))

@@ -59,6 +59,16 @@ class Library:
                     counts[group] += number
         return counts
 
+    def list_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
+        """Give other recordings of the same subject that have a report, the newest first."""
+        if not job.request.subject:
+            return ()
+        same = recordings.c.subject == job.request.subject
+        other = (analyses.c.recording_id != job.recording_id, analyses.c.state == JobState.SUCCEEDED)
+        query = _select(LibraryFilter()).where(same, *other).order_by(*_newest_first()).limit(limit)
+        with self._reader.connect() as connection:
+            return tuple(_read_entry(row) for row in connection.execute(query))
+
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         """Give the analyses shown before and after one, in the order of the list."""
         moment = job.created_at.isoformat(timespec="microseconds")

@@ -10,6 +10,7 @@ from app.jobs.job import Job, JobState
 from app.report.wording import Language
 from app.web.day_routes import find_day
 from app.web.day_views import DayView, show_day, show_hours
+from app.web.others import list_offers
 from app.web.views import Fact, read_results, show_answer, show_figures, show_settings
 
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
@@ -30,12 +31,13 @@ def read_answer(services: Services, job: Job, language: Language) -> dict[str, A
     """Give answer, hours and day of a finished analysis, or none of them."""
     results = find_results(services, job)
     if results is None:
-        return {"answer": None, "hours": [], "day": None}
+        return {"answer": None, "hours": [], "day": None, "offers": ()}
     brief = _read_file(services, job, f"answer.{language}.txt").decode()
     return {
         "answer": show_answer(results, brief, language),
         "hours": show_hours(results, language),
         "day": _show_day(services, job, language),
+        "offers": list_offers(services, job, results.get("recording", {}).get("start") or "", language),
     }
 
 

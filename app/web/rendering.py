@@ -9,6 +9,7 @@ from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.api.services import LANGUAGE_COOKIE
+from app.report.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.wording import Language, fill, load_wording
 from app.web.assets import find_assets, find_plotly, list_style_ids
 
@@ -26,6 +27,12 @@ pages = Environment(
 )
 pages.globals["fill"] = fill
 pages.globals["list_style_ids"] = list_style_ids
+pages.globals |= {
+    "percent": format_percent,
+    "angle": format_angle,
+    "duration": format_duration,
+    "number": format_number,
+}
 
 
 def show_page(

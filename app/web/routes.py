@@ -54,6 +54,7 @@ def analysis(
         "settings": show_settings(job, language),
         "job_request": job.request,
         "d": load_wording(language, "day"),
+        "b": load_wording(language, "beside_page"),
         "changes": show_changes(services, job, before, language),
         "recording_id": job.recording_id,
         **find_neighbours(services, request, job),
