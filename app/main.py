@@ -28,6 +28,7 @@ from app.api.routes import router as api_routes
 from app.api.services import Services, open_services
 from app.api.tus import router as upload_routes
 from app.errors import AppError, DatabaseAway, DiskFull, ForeignAddress, PortTaken, RecordedProblem
+from app.intake import FolderWatch, Intake
 from app.jobs.database import bring_up_to_date
 from app.jobs.pool import WorkerPool
 from app.settings import Settings
@@ -59,6 +60,7 @@ def create_app(settings: Settings) -> FastAPI:
         version=software_version(),
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
+        root_path=settings.root_path.rstrip("/"),
         redoc_url=None,
         generate_unique_id_function=_name_operation,
         lifespan=_live,
@@ -91,13 +93,25 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
     pool.start()
+    watch = _watch_folder(application, settings)
     logger.info("Acromion is at %s (data in %s)", address, settings.data_dir)
     if open_browser:
         threading.Timer(1.0, webbrowser.open, (address,)).start()
     try:
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
+        if watch is not None:
+            watch.stop()
         pool.stop()
+
+
+def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | None:
+    if settings.watch_dir is None:
+        return None
+    services: Services = application.state.services
+    watch = FolderWatch(Intake(services.store, services.storage, settings), settings.watch_dir)
+    watch.start()
+    return watch
 
 
 def _migrate(settings: Settings) -> None:

@@ -11,11 +11,11 @@ from fastapi.responses import RedirectResponse
 
 from app.api.services import Services, UsedLanguage, UsedServices
 from app.errors import NotHere, find_outcome_of_code, list_refusals
+from app.intake import Intake
 from app.jobs.job import Job
 from app.report.messages import describe_problem
 from app.report.wording import Language, load_wording
 from app.request import ReportRequest
-from app.storage import COPY_BYTES
 from app.web.rendering import find_base, show_page
 
 SAMPLE_HOURS = "1"
@@ -68,21 +68,14 @@ def take_sample(request: Request, services: UsedServices, language: UsedLanguage
         environment = os.environ | {"PYTHONPATH": path}
         subprocess.run(command, check=True, capture_output=True, env=environment)  # noqa: S603 - our own
         (log,) = Path(folder).glob("*.gt3x")
-        job = _keep_sample(log, services, language)
+        job = _take_sample(log, services, language)
     return RedirectResponse(f"{find_base(request)}/analyses/{job.id}", status_code=303)
 
 
-def _keep_sample(log: Path, services: Services, language: Language) -> Job:
+def _take_sample(log: Path, services: Services, language: Language) -> Job:
     other: Language = "en" if language == "fr" else "fr"
     wish = ReportRequest(log.name, subject=SAMPLE_SUBJECT, side="right", languages=(language, other))
-    upload = services.storage.open_upload(services.settings.max_upload_bytes)
-    try:
-        with log.open("rb") as file:
-            while chunk := file.read(COPY_BYTES):
-                upload.write(chunk)
-        return services.store.add(upload.keep(), wish, "web")
-    finally:
-        upload.discard()
+    return Intake(services.store, services.storage, services.settings).take(log, wish, "web")
 
 
 def _show(request: Request, template: str, language: Language, values: dict[str, object]) -> Response:

@@ -22,6 +22,9 @@ def day(page: Page, server: RunningServer, right: str) -> Page:
     return page
 
 
+SHOWS_SAMPLES = "(({x}) => x.slice(1).some((at, k) => at - x[k] < 0.011))(acromionDay.curve.values)"
+
+
 def set_window(page: Page, start: str, end: str) -> None:
     fields = page.locator(".window").first.locator("input")
     fields.nth(0).fill(start)
@@ -46,9 +49,7 @@ def test_the_whole_shift_is_seen_first_and_zoomed_to_the_sample(day: Page) -> No
     assert whole[0] == 0.0
     assert whole[1] == pytest.approx(180, abs=1)
     assert to_s - from_s == pytest.approx(whole[1] / 2**10, abs=0.03)
-    day.wait_for_function(
-        "acromionDay.curve.values.x.slice(1).some((x, k) => x - acromionDay.curve.values.x[k] < 0.011)"
-    )
+    day.wait_for_function(SHOWS_SAMPLES)
     day.get_by_role("button", name="Whole day").click()
     assert read_view(day) == whole
 
@@ -87,9 +88,8 @@ def test_the_calibration_window_is_a_band_with_its_stillness(day: Page) -> None:
 
     assert band["name"] == "Calibration window"
     assert 0 <= band["startS"] < band["endS"] <= 30
-    expect(day.locator("[data-stillness]").first).to_have_text(
-        re.compile(r"stillness 0\.\d\d of 1, still enough")
-    )
+    told = re.compile(r"stillness 0\.\d\d of 1, still enough")
+    expect(day.locator("[data-stillness]").first).to_have_text(told)
 
 
 def test_a_window_that_moved_is_told_to_be_so(day: Page) -> None:

@@ -30,6 +30,12 @@ PAGES = {
 }
 
 
+FIND_SMALL = """
+[...document.querySelectorAll("main button, main summary, main select, main input:not([type=radio])")]
+  .filter((e) => e.offsetParent && (e.offsetHeight < 24 || e.offsetWidth < 24))
+  .map((e) => e.outerHTML)"""
+
+
 @dataclass(frozen=True, slots=True)
 class Look:
     """A reader's language, theme and screen."""
@@ -141,12 +147,7 @@ def test_every_target_is_large_enough(page: Page, server: RunningServer, right: 
     open_analysis(page, server, right)
     wait_for_curve(page)
 
-    small = page.evaluate(
-        """[...document.querySelectorAll("main button, main summary, main select, main input:not([type=radio])")]
-        .filter((e) => e.offsetParent && (e.offsetHeight < 24 || e.offsetWidth < 24)).map((e) => e.outerHTML)"""
-    )
-
-    assert small == []
+    assert page.evaluate(FIND_SMALL) == []
 
 
 def test_the_language_is_chosen_and_kept(page: Page, server: RunningServer, right: str) -> None:
@@ -172,8 +173,7 @@ def test_a_decimal_comma_is_understood_as_is_a_point(page: Page, server: Running
     open_analysis(page, server, right, "fr")
     wait_for_curve(page)
 
-    moments = page.evaluate(
-        "['2,5', '2.5', '07:00:02.5', '07:00:02,5'].map((t) => acromionDay.clock.read(t))"
-    )
+    typed = ["2,5", "2.5", "07:00:02.5", "07:00:02,5"]
+    moments = [page.evaluate("text => acromionDay.clock.read(text)", text) for text in typed]
 
     assert moments == [2.5, 2.5, 2.5, 2.5]

@@ -12,7 +12,7 @@ from tests.ways_in.servers import RunningServer
 pytestmark = pytest.mark.browser
 
 EPOCHS = (
-    """------------ Data File Created By ActiGraph GT3X+ ActiLife v6.13.3 date format M/d/yyyy Filter Normal ---
+    """------------ Data File Created By ActiGraph GT3X+ ActiLife v6.13.3 date format M/d/yyyy Normal
 Serial Number: TAS1E00000000
 Start Time 07:00:00
 Start Date 3/2/2026

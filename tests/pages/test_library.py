@@ -65,9 +65,8 @@ def test_problems_and_figures_are_taken_as_tables(
 
     assert (row["file"], row["subject"], row["code"]) == ("table.csv", "S099", code)
     assert row["fix"]
-    assert {"S012"} == {
-        row["subject"] for row in csv.DictReader(download.value.path().read_text().splitlines())
-    }
+    figures = csv.DictReader(download.value.path().read_text().splitlines())
+    assert {row["subject"] for row in figures} == {"S012"}
 
 
 def test_one_is_opened_after_the_other(page: Page, server: RunningServer, right: str, left: str) -> None:
