@@ -153,7 +153,7 @@ def test_every_target_is_large_enough(page: Page, server: RunningServer, right: 
 def test_the_language_is_chosen_and_kept(page: Page, server: RunningServer, right: str) -> None:
     open_analysis(page, server, right)
 
-    page.get_by_role("link", name="Français").click()
+    page.get_by_role("link", name="Français", exact=True).click()
     expect(page.get_by_role("heading", name="La réponse en bref")).to_be_visible()
     page.goto(server.address)
 

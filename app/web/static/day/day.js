@@ -141,7 +141,7 @@ async function begin() {
     window.acromionDay = day; // for measuring
     await day.open();
   } catch (error) {
-    console.warn(error);
+    console.info(error);
     box.hidden = true;
     $("day-failed").hidden = false;
   }
