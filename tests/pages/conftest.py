@@ -9,12 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 from fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer
 
 HOURS = 0.05
+
+expect.set_options(timeout=30_000)
 
 
 @pytest.fixture(scope="session")
