@@ -60,7 +60,6 @@ def create_app(settings: Settings) -> FastAPI:
         version=software_version(),
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
-        root_path=settings.root_path.rstrip("/"),
         redoc_url=None,
         generate_unique_id_function=_name_operation,
         lifespan=_live,
@@ -144,7 +143,8 @@ def check_loopback(host: str) -> None:
 def answer_error(request: Request, error: Exception) -> Response:
     """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
     refusal = _name_trouble(error) if isinstance(error, OperationalError) else name_refusal(error)
-    outside = request.url.path.startswith(("/api", "/healthz", "/readyz"))
+    path = request.url.path.removeprefix(request.scope.get("root_path", ""))
+    outside = path.startswith(("/api", "/healthz", "/readyz"))
     response = answer_refusal(request, refusal) if outside else answer_with_page(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
@@ -218,6 +218,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
     """Choose the limits that uvicorn leaves open: size and time of a request's head."""
     return uvicorn.Config(
         application,
+        root_path=settings.root_path.rstrip("/"),
         http=make_patient_protocol(settings.header_patience_s),
         ws="none",
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,

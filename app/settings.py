@@ -31,7 +31,8 @@ class Settings(BaseSettings):
     max_cache_bytes
         Space for decoded samples, which make a second analysis of a recording quick.
     root_path
-        Where a proxy serves us, as "/acromion"; empty at the root of a host.
+        Where a proxy serves us, as "/acromion" (it is to take this away before it asks us); empty at the
+        root of a host.
     watch_dir
         A folder whose recordings are taken in without the page; None: none is watched.
     lease_s, heartbeat_s
