@@ -8,6 +8,7 @@ from fastapi.responses import FileResponse, RedirectResponse
 
 from app.api.guard import REPORT_POLICY
 from app.api.services import UsedLanguage, UsedServices
+from app.report.beside import load_beside_words
 from app.report.wording import Language, load_wording
 from app.web.beside import BesideRequest, Kind, read_figures, read_sentences, set_beside
 from app.web.rendering import find_base, show_page
@@ -43,6 +44,7 @@ def show_beside(asked: Asked, request: Request, services: UsedServices, language
         "sentences": read_sentences(folder, language),
         "differences": [name for name in figures.get("differences", ()) if name in SETTINGS],
         "offset": "" if asked.offset_s is None else f"{asked.offset_s:g}",
+        "names": load_beside_words(language)["compare"]["table"]["figure"],
         "b": load_wording(language, "beside_page"),
     }
     return show_page(request, "beside.html", language, values)

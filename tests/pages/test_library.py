@@ -90,7 +90,7 @@ def test_a_recording_is_thrown_away_taken_back_and_deleted_for_good(
     page.goto(f"{server.address}analyses/{analysis_id}?lang=en")
 
     page.get_by_role("link", name="Delete this recording").click()
-    expect(page.get_by_text("1 analyses with all their reports and files")).to_be_visible()
+    expect(page.get_by_text("Analyses with all their reports and files: 1")).to_be_visible()
     page.get_by_role("button", name="Put into the trash").click()
     expect(page.get_by_text("after 30 days")).to_be_visible()
     page.get_by_role("button", name="Take back: gone.gt3x").click()

@@ -41,10 +41,10 @@ export class Clock {
     return second >= -0.01 && second <= this.durationS + 0.01 ? Math.min(Math.max(second, 0), this.durationS) : NaN;
   }
 
-  // About eight round moments of a view, for the axis: [second, text].
-  marks(fromS, toS) {
+  // At most so many round moments of a view, for the axis: [second, text].
+  marks(fromS, toS, most) {
     const steps = [0.01, 0.05, 0.1, 0.5, 1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400, 43200, 86400];
-    const step = steps.find((candidate) => (toS - fromS) / candidate <= 8) || 86400;
+    const step = steps.find((candidate) => (toS - fromS) / candidate <= most) || 86400;
     const first = Math.ceil((fromS + this.startS) / step) * step - this.startS;
     const marks = [];
     for (let at = first; at <= toS; at += step) marks.push([at, this.mark(at, step)]);

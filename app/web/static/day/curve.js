@@ -6,6 +6,7 @@
 const MARGIN = { l: 46, r: 12, t: 10, b: 30 };
 const GUIDES_DEG = [30, 60, 90];
 const POINTS = 1000;
+const MARK_PX = 85;
 
 export class Curve {
   constructor(place, address, clock, view) {
@@ -30,12 +31,12 @@ export class Curve {
   // Layout only: quick enough for every step of a movement.
   draw(bands, chosen) {
     const trace = { ...this.values, type: "scatter", mode: "lines", line: { width: 1, color: ink("--accent") }, hoverinfo: "skip" };
-    const marks = this.clock.marks(this.view.fromS, this.view.toS);
+    const marks = this.clock.marks(this.view.fromS, this.view.toS, Math.max(2, Math.floor(this.widthPx() / MARK_PX)));
     const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
     const layout = {
       margin: MARGIN, showlegend: false, dragmode: false, hovermode: false,
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { size: 13, color: ink("--soft") },
-      xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false },
+      xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false, tickangle: 0 },
       yaxis: { ...axis, range: [0, 180], tickvals: [0, 30, 60, 90, 120, 150, 180], ticksuffix: "°" },
       shapes: [...GUIDES_DEG.map(guide), ...bands.map((band) => area(band, band.row === chosen))],
       annotations: this.label(bands),
