@@ -10,18 +10,15 @@ import webbrowser
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from ipaddress import ip_address
-from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
-from fastapi.staticfiles import StaticFiles
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-import app.web
 from app.api.about import router as about_routes
 from app.api.batches import router as batch_routes
 from app.api.events import router as event_routes
@@ -46,11 +43,18 @@ from app.errors import (
     RecordedProblem,
     WrongVerb,
 )
+from app.intake import FolderWatch, Intake
 from app.jobs.database import bring_up_to_date
 from app.jobs.pool import WorkerPool
 from app.settings import Settings
 from app.storage import FolderLock, Storage
 from app.version import software_version
+from app.web.assets import FOLDER, Assets, find_assets
+from app.web.assets import router as asset_routes
+from app.web.beside_routes import router as beside_routes
+from app.web.day_routes import router as day_routes
+from app.web.help_routes import router as help_routes
+from app.web.library_routes import router as library_routes
 from app.web.routes import answer_with_page
 from app.web.routes import router as page_routes
 from fusion.errors import FusionError
@@ -66,6 +70,7 @@ ROUTES = (
     about_routes,
     metrics_routes,
 )
+PAGES = (page_routes, day_routes, library_routes, beside_routes, help_routes, asset_routes)
 MAX_HEADER_BYTES = 64 * 1024
 GRACE_S = 3
 FULL_DISK = ("disk is full", "No space left")  # SQLite's words, and PostgreSQL's
@@ -89,8 +94,9 @@ def create_app(settings: Settings) -> FastAPI:
     application.state.services = open_services(settings)
     for routes in ROUTES:
         application.include_router(routes)
-    application.include_router(page_routes)
-    application.mount("/static", StaticFiles(directory=Path(app.web.__path__[0]) / "static"))
+    for pages in PAGES:
+        application.include_router(pages)
+    application.mount(find_assets(), Assets(directory=FOLDER))
     _add_refusals(application)
     rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
     answers = application.state.services.answers
@@ -114,13 +120,25 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
     pool.start()
+    watch = _watch_folder(application, settings)
     logger.info("Acromion is at %s (data in %s)", address, settings.data_dir)
     if open_browser:
         threading.Timer(1.0, webbrowser.open, (address,)).start()
     try:
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
+        if watch is not None:
+            watch.stop()
         pool.stop()
+
+
+def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | None:
+    if settings.watch_dir is None:
+        return None
+    services: Services = application.state.services
+    watch = FolderWatch(Intake(services.store, services.storage, settings), settings.watch_dir)
+    watch.start()
+    return watch
 
 
 def _migrate(settings: Settings) -> None:
@@ -155,7 +173,8 @@ def answer_error(request: Request, error: Exception) -> Response:
     refusal = _name_trouble(error) if isinstance(error, OperationalError) else name_refusal(error)
     if isinstance(refusal, WrongVerb):
         refusal = WrongVerb(method=request.method, allowed=", ".join(_list_methods(request)))
-    outside = request.url.path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
+    path = request.url.path.removeprefix(request.scope.get("root_path", ""))
+    outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     response = answer_refusal(request, refusal) if outside else answer_with_page(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
@@ -225,6 +244,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
     """Choose the limits that uvicorn leaves open: size and time of a request's head."""
     return uvicorn.Config(
         application,
+        root_path=settings.root_path.rstrip("/"),
         http=make_patient_protocol(settings.header_patience_s),
         ws="none",
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,

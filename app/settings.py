@@ -28,6 +28,13 @@ class Settings(BaseSettings):
         Worker processes that ``serve`` keeps alive.
     max_upload_bytes, min_free_bytes
         Largest recording taken; free space below which no upload is taken.
+    max_cache_bytes
+        Space for decoded samples, which make a second analysis of a recording quick.
+    root_path
+        Where a proxy serves us, as "/acromion" (it is to take this away before it asks us); empty at the
+        root of a host.
+    watch_dir
+        A folder whose recordings are taken in without the page; None: none is watched.
     lease_s, heartbeat_s
         A worker that has not beaten for ``lease_s`` has lost its job.
     max_attempts
@@ -56,6 +63,9 @@ class Settings(BaseSettings):
     workers: int = 1
     max_upload_bytes: int = 4 * GIB
     min_free_bytes: int = 2 * GIB
+    max_cache_bytes: int = 4 * GIB
+    root_path: str = ""
+    watch_dir: Path | None = None
     lease_s: float = 30.0
     heartbeat_s: float = 3.0
     max_attempts: int = 3
@@ -73,4 +83,4 @@ class Settings(BaseSettings):
     def as_environment(self) -> dict[str, str]:
         """Give every setting that was chosen, as a worker process reads it."""
         chosen = {name: getattr(self, name) for name in self.model_fields_set}
-        return {f"ACROMION_{name.upper()}": str(value) for name, value in chosen.items()}
+        return {f"ACROMION_{name.upper()}": str(value) for name, value in chosen.items() if value is not None}

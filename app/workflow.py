@@ -1,10 +1,15 @@
 """The one road from a stored file to a report, taken by page, API and command line alike."""
 
+import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.day import write_day_of
+from app.day_file import NAME as DAY_NAME
+from app.decoded import NOTHING_KNOWN, KnownLogs, name_entry
 from app.report.elevation_file import write_elevation
 from app.report.exports import export_results
 from app.report.fhir import encode_fhir
@@ -45,22 +50,25 @@ def make_report(
     request: ReportRequest,
     out: Path,
     on_stage: OnStage = ignore_stage,
-    digests: tuple[str, ...] = (),
+    known: KnownLogs = NOTHING_KNOWN,
 ) -> None:
     """Analyse the file and write every product into the existing folder ``out``.
 
-    ``digests``: SHA-256 of the log and of the files joined to it, where the caller has taken them already.
+    ``known``: SHA-256 of the log and of the files joined to it, where the caller has taken them already, and
+    where decoded samples are kept.
 
     Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
     tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
-    five lines, ``answer.<language>.txt``; where a PDF is asked for, ``fhir.json`` too.
+    five lines, ``answer.<language>.txt``; where a PDF is asked for, ``fhir.json`` too. With a cache, as the
+    server has one, the day is written for the page.
 
     Raises
     ------
     fusion.errors.FusionError
         When no number can be given; then nothing has been written.
     """
-    analysis = _analyse_file(log, request, digests, lambda stage: on_stage(stage, _BEGINS[stage]))
+    logs = _Logs(log, request, known)
+    analysis = _analyse_file(logs, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
     findings, subject = take_findings(analysis), describe_subject(request)
     results = encode_results(findings, subject)
@@ -69,6 +77,8 @@ def make_report(
     for name, table in export_results(json.loads(results)).items():
         (out / name).write_bytes(table)
     write_elevation(analysis.elevation, out / "elevation.parquet")
+    if known.cache is not None:
+        write_day_of(analysis, out / DAY_NAME)
     write_reports(findings, subject, request, out)
     if "pdf" in request.kinds:
         _write_fhir(json.loads(results), request, out)
@@ -102,20 +112,60 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
     )
 
 
-def _analyse_file(
-    log: Path, request: ReportRequest, digests: tuple[str, ...], begin: Callable[[Stage], None]
-) -> Analysis:
+@dataclass(frozen=True, slots=True)
+class _Logs:
+    """What is to be read, and where its samples may be kept or lie already."""
+
+    log: Path
+    request: ReportRequest
+    known: KnownLogs
+
+    def read(self) -> Recording:
+        """Read the log and those joined to it."""
+        paths = (self.log, *map(Path, self.request.joined))
+        digests = self.known.digests or ("",) * len(paths)
+        recordings = [self._read(path, digest) for path, digest in zip(paths, digests, strict=True)]
+        return join_recordings(recordings) if self.request.joined else recordings[0]
+
+    def _read(self, path: Path, digest: str) -> Recording:
+        """Read the file, or what an earlier reading of the same bytes has kept."""
+        cache = self.known.cache
+        if cache is None:
+            return self._parse(path, digest)
+        sha256 = digest or _hash_log(path)
+        reading = [Path(self._name(path)).suffix, self.request.rate_hz, self.request.profile]
+        key = name_entry(sha256, json.dumps(reading), software_revision())
+        recording = cache.find(key)
+        if recording is None:
+            recording = self._parse(path, sha256)
+            cache.keep(key, recording)
+        return recording
+
+    def _parse(self, path: Path, sha256: str) -> Recording:
+        asked = self.request
+        profile = parse_profile(asked.profile) if asked.profile else None
+        with path.open("rb") as file:
+            return read_recording(
+                file, file_name=self._name(path), rate_hz=asked.rate_hz, sha256=sha256, profile=profile
+            )
+
+    def _name(self, path: Path) -> str:
+        return self.request.file_name if path is self.log else path.name
+
+
+def _analyse_file(logs: _Logs, begin: Callable[[Stage], None]) -> Analysis:
+    request = logs.request
     begin("reading")
     if request.source == "angles":
-        with log.open("rb") as file:
+        with logs.log.open("rb") as file:
             return analyse_angles(file, begin, request.list_diary())
-    captured = _read_capture(log, request)
+    captured = _read_capture(logs.log, request)
     if captured is not None:
         return analyse_angle_file(captured, begin, request.list_diary(), request.calibration_windows_s)
     settings = AnalysisSettings(
         request.method, request.pose, request.calibration_windows_s, request.list_diary()
     )
-    return analyse(_read_logs(log, request, digests), settings, begin)
+    return analyse(logs.read(), settings, begin)
 
 
 def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
@@ -127,14 +177,6 @@ def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
         return read_angle_file(file, request.file_name, AngleFileOptions(request.side, request.rate_hz))
 
 
-def _read_logs(log: Path, request: ReportRequest, digests: tuple[str, ...]) -> Recording:
-    profile = parse_profile(request.profile) if request.profile else None
-    recordings = []
-    paths = (log, *map(Path, request.joined))
-    for path, digest in zip(paths, digests or ("",) * len(paths), strict=True):
-        name = request.file_name if path is log else path.name
-        with path.open("rb") as file:
-            recordings.append(
-                read_recording(file, file_name=name, rate_hz=request.rate_hz, sha256=digest, profile=profile)
-            )
-    return join_recordings(recordings) if request.joined else recordings[0]
+def _hash_log(log: Path) -> str:
+    with log.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.calibration_rules import OTHER_RULES, CalibrationRules, rules_for
+from fusion.calibration_rules import OTHER_RULES, CalibrationRules, rules_for, score_still_period
 from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
@@ -26,7 +26,7 @@ from fusion.sensor_errors.stillness import (
     reduce_run,
     summarise_windows,
 )
-from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stretches, score_still_period
+from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stretches
 
 Vector = NDArray[np.float64]
 

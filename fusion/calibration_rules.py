@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRules:
@@ -38,3 +41,16 @@ OTHER_RULES = CalibrationRules()
 def rules_for(device: str) -> CalibrationRules:
     """An LSM9DS1 (and anything unknown) may read 0.10 g off at rest, a GT9X 0.05 g."""
     return GT9X_RULES if device == "gt9x" else OTHER_RULES
+
+
+def score_still_period(
+    duration_s: float, acc_sd_g: float, gravity_g: NDArray[np.float64], rules: CalibrationRules = OTHER_RULES
+) -> float:
+    """Grade a still period, 0 to 1: the product of how still, how near 1 g and how long.
+
+    Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a
+    half at the limit, not below 0. Long: ``duration / 5 s``, at most 1.
+    """
+    still = 1.0 / (1.0 + (acc_sd_g / rules.quiet_acc_sd_g) ** 2)
+    near = max(0.0, 1.0 - abs(float(np.linalg.norm(gravity_g)) - 1.0) / (2.0 * rules.one_g_within))
+    return still * near * min(1.0, duration_s / rules.length_s)

@@ -3,23 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.calibration_rules import OTHER_RULES, CalibrationRules
+from fusion.calibration_rules import CalibrationRules, score_still_period
 from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise_windows
 
 Vector = NDArray[np.float64]
-
-
-def score_still_period(
-    duration_s: float, acc_sd_g: float, gravity_g: Vector, rules: CalibrationRules = OTHER_RULES
-) -> float:
-    """Grade a still period, 0 to 1: the product of how still, how near 1 g and how long.
-
-    Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a
-    half at the limit, not below 0. Long: ``duration / 5 s``, at most 1.
-    """
-    still = 1.0 / (1.0 + (acc_sd_g / rules.quiet_acc_sd_g) ** 2)
-    near = max(0.0, 1.0 - abs(float(np.linalg.norm(gravity_g)) - 1.0) / (2.0 * rules.one_g_within))
-    return still * near * min(1.0, duration_s / rules.length_s)
 
 
 def find_quiet_windows(blocks: list[QuarterSeconds], rules: CalibrationRules) -> QuietTable:

@@ -19,6 +19,7 @@ from app.api.schemas import (
 )
 from app.api.services import Services, UsedLanguage, UsedServices
 from app.api.waiting import LONGEST_WAIT_S, wait_for_end
+from app.day_file import NAME as DAY_NAME
 from app.jobs.job import Job, JobState
 from app.jobs.recordings import Place
 from app.jobs.store import JobFilter
@@ -101,7 +102,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
     job = services.store.get(analysis_id)
     folder = services.storage.attempt(job.id, check_succeeded(job, "bundle.zip"))
-    body = pack_files({path.name: path.read_bytes() for path in folder.iterdir()})
+    body = pack_files({path.name: path.read_bytes() for path in folder.iterdir() if path.name != DAY_NAME})
     return serve_bytes(request, job, "bundle.zip", body)
 
 

@@ -23,6 +23,7 @@ from app.batch.folder import (
     write_marker,
 )
 from app.batch.plan import Task
+from app.decoded import KnownLogs
 from app.errors import Crashed
 from app.jobs.attempt import (
     Attempt,
@@ -112,7 +113,7 @@ def _do(
     marker = _number(before, asked, find_last_version(task.folder))
     request = replace(task.request, version=marker.version, changes=marker.changes)
     with open_staging(task.folder) as staging:
-        make = partial(load_and_make_report, digests=asked.list_digests())
+        make = partial(load_and_make_report, known=KnownLogs(asked.list_digests()))
         outcome = _attempt(task, request, staging, make, go_on)
         if outcome.code:
             return outcome

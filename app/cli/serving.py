@@ -17,13 +17,17 @@ def serve(
     ),
     workers: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Analyses at once.")] = 2,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    watch: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Take in what is put into this folder, too.")
+    ] = None,
 ) -> None:
     """Serve the page and the API, with the workers that do the analyses."""
     from app.main import serve as serve_app  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
     try:
-        serve_app(Settings(host=host, port=port, data_dir=data, workers=workers), open_browser=open_)
+        settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
+        serve_app(settings, open_browser=open_)
     except ServerRefused as refusal:
         print_problem("serve", refusal.code, refusal.facts, "en")
         raise typer.Exit(Exit.USAGE) from None

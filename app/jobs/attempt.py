@@ -19,6 +19,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from app.decoded import NOTHING_KNOWN, KnownLogs
 from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
 from app.request import OnStage, ReportRequest, Stage
 from app.settings import Settings
@@ -87,13 +88,13 @@ Outcome = Finished | Refused | Died | Stopped
 
 
 def load_and_make_report(
-    log: Path, request: ReportRequest, out: Path, on_stage: OnStage, digests: tuple[str, ...] = ()
+    log: Path, request: ReportRequest, out: Path, on_stage: OnStage, known: KnownLogs = NOTHING_KNOWN
 ) -> None:
     """Take the one road; the science is loaded only where it is needed, in the child process."""
     if request.reference is not None:
         importlib.import_module("app.agreement_workflow").make_validation(log, request, out, on_stage)
     else:
-        importlib.import_module("app.workflow").make_report(log, request, out, on_stage, digests)
+        importlib.import_module("app.workflow").make_report(log, request, out, on_stage, known)
 
 
 def load_and_tell_again(finished: Path) -> MakeReport:

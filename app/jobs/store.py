@@ -10,6 +10,7 @@ from sqlalchemy import Connection, Engine, Update, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
 from app.errors import NotHere
+from app.jobs.answers import Answer, insert_answer
 from app.jobs.database import READ_ONLY, open_database
 from app.jobs.job import TRANSITIONS, Claim, Claimer, Job, JobState, list_sources
 from app.jobs.queueing import WayIn, enqueue, identify_work
@@ -195,7 +196,9 @@ class JobStore:
         with self._reader.connect() as connection:
             return connection.execute(query).one_or_none() is not None
 
-    def finish(self, analysis_id: str, token: str, files: Iterable[ResultFile]) -> bool:
+    def finish(
+        self, analysis_id: str, token: str, files: Iterable[ResultFile], answer: Answer | None = None
+    ) -> bool:
         """Publish the attempt's files; they appear together or, when another attempt counts, not at all."""
         rows = [
             {
@@ -211,6 +214,8 @@ class JobStore:
             won = _move(connection, analysis_id, JobState.SUCCEEDED, ended, token)
             if won:
                 connection.execute(insert(result_files), rows)
+            if won and answer is not None:
+                insert_answer(connection, analysis_id, answer)
         return won
 
     def is_published(self, analysis_id: str, token: str) -> bool:

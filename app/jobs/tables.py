@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "0002"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0003"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 metadata = MetaData()
 
@@ -140,4 +140,14 @@ result_files = Table(
     Column("name", String(64), primary_key=True),
     Column("sha256", String(64), nullable=False),
     Column("size_bytes", BigInteger, nullable=False),
+)
+
+answers = Table(
+    "answers",
+    metadata,
+    Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), primary_key=True),
+    Column("verdict", String(16), nullable=False, index=True),
+    Column("start", String(40)),
+    Column("recorded_s", Float),
+    Column("above_60_percent", Float),
 )

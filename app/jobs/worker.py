@@ -13,7 +13,9 @@ from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
+from app.decoded import DecodedCache, KnownLogs
 from app.errors import Crashed
+from app.jobs.answers import read_answer
 from app.jobs.attempt import (
     Attempt,
     Died,
@@ -47,15 +49,17 @@ class Bench:
     settings: Settings
     watch: LeaseWatch
     stopping: threading.Event
-    make_report: MakeReport = load_and_make_report
+    make_report: MakeReport
 
 
-def open_bench(settings: Settings, make: MakeReport = load_and_make_report) -> Bench:
-    """Open database and folder for one worker."""
+def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
+    """Open database and folder for one worker; ``make`` takes the place of the science."""
     storage = Storage(settings.data_dir)
     storage.prepare()
     watch = LeaseWatch(identify_self(), settings.lease_s)
-    return Bench(JobStore(settings.database_url), storage, settings, watch, threading.Event(), make)
+    cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
+    chosen = make or partial(load_and_make_report, known=KnownLogs(cache=cache))
+    return Bench(JobStore(settings.database_url), storage, settings, watch, threading.Event(), chosen)
 
 
 def run_next(bench: Bench) -> bool:
@@ -80,9 +84,7 @@ def reclaim_abandoned(bench: Bench) -> None:
         bench.storage.drop_attempt(claim.analysis_id, claim.token)
 
 
-def run_worker(
-    settings: Settings, make: MakeReport = load_and_make_report, parent_pid: int | None = None
-) -> None:
+def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None) -> None:
     """Do jobs until asked to stop (SIGTERM, SIGINT) or, between two jobs, until the parent is gone."""
     bench = open_bench(settings, make)
     warm_up()
@@ -126,7 +128,8 @@ def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
-        won = bench.store.finish(job.id, token, outcome.files)
+        answer = read_answer(bench.storage.attempt(job.id, token) / "results.json")
+        won = bench.store.finish(job.id, token, outcome.files, answer)
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
         bench.store.fail(job.id, token, outcome.code, outcome.facts)

@@ -16,6 +16,8 @@ from app.report.numbers import (
 )
 from app.report.wording import Language, Words, fill, load_wording
 
+SENTENCES = 3
+
 
 @dataclass(frozen=True, slots=True)
 class ProblemBox:
@@ -46,10 +48,11 @@ class JobRow:
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """A label and its value."""
+    """A label and its value; ``key`` names the definition."""
 
     label: str
     value: str
+    key: str = ""
 
 
 def show_row(job: Job, language: Language, now: datetime) -> JobRow:
@@ -99,23 +102,29 @@ def show_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, 
         "p90": format_angle(percentiles["90"], language),
         "analysed": format_duration(time["analysed_s"], language),
     }
-    return tuple(Fact(fill(words["figure"][name], recorded), value) for name, value in values.items())
+    return tuple(Fact(fill(words["figure"][name], recorded), value, name) for name, value in values.items())
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor")."""
+    """The figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor").
+
+    ``brief`` is the answer in five lines, to paste into a record; ``sentences`` are its first three.
+    """
 
     figures: tuple[Fact, ...]
     verdict: str
     verdict_word: str
+    sentences: tuple[str, ...]
+    brief: str
 
 
-def show_answer(results: Mapping[str, Any], language: Language) -> Answer:
-    """Show the main figures and the verdict on the data."""
+def show_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
+    """Show the main figures, the answer in words and the verdict on the data."""
     verdict = str(results["quality"]["verdict"])
     word = str(load_wording(language, "page")["verdict"][verdict])
-    return Answer(show_figures(results, language), verdict, word)
+    sentences = tuple(brief.splitlines()[:SENTENCES])
+    return Answer(show_figures(results, language), verdict, word, sentences, brief)
 
 
 def show_settings(job: Job, language: Language) -> tuple[Fact, ...]:
@@ -129,12 +138,13 @@ def show_settings(job: Job, language: Language) -> tuple[Fact, ...]:
         "method": words["method_name"][request.method],
         "pose": words["pose_name"][request.pose],
         "windows": _tell_windows(job, words, language),
+        "periods": str(len(request.list_diary()) or words["none"]),
         "added": tell_time(job.created_at),
         "size": format_size(job.size_bytes, language),
         "sha256": job.sha256,
         "id": job.id,
     }
-    return tuple(Fact(str(words[name]), str(value)) for name, value in values.items())
+    return tuple(Fact(str(words[name]), str(value), name) for name, value in values.items())
 
 
 def format_size(size_bytes: int, language: Language) -> str:
@@ -182,13 +192,6 @@ def _tell_windows(job: Job, words: Words, language: Language) -> str:
         for start_s, end_s in windows
     )
     return "; ".join(fill(words["window"], pair) for pair in pairs)
-
-
-def count_done(rows: tuple[JobRow, ...], language: Language) -> str:
-    """Say how many of the recordings shown are done."""
-    words = load_wording(language, "page")["list"]
-    done = sum(row.is_over for row in rows)
-    return fill(words["summary"], {"done": str(done), "all": str(len(rows))})
 
 
 def now_utc() -> datetime:

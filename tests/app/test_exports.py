@@ -12,6 +12,7 @@ import openpyxl
 import pyarrow.parquet as pq
 import pytest
 
+from app.decoded import KnownLogs
 from app.report.brief import tell_in_brief
 from app.report.bundle import pack_files
 from app.report.content import build_report
@@ -235,6 +236,7 @@ def test_the_same_recording_gives_the_same_bytes_in_every_file(shift_gt3x: Path,
 def test_a_digest_that_is_known_is_not_taken_again(shift_gt3x: Path, tmp_path: Path) -> None:
     known = "ab" * 32
 
-    make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",)), tmp_path, digests=(known,))
+    request = ReportRequest("a.gt3x", kinds=(), languages=("en",))
+    make_report(shift_gt3x, request, tmp_path, known=KnownLogs((known,)))
 
     assert json.loads((tmp_path / "results.json").read_text())["recording"]["sha256"] == known

@@ -12,10 +12,10 @@ from fusion.calibration import (
     propose_still_periods,
     share_between,
 )
+from fusion.calibration_rules import score_still_period
 from fusion.elevation import estimate_elevation
 from fusion.errors import UnusableCalibration
 from fusion.recording import Recording, Segment
-from fusion.still_proposals import score_still_period
 from tests.factories import hold, record
 
 

@@ -1,4 +1,4 @@
-"""The same file gives the same bytes by the command line and by the API (the browser: test_browser)."""
+"""The same file gives the same bytes by the command line and by the API (the browser: tests/pages)."""
 
 import subprocess
 import sys

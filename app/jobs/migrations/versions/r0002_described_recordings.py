@@ -14,6 +14,7 @@ def upgrade() -> None:
     _change_uploads()
     _change_webhooks()
     _change_deliveries()
+    _change_answers()
     _change_analyses()
     _change_recordings()
 
@@ -88,6 +89,21 @@ def _change_deliveries() -> None:
         batch_op.create_index("ix_deliveries_webhook_id", ["webhook_id"])
 
 
+def _change_answers() -> None:
+    op.create_table(
+        "answers",
+        sa.Column("analysis_id", sa.String(32), nullable=False),
+        sa.Column("verdict", sa.String(16), nullable=False),
+        sa.Column("start", sa.String(40)),
+        sa.Column("recorded_s", sa.Float()),
+        sa.Column("above_60_percent", sa.Float()),
+        sa.ForeignKeyConstraint(["analysis_id"], ["analyses.id"], ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("analysis_id"),
+    )
+    with op.batch_alter_table("answers") as batch_op:
+        batch_op.create_index("ix_answers_verdict", ["verdict"])
+
+
 def _change_analyses() -> None:
     with op.batch_alter_table("analyses") as batch_op:
         batch_op.add_column(sa.Column("key", sa.String(64)))
@@ -117,6 +133,6 @@ def _change_recordings() -> None:
         batch_op.add_column(sa.Column("diary", sa.Text(), server_default="[]", nullable=False))
         batch_op.add_column(sa.Column("trashed_s", sa.Float()))
         batch_op.create_index("recordings_by_age", ["state", "created_at", "id"])
-        batch_op.create_index("recordings_by_external_id", ["external_id", "created_at", "id"])
-        batch_op.create_index("recordings_by_start", ["start"])
-        batch_op.create_index("recordings_by_subject", ["subject", "created_at", "id"])
+        batch_op.create_index("recordings_by_external_id", ["state", "external_id", "created_at", "id"])
+        batch_op.create_index("recordings_by_start", ["state", "start", "id"])
+        batch_op.create_index("recordings_by_subject", ["state", "subject", "created_at", "id"])

@@ -1,0 +1,181 @@
+"""The day of one analysis as the page draws it: any stretch at any width, in a few milliseconds.
+
+One line of JSON (segments, proposals, what was left out) and then plain arrays, which are mapped and not
+read: the angle of each row as hundredths of a degree (-1 where it is not valid), for each power of 16 the
+lowest and highest of as many rows, and the quarter seconds from which stillness is scored. It holds no figure
+of the report; it can be thrown away and made again from the recording.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+NAME = "day.bin"
+STEP = 16
+LEVELS = 4
+HUNDREDTHS = 100
+INVALID = -1
+ALIGN_BYTES = 64
+
+Angles = NDArray[np.int16]
+Table = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DaySegment:
+    """An unbroken run for the file: ``angle_deg`` (n,), NaN where it is not valid; ``quiet`` (m, 6): mean and
+    mean square of the acceleration's axes in blocks of ``block_s``, in g.
+    """
+
+    start_s: float
+    rate_hz: float
+    angle_deg: NDArray[np.float32]
+    block_s: float
+    quiet: Table
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Part of a curve: values from ``start_s``, one each ``step_s``; None where nothing is valid.
+
+    ``low`` and ``high`` are the same where each value is a single row.
+    """
+
+    start_s: float
+    step_s: float
+    low: list[float | None]
+    high: list[float | None]
+
+
+def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, Any]) -> None:
+    """Write the file; ``facts`` is whatever else the page wants to know, ready for JSON."""
+    arrays: list[NDArray[Any]] = []
+    heads = [_pack(segment, arrays) for segment in segments]
+    head = json.dumps({"facts": dict(facts), "segments": heads}).encode() + b"\n"
+    with path.open("wb") as file:
+        file.write(head)
+        for array in arrays:
+            file.write(bytes(-file.tell() % ALIGN_BYTES))
+            file.write(np.ascontiguousarray(array).data)
+
+
+def _pack(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, Any]:
+    """Queue the arrays of a segment and say of what shape they are, in this order."""
+    rows = np.where(np.isnan(segment.angle_deg), INVALID, np.rint(segment.angle_deg * HUNDREDTHS))
+    packed = [rows.astype("<i2"), *_pile_up(rows.astype("<i2")), segment.quiet.astype("<f4")]
+    arrays.extend(packed)
+    return {
+        "start_s": segment.start_s,
+        "rate_hz": segment.rate_hz,
+        "block_s": segment.block_s,
+        "shapes": [list(array.shape) for array in packed],
+    }
+
+
+def _pile_up(rows: Angles) -> Iterator[Angles]:
+    """Give the lowest and highest of each 16, 256, ... rows, shape (m, 2)."""
+    low = high = rows
+    for _ in range(LEVELS):
+        low, high = _reduce(low, high, STEP)
+        yield np.stack([low, high], axis=1)
+
+
+def _reduce(low: Angles, high: Angles, step: int) -> tuple[Angles, Angles]:
+    """Take the lowest valid and the highest of each ``step`` values; the last group may be short."""
+    if not len(low):
+        return low, high
+    edges = np.arange(0, len(low), step)
+    above = np.where(low == INVALID, np.iinfo(np.int16).max, low)
+    top = np.maximum.reduceat(high, edges)
+    return np.where(top == INVALID, INVALID, np.minimum.reduceat(above, edges)).astype("<i2"), top
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OpenSegment:
+    """A segment of an open file. ``levels`` are shape (n, 2), the first with one row for each sample."""
+
+    start_s: float
+    rate_hz: float
+    block_s: float
+    levels: tuple[Angles, ...]
+    quiet: Table
+
+    @property
+    def end_s(self) -> float:
+        return self.start_s + len(self.levels[0]) / self.rate_hz
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DayFile:
+    """An open file."""
+
+    facts: Mapping[str, Any]
+    segments: tuple[_OpenSegment, ...]
+
+    def cut(self, from_s: float, to_s: float, points: int) -> list[Stretch]:
+        """Give the curve between two moments with about ``points`` values."""
+        span_s = max(to_s - from_s, 1e-6)
+        return [
+            _cut_segment(segment, from_s, to_s, max(1.0, segment.rate_hz * span_s / points))
+            for segment in self.segments
+            if segment.end_s > from_s and segment.start_s < to_s
+        ]
+
+    def measure_quiet(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], float] | None:
+        """Give gravity, shape (3,), and the largest standard deviation of an axis, in g.
+
+        Of the whole quarter seconds within; None where the stretch is not in one piece, or too short.
+        """
+        for segment in self.segments:
+            first = int(np.ceil((start_s - segment.start_s) / segment.block_s - 1e-6))
+            stop = int((end_s - segment.start_s) / segment.block_s + 1e-6)
+            if 0 <= first < stop <= len(segment.quiet):
+                moments = segment.quiet[first:stop].astype(np.float64).mean(axis=0)
+                variance = moments[3:] - moments[:3] ** 2
+                return moments[:3], float(np.sqrt(max(variance.max(), 0.0)))
+        return None
+
+
+def open_day(path: Path) -> DayFile:
+    """Map the file.
+
+    Raises
+    ------
+    FileNotFoundError
+    """
+    with path.open("rb") as file:
+        head = json.loads(file.readline())
+        at = file.tell()
+    mapped = np.memmap(path, np.uint8, "r")
+    segments = []
+    for about in head["segments"]:
+        arrays = []
+        for shape in about.pop("shapes"):
+            kind = np.dtype("<f4") if len(shape) == 2 and shape[1] == 6 else np.dtype("<i2")
+            at += -at % ALIGN_BYTES
+            size_bytes = kind.itemsize * int(np.prod(shape))
+            arrays.append(mapped[at : at + size_bytes].view(kind).reshape(shape))
+            at += size_bytes
+        rows = np.broadcast_to(arrays[0][:, None], (len(arrays[0]), 2))
+        segments.append(_OpenSegment(levels=(rows, *arrays[1:-1]), quiet=arrays[-1], **about))
+    return DayFile(head["facts"], tuple(segments))
+
+
+def _cut_segment(segment: _OpenSegment, from_s: float, to_s: float, rows_per_value: float) -> Stretch:
+    """Take the coarsest level that is fine enough, and reduce what is left of it."""
+    level = min(LEVELS, int(np.log(rows_per_value) / np.log(STEP) + 1e-9))
+    step = max(1, round(rows_per_value / STEP**level))
+    rows, row_s = segment.levels[level], STEP**level / segment.rate_hz
+    first = max(0, int((from_s - segment.start_s) / (row_s * step))) * step
+    stop = min(len(rows), int(np.ceil((to_s - segment.start_s) / (row_s * step)) + 1) * step)
+    low, high = _reduce(rows[first:stop, 0], rows[first:stop, 1], step)
+    return Stretch(segment.start_s + first * row_s, step * row_s, _to_degrees(low), _to_degrees(high))
+
+
+def _to_degrees(rows: Angles) -> list[float | None]:
+    return [None if value == INVALID else value / HUNDREDTHS for value in rows.tolist()]

@@ -1,0 +1,187 @@
+"""Decoded recordings kept for a second look: a moved window or a new diary need not read the file again.
+
+A cache and nothing more: an entry may go at any time, and one that is damaged is read anew from the file.
+
+    folder/<key>.samples    one line of JSON (what the file says), the samples as float32, a CRC-32 of both
+
+The key is a digest of the file's own, of what the person said about the columns, and of the software's
+revision: another reader never sees the samples of an older one.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import secrets
+import shutil
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.recording import QualityFlag, Recording, Segment, Span
+
+CRC_BYTES = 4
+LONGEST_HEAD_BYTES = 16 << 20
+SPARE = 3
+"""An entry is kept only where this many times its size is free."""
+
+logger = logging.getLogger(__name__)
+
+
+def name_entry(sha256: str, reading: str, revision: str) -> str:
+    """Give the key: ``reading`` is everything that was said about how to read the file, as text."""
+    return hashlib.sha256(f"{sha256}\n{revision}\n{reading}".encode()).hexdigest()[:40]
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedCache:
+    """A folder of decoded recordings that never holds more than ``max_bytes``."""
+
+    folder: Path
+    max_bytes: int
+
+    def find(self, key: str) -> Recording | None:
+        """Give the recording, or None where it is not there or not whole."""
+        path = self._path(key)
+        try:
+            with path.open("rb") as file:
+                recording = _read_entry(file)
+            os.utime(path)  # the entry used last goes last
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError):
+            logger.warning("a damaged entry of the cache is read anew: %s", path.name)
+            path.unlink(missing_ok=True)
+            return None
+        return recording
+
+    def keep(self, key: str, recording: Recording) -> None:
+        """Keep the samples, if there is room; nothing depends on it."""
+        size_bytes = sum(segment.acc_g.nbytes + segment.gyr_dps.nbytes for segment in recording.segments)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            if size_bytes > self.max_bytes or shutil.disk_usage(self.folder).free < SPARE * size_bytes:
+                return
+            self._make_room(size_bytes)
+            self._write(key, recording)
+        except OSError:
+            logger.warning("the decoded samples could not be kept", exc_info=True)
+
+    def _write(self, key: str, recording: Recording) -> None:
+        part = self.folder / f"{key}.{secrets.token_hex(4)}.part"
+        try:
+            with part.open("xb") as file:
+                _write_entry(file, recording)
+            part.replace(self._path(key))
+        finally:
+            part.unlink(missing_ok=True)
+
+    def _make_room(self, needed_bytes: int) -> None:
+        """Let go of the entries that were used longest ago."""
+        entries = sorted(_list_entries(self.folder), key=lambda entry: entry[1].st_mtime)
+        held_bytes = sum(status.st_size for _, status in entries)
+        for path, status in entries:
+            if held_bytes + needed_bytes <= self.max_bytes:
+                return
+            path.unlink(missing_ok=True)
+            held_bytes -= status.st_size
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.samples"
+
+
+@dataclass(frozen=True, slots=True)
+class KnownLogs:
+    """What is known of the files before they are read: their SHA-256, and where their samples may lie."""
+
+    digests: tuple[str, ...] = ()
+    cache: DecodedCache | None = None
+
+
+NOTHING_KNOWN = KnownLogs()
+
+
+def _list_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    for path in folder.iterdir():
+        with suppress(FileNotFoundError):  # another worker may let go of it meanwhile
+            yield path, path.stat()
+
+
+def _write_entry(file: IO[bytes], recording: Recording) -> None:
+    head = json.dumps(_describe(recording)).encode() + b"\n"
+    crc = zlib.crc32(head)
+    file.write(head)
+    for segment in recording.segments:
+        for samples in (segment.acc_g, segment.gyr_dps):
+            body = np.ascontiguousarray(samples, dtype="<f4").data.cast("B")
+            crc = zlib.crc32(body, crc)
+            file.write(body)
+    file.write(crc.to_bytes(CRC_BYTES, "big"))
+
+
+def _read_entry(file: IO[bytes]) -> Recording:
+    """Read what :func:`_write_entry` wrote.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        When it is anything else.
+    """
+    head = file.readline(LONGEST_HEAD_BYTES)
+    crc = zlib.crc32(head)
+    facts = json.loads(head)
+    segments = []
+    for about in facts.pop("segments"):
+        rows = int(about.pop("rows"))
+        acc_g, gyr_dps = _read_samples(file, rows), _read_samples(file, rows)
+        crc = zlib.crc32(gyr_dps.data, zlib.crc32(acc_g.data, crc))
+        bridged = tuple((first, stop) for first, stop in about.pop("bridged"))
+        segments.append(Segment(acc_g=acc_g, gyr_dps=gyr_dps, bridged=bridged, **about))
+    if file.read(CRC_BYTES + 1) != crc.to_bytes(CRC_BYTES, "big"):
+        raise ValueError
+    return _build(facts, tuple(segments))
+
+
+def _read_samples(file: IO[bytes], rows: int) -> NDArray[np.float32]:
+    samples = np.fromfile(file, dtype="<f4", count=3 * rows)
+    return samples.reshape(rows, 3).astype(np.float32, copy=False)
+
+
+def _describe(recording: Recording) -> dict[str, Any]:
+    """Give everything but the samples, ready for JSON."""
+    return {
+        "device": recording.device,
+        "sha256": recording.sha256,
+        "start": recording.start.isoformat() if recording.start else None,
+        "time_zone": recording.time_zone,
+        "duration_us": recording.duration_us,
+        "excluded": [asdict(span) for span in recording.excluded],
+        "flags": [asdict(flag) for flag in recording.flags],
+        "understood": dict(recording.understood),
+        "serial_hash": recording.serial_hash,
+        "acc_range_g": recording.acc_range_g,
+        "gyr_range_dps": recording.gyr_range_dps,
+        "segments": [
+            {"start_us": s.start_us, "rate_hz": s.rate_hz, "rows": len(s), "bridged": s.bridged}
+            for s in recording.segments
+        ],
+    }
+
+
+def _build(facts: dict[str, Any], segments: tuple[Segment, ...]) -> Recording:
+    start = datetime.fromisoformat(facts.pop("start")) if facts["start"] else facts.pop("start")
+    flags = tuple(_build_flag(flag) for flag in facts.pop("flags"))
+    excluded = tuple(Span(**span) for span in facts.pop("excluded"))
+    return Recording(start=start, segments=segments, excluded=excluded, flags=flags, **facts)
+
+
+def _build_flag(flag: dict[str, Any]) -> QualityFlag:
+    spans_s = tuple((first_s, last_s) for first_s, last_s in flag.pop("spans_s"))
+    return QualityFlag(spans_s=spans_s, **flag)

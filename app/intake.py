@@ -1,0 +1,123 @@
+"""Recordings that lie on this computer already: those of a watched folder, and a sample.
+
+A watched folder is for people who never open the page: a file that is put there, and no longer grows, is
+taken in and moved to ``taken`` within it. A folder inside it is a subject code: ``watched/S012/shift.gt3x``.
+"""
+
+import logging
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from app.errors import AppError
+from app.jobs.job import Job
+from app.jobs.queueing import WayIn
+from app.jobs.store import JobStore
+from app.request import ReportRequest, check_subject, clean_file_name
+from app.settings import Settings
+from app.storage import COPY_BYTES, Storage
+
+LOOK_S = 2.0
+STOP_S = 10.0
+TAKEN = "taken"
+ENDINGS = (".gt3x", ".csv", ".gz", ".zip", ".dat", ".txt", ".bin", ".parquet", ".mvnx")
+
+Signature = tuple[int, int]
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """Where recordings go that come without HTTP."""
+
+    store: JobStore
+    storage: Storage
+    settings: Settings
+
+    def take(self, path: Path, request: ReportRequest, way_in: WayIn) -> Job:
+        """Store a copy of a file and queue its analysis; the same bytes asked alike are not analysed twice.
+
+        Raises
+        ------
+        FileTooLarge, DiskFull, OSError
+        """
+        self.storage.check_space(path.stat().st_size, self.settings.min_free_bytes)
+        upload = self.storage.open_upload(self.settings.max_upload_bytes)
+        try:
+            with path.open("rb") as file:
+                while chunk := file.read(COPY_BYTES):
+                    upload.write(chunk)
+            stored = upload.keep()
+        finally:
+            upload.discard()
+        same = self.store.find_same(stored.sha256, request)
+        if same is None:
+            return self.store.add(stored, request, way_in)
+        self.storage.drop_recording(stored.id)
+        return same
+
+
+@dataclass(slots=True)
+class FolderWatch:
+    """Looks into a folder again and again."""
+
+    intake: Intake
+    folder: Path
+    _seen: dict[Path, Signature] = field(default_factory=dict)
+    _stopping: threading.Event = field(default_factory=threading.Event)
+    _thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Look from now on, in a thread of its own."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._thread = threading.Thread(target=self._go_on, name="folder-watch", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Look no more."""
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join(STOP_S)
+
+    def look(self) -> list[Job]:
+        """Take in what has stopped growing since the last look; gives the analyses."""
+        found = dict(_list_files(self.folder))
+        ready = [path for path, signature in found.items() if self._seen.get(path) == signature]
+        self._seen = found
+        jobs = [self._take(path) for path in sorted(ready)]
+        return [job for job in jobs if job is not None]
+
+    def _go_on(self) -> None:
+        while not self._stopping.wait(LOOK_S):
+            try:
+                self.look()
+            except OSError:
+                logger.exception("the watched folder cannot be read; trying again")
+
+    def _take(self, path: Path) -> Job | None:
+        """Take one file in; one that cannot be taken stays where it is and is told in the log."""
+        inside = path.relative_to(self.folder)
+        subject = inside.parts[0] if len(inside.parts) > 1 else ""
+        try:
+            request = ReportRequest(clean_file_name(path.name), check_subject(subject))
+            job = self.intake.take(path, request, "api")
+        except (AppError, OSError, ValueError):
+            logger.exception("%s could not be taken in", inside)
+            return None
+        place = self.folder / TAKEN / inside.parent / f"{job.id}_{path.name}"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.rename(place)
+        logger.info("%s was taken in as %s", inside, job.id)
+        return job
+
+
+def _list_files(folder: Path) -> Iterator[tuple[Path, Signature]]:
+    """Give the recordings of the folder and of those in it, with what changes while they grow."""
+    for path in (*folder.glob("*"), *folder.glob("*/*")):
+        is_taken = path.relative_to(folder).parts[0] == TAKEN
+        if not is_taken and path.suffix.lower() in ENDINGS and not path.name.startswith("."):
+            status = path.stat()
+            if path.is_file() and status.st_size:
+                yield path, (status.st_size, status.st_mtime_ns)

@@ -1,0 +1,105 @@
+"""Two finished analyses side by side: made in a child process when first asked for, then kept as a cache."""
+
+import hashlib
+import importlib
+import json
+import secrets
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from app.api.services import Services
+from app.errors import Crashed, NoSuchFile, NotFinished, RecordedProblem
+from app.jobs.attempt import Attempt, Finished, Refused, choose_limits, run_attempt
+from app.jobs.job import Job, JobState
+from app.report.wording import Language
+from app.request import OnStage, ReportRequest
+from app.version import software_revision
+
+Kind = Literal["pair", "compare"]
+FIGURES: Mapping[Kind, str] = {"pair": "pair.json", "compare": "comparison.json"}
+
+
+@dataclass(frozen=True, slots=True)
+class BesideRequest:
+    """Which two, in which order; ``offset_s`` as a person corrected it, None as the clocks say."""
+
+    kind: Kind
+    first: Job
+    second: Job
+    offset_s: float | None = None
+
+    def key(self) -> str:
+        """Name what comes of it: the same two attempts and the same software give the same report."""
+        parts = (self.kind, self.first.token, self.second.token, self.offset_s, software_revision())
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+
+
+def load_and_set_beside(
+    folders: tuple[Path, Path],
+    offset_s: float | None,
+    kind: Kind,
+    _log: Path,
+    request: ReportRequest,
+    out: Path,
+    _on_stage: OnStage,
+) -> None:
+    """Be the child's part: both roads start from the folders of finished analyses."""
+    pairing = importlib.import_module("app.pairing")
+    make = pairing.make_pair_report if kind == "pair" else pairing.make_comparison_report
+    make(*folders, pairing.PairRequest(offset_s=offset_s, languages=request.languages), out)
+
+
+def set_beside(services: Services, asked: BesideRequest) -> Path:
+    """Give the folder of the report of two, made now if it is not there.
+
+    Raises
+    ------
+    RecordedProblem, NotFinished, NoSuchFile
+    """
+    kept = services.settings.data_dir / "cache" / "beside" / asked.key()
+    if kept.is_dir():
+        return kept
+    folders = (_find_folder(services, asked.first), _find_folder(services, asked.second))
+    staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
+    staging.mkdir(parents=True)
+    try:
+        _make(services, asked, folders, staging)
+        if not kept.exists():
+            staging.rename(kept)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return kept
+
+
+def read_figures(folder: Path, kind: Kind) -> dict[str, Any]:
+    """Read what was computed."""
+    figures: dict[str, Any] = json.loads((folder / FIGURES[kind]).read_bytes())
+    return figures
+
+
+def read_sentences(folder: Path, language: Language) -> list[str]:
+    """Read the answer in plain words."""
+    return (folder / f"answer.{language}.txt").read_text("utf-8").splitlines()
+
+
+def _make(services: Services, asked: BesideRequest, folders: tuple[Path, Path], out: Path) -> None:
+    make = partial(load_and_set_beside, folders, asked.offset_s, asked.kind)
+    limits = choose_limits(services.settings, asked.first.size_bytes + asked.second.size_bytes)
+    attempt = Attempt(folders[0], ReportRequest(""), out, make, limits)
+    outcome: Finished | Refused | Any = run_attempt(attempt, lambda *_: True)
+    if isinstance(outcome, Refused):
+        raise RecordedProblem(outcome.code, outcome.facts)
+    if not isinstance(outcome, Finished):
+        raise Crashed(attempts=1)
+
+
+def _find_folder(services: Services, job: Job) -> Path:
+    if not job.is_over:
+        raise NotFinished(state=job.state.value)
+    if job.state is not JobState.SUCCEEDED or job.token is None:
+        raise NoSuchFile(name="results.json")
+    return services.storage.attempt(job.id, job.token)

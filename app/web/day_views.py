@@ -1,0 +1,100 @@
+"""What the page of an analysis shows of its day: the form's rows, the proposals, the hours as a table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from app.day_file import DayFile
+from app.jobs.job import Job
+from app.report.numbers import format_angle, format_duration, format_number, format_percent
+from app.report.wording import Language, Words, fill, load_wording
+from app.web.clock_times import DayClock, place_rows
+from fusion.diary import KINDS
+
+WHOLE_DAY_POINTS = 600
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A calibration window as the form shows it: what was asked, or else what the software took."""
+
+    start: str
+    end: str
+    used_start: str
+    used_end: str
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A stretch that a person may accept."""
+
+    kind: str
+    start: str
+    end: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class DayView:
+    """Everything the timeline's part of the page needs."""
+
+    start: str
+    duration_s: float
+    needs_date: bool
+    rows: list[dict[str, Any]]
+    windows: tuple[Window, Window]
+    proposals: tuple[Proposal, ...]
+    kinds: tuple[tuple[str, str], ...]
+    has_samples: bool
+
+
+def show_day(day: DayFile, job: Job, language: Language) -> DayView:
+    """Lay out what was found and what was asked."""
+    clock, words = DayClock.of(day.facts), load_wording(language, "day")
+    names = words["kind_name"]
+    return DayView(
+        start=str(day.facts["start"] or ""),
+        duration_s=clock.duration_s,
+        needs_date=clock.needs_date,
+        rows=place_rows(job.request.list_diary(), clock),
+        windows=(_show_window(0, day, job, clock), _show_window(1, day, job, clock)),
+        proposals=_list_proposals(day.facts, clock, words, language),
+        kinds=tuple((kind, str(names[kind])) for kind in KINDS),
+        has_samples=bool(day.facts["calibration"]),
+    )
+
+
+def _show_window(place: int, day: DayFile, job: Job, clock: DayClock) -> Window:
+    asked, used = job.request.calibration_windows_s, day.facts["calibration"]
+    start, end = map(clock.tell, asked[place]) if place < len(asked) else ("", "")
+    used_start, used_end = map(clock.tell, used[place][:2]) if place < len(used) else ("", "")
+    return Window(start, end, used_start, used_end)
+
+
+def _list_proposals(
+    facts: Mapping[str, Any], clock: DayClock, words: Words, language: Language
+) -> tuple[Proposal, ...]:
+    still = [
+        (start_s, end_s, "still", format_number(score, 2, language))
+        for start_s, end_s, score in facts["still"]
+    ]
+    not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
+    proposals = []
+    for start_s, end_s, kind, score in (*still, *not_worn):
+        told = {"start": clock.tell(start_s), "end": clock.tell(end_s), "score": score}
+        proposals.append(Proposal(kind, told["start"], told["end"], fill(words[kind], told)))
+    return tuple(proposals)
+
+
+def show_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
+    """Give the hours as rows of a table: hour, analysed, median, P90, time above 60 deg."""
+    return [
+        (
+            str(hour["label"]).replace("T", " "),
+            format_duration(hour["analysed_s"], language),
+            format_angle(hour["elevation_p50_deg"], language),
+            format_angle(hour["elevation_p90_deg"], language),
+            format_percent(hour["time_above_60_percent"], language),
+        )
+        for hour in results["exposure"].get("by_hour", ())
+    ]

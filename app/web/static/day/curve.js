@@ -1,0 +1,107 @@
+// Draws the part of the curve that is in view, with the bands behind it. The server sends lowest and highest
+// values for as many columns as the screen has; nothing else is ever held here.
+
+/* global Plotly */
+
+const MARGIN = { l: 46, r: 12, t: 10, b: 30 };
+const GUIDES_DEG = [30, 60, 90];
+const POINTS = 1000;
+const MARK_PX = 85;
+
+export class Curve {
+  constructor(place, address, clock, view) {
+    Object.assign(this, { place, address, clock, view });
+    this.asked = 0;
+    this.values = { x: [], y: [] };
+  }
+
+  // Fetch what is in view and a little around it; answers that come late are dropped.
+  async load() {
+    const ticket = ++this.asked;
+    const around = this.view.spanS / 2;
+    const from = Math.max(0, this.view.fromS - around);
+    const query = new URLSearchParams({ from_s: from, to_s: this.view.toS + around, points: 2 * POINTS });
+    const answer = await fetch(`${this.address}?${query}`);
+    if (!answer.ok) throw new Error(String(answer.status));
+    const { stretches } = await answer.json();
+    if (ticket === this.asked) this.values = join(stretches);
+    return ticket === this.asked;
+  }
+
+  // Layout only: quick enough for every step of a movement.
+  draw(bands, chosen) {
+    const trace = { ...this.values, type: "scatter", mode: "lines", line: { width: 1, color: ink("--accent") }, hoverinfo: "skip" };
+    const marks = this.clock.marks(this.view.fromS, this.view.toS, Math.max(2, Math.floor(this.widthPx() / MARK_PX)));
+    const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
+    const layout = {
+      margin: MARGIN, showlegend: false, dragmode: false, hovermode: false,
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { size: 13, color: ink("--soft") },
+      xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false, tickangle: 0 },
+      yaxis: { ...axis, range: [0, 180], tickvals: [0, 30, 60, 90, 120, 150, 180], ticksuffix: "°" },
+      shapes: [...GUIDES_DEG.map(guide), ...bands.map((band) => area(band, band.row === chosen))],
+      annotations: this.label(bands),
+    };
+    return Plotly.react(this.place, [trace], layout, { displayModeBar: false, responsive: true, doubleClick: false });
+  }
+
+  label(bands) {
+    const { fromS, toS } = this.view;
+    return bands.filter((band) => band.startS < toS && band.endS > fromS).map((band, place) => ({
+      x: Math.max(band.startS, fromS), y: 178 - 13 * (place % 3), yanchor: "top",
+      xanchor: band.startS > fromS + 0.85 * this.view.spanS ? "right" : "left",
+      text: safe(band.name), showarrow: false, font: { size: 12, color: ink("--ink") }, bgcolor: ink("--card"), opacity: 0.9,
+    }));
+  }
+
+  widthPx() {
+    return this.place.clientWidth - MARGIN.l - MARGIN.r;
+  }
+
+  secondAt(clientX) {
+    const left = this.place.getBoundingClientRect().left + MARGIN.l;
+    return this.view.fromS + ((clientX - left) / this.widthPx()) * this.view.spanS;
+  }
+
+  // Where a moment is, in px from the left of the box; null outside the view.
+  pixelOf(second) {
+    const part = (second - this.view.fromS) / this.view.spanS;
+    return part < -1e-9 || part > 1 + 1e-9 ? null : MARGIN.l + part * this.widthPx();
+  }
+}
+
+function join(stretches) {
+  const x = [], y = [];
+  for (const { start_s: start, step_s: step, low, high } of stretches) {
+    low.forEach((value, place) => {
+      const at = start + place * step;
+      x.push(at);
+      y.push(value);
+      if (value !== high[place]) x.push(at), y.push(high[place]);
+    });
+    x.push(start + low.length * step);
+    y.push(null);
+  }
+  return { x, y };
+}
+
+const FILLS = { calibration: "--band-calibration", break: "--band-out", not_worn: "--band-out", outside: "--band-out" };
+
+function area(band, isChosen) {
+  const colour = ink(FILLS[band.kind] || "--band-work");
+  const edge = { width: isChosen ? 3 : 1, color: ink("--accent"), dash: band.kind === "calibration" ? "solid" : "dot" };
+  return { type: "rect", xref: "x", yref: "paper", x0: band.startS, x1: band.endS, y0: 0, y1: 1, fillcolor: colour, line: edge, layer: "below" };
+}
+
+function guide(degrees) {
+  const line = { width: 1, dash: "dot", color: ink("--field") };
+  return { type: "line", xref: "paper", x0: 0, x1: 1, y0: degrees, y1: degrees, line, layer: "below" };
+}
+
+export function ink(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+// Plotly reads a little markup in texts; a person's text is only ever text.
+function safe(text) {
+  return text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+}

@@ -1,0 +1,150 @@
+// The day of an analysis: puts clock, bands, view, curve and handles together, and listens.
+
+import { $, fill, say } from "../say.js";
+import { Bands } from "./bands.js";
+import { Clock } from "./clock.js";
+import { Curve } from "./curve.js";
+import { Handles } from "./handles.js";
+import { Overview } from "./overview.js";
+import { listenToForm } from "./form.js";
+import { View } from "./view.js";
+
+const REST_MS = 60;
+
+export class Day {
+  constructor(box, form) {
+    this.box = box;
+    this.words = JSON.parse(form.dataset.words);
+    const { start, duration, dated, curve } = box.dataset;
+    this.clock = new Clock(start, Number(duration), Boolean(dated));
+    this.bands = new Bands(form, this.clock, this.words);
+    this.view = new View(Number(duration), () => this.moved());
+    this.curve = new Curve($("curve"), curve, this.clock, this.view);
+    this.overview = new Overview($("overview"), curve, this.view);
+    this.handles = new Handles(this.bands, this.curve, this.view, (isDone) => this.changed(isDone));
+    this.steps = [];
+  }
+
+  async open() {
+    this.box.hidden = false;
+    this.listen();
+    await Promise.all([this.curve.load(), this.overview.load()]);
+    this.changed(true);
+  }
+
+  // The view has moved: draw at once what is here, fetch what is not as soon as it rests.
+  moved() {
+    const began = performance.now();
+    requestAnimationFrame(() => {
+      this.draw();
+      this.steps.push(performance.now() - began);
+    });
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.reload(), REST_MS);
+  }
+
+  async reload() {
+    try {
+      if (await this.curve.load()) this.draw();
+    } catch {
+      $("day-failed").hidden = false;
+    }
+  }
+
+  draw() {
+    this.curve.draw(this.bands.list(), this.bands.chosen);
+    this.overview.draw();
+    this.handles.draw();
+    const { fromS, toS } = this.view;
+    const digits = this.view.spanS < 10 ? 2 : 0;
+    $("view").textContent = fill($("view").dataset.text, { start: this.clock.tell(fromS, digits), end: this.clock.tell(toS, digits) });
+  }
+
+  // A band has changed, by hand, by key or by typing.
+  changed(isDone) {
+    this.draw();
+    if (!isDone) return;
+    this.bands.remember();
+    this.bands.name();
+    for (const band of this.bands.windows()) this.score(band);
+  }
+
+  async score({ row, startS, endS }) {
+    const place = row.querySelector("[data-stillness]");
+    place.textContent = "";
+    if (!(endS > startS)) return;
+    const query = new URLSearchParams({ start_s: startS, end_s: endS });
+    const answer = await fetch(`${this.box.dataset.stillness}?${query}`);
+    if (answer.ok) place.textContent = this.tellStillness((await answer.json()).score);
+  }
+
+  tellStillness(score) {
+    if (score === null) return this.words.none;
+    const told = score.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 2, maximumFractionDigits: 2 });
+    const judged = score >= 0.5 ? this.words.good : score >= 0.2 ? this.words.fair : this.words.bad;
+    return `${fill(this.words.stillness, { score: told })}, ${judged}`;
+  }
+
+  choose(row) {
+    this.bands.chosen = row;
+    const band = this.bands.find(row);
+    if (band) this.view.show(band.startS, band.endS);
+    this.draw();
+  }
+
+  listen() {
+    const acts = { zoom_in: () => this.view.zoom(0.5), zoom_out: () => this.view.zoom(2), earlier: () => this.view.shift(-0.5), later: () => this.view.shift(0.5), whole: () => this.view.whole() };
+    for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", acts[button.dataset.view]);
+    const keys = { ArrowLeft: () => this.view.shift(-0.1), ArrowRight: () => this.view.shift(0.1), "+": acts.zoom_in, "=": acts.zoom_in, "-": acts.zoom_out, Home: acts.whole };
+    $("curve").addEventListener("keydown", (event) => {
+      if (!keys[event.key]) return;
+      event.preventDefault();
+      keys[event.key]();
+    });
+    this.listenToPointer();
+    listenToForm(this);
+    window.addEventListener("resize", () => this.draw());
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  listenToPointer() {
+    const place = $("curve");
+    let grabbed = null;
+    place.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.view.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.curve.secondAt(event.clientX));
+    }, { passive: false });
+    place.addEventListener("pointerdown", (event) => {
+      grabbed = { x: event.clientX, fromS: this.view.fromS, toS: this.view.toS };
+      place.setPointerCapture(event.pointerId);
+    });
+    place.addEventListener("pointermove", (event) => {
+      if (!grabbed || !event.buttons) return;
+      const by = ((grabbed.x - event.clientX) / this.curve.widthPx()) * (grabbed.toS - grabbed.fromS);
+      this.view.set(grabbed.fromS + by, grabbed.toS + by);
+    });
+    place.addEventListener("pointerup", (event) => {
+      const second = this.curve.secondAt(event.clientX);
+      const band = grabbed && Math.abs(event.clientX - grabbed.x) < 4 && this.bands.list().findLast((b) => b.startS <= second && second <= b.endS);
+      grabbed = null;
+      if (band) this.choose(band.row);
+    });
+  }
+}
+
+async function begin() {
+  const [box, form] = [$("day"), $("correction")];
+  if (!box || !form) return;
+  for (const part of document.querySelectorAll("[data-script]")) part.hidden = false;
+  try {
+    const day = new Day(box, form);
+    window.acromionDay = day; // for measuring
+    await day.open();
+  } catch (error) {
+    console.info(error);
+    box.hidden = true;
+    $("day-failed").hidden = false;
+  }
+}
+
+begin();

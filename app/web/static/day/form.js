@@ -1,0 +1,119 @@
+// The form beside the curve: rows come and go, proposals are accepted, a diary is imported, all can be undone.
+
+import { $, fill, say } from "../say.js";
+
+const NEW_PART = 0.1;
+
+export function listenToForm(day) {
+  const { bands } = day;
+  const form = bands.form;
+  const empty = [...$("periods").rows].find((row) => !row.querySelector("[name=start]").value);
+  if (empty) empty.remove(); // it serves those without a script
+  bands.last = bands.snapshot();
+  form.addEventListener("change", () => day.changed(true));
+  form.addEventListener("click", (event) => act(day, event.target.closest("button")));
+  form.addEventListener("focusin", (event) => chooseOf(day, event.target));
+  form.addEventListener("submit", (event) => send(day, event));
+  $("import").addEventListener("change", () => importDiary(day));
+  document.addEventListener("keydown", (event) => {
+    const isTyping = event.target.matches("input, textarea, select");
+    if (isTyping || event.key.toLowerCase() !== "z" || !(event.ctrlKey || event.metaKey)) return;
+    event.preventDefault();
+    undo(day);
+  });
+  for (const button of form.querySelectorAll(".window [data-do]")) button.hidden = false;
+}
+
+function chooseOf(day, target) {
+  const row = target.closest(".period, .window");
+  if (!row || row === day.bands.chosen) return;
+  day.bands.chosen = row;
+  day.draw();
+}
+
+function act(day, button) {
+  if (!button) return;
+  const row = button.closest(".period, .window");
+  if (button.dataset.do === "select") day.choose(row);
+  if (button.dataset.do === "remove") remove(day, row);
+  if (button.dataset.accept) accept(day, button.dataset);
+  if (button.id === "add") add(day);
+  if (button.id === "undo") undo(day);
+}
+
+function add(day) {
+  const { fromS, toS, spanS } = day.view;
+  const half = Math.max(Math.round((spanS * NEW_PART) / 2), 1);
+  const middle = Math.round((fromS + toS) / 2);
+  const row = day.bands.add($("add-kind").value, "", day.clock.tell(Math.max(0, middle - half)), day.clock.tell(Math.min(day.view.durationS, middle + half)));
+  day.choose(row);
+  day.changed(true);
+  say(fill(day.words.added, { name: day.bands.find(row).name }));
+  row.querySelector("[name=label]").focus();
+}
+
+function remove(day, row) {
+  const name = day.bands.periods().find((band) => band.row === row).name;
+  const next = row.nextElementSibling || row.previousElementSibling;
+  row.remove();
+  day.changed(true);
+  say(fill(day.words.removed, { name }));
+  (next ? next.querySelector("[data-do=remove]") : $("add")).focus();
+}
+
+function accept(day, { accept: kind, from, to }) {
+  if (kind === "not_worn") {
+    day.choose(day.bands.add("not_worn", "", from, to));
+  } else {
+    const row = day.bands.form.querySelector(".window");
+    [row.querySelectorAll("input")[0].value, row.querySelectorAll("input")[1].value] = [from, to];
+    day.choose(row);
+  }
+  day.changed(true);
+  say(`${from} – ${to}`);
+}
+
+function undo(day) {
+  if (!day.bands.undo()) return;
+  day.bands.chosen = null;
+  day.bands.name();
+  day.draw();
+  say(day.words.undone);
+}
+
+async function importDiary(day) {
+  const field = $("import");
+  const answer = await fetch(field.dataset.to, { method: "POST", body: field.files[0], headers: { "Content-Type": "text/csv" } });
+  field.value = "";
+  if (!answer.ok) return refuse(await answer.text());
+  const rows = await answer.json();
+  $("refused").hidden = true;
+  $("periods").replaceChildren();
+  for (const { kind, label, start, end } of rows) day.bands.add(kind, label, start, end);
+  day.changed(true);
+  say(fill(day.words.imported, { n: rows.length }));
+}
+
+async function send(day, event) {
+  if (event.submitter && "plain" in event.submitter.dataset) return; // a download, as the browser does it
+  event.preventDefault();
+  const [button, text] = [$("again"), $("again").textContent];
+  [button.disabled, button.textContent] = [true, day.words.busy];
+  try {
+    const answer = await fetch(day.bands.form.action, { method: "POST", body: new URLSearchParams(new FormData(day.bands.form)) });
+    if (answer.ok) return location.assign(answer.url);
+    refuse(await answer.text());
+  } catch (error) {
+    $("day-failed").hidden = false;
+  }
+  [button.disabled, button.textContent] = [false, text];
+}
+
+// The server answers with a page; what it says is shown here, beside what was typed.
+function refuse(page) {
+  const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
+  const box = $("refused");
+  box.replaceChildren(...(said ? [...document.importNode(said, true).children] : []));
+  box.hidden = false;
+  box.scrollIntoView({ block: "nearest" });
+}

@@ -1,0 +1,69 @@
+// The list of analyses as the server has it: asked for again and again, so that any tab shows the same. Only
+// rows that have changed are replaced, and whoever has the focus keeps it.
+
+import { $, say } from "./say.js";
+
+const FAST_MS = 1000;
+const SLOW_MS = 5000;
+
+let timer = 0;
+
+export async function refresh() {
+  clearTimeout(timer);
+  try {
+    const answer = await fetch($("rows").dataset.source, { headers: { Accept: "text/html" } });
+    if (!answer.ok) throw new Error(String(answer.status));
+    show(new DOMParser().parseFromString(await answer.text(), "text/html"));
+    if ($("lost")) $("lost").hidden = true;
+  } catch {
+    if ($("lost")) $("lost").hidden = false;
+  }
+  timer = setTimeout(refresh, document.querySelector("#rows [data-active]") ? FAST_MS : SLOW_MS);
+}
+
+function show(fresh) {
+  const list = $("rows").querySelector(".rows");
+  const newList = fresh.querySelector(".rows");
+  for (const row of newList.children) {
+    const old = $(row.id);
+    if (old && old.dataset.state !== row.dataset.state) say(row.dataset.announce);
+  }
+  if ("reloadAtEnd" in $("rows").dataset && !newList.querySelector("[data-active]")) return location.reload();
+  const wanted = [...newList.children].map((row) => place(row));
+  for (const row of [...list.children]) if (!wanted.includes(row)) row.remove();
+  wanted.forEach((row, index) => list.children[index] !== row && list.insertBefore(row, list.children[index] || null));
+  if ($("count")) $("count").textContent = newList.dataset.count;
+  const empty = $("rows").querySelector(".empty");
+  if (empty && list.children.length) empty.remove();
+  showTitle();
+}
+
+// Give the row to show: the old one where nothing has changed.
+function place(fresh) {
+  const old = $(fresh.id);
+  const copy = document.importNode(fresh, true);
+  if (!old) return copy;
+  if (old.dataset.version === fresh.dataset.version) return old;
+  const key = old.contains(document.activeElement) && document.activeElement.dataset.key;
+  old.replaceWith(copy);
+  if (key) (copy.querySelector(`[data-key="${key}"]`) || copy.querySelector("a, button"))?.focus();
+  return copy;
+}
+
+// "(3/12)" before the title while work goes on: uploads on this page and analyses on the server.
+const title = document.title;
+let own = { done: 0, all: 0 };
+let most = 0;
+
+export function showTitle(uploads = own) {
+  own = uploads;
+  const running = document.querySelectorAll("#rows [data-active]").length;
+  const open = running + own.all - own.done;
+  most = open ? Math.max(most, open) : 0;
+  document.title = most ? `(${most - open}/${most}) ${title}` : title;
+}
+
+if ($("rows")) timer = setTimeout(refresh, FAST_MS);
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden && $("rows")) refresh();
+});

@@ -1,0 +1,29 @@
+// Small things that every page shares: telling a screen reader, copying a text.
+
+export const $ = (id) => document.getElementById(id);
+
+export function fill(text, facts) {
+  return text.replace(/\{(\w+)\}/g, (_, name) => facts[name] ?? "…");
+}
+
+export function say(text) {
+  const place = $("status");
+  if (!place) return;
+  place.textContent = "";
+  setTimeout(() => (place.textContent = text), 50); // so that the same text is told twice
+}
+
+export async function copy(button) {
+  try {
+    await navigator.clipboard.writeText(button.dataset.copy);
+    button.textContent = button.dataset.done;
+    say(button.dataset.done);
+  } catch {
+    window.prompt(button.textContent, button.dataset.copy); // where the clipboard needs https
+  }
+}
+
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("[data-copy]");
+  if (button) copy(button);
+});

@@ -1,0 +1,163 @@
+// All chosen files: three on their way at a time, the others wait. When the bytes of one are safe, its
+// analysis is asked for; from then on the server alone knows it.
+
+import { $, fill, say } from "../say.js";
+import { Row } from "./row.js";
+import { Refusal, TusUpload } from "./tus.js";
+import { tellSize } from "./sizes.js";
+
+const AT_ONCE = 3;
+const LOOK_MS = 400;
+const MOST_LOOKS = 20;
+
+export class Queue {
+  constructor(api, onChange, onAdded) {
+    Object.assign(this, { api, onChange, onAdded, waiting: [], going: new Set(), all: new Set(), done: 0 });
+  }
+
+  add(files, wishes) {
+    for (const file of files) {
+      const entry = { file };
+      entry.row = new Row(file, wishes, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
+      this.all.add(entry);
+      this.waiting.push(entry);
+    }
+    this.next();
+  }
+
+  get isBusy() {
+    return this.going.size + this.waiting.length > 0;
+  }
+
+  next() {
+    while (this.going.size < AT_ONCE && this.waiting.length) this.start(this.waiting.shift());
+    this.onChange();
+  }
+
+  async start(entry) {
+    const { row, file } = entry;
+    const words = row.words;
+    if (file.size > Number(words.maxBytes)) return this.refuseLarge(entry);
+    this.going.add(entry);
+    row.show("uploading");
+    entry.upload = new TusUpload(file, this.say(row), this.api + "/uploads", {
+      progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
+      piece: () => this.look(entry),
+      smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
+      waiting: () => row.show("lost"),
+    });
+    try {
+      await this.hand(entry, await entry.upload.send());
+      this.done += 1;
+    } catch (error) {
+      if (!entry.upload.stopped) error instanceof Refusal ? row.refuse(error.problem) : row.loseNetwork();
+    }
+    this.going.delete(entry);
+    this.next();
+  }
+
+  say(row) {
+    const { subject, side } = row.wishes();
+    return { subject, side };
+  }
+
+  refuseLarge({ row, file }) {
+    const { tooBig, tooBigDetail, tooBigFix, maxBytes } = row.words;
+    const facts = { size: tellSize(file.size, row.units), max: tellSize(Number(maxBytes), row.units) };
+    row.refuse({ title: tooBig, detail: fill(tooBigDetail, facts), fix: tooBigFix, code: "E-BIG", retryable: false });
+  }
+
+  // Ask what the first bytes show, until they show it.
+  async look(entry) {
+    if (entry.looked) return;
+    entry.looked = true;
+    for (let k = 0; k < MOST_LOOKS && !entry.upload.stopped; k += 1) {
+      const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
+      if (answer && answer.status >= 400) return; // the analysis will say what it is
+      const found = answer ? await answer.json() : {};
+      if (found.device) return entry.row.understand(this.tell(found, entry.row.words));
+      await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
+    }
+  }
+
+  tell(found, words) {
+    const rate = found.rate_hz ? `${Math.round(found.rate_hz).toLocaleString(document.documentElement.lang)} Hz` : "";
+    const start = found.start ? found.start.slice(0, 16).replace("T", " ") : "";
+    const zone = found.start && found.time_zone ? `(${found.time_zone})` : "";
+    const device = JSON.parse(words.devices)[found.device] || found.device;
+    return [device, rate, [start, zone].filter(Boolean).join(" ")].filter(Boolean).join(" · ");
+  }
+
+  // The bytes are safe: ask for the analysis, unless the same bytes have one.
+  async hand(entry, recordingId) {
+    const recording = await this.get(`/recordings/${recordingId}`);
+    const { subject, side } = entry.row.wishes();
+    if (recording.duplicate_of && !entry.isWanted) {
+      const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
+      if (earlier.items.length) {
+        await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" });
+        return this.offer(entry, recording.duplicate_of, earlier.items[0]);
+      }
+    }
+    if (subject !== recording.subject || side !== (recording.side || "")) {
+      await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
+    }
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: { lang: document.documentElement.lang }, again: Boolean(entry.isWanted) });
+    this.added(entry);
+  }
+
+  offer(entry, recordingId, { id, created_at: when }) {
+    const page = this.api.replace(/\/api\/v1$/, "") + `/analyses/${id}`;
+    entry.row.duplicate({ page, when: when.slice(0, 10) }, async () => {
+      const { subject, side } = entry.row.wishes();
+      const settings = { lang: document.documentElement.lang, subject, side: side || null };
+      await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true });
+      this.added(entry);
+    });
+  }
+
+  added(entry) {
+    say(fill(entry.row.words.added, { name: entry.file.name }));
+    this.onAdded().finally(() => this.remove(entry));
+  }
+
+  async get(path) {
+    return this.send("GET", path);
+  }
+
+  async send(method, path, body) {
+    const headers = body ? { "Content-Type": "application/json" } : {};
+    const answer = await fetch(this.api + path, { method, headers, body: body && JSON.stringify(body) });
+    const told = await answer.json();
+    if (!answer.ok) throw new Refusal(told);
+    return told;
+  }
+
+  cancel(entry) {
+    entry.upload?.stop(true);
+    this.waiting = this.waiting.filter((other) => other !== entry);
+    this.remove(entry);
+    this.onChange();
+  }
+
+  retry(entry) {
+    entry.looked = false;
+    entry.row.show("waiting");
+    this.waiting.push(entry);
+    this.next();
+  }
+
+  get failed() {
+    return [...this.all].filter((entry) => entry.row.state === "refused" && entry.row.isRetryable);
+  }
+
+  retryAll() {
+    for (const entry of this.failed) this.retry(entry);
+  }
+
+  remove(entry) {
+    this.all.delete(entry);
+    entry.row.remove();
+    this.onChange();
+  }
+}

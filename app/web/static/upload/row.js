@@ -1,0 +1,90 @@
+// One chosen file in the list, from waiting to handed over. Every text of a person is set as text.
+
+import { $, fill, say } from "../say.js";
+import { tellSize } from "./sizes.js";
+
+export class Row {
+  constructor(file, wishes, acts) {
+    this.file = file;
+    this.words = $("upload").dataset;
+    this.units = this.words.units.split(" ");
+    this.item = $("upload").content.firstElementChild.cloneNode(true);
+    this.part(".name").textContent = file.name;
+    this.part(".meta").textContent = tellSize(file.size, this.units);
+    this.part("[name=subject]").value = wishes.subject;
+    this.part("[name=side]").value = wishes.side;
+    for (const [name, act] of Object.entries(acts)) this.part(`[data-do=${name}]`).addEventListener("click", act);
+    for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", `${button.textContent}: ${file.name}`);
+    $("uploads").append(this.item);
+    this.show("waiting");
+  }
+
+  part(selector) {
+    return this.item.querySelector(selector);
+  }
+
+  // What was said of this file just now: it may be changed until the upload is done.
+  wishes() {
+    return { subject: this.part("[name=subject]").value.trim(), side: this.part("[name=side]").value };
+  }
+
+  show(state) {
+    const shown = { waiting: "waiting", uploading: "uploading", lost: "uploading", refused: "refused", duplicate: "duplicate" }[state];
+    this.state = state;
+    this.item.className = "row is-" + shown;
+    this.part(".pill").textContent = this.words[state];
+    const isOver = state === "refused" || state === "duplicate";
+    this.part(".bars").hidden = this.part(".asked").hidden = isOver;
+    this.part("[data-do=cancel]").hidden = isOver;
+    this.part("[data-do=retry]").hidden = true;
+    this.part("[data-do=remove]").hidden = !isOver;
+    if (state !== "refused") this.part(".problem").hidden = true;
+  }
+
+  progress(bytes) {
+    this.part("progress").value = this.file.size ? Math.floor((100 * bytes) / this.file.size) : 100;
+    this.part(".bar-word").textContent = `${tellSize(bytes, this.units)} / ${tellSize(this.file.size, this.units)}`;
+  }
+
+  // What the first bytes have shown: device, rate, start.
+  understand(told) {
+    this.part(".understood").textContent = told;
+    this.part(".understood").hidden = !told;
+  }
+
+  note(text) {
+    this.part(".row-note").textContent = text;
+    this.part(".row-note").hidden = !text;
+  }
+
+  refuse(problem) {
+    this.show("refused");
+    this.part(".problem").hidden = false;
+    for (const name of ["title", "detail", "fix"]) this.part(".problem-" + name).textContent = problem[name] || "";
+    this.part(".problem-code").hidden = !problem.code;
+    this.part(".problem-code code").textContent = problem.code;
+    const help = this.part(".problem-code a");
+    help.href = help.dataset.root + problem.code;
+    this.part("[data-do=retry]").hidden = !problem.retryable;
+    this.isRetryable = Boolean(problem.retryable);
+    say(`${this.file.name}: ${problem.title}`);
+  }
+
+  loseNetwork() {
+    this.refuse({ title: this.words.network, detail: this.words.networkDetail, fix: this.words.networkFix, code: "", retryable: true });
+  }
+
+  duplicate(analysis, again) {
+    this.show("duplicate");
+    const box = this.part(".duplicate");
+    box.hidden = false;
+    box.querySelector("a").href = analysis.page;
+    box.querySelector("a").textContent = fill(this.words.duplicateOpen, { when: analysis.when });
+    box.querySelector("button").addEventListener("click", again, { once: true });
+    say(`${this.file.name}: ${this.words.duplicate}`);
+  }
+
+  remove() {
+    this.item.remove();
+  }
+}

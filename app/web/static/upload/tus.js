@@ -1,0 +1,142 @@
+// One file to the server by tus 1.0: in pieces, each acknowledged, so that a lost network costs one piece at
+// most. A piece that is refused as too large is halved; a lost network is waited for.
+
+import { fingerprint, forget, recall, remember } from "./memory.js";
+
+const KIB = 1024;
+const FIRST_PIECE = 1024 * KIB; // small, so that the server soon sees what the file is
+const LARGEST_PIECE = 64 * 1024 * KIB;
+const SMALLEST_PIECE = 512 * KIB;
+const MOST_TRIES = 12;
+const LONGEST_PAUSE_MS = 20000;
+const TUS = { "Tus-Resumable": "1.0.0" };
+
+export class Refusal extends Error {
+  constructor(problem) {
+    super(problem.code);
+    this.problem = problem;
+  }
+}
+
+class Lost extends Error {}
+
+export class TusUpload {
+  // on: {progress(bytes), piece(), smaller(bytes), waiting()}
+  constructor(file, words, root, on) {
+    Object.assign(this, { file, words, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false });
+  }
+
+  // Send the whole file; gives the id of the recording.
+  async send() {
+    let tries = 0;
+    for (;;) {
+      const before = this.offset;
+      try {
+        return await this.go();
+      } catch (error) {
+        if (!(error instanceof Lost) || this.stopped) throw error;
+        tries = this.offset > before ? 1 : tries + 1;
+        if (tries > MOST_TRIES) throw error;
+        this.on.waiting();
+        await pause(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+      }
+    }
+  }
+
+  async go() {
+    let answer = await this.find();
+    while (!answer.recording) {
+      answer = await this.sendPiece();
+      this.on.piece();
+    }
+    forget(fingerprint(this.file));
+    return answer.recording;
+  }
+
+  // Go on with an upload of this file that is known, or announce a new one.
+  async find() {
+    const known = this.address || recall()[fingerprint(this.file)]?.address;
+    if (known) {
+      const answer = await this.ask("HEAD", known, {});
+      if (answer.status === 200) {
+        this.address = known;
+        return this.read(answer);
+      }
+      forget(fingerprint(this.file));
+    }
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, this.words) });
+    if (answer.status !== 201) throw refuse(answer);
+    this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
+    remember(this.file, this.address);
+    this.offset = 0;
+    return { recording: null };
+  }
+
+  async sendPiece() {
+    const size = this.offset ? this.piece : Math.min(FIRST_PIECE, this.piece);
+    const body = this.file.slice(this.offset, this.offset + size);
+    const headers = { "Upload-Offset": this.offset, "Content-Type": "application/offset+octet-stream" };
+    const answer = await this.ask("PATCH", this.address, headers, body);
+    if (answer.status === 204) return this.read(answer);
+    if (answer.status === 413 && this.piece > SMALLEST_PIECE && !isOurs(answer)) {
+      this.piece = Math.max(SMALLEST_PIECE, Math.min(size, this.piece) / 2);
+      this.on.smaller(this.piece);
+      return { recording: null };
+    }
+    if ([404, 409, 410, 423].includes(answer.status)) throw new Lost(); // ask again where it stands
+    throw refuse(answer);
+  }
+
+  read(answer) {
+    this.offset = Number(answer.getResponseHeader("Upload-Offset"));
+    this.on.progress(this.offset);
+    return { recording: answer.getResponseHeader("Acromion-Recording") };
+  }
+
+  ask(method, address, headers, body = null) {
+    return new Promise((resolve, reject) => {
+      const request = new XMLHttpRequest();
+      this.request = request;
+      request.open(method, address);
+      for (const [name, value] of Object.entries({ ...TUS, ...headers })) request.setRequestHeader(name, value);
+      request.upload.addEventListener("progress", (event) => body && this.on.progress(this.offset + event.loaded));
+      request.addEventListener("load", () => ([502, 503, 504, 408].includes(request.status) && !isOurs(request) ? reject(new Lost()) : resolve(request)));
+      for (const end of ["error", "abort", "timeout"]) request.addEventListener(end, () => reject(new Lost()));
+      request.send(body);
+    });
+  }
+
+  // Stop at once; what the server holds is given up unless it is to be gone on with.
+  stop(isGivenUp) {
+    this.stopped = true;
+    this.request?.abort();
+    if (!isGivenUp) return;
+    forget(fingerprint(this.file));
+    if (this.address) fetch(this.address, { method: "DELETE", headers: TUS }).catch(() => {});
+  }
+}
+
+function describe(file, words) {
+  const said = Object.entries({ filename: file.name, ...words }).filter(([, value]) => value);
+  return said.map(([name, value]) => `${name} ${toBase64(value)}`).join(",");
+}
+
+function toBase64(text) {
+  return btoa(String.fromCharCode(...new TextEncoder().encode(text)));
+}
+
+function isOurs(answer) {
+  return (answer.getResponseHeader("Content-Type") || "").startsWith("application/problem+json");
+}
+
+function refuse(answer) {
+  return isOurs(answer) ? new Refusal(JSON.parse(answer.responseText)) : new Lost();
+}
+
+// Wait, but no longer than until the network is back.
+function pause(milliseconds) {
+  return new Promise((resolve) => {
+    const timer = setTimeout(resolve, milliseconds);
+    window.addEventListener("online", () => (clearTimeout(timer), resolve()), { once: true });
+  });
+}

@@ -1,0 +1,119 @@
+"""The pages in Chromium: pan and zoom on a day of 14.4 million samples, a library of 10,000 recordings.
+
+    python -m benchmarks.pages
+
+Prints medians and 95th percentiles; the machine's load is told beside them, for they mean little without it.
+"""
+
+import os
+import secrets
+import shutil
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Browser, Page, sync_playwright
+from sqlalchemy import insert
+
+from app.day_file import NAME, DaySegment, open_day, write_day
+from app.jobs.job import JobState
+from app.jobs.store import JobStore
+from app.jobs.tables import analyses, answers, recordings
+from app.request import ReportRequest
+from app.settings import Settings
+from fusion.simulation import write_recordings
+from tests.ways_in.servers import RunningServer
+
+ROWS, RATE_HZ = 14_400_000, 500.0
+LIBRARY = 10_000
+STEPS = 60
+TIMINGS = """performance.getEntriesByType("resource")
+  .filter((entry) => entry.name.includes("/curve?")).map((entry) => entry.duration)"""
+
+
+def make_long_day(path: Path) -> None:
+    rng = np.random.default_rng(0)
+    angle = np.abs(np.cumsum(rng.normal(0, 0.4, ROWS)) % 360 - 180).astype(np.float32)
+    quiet = np.zeros((ROWS // 125, 6), np.float32)
+    facts = dict(open_day(path).facts) | {"duration_us": int(ROWS / RATE_HZ * 1e6)}
+    write_day(path, [DaySegment(0.0, RATE_HZ, angle, 0.25, quiet)], facts)
+
+
+def fill_library(data: Path) -> None:
+    store = JobStore(Settings(data_dir=data).database_url)
+    rows, jobs, told = [], [], []
+    for number in range(LIBRARY):
+        recording, analysis = f"rec_{secrets.token_hex(8)}", f"an_{secrets.token_hex(8)}"
+        moment = (
+            f"2026-{number % 12 + 1:02d}-{number % 28 + 1:02d}T07:00:{number % 60:02d}.{number:06d}+00:00"
+        )
+        name = {"file_name": f"shift_{number}.gt3x", "subject": f"S{number % 500:03d}"}
+        rows.append({"id": recording, "sha256": "0" * 64, "size_bytes": 50_000_000, "state": "stored"} | name)
+        rows[-1]["created_at"] = moment
+        request = ReportRequest(name["file_name"], name["subject"])
+        job = {"id": analysis, "recording_id": recording, "request": request.to_json(), "way_in": "api"}
+        job |= {"state": JobState.SUCCEEDED, "progress": 1.0, "attempts": 1, "beats": 1, "created_at": moment}
+        jobs.append(job)
+        verdict = ("good", "caution", "poor")[number % 3]
+        told.append({"analysis_id": analysis, "verdict": verdict, "start": moment[:19]})
+    with store.engine.begin() as connection:
+        for table, values in ((recordings, rows), (analyses, jobs), (answers, told)):
+            connection.execute(insert(table), values)
+    store.close()
+
+
+def measure_curve(page: Page, address: str) -> None:
+    page.goto(address)
+    page.wait_for_function("window.acromionDay && acromionDay.curve.values.x.length > 0")
+    page.locator("#curve").scroll_into_view_if_needed()
+    page.evaluate("acromionDay.steps.length = 0")
+    for key in (["+"] * 6 + ["ArrowRight"] * 8 + ["-"] * 6) * (STEPS // 20):
+        page.locator("#curve").press(key)
+        page.wait_for_timeout(120)
+    tell("a step of pan or zoom, key to drawn", page.evaluate("acromionDay.steps"))
+    tell("a piece of the curve, asked to answered", page.evaluate(TIMINGS))
+
+
+def measure_library(browser: Browser, address: str) -> None:
+    taken = []
+    for _ in range(7):
+        page = browser.new_page()
+        began_s = time.perf_counter()
+        page.goto(address, wait_until="domcontentloaded")
+        page.wait_for_selector("#drop[data-api]", state="visible")
+        taken.append(1000 * (time.perf_counter() - began_s))
+        page.close()
+    tell(f"first page with {LIBRARY} recordings, to interactive", taken)
+
+
+def tell(name: str, taken_ms: list[float]) -> None:
+    ordered = sorted(taken_ms)
+    p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
+    print(f"{name}: median {statistics.median(ordered):.0f} ms, p95 {p95:.0f} ms, n {len(ordered)}")
+
+
+def main() -> None:
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
+        folder = Path(name)
+        running = RunningServer(folder / "data", folder / "server.log")
+        try:
+            log = write_recordings(folder, "gt9x", 0.05, 1)[0]
+            job = running.send(log)
+            running.see(job["id"], wait=60)
+            (day,) = (folder / "data" / "analyses" / job["id"]).glob(f"*/{NAME}")
+            make_long_day(day)
+            fill_library(folder / "data")
+            chromium = shutil.which("chromium") or shutil.which("google-chrome")
+            browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+            measure_curve(browser.new_page(), f"{running.address}analyses/{job['id']}?lang=en")
+            measure_library(browser, running.address)
+            browser.close()
+        finally:
+            running.stop()
+
+
+if __name__ == "__main__":
+    main()

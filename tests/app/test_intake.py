@@ -1,0 +1,89 @@
+"""A watched folder: what has stopped growing is taken in once, with its subject, and moved aside."""
+
+from pathlib import Path
+
+import pytest
+
+from app.intake import FolderWatch, Intake
+from app.jobs.store import JobStore
+from app.settings import Settings
+from app.storage import Storage
+
+
+@pytest.fixture
+def watch(store: JobStore, storage: Storage, settings: Settings, tmp_path: Path) -> FolderWatch:
+    folder = tmp_path / "watched"
+    folder.mkdir()
+    return FolderWatch(Intake(store, storage, settings), folder)
+
+
+def put(watch: FolderWatch, name: str, content: bytes = b"recording") -> Path:
+    path = watch.folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
+    return path
+
+
+def test_a_file_is_taken_once_it_no_longer_grows(watch: FolderWatch) -> None:
+    path = put(watch, "shift.gt3x")
+    assert watch.look() == []
+    path.write_bytes(b"recording, longer")
+    assert watch.look() == []
+
+    (job,) = watch.look()
+
+    assert job.file_name == "shift.gt3x"
+    assert job.size_bytes == len(b"recording, longer")
+    assert watch.look() == []
+
+
+def test_a_file_that_was_taken_lies_among_the_taken(watch: FolderWatch) -> None:
+    path = put(watch, "shift.gt3x")
+    watch.look()
+
+    (job,) = watch.look()
+
+    assert not path.exists()
+    assert (watch.folder / "taken" / f"{job.id}_shift.gt3x").read_bytes() == b"recording"
+
+
+def test_the_folder_of_a_file_is_its_subject(watch: FolderWatch) -> None:
+    put(watch, "S012/shift.gt3x")
+    watch.look()
+
+    (job,) = watch.look()
+
+    assert job.request.subject == "S012"
+
+
+def test_other_files_are_left_where_they_are(watch: FolderWatch) -> None:
+    notes = put(watch, "notes.docx")
+    hidden = put(watch, ".shift.gt3x.part")
+    watch.look()
+
+    assert watch.look() == []
+    assert notes.exists()
+    assert hidden.exists()
+
+
+def test_a_file_that_is_too_large_stays_and_stops_nobody(watch: FolderWatch) -> None:
+    large = put(watch, "large.csv", bytes(1_000_001))
+    put(watch, "shift.csv")
+    watch.look()
+
+    (job,) = watch.look()
+
+    assert job.file_name == "shift.csv"
+    assert large.exists()
+
+
+def test_the_same_bytes_are_analysed_once(watch: FolderWatch) -> None:
+    jobs = []
+
+    for _ in range(2):
+        put(watch, "shift.gt3x")
+        watch.look()
+        jobs += watch.look()
+
+    assert len(jobs) == 2
+    assert jobs[0].id == jobs[1].id

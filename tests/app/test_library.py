@@ -1,0 +1,113 @@
+"""The library: the newest analysis of each recording, searched, counted, paged; a path before it all."""
+
+from datetime import UTC, datetime
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.jobs.answers import Answer
+from app.jobs.job import Claimer, Job
+from app.jobs.library import Library, LibraryFilter
+from app.jobs.store import JobStore
+from app.main import create_app
+from app.request import ReportRequest
+from app.settings import Settings
+from app.storage import ResultFile
+from tests.app.conftest import AddJob
+
+ME = Claimer("here", 1, "")
+
+
+@pytest.fixture
+def library(store: JobStore) -> Library:
+    return Library(store.reader)
+
+
+def finish(store: JobStore, verdict: str, start: str = "2026-03-02T07:00:00") -> Job:
+    """Let the job that waits end well."""
+    job = store.claim(ME)
+    assert job is not None
+    files = [ResultFile("results.json", "0" * 64, 2)]
+    assert store.finish(job.id, str(job.token), files, Answer(verdict, start, 28800.0, 7.0))
+    return store.get(job.id)
+
+
+def list_ids(library: Library, wanted: LibraryFilter) -> list[str]:
+    return [entry.job.id for entry in library.list_page(wanted, 10)]
+
+
+def test_a_recording_shows_its_newest_analysis_alone(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    first = add_job()
+    second = store.add_analysis((first.recording_id, first.sha256), ReportRequest("shift.gt3x"))
+
+    assert list_ids(library, LibraryFilter()) == [second.id]
+
+
+def test_the_newest_recording_comes_first_and_pages_follow_one_another(
+    library: Library, add_job: AddJob
+) -> None:
+    jobs = [add_job(str(number).encode()) for number in range(3)]
+
+    pages = [[entry.job.id for entry in library.list_page(LibraryFilter(), 2, skip)] for skip in (0, 2)]
+
+    assert pages == [[jobs[2].id, jobs[1].id], [jobs[0].id]]
+
+
+def test_recordings_are_found_by_any_part_of_the_name(library: Library, add_job: AddJob) -> None:
+    job = add_job(file_name="Shelf_100%_work.gt3x")
+    add_job(b"other", file_name="other.gt3x")
+
+    assert list_ids(library, LibraryFilter("shelf")) == [job.id]
+    assert list_ids(library, LibraryFilter("100%_w")) == [job.id]
+
+
+def test_recordings_are_found_by_their_own_day(library: Library, store: JobStore, add_job: AddJob) -> None:
+    add_job()
+    job = finish(store, "good", "2026-03-02T07:00:00")
+
+    assert list_ids(library, LibraryFilter(first_day="2026-03-02", last_day="2026-03-02")) == [job.id]
+    assert list_ids(library, LibraryFilter(first_day="2026-03-03")) == []
+
+
+def test_groups_are_counted_as_they_are_listed(library: Library, store: JobStore, add_job: AddJob) -> None:
+    add_job(b"1")
+    poor = finish(store, "poor")
+    add_job(b"2")
+    finish(store, "good")
+    waiting = add_job(b"3")
+
+    counts = library.count(LibraryFilter())
+
+    assert (counts["all"], counts["active"], counts["attention"], counts["poor"], counts["good"]) == (
+        3,
+        1,
+        1,
+        1,
+        1,
+    )
+    assert list_ids(library, LibraryFilter(group="attention")) == [poor.id]
+    assert list_ids(library, LibraryFilter(group="active")) == [waiting.id]
+
+
+def test_neighbours_are_those_of_the_list(library: Library, add_job: AddJob) -> None:
+    first, second, third = (add_job(str(number).encode()) for number in range(3))
+
+    assert library.find_neighbours(second, LibraryFilter()) == (third.id, first.id)
+    assert library.find_neighbours(third, LibraryFilter()) == (None, second.id)
+
+
+def test_a_job_made_now_is_of_today(library: Library, add_job: AddJob) -> None:
+    job = add_job()
+
+    assert list_ids(library, LibraryFilter(first_day=datetime.now(UTC).date().isoformat())) == [job.id]
+
+
+def test_behind_a_path_every_address_begins_with_it(settings: Settings) -> None:
+    with TestClient(create_app(settings), "http://localhost:8080", root_path="/acromion") as caller:
+        page = caller.get("/?lang=en").text
+
+    addresses = [part.split('"')[0] for part in page.replace("action=", "href=").split('href="')[1:]]
+    assert all(a.startswith(("/acromion/", "#", "?", '/acromion"')) for a in addresses if a), addresses
+    assert 'data-api="/acromion/api/v1"' in page

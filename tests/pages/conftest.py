@@ -1,0 +1,95 @@
+"""One server, one browser and a few finished analyses for all tests of the pages.
+
+Screenshots go to the folder named by ACROMION_SCREENSHOTS, else to pytest's own.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
+
+from fusion.simulation import write_recordings
+from tests.ways_in.servers import RunningServer
+
+HOURS = 0.05
+
+expect.set_options(timeout=30_000)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium found")
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    folder = tmp_path_factory.mktemp("pages")
+    running = RunningServer(folder / "data", folder / "server.log")
+    yield running
+    running.stop()
+
+
+@pytest.fixture(scope="session")
+def shifts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two simulated recordings of three minutes, which begin at the same time."""
+    folder = tmp_path_factory.mktemp("shifts")
+    made = [write_recordings(folder / str(seed), "gt9x", HOURS, seed)[0] for seed in (1, 2)]
+    return made[0], made[1]
+
+
+@pytest.fixture(scope="session")
+def right(server: RunningServer, shifts: tuple[Path, Path]) -> str:
+    """The id of a finished analysis: S012, right arm."""
+    return finish(server, shifts[0], subject="S012", side="right")
+
+
+@pytest.fixture(scope="session")
+def left(server: RunningServer, shifts: tuple[Path, Path]) -> str:
+    """The id of a finished analysis: S012, left arm."""
+    return finish(server, shifts[1], subject="S012", side="left")
+
+
+@pytest.fixture
+def page(browser: Browser) -> Iterator[Page]:
+    """A page that must not complain, nor ask any other host."""
+    context = browser.new_context(accept_downloads=True, locale="en-CA")
+    opened = context.new_page()
+    opened.set_default_timeout(30_000)
+    complaints: list[str] = []
+    opened.on("console", lambda message: complaints.append(message.text) if is_complaint(message) else None)
+    opened.on("pageerror", lambda error: complaints.append(str(error)))
+    opened.on(
+        "request",
+        lambda request: complaints.append(request.url) if "//127.0.0.1:" not in request.url else None,
+    )
+    yield opened
+    context.close()
+    assert complaints == []
+
+
+@pytest.fixture(scope="session")
+def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = Path(os.environ.get("ACROMION_SCREENSHOTS", "") or tmp_path_factory.mktemp("screenshots"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def is_complaint(message: ConsoleMessage) -> bool:
+    """Leave aside that Chromium writes every refused or broken request to its console."""
+    return message.type in ("error", "warning") and "Failed to load resource" not in message.text
+
+
+def finish(server: RunningServer, recording: Path, **wishes: str) -> str:
+    """Analyse a recording by the API; gives the analysis."""
+    job = server.send(recording, **wishes)
+    assert server.see(job["id"], wait=60)["state"] == "succeeded"
+    return str(job["id"])

@@ -1,0 +1,62 @@
+"""What a person does again and again on the pages."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Locator, Page, expect
+
+from tests.ways_in.servers import RunningServer
+
+END_MS = 120_000
+
+
+def open_home(page: Page, server: RunningServer, language: str = "en") -> None:
+    page.goto(f"{server.address}?lang={language}")
+
+
+def open_analysis(page: Page, server: RunningServer, analysis_id: str, language: str = "en") -> None:
+    page.goto(f"{server.address}analyses/{analysis_id}?lang={language}")
+
+
+def find_row(page: Page, name: str) -> Locator:
+    """The row of a file on the server."""
+    return page.locator("#rows .row", has_text=name).first
+
+
+def find_upload(page: Page, name: str) -> Locator:
+    """The row of a file that this page sends."""
+    return page.locator("#uploads .row", has_text=name)
+
+
+def wait_for_end(page: Page, name: str, state: str = "succeeded") -> Locator:
+    row = find_row(page, name)
+    expect(row).to_have_attribute("data-state", state, timeout=END_MS)
+    return row
+
+
+def make_file(folder: Path, name: str, megabytes: float = 0.001) -> Path:
+    """Make a file that is no recording and like no other."""
+    path = folder / name
+    line = f"{name} of {folder.name} is not a recording\n".encode()
+    path.write_bytes((line * (int(megabytes * 1e6) // len(line) + 1))[: max(len(line), int(megabytes * 1e6))])
+    return path
+
+
+def wait_for_curve(page: Page) -> None:
+    """Wait until the day is drawn."""
+    expect(page.locator("#curve .main-svg").first).to_be_visible()
+    expect(page.locator("#view")).to_have_text(re.compile(r"\d"))
+
+
+def read_view(page: Page) -> tuple[float, float]:
+    """Give the seconds in view."""
+    told: list[float] = page.evaluate("[acromionDay.view.fromS, acromionDay.view.toS]")
+    return told[0], told[1]
+
+
+def read_bands(page: Page) -> list[dict[str, Any]]:
+    """Give kind, start and end of the bands on the curve."""
+    program = "acromionDay.bands.list().map(({kind, name, startS, endS}) => ({kind, name, startS, endS}))"
+    bands: list[dict[str, Any]] = page.evaluate(program)
+    return bands

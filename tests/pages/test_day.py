@@ -1,0 +1,220 @@
+"""Looking and correcting: the curve, the calibration window, the periods of the day, another analysis."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from fusion.simulation import write_recordings
+from tests.pages.conftest import finish
+from tests.pages.steps import END_MS, open_analysis, read_bands, read_view, wait_for_curve
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def day(page: Page, server: RunningServer, right: str) -> Page:
+    """The page of a finished analysis of three minutes, its curve drawn."""
+    open_analysis(page, server, right)
+    wait_for_curve(page)
+    return page
+
+
+SHOWS_SAMPLES = "(({x}) => x.slice(1).some((at, k) => at - x[k] < 0.011))(acromionDay.curve.values)"
+
+
+def set_window(page: Page, start: str, end: str) -> None:
+    fields = page.locator(".window").first.locator("input")
+    fields.nth(0).fill(start)
+    fields.nth(1).fill(end)
+    fields.nth(1).press("Tab")
+
+
+def add_period(page: Page, kind: str, label: str = "") -> None:
+    page.get_by_label("Kind of period to add").select_option(kind)
+    page.get_by_role("button", name="Add", exact=True).click()
+    page.locator("#periods tr").last.locator("[name=label]").fill(label)
+    page.keyboard.press("Tab")
+
+
+def test_the_whole_shift_is_seen_first_and_zoomed_to_the_sample(day: Page) -> None:
+    whole = read_view(day)
+
+    for _ in range(10):
+        day.get_by_role("button", name="Zoom in").click()
+
+    from_s, to_s = read_view(day)
+    assert whole[0] == 0.0
+    assert whole[1] == pytest.approx(180, abs=1)
+    assert to_s - from_s == pytest.approx(whole[1] / 2**10, abs=0.03)
+    day.wait_for_function(SHOWS_SAMPLES)
+    day.get_by_role("button", name="Whole day").click()
+    assert read_view(day) == whole
+
+
+def test_the_view_is_moved_by_keys_wheel_and_drag(day: Page) -> None:
+    day.locator("#curve").focus()
+    for key in ("+", "+", "ArrowRight"):
+        day.keyboard.press(key)
+    from_s, to_s = read_view(day)
+
+    day.locator("#curve").scroll_into_view_if_needed()
+    box = day.locator("#curve").bounding_box() or pytest.fail("not shown")
+    day.mouse.move(box["x"] + 300, box["y"] + 100)
+    day.mouse.wheel(0, -100)
+    day.wait_for_function("span => acromionDay.view.spanS < span", arg=to_s - from_s)
+    before = read_view(day)
+    day.mouse.down()
+    day.mouse.move(box["x"] + 200, box["y"] + 100)
+    day.mouse.up()
+
+    assert to_s - from_s == pytest.approx(45, abs=0.5)
+    assert read_view(day)[0] > before[0]
+
+
+def test_an_error_of_the_curve_stays_in_its_panel(page: Page, server: RunningServer, right: str) -> None:
+    page.route("**/curve?*", lambda route: route.fulfill(status=500, body="broken"))
+
+    open_analysis(page, server, right)
+
+    expect(page.get_by_text("The curve could not be drawn.")).to_be_visible()
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible()
+    expect(page.get_by_role("button", name="Analyse again")).to_be_visible()
+
+
+def test_the_calibration_window_is_a_band_with_its_stillness(day: Page) -> None:
+    (band,) = [band for band in read_bands(day) if band["kind"] == "calibration"]
+
+    assert band["name"] == "Calibration window"
+    assert 0 <= band["startS"] < band["endS"] <= 30
+    told = re.compile(r"stillness 0\.\d\d of 1, still enough")
+    expect(day.locator(".window [data-stillness]").first).to_have_text(told)
+
+
+def test_a_window_that_moved_is_told_to_be_so(day: Page) -> None:
+    set_window(day, "07:01:30", "07:01:36")
+
+    expect(day.locator(".window [data-stillness]").first).to_contain_text("not still")
+
+
+def test_a_handle_is_moved_by_keys_and_speaks_its_time(day: Page) -> None:
+    set_window(day, "07:00:02", "07:00:08")
+    day.locator(".window").first.get_by_role("button", name="Show").click()
+    handle = day.locator("#handle-start")
+    handle.focus()
+
+    day.keyboard.press("ArrowRight")
+    told = handle.get_attribute("aria-valuetext")
+    day.locator("#handle-end").focus()
+    day.keyboard.press("Shift+ArrowRight")
+
+    assert told == "07:00:03"
+    assert handle.get_attribute("role") == "slider"
+    assert handle.get_attribute("aria-label") == "Start of Calibration window"
+    assert day.locator("#handle-end").get_attribute("aria-valuetext") == "07:01:08"
+    assert day.locator(".window input").nth(1).input_value() == "07:01:08"
+
+
+def test_a_handle_is_dragged(day: Page) -> None:
+    add_period(day, "break", "tea")
+    day.locator("#overview").scroll_into_view_if_needed()
+    box = day.locator("#handle-end").bounding_box() or pytest.fail("no handle")
+    before = read_bands(day)[-1]
+
+    day.mouse.move(box["x"] + 12, box["y"] + 50)
+    day.mouse.down()
+    day.mouse.move(box["x"] + 60, box["y"] + 50)
+    day.mouse.up()
+
+    after = read_bands(day)[-1]
+    assert after["endS"] > before["endS"]
+    assert after["startS"] == before["startS"]
+
+
+def test_a_correction_is_analysed_and_shown_beside_what_was(day: Page) -> None:
+    set_window(day, "07:00:03", "07:00:09")
+    add_period(day, "break", "coffee")
+
+    day.get_by_role("button", name="Analyse again").click()
+
+    heading = day.get_by_role("heading", name="What the correction changed")
+    expect(heading).to_be_visible(timeout=END_MS)
+    expect(day.get_by_role("row", name="Time with the arm above 60°")).to_be_visible(timeout=END_MS)
+    expect(day.get_by_role("row", name=re.compile("Calibration window found automatically"))).to_be_visible()
+    expect(day.get_by_role("row", name=re.compile("Periods not stated 1"))).to_be_visible()
+    wait_for_curve(day)
+    assert ("break", "coffee") in [(band["kind"], band["name"]) for band in read_bands(day)]
+
+
+def test_what_cannot_be_is_refused_beside_what_was_typed(day: Page) -> None:
+    add_period(day, "break", "backwards")
+    row = day.locator("#periods tr").last
+    row.locator("[name=start]").fill("07:02:00")
+    row.locator("[name=end]").fill("07:01:00")
+
+    day.get_by_role("button", name="Analyse again").click()
+
+    expect(day.locator("#refused")).to_contain_text("E-DIARY")
+    expect(row.locator("[name=label]")).to_have_value("backwards")
+
+
+def test_every_change_is_undone(day: Page) -> None:
+    before = read_bands(day)
+    add_period(day, "task", "shelves")
+    set_window(day, "07:00:02", "07:00:08")
+
+    while day.get_by_role("button", name="Undo").is_enabled():
+        day.get_by_role("button", name="Undo").click()
+
+    assert read_bands(day) == before
+    expect(day.locator("#status")).to_have_text("Undone.")
+
+
+def test_a_diary_is_imported_and_exported(day: Page, tmp_path: Path) -> None:
+    diary = tmp_path / "diary.csv"
+    diary.write_text("start;end;kind;label\n07:00:30;07:01:00;pause;café\n07:01:00;07:02:00;task;shelves\n")
+
+    day.set_input_files("#import", diary)
+    expect(day.locator("#periods tr")).to_have_count(2)
+    with day.expect_download() as download:
+        day.get_by_role("button", name="Export as CSV").click()
+
+    text = download.value.path().read_text("utf-8-sig")
+    assert text.splitlines() == [
+        "start;end;kind;label",
+        "07:00:30;07:01:00;break;café",
+        "07:01:00;07:02:00;task;shelves",
+    ]
+
+
+def test_a_proposal_is_applied_only_when_it_is_accepted(day: Page) -> None:
+    fields = day.locator(".window").first.locator("input")
+    assert fields.nth(0).input_value() == ""
+
+    day.get_by_role("button", name=re.compile("Use as calibration")).last.click()
+
+    assert re.match(r"07:0\d:\d\d", fields.nth(0).input_value())
+    assert day.get_by_role("button", name="Undo").is_enabled()
+
+
+def test_a_hole_in_the_file_is_told_and_not_drawn(page: Page, server: RunningServer, tmp_path: Path) -> None:
+    table = write_recordings(tmp_path, "lsm9ds1", 0.05, 5, 100.0)[0]
+    lines = table.read_text().splitlines(keepends=True)
+    holed = tmp_path / "holed.csv"
+    holed.write_text("".join(lines[:9000] + lines[11_000:]))
+    analysis_id = finish(server, holed)
+
+    open_analysis(page, server, analysis_id)
+    wait_for_curve(page)
+
+    assert page.evaluate("acromionDay.curve.values.y.slice(0, -1).includes(null)")
+    expect(page.locator(".verdict")).not_to_have_class(re.compile("is-good"))
+    expect(page.get_by_text("of 3 min recorded")).to_be_visible()
+
+
+def test_the_day_stands_behind_the_curve_as_a_table(day: Page) -> None:
+    day.get_by_text("The day hour by hour, as a table").click()
+
+    expect(day.get_by_role("row", name=re.compile("2026-03-02 07:00"))).to_be_visible()

@@ -1,0 +1,179 @@
+"""For everyone: keyboard, screen reader, both languages, light and dark, 360 px wide, behind a proxy."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect
+
+from tests.pages.steps import END_MS, open_analysis, open_home, wait_for_curve, wait_for_end
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+PAGES = {
+    "home": "",
+    "analysis": "analyses/{right}",
+    "help": "help",
+    "poses": "help/poses",
+    "export": "help/export",
+    "problem": "problems/E-EPOCH",
+    "trash": "trash",
+    "delete": "recordings/{recording}/delete",
+    "pair": "beside/pair?first={left}&second={right}",
+    "compare": "beside/compare?first={left}&second={right}",
+    "absent": "analyses/an_none",
+}
+
+
+FIND_SMALL = """
+[...document.querySelectorAll("main button, main summary, main select, main input:not([type=radio])")]
+  .filter((e) => e.offsetParent && (e.offsetHeight < 24 || e.offsetWidth < 24))
+  .map((e) => e.outerHTML)"""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A reader's language, theme and screen."""
+
+    language: str
+    scheme: Literal["light", "dark"]
+    width: int
+
+
+LOOKS = [
+    pytest.param(Look("en", "light", 1200), id="en-light-desktop"),
+    pytest.param(Look("fr", "dark", 1200), id="fr-dark-desktop"),
+    pytest.param(Look("fr", "light", 360), id="fr-light-phone"),
+    pytest.param(Look("en", "dark", 360), id="en-dark-phone"),
+]
+
+
+@pytest.fixture(scope="session")
+def addresses(server: RunningServer, right: str, left: str) -> dict[str, str]:
+    """Every page by its name."""
+    recording = server.see(right)["recording_id"]
+    found = {"right": right, "left": left, "recording": recording}
+    return {name: server.address + path.format_map(found) for name, path in PAGES.items()}
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_every_page_fits_and_has_no_barrier(
+    browser: Browser, addresses: dict[str, str], screenshots: Path, look: Look
+) -> None:
+    viewport: ViewportSize = {"width": look.width, "height": 800}
+    context = browser.new_context(viewport=viewport, color_scheme=look.scheme, reduced_motion="reduce")
+    page = context.new_page()
+    found = {}
+
+    for name, address in addresses.items():
+        page.goto(f"{address}{'&' if '?' in address else '?'}lang={look.language}")
+        if name == "analysis":
+            wait_for_curve(page)
+        file = f"{name}-{look.language}-{look.scheme}-{look.width}.png"
+        page.screenshot(path=screenshots / file, full_page=True)
+        violations = Axe().run(page, options=RULES).response["violations"]
+        found[name] = [f"{v['id']}: {v['nodes'][0]['html'][:120]}" for v in violations]
+        if page.evaluate("document.documentElement.scrollWidth") > look.width:
+            found[name].append("wider than the screen")
+
+    context.close()
+    assert {name: problems for name, problems in found.items() if problems} == {}
+
+
+def test_the_whole_way_is_gone_by_the_keyboard(
+    page: Page, server: RunningServer, shifts: tuple[Path, Path], tmp_path: Path
+) -> None:
+    file = tmp_path / "keys.csv"
+    file.write_text("by the keyboard alone\n")
+    open_home(page, server)
+    press_until(page, "document.activeElement.name === 'side'")
+    page.keyboard.press("ArrowRight")
+    press_until(page, "document.activeElement.id === 'subject'")
+    page.keyboard.type("S500")
+    press_until(page, "document.activeElement.id === 'files'")
+    with page.expect_file_chooser() as chooser:
+        page.keyboard.press("Enter")
+    chooser.value.set_files(file)
+    wait_for_end(page, "keys.csv", "failed")
+
+    press_until(page, "document.activeElement.textContent === 'keys.csv'")
+    page.keyboard.press("Enter")
+
+    expect(page.get_by_role("heading", level=1)).to_have_text("keys.csv")
+    expect(find_fact(page, "Subject")).to_have_text("S500")
+
+
+def find_fact(page: Page, name: str) -> Locator:
+    """The value that stands behind a name."""
+    return page.locator(".facts div", has_text=name).locator("dd").first
+
+
+def press_until(page: Page, condition: str) -> None:
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        if page.evaluate(condition):
+            return
+    pytest.fail(condition)
+
+
+def test_a_day_is_corrected_by_the_keyboard_alone(page: Page, server: RunningServer, right: str) -> None:
+    open_analysis(page, server, right)
+    wait_for_curve(page)
+    press_until(page, "document.activeElement.id === 'add'")
+
+    page.keyboard.press("Enter")
+    page.keyboard.type("tea")
+    press_until(page, "document.activeElement.id === 'again'")
+    page.keyboard.press("Enter")
+
+    expect(page.get_by_role("heading", name="What the correction changed")).to_be_visible(timeout=END_MS)
+
+
+def test_the_skip_link_is_the_first_stop(page: Page, server: RunningServer) -> None:
+    open_home(page, server)
+
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+
+    assert page.evaluate("document.activeElement.id") == "content"
+
+
+def test_every_target_is_large_enough(page: Page, server: RunningServer, right: str) -> None:
+    open_analysis(page, server, right)
+    wait_for_curve(page)
+
+    assert page.evaluate(FIND_SMALL) == []
+
+
+def test_the_language_is_chosen_and_kept(page: Page, server: RunningServer, right: str) -> None:
+    open_analysis(page, server, right)
+
+    page.get_by_role("link", name="Français", exact=True).click()
+    expect(page.get_by_role("heading", name="La réponse en bref")).to_be_visible()
+    page.goto(server.address)
+
+    expect(page.locator("html")).to_have_attribute("lang", "fr")
+
+
+def test_french_numbers_have_commas_and_dates_cannot_be_misread(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    open_analysis(page, server, right, "fr")
+
+    expect(page.locator(".figures dd").first).to_have_text(re.compile(r"^\d+,\d\u202f%$"))
+    expect(page.locator(".meta")).to_have_text(re.compile(r"\d{4}-\d{2}-\d{2} \d{2}:\d{2}"))
+
+
+def test_a_decimal_comma_is_understood_as_is_a_point(page: Page, server: RunningServer, right: str) -> None:
+    open_analysis(page, server, right, "fr")
+    wait_for_curve(page)
+
+    typed = ["2,5", "2.5", "07:00:02.5", "07:00:02,5"]
+    moments = [page.evaluate("text => acromionDay.clock.read(text)", text) for text in typed]
+
+    assert moments == [2.5, 2.5, 2.5, 2.5]

@@ -1,0 +1,112 @@
+"""When it fails: what, where, what to do, a code, a page that explains it; and nothing is lost."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+EPOCHS = (
+    """------------ Data File Created By ActiGraph GT3X+ ActiLife v6.13.3 date format M/d/yyyy Normal
+Serial Number: TAS1E00000000
+Start Time 07:00:00
+Start Date 3/2/2026
+Epoch Period (hh:mm:ss) 00:01:00
+Download Time 15:00:00
+Download Date 3/2/2026
+Current Memory Address: 0
+Current Battery Voltage: 4.0     Mode = 12
+--------------------------------------------------
+"""
+    + "1,2,3,4\n" * 500
+)
+
+
+def test_a_refusal_says_what_happened_and_what_to_do_and_leads_to_help(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    epochs = tmp_path / "epochs.csv"
+    epochs.write_text(EPOCHS)
+    open_home(page, server, "fr")
+
+    page.set_input_files("#files", epochs)
+    failed = find_row(page, "epochs.csv")
+
+    expect(failed).to_contain_text("Que faire", timeout=END_MS)
+    expect(failed).to_contain_text("E-EPOCH")
+    failed.get_by_role("link", name="E-EPOCH").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text(re.compile("époque|epoch", re.IGNORECASE))
+
+
+def test_the_details_are_copied_without_what_is_personal(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+    page.fill("#subject", "SECRET7")
+    page.set_input_files("#files", make_file(tmp_path, "details.csv"))
+    failed = find_row(page, "details.csv")
+    expect(failed).to_have_attribute("data-state", "failed", timeout=END_MS)
+
+    copied = failed.get_by_role("button", name="Copy details").get_attribute("data-copy") or ""
+
+    assert re.match(r"E-[A-Z]+", copied)
+    assert "SECRET7" not in copied
+    assert "details.csv" not in copied
+
+
+def test_a_failed_analysis_keeps_the_file(page: Page, server: RunningServer, tmp_path: Path) -> None:
+    job = server.send(make_file(tmp_path, "kept.csv"))
+    assert server.see(job["id"], wait=60)["state"] == "failed"
+    page.goto(f"{server.address}analyses/{job['id']}?lang=en")
+
+    page.get_by_role("button", name="Try again").click()
+
+    expect(page).not_to_have_url(re.compile(job["id"]))
+    expect(page.get_by_role("heading", level=1)).to_have_text("kept.csv")
+
+
+def test_an_empty_file_is_refused_on_the_spot(page: Page, server: RunningServer, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.gt3x"
+    empty.touch()
+    open_home(page, server)
+
+    page.set_input_files("#files", empty)
+
+    refused = find_upload(page, "empty.gt3x")
+    expect(refused).to_contain_text("E-EMPTY")
+    refused.get_by_role("button", name="Remove").click()
+    expect(refused).to_have_count(0)
+
+
+def test_hostile_text_makes_no_element_and_runs_nothing(page: Page, server: RunningServer) -> None:
+    name = "<img src=x onerror=alert(1)>.csv"
+    open_home(page, server)
+    page.get_by_label("Subject code").first.fill("</p><script>alert(1)</script>")
+
+    page.set_input_files("#files", {"name": name, "mimeType": "text/csv", "buffer": b"hostile"})
+
+    expect(find_row(page, name)).to_contain_text("<script>alert(1)</script>", timeout=END_MS)
+    assert page.locator("main img, main script").count() == 0
+
+
+def test_a_server_that_is_gone_is_told_and_the_list_stays(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    open_home(page, server)
+    page.route("**/rows*", lambda route: route.abort())
+
+    expect(page.get_by_text("The server does not answer.")).to_be_visible(timeout=END_MS)
+
+    assert page.locator("#rows .row").count() > 0
+
+
+def test_an_address_that_is_not_there_says_so_and_leads_back(page: Page, server: RunningServer) -> None:
+    page.goto(f"{server.address}analyses/an_none?lang=en")
+
+    expect(page.get_by_role("heading", level=1)).to_be_visible()
+    expect(page.get_by_role("link", name="Back to all recordings")).to_be_visible()

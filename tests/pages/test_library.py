@@ -1,0 +1,136 @@
+"""The library: found, filtered, taken away as tables, opened one after the other, deleted for good."""
+
+import csv
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from fusion.simulation import write_recordings
+from tests.pages.conftest import finish
+from tests.pages.steps import find_row, make_file, open_home
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+
+def search(page: Page, text: str) -> None:
+    page.get_by_label("Subject or file").fill(text)
+    page.get_by_role("button", name="Search").click()
+
+
+def test_recordings_are_found_by_subject_and_by_day(
+    page: Page, server: RunningServer, right: str, left: str
+) -> None:
+    open_home(page, server)
+
+    search(page, "s012")
+    expect(page.locator("#rows .row").first).to_contain_text("subject S012")
+    page.get_by_label("From").fill("2026-03-03")
+    page.get_by_role("button", name="Search").click()
+
+    expect(page.get_by_text("Nothing matches")).to_be_visible()
+    page.get_by_role("link", name="Show all recordings").click()
+    assert page.locator("#rows .row").count() >= 2
+
+
+def test_groups_show_how_many_and_which_need_attention(
+    page: Page, server: RunningServer, right: str, tmp_path: Path
+) -> None:
+    job = server.send(make_file(tmp_path, "trouble.csv"))
+    server.see(job["id"], wait=60)
+    open_home(page, server)
+
+    page.get_by_role("link", name="No report").click()
+
+    expect(find_row(page, "trouble.csv")).to_be_visible()
+    assert page.locator("#rows .row:not(.is-failed)").count() == 0
+    count = page.locator(".chips [aria-current] b").inner_text()
+    assert page.locator("#rows .row.is-failed").count() == int(count)
+
+
+def test_problems_and_figures_are_taken_as_tables(
+    page: Page, server: RunningServer, right: str, tmp_path: Path
+) -> None:
+    job = server.send(make_file(tmp_path, "table.csv"), subject="S099")
+    code = server.see(job["id"], wait=60)["problem"]["code"]
+    open_home(page, server)
+    search(page, "S099")
+
+    with page.expect_download() as download:
+        page.get_by_role("link", name="problems with their cures").click()
+    (row,) = csv.DictReader(download.value.path().read_text().splitlines())
+    page.goto(f"{server.address}?text=S012&lang=en")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="main figures").click()
+
+    assert (row["file"], row["subject"], row["code"]) == ("table.csv", "S099", code)
+    assert row["fix"]
+    figures = csv.DictReader(download.value.path().read_text().splitlines())
+    assert {row["subject"] for row in figures} == {"S012"}
+
+
+def test_one_is_opened_after_the_other(page: Page, server: RunningServer, right: str, left: str) -> None:
+    page.goto(f"{server.address}?text=S012&lang=en")
+    page.get_by_role("link", name="Details and files").first.click()
+    first = page.url
+
+    page.goto(f"{page.url}?text=S012")
+    page.get_by_role("link", name="Next").click()
+    page.get_by_role("link", name="Previous").click()
+
+    assert page.url.partition("?")[0] == first.partition("?")[0]
+
+
+def test_a_recording_is_thrown_away_taken_back_and_deleted_for_good(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = write_recordings(tmp_path, "gt9x", 0.02, 21)[0].rename(tmp_path / "gone.gt3x")
+    analysis_id = finish(server, file, subject="S021")
+    page.goto(f"{server.address}analyses/{analysis_id}?lang=en")
+
+    page.get_by_role("link", name="Delete this recording").click()
+    expect(page.get_by_text("Analyses with all their reports and files: 1")).to_be_visible()
+    page.get_by_role("button", name="Put into the trash").click()
+    expect(page.get_by_text("after 30 days")).to_be_visible()
+    page.get_by_role("button", name="Take back: gone.gt3x").click()
+    expect(find_row(page, "gone.gt3x")).to_be_visible()
+    page.goto(f"{server.address}analyses/{analysis_id}?lang=en")
+    page.get_by_role("link", name="Delete this recording").click()
+    page.get_by_role("button", name="Delete for good").click()
+
+    expect(page.get_by_role("heading", name="Trash")).to_be_visible()
+    assert server.client.get(f"/api/v1/analyses/{analysis_id}").status_code == 404
+    assert server.client.get("/api/v1/recordings", params={"subject": "S021"}).json()["items"] == []
+
+
+def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(
+    page: Page, server: RunningServer, right: str, left: str
+) -> None:
+    page.goto(f"{server.address}analyses/{right}?lang=en")
+
+    page.get_by_role("link", name="Pair with the other arm").first.click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Both arms of one shift")
+    expect(page.get_by_text("By the clocks of the devices: 0.0 s.")).to_be_visible()
+    page.locator("[name=offset_s]").fill("12,5")
+    page.get_by_role("button", name="Apply").click()
+
+    expect(page.get_by_text("As set here: 12.5 s.")).to_be_visible()
+    expect(page.get_by_role("row", name="Time above 60°")).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="PDF").click()
+    assert download.value.suggested_filename == "S012_pair.en.pdf"
+
+
+def test_two_visits_are_compared_and_unlike_settings_are_told(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    made = [write_recordings(tmp_path / str(seed), "gt9x", 0.03, seed)[0] for seed in (31, 32)]
+    first = finish(server, made[0], subject="S031", side="right", method="published")
+    second = finish(server, made[1], subject="S031", side="right")
+
+    page.goto(f"{server.address}beside/compare?first={first}&second={second}&lang=en")
+    expect(page.get_by_text("made with different settings (method)")).to_be_visible()
+    page.get_by_role("button", name="Analyse the earlier one with the settings").click()
+
+    expect(page.get_by_role("row", name="Method published smoothed")).to_be_visible()
