@@ -14,7 +14,6 @@ def upgrade() -> None:
     _change_uploads()
     _change_webhooks()
     _change_deliveries()
-    _change_answers()
     _change_analyses()
     _change_recordings()
 
@@ -87,21 +86,6 @@ def _change_deliveries() -> None:
     )
     with op.batch_alter_table("deliveries") as batch_op:
         batch_op.create_index("ix_deliveries_webhook_id", ["webhook_id"])
-
-
-def _change_answers() -> None:
-    op.create_table(
-        "answers",
-        sa.Column("analysis_id", sa.String(32), nullable=False),
-        sa.Column("verdict", sa.String(16), nullable=False),
-        sa.Column("start", sa.String(40)),
-        sa.Column("recorded_s", sa.Float()),
-        sa.Column("above_60_percent", sa.Float()),
-        sa.ForeignKeyConstraint(["analysis_id"], ["analyses.id"], ondelete="CASCADE"),
-        sa.PrimaryKeyConstraint("analysis_id"),
-    )
-    with op.batch_alter_table("answers") as batch_op:
-        batch_op.create_index("ix_answers_verdict", ["verdict"])
 
 
 def _change_analyses() -> None:
