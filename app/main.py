@@ -31,7 +31,8 @@ from app.jobs.database import bring_up_to_date
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage import FolderLock, Storage
+from app.storage import FolderLock
+from app.stores import open_storage
 from app.version import software_version
 from app.web.routes import answer_with_page
 from app.web.routes import router as page_routes
@@ -48,8 +49,10 @@ logger = logging.getLogger(__name__)
 
 def create_app(settings: Settings) -> FastAPI:
     """Put database, folder, API and pages together."""
-    storage = Storage(settings.data_dir)
+    storage = open_storage(settings)
     storage.prepare()
+    store = JobStore(settings.database_url)
+    store.check_belongs(storage.identify())
     application = FastAPI(
         title="Acromion",
         version=software_version(),
@@ -59,7 +62,7 @@ def create_app(settings: Settings) -> FastAPI:
         generate_unique_id_function=_name_operation,
         lifespan=_live,
     )
-    application.state.services = Services(JobStore(settings.database_url), storage, settings)
+    application.state.services = Services(store, storage, settings)
     application.include_router(api_routes)
     application.include_router(page_routes)
     _add_health(application)
@@ -96,7 +99,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
 def _migrate(settings: Settings) -> None:
     """Bring the tables up to date while no other server works in the folder."""
-    Storage(settings.data_dir).prepare()
+    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     lock = FolderLock(settings.data_dir)
     try:
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")

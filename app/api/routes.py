@@ -9,6 +9,7 @@ import anyio
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse
+from starlette.background import BackgroundTask
 
 from app.api.guard import REPORT_POLICY
 from app.api.parameters import AnalyzeParameters
@@ -26,6 +27,7 @@ from app.errors import NoSuchFile, NotFinished, NotHere, list_refusals
 from app.jobs.job import Job, JobState
 from app.report.bundle import pack_files
 from app.report.wording import Language
+from app.storage import Storage
 from app.version import software_revision, software_version
 
 POLL_S = 0.2
@@ -135,8 +137,9 @@ def get_bundle(analysis_id: str, services: UsedServices) -> Response:
     _check_succeeded(job, "bundle.zip")
     if job.token is None:
         raise NoSuchFile(name="bundle.zip")
-    folder = services.storage.attempt(job.id, job.token)
-    body = pack_files({path.name: path.read_bytes() for path in folder.iterdir()})
+    body = pack_files(
+        {name: read_result(services.storage, job, name) for name in services.store.list_files(job.id)}
+    )
     disposition = f'attachment; filename="{name_ascii(name_download(job, "bundle.zip"))}"'
     return Response(body, media_type="application/zip", headers={"Content-Disposition": disposition})
 
@@ -203,8 +206,10 @@ def _serve_file(request: Request, services: Services, analysis_id: str, name: st
         return Response(status_code=304, headers={"ETag": etag})
     kind = name.rpartition(".")[2]
     headers = {"ETag": etag} | ({"Content-Security-Policy": REPORT_POLICY} if kind == "html" else {})
+    path = services.storage.fetch_result(job.id, job.token, name)
     return FileResponse(
-        services.storage.attempt(job.id, job.token) / name,
+        path,
+        background=BackgroundTask(services.storage.give_back, path),
         headers=headers,
         media_type=MEDIA_TYPES[kind],
         filename=name_download(job, name),
@@ -217,6 +222,15 @@ def _check_succeeded(job: Job, name: str) -> None:
         raise NotFinished(state=job.state.value)
     if job.state is not JobState.SUCCEEDED:
         raise NoSuchFile(name=name)
+
+
+def read_result(storage: Storage, job: Job, name: str) -> bytes:
+    """Give a small result whole."""
+    path = storage.fetch_result(job.id, job.token or "", name)
+    try:
+        return path.read_bytes()
+    finally:
+        storage.give_back(path)
 
 
 def name_ascii(name: str) -> str:

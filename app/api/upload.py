@@ -68,5 +68,5 @@ def _commit(stored: StoredRecording, services: Services, wish: ReportRequest) ->
         return services.store.add(stored, wish)
     except BaseException:
         if not services.store.may_hold(stored.id):  # the answer to a commit can be lost on its way
-            services.storage.recording(stored.id).unlink(missing_ok=True)
+            services.storage.drop_recording(stored.id)
         raise

@@ -9,10 +9,10 @@ from typing import Any, cast
 from sqlalchemy import Connection, Row, Select, Update, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
-from app.errors import NotHere
-from app.jobs.database import READ_ONLY, open_database
+from app.errors import NotHere, StoreMismatch
+from app.jobs.database import READ_ONLY, lock_tables, open_database
 from app.jobs.job import Claim, Claimer, Job, JobState, list_sources
-from app.jobs.tables import analyses, recordings, result_files
+from app.jobs.tables import analyses, facts, recordings, result_files
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
@@ -32,6 +32,22 @@ class JobStore:
     def close(self) -> None:
         """Let go of the database."""
         self._engine.dispose()
+
+    def check_belongs(self, store_id: str) -> None:
+        """See that this database is used with the folder or bucket it was used with before.
+
+        Raises
+        ------
+        StoreMismatch
+        """
+        query = select(facts.c.value).where(facts.c.name == "store")
+        with self._engine.begin() as connection:
+            lock_tables(connection)
+            known = connection.execute(query).scalar()
+            if known is None:
+                connection.execute(insert(facts).values(name="store", value=store_id))
+        if known not in (None, store_id):
+            raise StoreMismatch(found=store_id, needed=str(known))
 
     def add(self, stored: StoredRecording, request: ReportRequest, way_in: str = "api") -> Job:
         """Acknowledge a recording and queue its analysis, in one commit."""
@@ -193,6 +209,12 @@ class JobStore:
         with self._reader.connect() as connection:
             row = connection.execute(query).one_or_none()
         return ResultFile(*row) if row else None
+
+    def list_files(self, analysis_id: str) -> tuple[str, ...]:
+        """Name every file that was published."""
+        query = select(result_files.c.name).where(result_files.c.analysis_id == analysis_id)
+        with self._reader.connect() as connection:
+            return tuple(connection.execute(query.order_by(result_files.c.name)).scalars())
 
     def may_hold(self, recording_id: str) -> bool:
         """Tell whether a recording has a row; True when the database cannot say."""

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
-from app.errors import Crashed
+from app.errors import Crashed, DiskFull, StoreAway, StoreDamaged
 from app.jobs.attempt import (
     Attempt,
     Died,
@@ -21,6 +21,7 @@ from app.jobs.attempt import (
     MakeReport,
     Outcome,
     Refused,
+    Stopped,
     choose_limits,
     load_and_make_report,
     run_attempt,
@@ -30,7 +31,8 @@ from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage import Storage
+from app.storage import Storage, hash_file
+from app.stores import open_storage
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
@@ -52,10 +54,12 @@ class Bench:
 
 def open_bench(settings: Settings, make: MakeReport = load_and_make_report) -> Bench:
     """Open database and folder for one worker."""
-    storage = Storage(settings.data_dir)
+    storage = open_storage(settings)
     storage.prepare()
+    store = JobStore(settings.database_url)
+    store.check_belongs(storage.identify())
     watch = LeaseWatch(identify_self(), settings.lease_s)
-    return Bench(JobStore(settings.database_url), storage, settings, watch, threading.Event(), make)
+    return Bench(store, storage, settings, watch, threading.Event(), make)
 
 
 def run_next(bench: Bench) -> bool:
@@ -65,7 +69,7 @@ def run_next(bench: Bench) -> bool:
     if job is None or job.token is None:
         return False
     started_s = time.monotonic()
-    outcome = _attempt(bench, job, job.token)
+    outcome = _attempt_patiently(bench, job, job.token)
     _insist(bench, partial(_publish, bench, job, job.token, outcome))
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
@@ -105,27 +109,47 @@ def _run_next_patiently(bench: Bench) -> bool:
 
 
 def _insist(bench: Bench, change: Callable[[], None]) -> None:
-    """Repeat a guarded change until the database has answered: a finished analysis is worth the wait."""
+    """Repeat a guarded change until it is answered: a finished analysis is worth the wait."""
     while True:
         try:
             return change()
-        except OperationalError:
-            logger.exception("the database does not answer; trying again")
+        except (OperationalError, StoreAway):
+            logger.exception("database or store does not answer; trying again")
             if bench.stopping.wait(TROUBLE_S):
                 raise
 
 
+def _attempt_patiently(bench: Bench, job: Job, token: str) -> Outcome:
+    """Put the job back, uncounted, when it is the store or the disk that fails."""
+    try:
+        return _attempt(bench, job, token)
+    except (StoreAway, DiskFull) as trouble:
+        logger.warning("%s: put back for now: %s", job.id, trouble.code)
+        bench.stopping.wait(TROUBLE_S)
+        return Stopped()
+    except FileNotFoundError:
+        logger.exception("%s: the recording %s is gone", job.id, job.recording_id)
+        return Refused(StoreDamaged.code, {})
+
+
 def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
-    limits = choose_limits(bench.settings, job.size_bytes)
-    log = bench.storage.recording(job.recording_id)
-    attempt = Attempt(log, job.request, out, bench.make_report, limits)
-    return run_attempt(attempt, _Heart(bench, job.id, token).beat)
+    log = bench.storage.fetch_recording(job.recording_id, out.with_suffix(".recording"))
+    try:
+        if hash_file(log) != job.sha256:
+            logger.error("%s: the stored recording %s is damaged", job.id, job.recording_id)
+            return Refused(StoreDamaged.code, {})
+        limits = choose_limits(bench.settings, job.size_bytes)
+        attempt = Attempt(log, job.request, out, bench.make_report, limits)
+        return run_attempt(attempt, _Heart(bench, job.id, token).beat)
+    finally:
+        bench.storage.give_back(log)
 
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
+        bench.storage.keep_attempt(job.id, token)
         won = bench.store.finish(job.id, token, outcome.files)
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from app.api.routes import read_result
 from app.api.services import LANGUAGE_COOKIE, Services, UsedLanguage, UsedServices, choose_language
 from app.errors import AppError, find_outcome
 from app.jobs.job import Job, JobState
@@ -106,5 +107,5 @@ def _list_rows(services: Services, language: Language, only: str = "") -> dict[s
 def _read_answer(services: Services, job: Job, language: Language) -> Answer | None:
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return None
-    body = (services.storage.attempt(job.id, job.token) / "results.json").read_bytes()
+    body = read_result(services.storage, job, "results.json")
     return show_answer(read_results(body), language)
