@@ -218,10 +218,10 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
-    from app.jobs.worker import run_worker  # noqa: PLC0415
+    from app.jobs.worker import choose_engine  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
-    run_worker(Settings(data_dir=data))
+    choose_engine(Settings(data_dir=data))()
 
 
 @app.command()

@@ -27,12 +27,12 @@ from app.api.problems import answer_refusal, name_refusal
 from app.api.routes import router as api_routes
 from app.api.services import Services
 from app.errors import AppError, DatabaseAway, DiskFull, ForeignAddress, PortTaken
-from app.jobs.database import bring_up_to_date
+from app.jobs.database import bring_up_to_date, open_database
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage import FolderLock
-from app.stores import open_storage
+from app.stores import load_extra, open_storage
 from app.version import software_version
 from app.web.routes import answer_with_page
 from app.web.routes import router as page_routes
@@ -83,7 +83,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_loopback(settings.host)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     listener = _listen(settings)
-    _migrate(settings)
+    _prepare_database(settings)
     application = create_app(settings)
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
@@ -97,14 +97,17 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         pool.stop()
 
 
-def _migrate(settings: Settings) -> None:
-    """Bring the tables up to date while no other server works in the folder."""
+def _prepare_database(settings: Settings) -> None:
+    """Bring the tables up to date while no other server works in the folder, and wake who waits for work."""
     settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     lock = FolderLock(settings.data_dir)
     try:
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
+        open_database(settings.database_url).dispose()
     finally:
         lock.release()
+    if settings.engine == "procrastinate":
+        load_extra("app.jobs.cluster").install(settings.database_url)
     if copy:
         logger.info("the tables were migrated; their rows from before are in %s", copy)
 

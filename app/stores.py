@@ -1,6 +1,7 @@
-"""Which store the settings name."""
+"""Which store the settings name, and what is loaded only for many machines."""
 
 import importlib
+from types import ModuleType
 
 from app.errors import NotInstalled
 from app.folder import FolderStorage
@@ -9,17 +10,26 @@ from app.storage import Storage
 
 
 def open_storage(settings: Settings) -> Storage:
-    """Open the folder or the bucket; the library for buckets is loaded only for a bucket.
+    """Open the folder or the bucket.
+
+    Raises
+    ------
+    NotInstalled, StoreAway
+    """
+    if not settings.object_store:
+        return FolderStorage(settings.data_dir)
+    storage: Storage = load_extra("app.objects").open_bucket(settings)
+    return storage
+
+
+def load_extra(module: str) -> ModuleType:
+    """Load a module of ours whose libraries are only in the extra ``many``.
 
     Raises
     ------
     NotInstalled
     """
-    if not settings.object_store:
-        return FolderStorage(settings.data_dir)
     try:
-        opener = importlib.import_module("app.objects").open_bucket
+        return importlib.import_module(module)
     except ModuleNotFoundError as error:
         raise NotInstalled(name=error.name or "") from error
-    storage: Storage = opener(settings)
-    return storage

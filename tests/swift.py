@@ -145,7 +145,7 @@ class SwiftServer:
 
     def _wait(self) -> None:
         """Wait until the proxy and those behind it answer."""
-        for _ in range(200):
+        for _ in range(600):
             try:
                 self.make_bucket()
             except OSError:  # nobody listens, or the proxy finds nobody behind it

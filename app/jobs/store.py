@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any, cast
 
-from sqlalchemy import Connection, Row, Select, Update, func, insert, select, update
+from sqlalchemy import Connection, Executable, Row, Select, Update, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
 from app.errors import NotHere, StoreMismatch
@@ -215,6 +215,11 @@ class JobStore:
         query = select(result_files.c.name).where(result_files.c.analysis_id == analysis_id)
         with self._reader.connect() as connection:
             return tuple(connection.execute(query.order_by(result_files.c.name)).scalars())
+
+    def run(self, change: Executable) -> None:
+        """Make a change that the engine of the workers needs."""
+        with self._engine.begin() as connection:
+            connection.execute(change)
 
     def may_hold(self, recording_id: str) -> bool:
         """Tell whether a recording has a row; True when the database cannot say."""

@@ -32,7 +32,7 @@ from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage import Storage, hash_file
-from app.stores import open_storage
+from app.stores import load_extra, open_storage
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
@@ -93,12 +93,19 @@ def run_worker(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: bench.stopping.set())
     while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-        if not _run_next_patiently(bench):
+        if not run_next_patiently(bench):
             bench.stopping.wait(IDLE_S)
     bench.store.close()
 
 
-def _run_next_patiently(bench: Bench) -> bool:
+def choose_engine(settings: Settings) -> Callable[..., None]:
+    """Give the loop that the settings name; Procrastinate is loaded only where it is wanted."""
+    if settings.engine == "embedded":
+        return partial(run_worker, settings)
+    return partial(load_extra("app.jobs.cluster").run_cluster_worker, settings)
+
+
+def run_next_patiently(bench: Bench) -> bool:
     """Outlast a database that does not answer; the row stays the truth meanwhile."""
     try:
         return run_next(bench)
@@ -207,7 +214,7 @@ def main() -> None:
     parser.add_argument("--parent", type=int, help="end when this process is gone")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    run_worker(Settings(data_dir=arguments.data), parent_pid=arguments.parent)
+    choose_engine(Settings(data_dir=arguments.data))(parent_pid=arguments.parent)
 
 
 if __name__ == "__main__":
