@@ -13,6 +13,7 @@ import typer
 from app.batch.plan import Task, find_recordings, plan_joined, plan_tasks
 from app.batch.run import Outcome, run_tasks
 from app.batch.tables import write_tables
+from app.cli_operations import register as register_operations
 from app.errors import ServerRefused
 from app.jobs.attempt import warm_up
 from app.report.messages import describe_problem
@@ -38,6 +39,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+register_operations(app)
 
 
 class Exit(IntEnum):

@@ -9,7 +9,7 @@
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
                        StoreMismatch, DatabaseTooOld, DatabaseTooNew
-                       NotInstalled
+                       NotInstalled, NotEmpty, BackupRefused
       DatabaseAway     the database does not answer (503); StoreAway: the bucket does not
       StoreDamaged     the stored bytes are no longer those that came (500)
       AttemptFailed    the analysis was stopped: Crashed, OutOfMemory, OutOfTime, InternalError
@@ -152,6 +152,18 @@ class StoreMismatch(ServerRefused):
     """The database belongs to another folder or bucket. Facts: found, needed."""
 
     code = "E-STORE-OTHER"
+
+
+class NotEmpty(ServerRefused):
+    """A backup is restored only where nothing is. Facts: number (of recordings)."""
+
+    code = "E-NOT-EMPTY"
+
+
+class BackupRefused(ServerRefused):
+    """The backup cannot be written or read as it is. Facts: why."""
+
+    code = "E-BACKUP"
 
 
 class NotInstalled(ServerRefused):

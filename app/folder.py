@@ -14,6 +14,7 @@ from app.storage import (
     StoredRecording,
     check_free,
     name_full_disk,
+    sync_file,
     sync_folder,
     too_large,
     write_durably,
@@ -104,6 +105,18 @@ class FolderStorage:
         """Remove a recording; no harm when it is gone."""
         self.recording(recording_id).unlink(missing_ok=True)
         sync_folder(self.root / "recordings")
+
+    def put(self, path: Path, name: str) -> None:
+        """Copy a file into its place, whole or not at all."""
+        kept = self.root / name
+        kept.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
+        with name_full_disk():
+            shutil.copyfile(path, part)
+            sync_file(part)
+            part.rename(kept)
+        for folder in (kept.parent, *kept.parent.parents[: len(Path(name).parts) - 1]):
+            sync_folder(folder)
 
     def attempt(self, analysis_id: str, token: str) -> Path:
         """Folder of one attempt's files."""

@@ -102,7 +102,7 @@ class BucketStorage:
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
         """Put a file of this machine as a recording; the caller removes the file after the commit."""
         stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        self._put(path, name_recording(stored.id))
+        self.put(path, name_recording(stored.id))
         return stored
 
     def fetch_recording(self, recording_id: str, into: Path) -> Path:
@@ -113,6 +113,11 @@ class BucketStorage:
         """Remove a recording; no harm when it is gone."""
         self._delete([name_recording(recording_id)])
 
+    def put(self, path: Path, name: str) -> None:
+        """Put a file of this machine under a name."""
+        with name_store_trouble(), path.open("rb") as file:
+            obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
+
     def open_attempt(self, analysis_id: str, token: str) -> Path:
         """Make an empty folder on this machine for the files of one attempt."""
         return FolderStorage(self.root).open_attempt(analysis_id, token)
@@ -121,7 +126,7 @@ class BucketStorage:
         """Put the attempt's files, and keep no copy here; a second time there is nothing left to put."""
         folder = FolderStorage(self.root).attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
-            self._put(path, f"analyses/{analysis_id}/{token}/{path.name}")
+            self.put(path, f"analyses/{analysis_id}/{token}/{path.name}")
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
@@ -161,10 +166,6 @@ class BucketStorage:
         for path in copies:
             path.unlink()
         return len(copies) + FolderStorage(self.root).sweep(recordings, attempts)
-
-    def _put(self, path: Path, name: str) -> None:
-        with name_store_trouble(), path.open("rb") as file:
-            obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
 
     def _fetch(self, name: str, into: Path) -> Path:
         with name_store_trouble(), name_full_disk(), into.open("wb") as file:

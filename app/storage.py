@@ -92,6 +92,9 @@ class Storage(Protocol):
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording; no harm when it is gone."""
 
+    def put(self, path: Path, name: str) -> None:
+        """Take a durable file of this machine under a name of the store (``recordings/...``)."""
+
     def open_attempt(self, analysis_id: str, token: str) -> Path:
         """Make an empty folder on this machine for the files of one attempt."""
 

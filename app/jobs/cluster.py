@@ -1,9 +1,9 @@
 """Workers on any number of machines: Procrastinate wakes them, the job row decides.
 
-A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the transaction
-that writes the row, whoever writes it. That job is only a wake-up: whoever gets it claims a row as every worker
-does, and one too many finds nothing to do. What a dead worker held is revived by the living: the rows by lease,
-Procrastinate's own jobs by its heartbeats.
+A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the
+transaction that writes the row, whoever writes it. That job is only a wake-up: whoever gets it claims a
+row as all workers do, and one too many finds nothing to do. What a dead worker held is revived by the
+living: the rows by lease, Procrastinate's own jobs by its heartbeats.
 """
 
 import asyncio
