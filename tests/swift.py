@@ -55,6 +55,7 @@ pipeline = catch_errors gatekeeper cache listing_formats bulk s3api tempauth cop
 [app:proxy-server]
 use = egg:swift#proxy
 conn_timeout = 5
+error_suppression_interval = 0.1
 account_autocreate = true
 allow_account_management = true
 [filter:tempauth]
