@@ -201,7 +201,9 @@ def serve(
     data: Annotated[Path, typer.Option(metavar="DIR", help="Where recordings and reports are kept.")] = Path(
         "acromion-data"
     ),
-    workers: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Analyses at once.")] = 2,
+    workers: Annotated[
+        int, typer.Option("-j", "--jobs", min=0, help="Analyses at once; 0 leaves them to other workers.")
+    ] = 2,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Serve the page and the API, with the workers that do the analyses."""

@@ -34,12 +34,16 @@ def skip_sync() -> None:
     """Let every fsync, ours and SQLite's, do nothing."""
     prepare = app.jobs.database._prepare_sqlite
 
-    def prepare_carelessly(connection: Any, record: Any) -> None:
-        prepare(connection, record)
+    def prepare_carelessly(connection: Any, _record: Any) -> None:
+        prepare(connection, _record)
         connection.execute("PRAGMA synchronous=OFF")
 
     app.jobs.database._prepare_sqlite = prepare_carelessly
-    os.fsync = lambda _descriptor: None
+    os.fsync = _forget
+
+
+def _forget(fd: object) -> None:
+    """Take the place of fsync."""
 
 
 def main() -> None:

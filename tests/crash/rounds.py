@@ -55,7 +55,7 @@ def power_cut(folder: Path, seed: int, sync: str = "synced") -> tuple[int, list[
         try:
             time.sleep(dice.uniform(1.0, 3.0))
             site.freeze()
-            subprocess.run(["cp", "--sparse=always", str(image), str(copy)], check=True)
+            _copy_at_rest(image, copy)
         finally:
             clients.stop()
             site.end()
@@ -64,6 +64,14 @@ def power_cut(folder: Path, seed: int, sync: str = "synced") -> tuple[int, list[
     image.unlink()
     copy.unlink()
     return len(journal.recordings), broken
+
+
+def _copy_at_rest(image: Path, copy: Path) -> None:
+    """Copy the disk as one instant saw it: again, while the kernel still wrote to it meanwhile."""
+    same = False
+    while not same:
+        subprocess.run(["cp", "--sparse=always", str(image), str(copy)], check=True)
+        same = subprocess.run(["cmp", "-s", str(image), str(copy)], check=False).returncode == 0
 
 
 def _check_after_power_cut(data: Path, journal: Journal) -> list[str]:
