@@ -19,7 +19,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.upkeep.verify import find_faults, list_kept
-from tests.ways_in.servers import ROOT, list_children, wait_for
+from tests.ways_in.servers import ROOT, list_children, read_stat, wait_for
 
 Victim = Literal["web", "worker", "child", "all"]
 VICTIMS: tuple[Victim, ...] = ("web", "worker", "child", "all")
@@ -70,9 +70,15 @@ class Site:
             process.wait()
 
     def freeze(self) -> None:
-        """Stop every process where it stands."""
-        for pid in self._list_all():
+        """Stop every process where it stands, and wait until every thread does.
+
+        The signal's sender returns before: until the one thread that was told runs (it may wait for the disk),
+        the others go on and may acknowledge.
+        """
+        pids = self._list_all()
+        for pid in pids:
             os.kill(pid, signal.SIGSTOP)
+        wait_for(lambda: all(_stands_still(pid) for pid in pids))
 
     def end(self) -> None:
         """Kill everything."""
@@ -200,6 +206,11 @@ def _find_litter(settings: Settings) -> list[str]:
 
 def _may_follow(before: tuple[JobState, str | None] | None, job: Job) -> bool:
     return before is None or before == (job.state, job.token)
+
+
+def _stands_still(pid: int) -> bool:
+    states = [read_stat(path)[:1] for path in Path(f"/proc/{pid}/task").glob("*/stat")]
+    return all(state in ([], ["T"], ["Z"]) for state in states)
 
 
 def _end(pid: int) -> None:

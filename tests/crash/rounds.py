@@ -13,7 +13,7 @@ from pathlib import Path
 from app.settings import Settings
 from tests.crash.harness import VICTIMS, Clients, Journal, Site, check_acknowledged, check_settled
 
-DISK_BYTES = 512 << 20
+DISK_BYTES = 96 << 20
 
 
 def can_cut_power() -> bool:
@@ -84,13 +84,15 @@ def _check_after_power_cut(data: Path, journal: Journal) -> list[str]:
 def _make_disk(image: Path) -> None:
     with image.open("wb") as file:
         file.truncate(DISK_BYTES)
-    subprocess.run(["mkfs.ext4", "-q", "-F", str(image)], check=True)
+    subprocess.run(
+        ["mkfs.ext4", "-q", "-F", "-E", "lazy_itable_init=0,lazy_journal_init=0", str(image)], check=True
+    )
 
 
 @contextmanager
 def _mounted(image: Path, at: Path) -> Iterator[Path]:
     at.mkdir()
-    subprocess.run(["mount", "-o", "loop", str(image), str(at)], check=True)
+    subprocess.run(["mount", "-o", "loop,commit=300", str(image), str(at)], check=True)
     try:
         yield at
     finally:
