@@ -20,7 +20,7 @@ from app.settings import Settings
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 
-PATIENCE_S = 1800.0
+PATIENCE_S, READY_S = 1800.0, 15.0
 
 
 def queue(settings: Settings, shift: Path, number: int) -> list[str]:
@@ -46,15 +46,22 @@ def start_worker(settings: Settings, core: int) -> subprocess.Popen[bytes]:
     return worker
 
 
+def wait_for_all(store: JobStore, names: list[str]) -> None:
+    """Wait until every analysis is over."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not all(store.get(name).is_over for name in names) and time.monotonic() < end_s:
+        time.sleep(0.2)
+
+
 def measure(settings: Settings, shift: Path, cores: list[int], jobs: int) -> float:
     """Give the analyses per second, from the first that began to the last that ended."""
-    names = queue(settings, shift, jobs)
-    workers = [start_worker(settings, core) for core in cores]
     store = JobStore(settings.database_url)
+    workers = [start_worker(settings, core) for core in cores]
     try:
-        end_s = time.monotonic() + PATIENCE_S
-        while not all(store.get(name).is_over for name in names) and time.monotonic() < end_s:
-            time.sleep(0.2)
+        time.sleep(READY_S)
+        wait_for_all(store, queue(settings, shift, len(cores)))  # loads the science, compiles
+        names = queue(settings, shift, jobs)
+        wait_for_all(store, names)
         done = [store.get(name) for name in names]
     finally:
         store.close()
