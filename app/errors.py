@@ -16,7 +16,9 @@
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
                        StoreMismatch, DatabaseTooOld, DatabaseTooNew
-      DatabaseAway     the database does not answer (503)
+                       NotInstalled, NotEmpty, BackupRefused
+      DatabaseAway     the database does not answer (503); StoreAway: the bucket does not
+      StoreDamaged     the stored bytes are no longer those that came (500)
       AttemptFailed    the analysis was stopped: Crashed, OutOfMemory, OutOfTime, InternalError
 
 As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
@@ -259,6 +261,42 @@ class DatabaseTooNew(ServerRefused):
     code = "E-DATABASE-NEW"
 
 
+class StoreMismatch(ServerRefused):
+    """The database belongs to another folder or bucket. Facts: found, needed."""
+
+    code = "E-STORE-OTHER"
+
+
+class NotEmpty(ServerRefused):
+    """A backup is restored only where nothing is. Facts: number (of recordings)."""
+
+    code = "E-NOT-EMPTY"
+
+
+class BackupRefused(ServerRefused):
+    """The backup cannot be written or read as it is. Facts: why."""
+
+    code = "E-BACKUP"
+
+
+class NotInstalled(ServerRefused):
+    """What many machines need is not installed. Facts: name."""
+
+    code = "E-NOT-INSTALLED"
+
+
+class StoreAway(AppError):
+    """The bucket does not answer."""
+
+    code = "E-STORE"
+
+
+class StoreDamaged(AppError):
+    """The stored bytes are no longer those that came."""
+
+    code = "E-STORE-DAMAGED"
+
+
 class DatabaseAway(AppError):
     """The database does not answer."""
 
@@ -333,6 +371,8 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     ForeignHostName: Outcome(421, 2),
     WrongVerb: Outcome(405, 2),
     ServerRefused: Outcome(503, 2),
+    StoreAway: Outcome(503, 3, retryable=True),
+    StoreDamaged: Outcome(500, 3),
     DatabaseAway: Outcome(503, 3, retryable=True),
     AttemptFailed: Outcome(500, 3),
     Crashed: Outcome(422, 3, retryable=True),

@@ -44,10 +44,11 @@ from app.errors import (
     WrongVerb,
 )
 from app.intake import FolderWatch, Intake
-from app.jobs.database import bring_up_to_date
+from app.jobs.database import bring_up_to_date, open_database
 from app.jobs.pool import WorkerPool
 from app.settings import Settings
-from app.storage import FolderLock, Storage
+from app.storage import FolderLock
+from app.stores import load_extra
 from app.version import software_version
 from app.web.assets import FOLDER, Assets, find_assets
 from app.web.assets import router as asset_routes
@@ -115,7 +116,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_loopback(settings.host)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     listener = _listen(settings)
-    _migrate(settings)
+    _prepare_database(settings)
     application = create_app(settings)
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
@@ -141,14 +142,17 @@ def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | Non
     return watch
 
 
-def _migrate(settings: Settings) -> None:
-    """Bring the tables up to date while no other server works in the folder."""
-    Storage(settings.data_dir).prepare()
+def _prepare_database(settings: Settings) -> None:
+    """Bring the tables up to date while no other server works in the folder, and wake who waits for work."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     lock = FolderLock(settings.data_dir)
     try:
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
+        open_database(settings.database_url).dispose()
     finally:
         lock.release()
+    if settings.engine == "procrastinate":
+        load_extra("app.jobs.cluster").install(settings.database_url)
     if copy:
         logger.info("the tables were migrated; their rows from before are in %s", copy)
 

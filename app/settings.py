@@ -1,7 +1,7 @@
 """What the person who runs Acromion may decide about the machine (never about the numbers)."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -22,6 +22,13 @@ class Settings(BaseSettings):
         Folder that holds the database, the recordings and the reports, but for what is kept elsewhere.
     database_url
         Where the rows are: SQLite in the data folder or, say, ``postgresql+psycopg://acromion@db/acromion``.
+    object_store
+        Where recordings and reports are: nothing for the data folder, or ``s3://bucket``, whose endpoint,
+        region and keys stand in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``,
+        ``AWS_SECRET_ACCESS_KEY``.
+    engine
+        How workers learn of work: ``embedded`` looks at the rows; ``procrastinate`` is told by PostgreSQL,
+        for workers on many machines.
     host, port
         Where the server listens. Only loopback is served until accounts exist; port 0 takes a free one.
     workers
@@ -58,6 +65,8 @@ class Settings(BaseSettings):
 
     data_dir: Path = Path("acromion-data")
     database_url: str = Field(default_factory=_name_own_database)
+    object_store: str = ""
+    engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"
     port: int = 8080
     workers: int = 1

@@ -4,6 +4,9 @@
     root/recordings/<recording>          bytes whose arrival was acknowledged
     root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row says which attempt counts
 
+Where many machines work together, recordings and results are objects in a bucket instead
+(:mod:`app.objects`), under the same names; the folder then only holds work in hand.
+
 Names on disk are made here; a person's file name is never one. A file counts from the moment its row is
 committed, and it is on the disk before: write, fsync, rename, fsync of the folder, commit, answer.
 """
@@ -15,10 +18,10 @@ import secrets
 import shutil
 import sys
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import Protocol
 
 from app.errors import DiskFull, FileTooLarge, FolderTaken
 
@@ -46,128 +49,96 @@ class ResultFile:
     size_bytes: int
 
 
-class Upload:
-    """Bytes on their way in: hashed as they come, kept or discarded as a whole."""
+class Upload(Protocol):
+    """Bytes on their way in, hashed as they come."""
 
-    def __init__(self, part: Path, kept: Path, max_bytes: int) -> None:
-        self._part, self._kept, self._max_bytes = part, kept, max_bytes
-        self._sha256 = hashlib.sha256()
-        self._file: IO[bytes] = part.open("xb")
-        self.size_bytes = 0
+    size_bytes: int
 
     def write(self, chunk: bytes) -> None:
-        """Take the next bytes.
-
-        Raises
-        ------
-        FileTooLarge, DiskFull
-        """
-        self.size_bytes += len(chunk)
-        if self.size_bytes > self._max_bytes:
-            raise too_large(self.size_bytes, self._max_bytes)
-        self._sha256.update(chunk)
-        with name_full_disk():
-            self._file.write(chunk)
+        """Take the next bytes. Raises FileTooLarge, DiskFull, StoreAway."""
 
     def keep(self) -> StoredRecording:
         """Make the bytes durable under their final name."""
-        with name_full_disk():
-            self._file.flush()
-            os.fsync(self._file.fileno())
-            self._file.close()
-            self._part.rename(self._kept)
-            sync_folder(self._kept.parent)
-        return StoredRecording(self._kept.name, self._sha256.hexdigest(), self.size_bytes)
 
     def discard(self) -> None:
         """Leave nothing behind; harmless after :meth:`keep`."""
-        with suppress(OSError):
-            self._file.close()
-        self._part.unlink(missing_ok=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Storage:
-    """A folder of recordings and reports on this machine."""
+class Storage(Protocol):
+    """Where recordings and results are: a folder, or a bucket with a folder for the work in hand.
 
-    root: Path
+    What is fetched is a file on this machine; give it back when done with it.
+    """
+
+    @property
+    def root(self) -> Path:
+        """The folder of this machine."""
 
     def prepare(self) -> None:
-        """Make the folders."""
-        for name in ("uploads", "recordings", "analyses"):
-            (self.root / name).mkdir(parents=True, exist_ok=True, mode=0o700)
+        """Make what is not there; find out early that the place does not answer."""
+
+    def identify(self) -> str:
+        """Give the name of this very store, made once for all."""
 
     def open_upload(self, max_bytes: int) -> Upload:
         """Start taking a recording under a new name."""
-        name = f"rec_{secrets.token_hex(8)}"
-        with name_full_disk():
-            return Upload(self.root / "uploads" / f"{name}.part", self.recording(name), max_bytes)
 
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
-        """Take a durable file of this machine as a recording; the caller removes it after the commit.
+        """Take a durable file of this machine as a recording; the caller removes it after the commit."""
 
-        It keeps its own name until then, so that a crash in between loses nothing.
-        """
-        stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        with name_full_disk():
-            os.link(path, self.recording(stored.id))
-            sync_folder(self.root / "recordings")
-        return stored
+    def fetch_recording(self, recording_id: str, into: Path) -> Path:
+        """Give a recording as a file: ``into`` or, where it is in our folder, in its place."""
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove the bytes of a recording."""
-        self.recording(recording_id).unlink(missing_ok=True)
+        """Remove a recording; no harm when it is gone."""
 
-    def drop_analysis(self, analysis_id: str) -> None:
-        """Remove every file of an analysis."""
-        shutil.rmtree(self.root / "analyses" / analysis_id, ignore_errors=True)
-
-    def recording(self, recording_id: str) -> Path:
-        """Path of a kept recording."""
-        return self.root / "recordings" / recording_id
-
-    def attempt(self, analysis_id: str, token: str) -> Path:
-        """Folder of one attempt's files."""
-        return self.root / "analyses" / analysis_id / token
+    def put(self, path: Path, name: str) -> None:
+        """Take a durable file of this machine under a name of the store (``recordings/...``)."""
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
-        """Make that folder, empty."""
-        folder = self.attempt(analysis_id, token)
-        folder.mkdir(parents=True)
-        return folder
+        """Make an empty folder on this machine for the files of one attempt."""
+
+    def keep_attempt(self, analysis_id: str, token: str) -> None:
+        """Make the attempt's files readable from every machine, before its row says that it counts."""
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
         """Remove what an attempt that does not count has left."""
-        shutil.rmtree(self.attempt(analysis_id, token), ignore_errors=True)
+
+    def drop_analysis(self, analysis_id: str) -> None:
+        """Remove every file of an analysis."""
+
+    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
+        """Give a result as a file."""
+
+    def give_back(self, path: Path) -> None:
+        """Let go of a fetched file."""
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
-        """Refuse before the first byte what would fill the disk.
-
-        Raises
-        ------
-        DiskFull
-            When less is free than ``min_free_bytes`` or three times the announced length.
-        """
-        if shutil.disk_usage(self.root).free < max(min_free_bytes, 3 * expected_bytes):
-            raise DiskFull
+        """Refuse before the first byte what would fill the disk. Raises DiskFull."""
 
     def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
-        """Remove what a crash left: half uploads, files without a row, attempts that do not count.
+        """Remove what a crash left on this machine; says how many files and folders."""
 
-        Only for the one server of this folder, before it takes uploads. Returns how many were removed.
-        """
-        parts = list((self.root / "uploads").iterdir())
-        orphans = [path for path in (self.root / "recordings").iterdir() if path.name not in recordings]
-        for path in [*parts, *orphans]:
-            path.unlink()
-        stale = [
-            folder
-            for folder in (self.root / "analyses").glob("*/*")
-            if (folder.parent.name, folder.name) not in attempts
-        ]
-        for folder in stale:
-            shutil.rmtree(folder, ignore_errors=True)
-        return len(parts) + len(orphans) + len(stale)
+
+@contextmanager
+def borrow_result(storage: Storage, analysis_id: str, token: str, name: str) -> Iterator[Path]:
+    """Lend a result as a file, and give it back."""
+    path = storage.fetch_result(analysis_id, token, name)
+    try:
+        yield path
+    finally:
+        storage.give_back(path)
+
+
+@contextmanager
+def borrow_recording(storage: Storage, recording_id: str) -> Iterator[Path]:
+    """Lend a recording as a file, and give it back."""
+    into = storage.root / "uploads" / f"{recording_id}.{secrets.token_hex(4)}.part"
+    path = storage.fetch_recording(recording_id, into)
+    try:
+        yield path
+    finally:
+        storage.give_back(path)
 
 
 class FolderLock:
@@ -196,13 +167,30 @@ def seal_folder(folder: Path) -> tuple[ResultFile, ...]:
 
 
 def _seal_file(path: Path) -> ResultFile:
-    digest = hashlib.sha256()
+    sha256 = hash_file(path)
+    sync_file(path)
+    return ResultFile(path.name, sha256, path.stat().st_size)
+
+
+def hash_file(path: Path) -> str:
+    """Give the SHA-256 of a file's bytes."""
     with path.open("rb") as file:
-        while chunk := file.read(COPY_BYTES):
-            digest.update(chunk)
-        size_bytes = file.tell()
-        os.fsync(file.fileno())
-    return ResultFile(path.name, digest.hexdigest(), size_bytes)
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_free(folder: Path, needed_bytes: int) -> None:
+    """Raise DiskFull when less than that is free."""
+    if shutil.disk_usage(folder).free < needed_bytes:
+        raise DiskFull
+
+
+def write_durably(path: Path, content: bytes) -> None:
+    """Write a small file whole or not at all."""
+    part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
+    part.write_bytes(content)
+    sync_file(part)
+    part.rename(path)
+    sync_folder(path.parent)
 
 
 def sync_file(path: Path) -> None:

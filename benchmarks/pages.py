@@ -50,11 +50,26 @@ def fill_library(data: Path) -> None:
             f"2026-{number % 12 + 1:02d}-{number % 28 + 1:02d}T07:00:{number % 60:02d}.{number:06d}+00:00"
         )
         name = {"file_name": f"shift_{number}.gt3x", "subject": f"S{number % 500:03d}"}
-        rows.append({"id": recording, "sha256": "0" * 64, "size_bytes": 50_000_000, "state": "stored"} | name)
-        rows[-1]["created_at"] = moment
+        rows.append(
+            {
+                "id": recording,
+                "sha256": "0" * 64,
+                "size_bytes": 50_000_000,
+                "state": "stored",
+                "created_at": moment,
+                **name,
+            }
+        )
         request = ReportRequest(name["file_name"], name["subject"])
-        job = {"id": analysis, "recording_id": recording, "request": request.to_json(), "way_in": "api"}
-        job |= {"state": JobState.SUCCEEDED, "progress": 1.0, "attempts": 1, "beats": 1, "created_at": moment}
+        job: dict[str, object] = {"id": analysis, "recording_id": recording, "way_in": "api"}
+        job |= {
+            "request": request.to_json(),
+            "state": JobState.SUCCEEDED,
+            "progress": 1.0,
+            "attempts": 1,
+            "beats": 1,
+            "created_at": moment,
+        }
         jobs.append(job)
         verdict = ("good", "caution", "poor")[number % 3]
         told.append({"analysis_id": analysis, "verdict": verdict, "start": moment[:19]})

@@ -8,6 +8,7 @@ import pytest
 
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import BINARIES, PostgresServer
+from tests.swift import SwiftServer, find_programs
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -38,6 +39,16 @@ def postgres() -> Iterator[PostgresServer]:
     if BINARIES is None:
         pytest.skip("PostgreSQL is not installed")
     server = PostgresServer()
+    yield server
+    server.remove()
+
+
+@pytest.fixture(scope="session")
+def swift() -> Iterator[SwiftServer]:
+    """A real S3 server, or skip by name where it is not installed."""
+    if not find_programs():
+        pytest.skip("OpenStack Swift or memcached is not installed")
+    server = SwiftServer()
     yield server
     server.remove()
 

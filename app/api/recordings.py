@@ -23,7 +23,7 @@ from app.api.upload import receive_recording
 from app.errors import NotFinished, StaleVersion
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
-from app.storage import too_large
+from app.storage import borrow_recording, too_large
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
@@ -120,7 +120,8 @@ def get_inspection(
     if row.inspection is not None and rate_hz is None:
         return dict(row.inspection)
     wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
-    found = services.inspector.look(services.storage.recording(row.id), wish)
+    with borrow_recording(services.storage, row.id) as log:
+        found = services.inspector.look(log, wish)
     if rate_hz is None:
         services.recordings.keep_inspection(row.id, found)
     return found

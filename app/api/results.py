@@ -6,11 +6,13 @@ from collections.abc import Mapping
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
+from starlette.background import BackgroundTask
 
 from app.api.guard import REPORT_POLICY
 from app.api.services import Services
 from app.errors import NoSuchFile, NotFinished
 from app.jobs.job import Job, JobState
+from app.storage import borrow_result
 
 MEDIA_TYPES: Mapping[str, str] = {
     "json": "application/json",
@@ -41,8 +43,10 @@ def serve_file(request: Request, services: Services, job: Job, name: str) -> Res
     headers = head_file(name, file.sha256)
     if _is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
+    path = services.storage.fetch_result(job.id, token, name)
     return FileResponse(
-        services.storage.attempt(job.id, token) / name,
+        path,
+        background=BackgroundTask(services.storage.give_back, path),
         headers=headers,
         media_type=MEDIA_TYPES[name.rpartition(".")[2]],
         filename=name_download(job, name),
@@ -75,7 +79,8 @@ def read_result(services: Services, job: Job, name: str) -> bytes:
     NotFinished, NoSuchFile
     """
     token = check_succeeded(job, name)
-    return (services.storage.attempt(job.id, token) / name).read_bytes()
+    with borrow_result(services.storage, job.id, token, name) as path:
+        return path.read_bytes()
 
 
 def check_succeeded(job: Job, name: str) -> str:

@@ -27,6 +27,7 @@ from app.report.bundle import pack_files
 from app.report.summary import PERIOD_COLUMNS, list_periods
 from app.report.tables import encode_table
 from app.report.wording import Language
+from app.storage import borrow_result
 
 EXPORT_NAMES = tuple(name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap")))
 
@@ -101,8 +102,9 @@ def get_answer(
 def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
     job = services.store.get(analysis_id)
-    folder = services.storage.attempt(job.id, check_succeeded(job, "bundle.zip"))
-    body = pack_files({path.name: path.read_bytes() for path in folder.iterdir() if path.name != DAY_NAME})
+    check_succeeded(job, "bundle.zip")
+    names = [name for name in services.store.list_files(job.id) if name != DAY_NAME]
+    body = pack_files({name: read_result(services, job, name) for name in names})
     return serve_bytes(request, job, "bundle.zip", body)
 
 
@@ -119,8 +121,9 @@ def get_elevation_table(analysis_id: str, request: Request, services: UsedServic
     """The angle over time as text, in gzip."""
     job = services.store.get(analysis_id)
     token = check_succeeded(job, "elevation.csv.gz")
-    parquet = services.storage.attempt(job.id, token) / "elevation.parquet"
-    return serve_bytes(request, job, "elevation.csv.gz", services.inspector.write_angles(parquet))
+    with borrow_result(services.storage, job.id, token, "elevation.parquet") as parquet:
+        body = services.inspector.write_angles(parquet)
+    return serve_bytes(request, job, "elevation.csv.gz", body)
 
 
 def _serve_export(name: str) -> Callable[[str, Request, Services], Response]:

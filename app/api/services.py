@@ -17,6 +17,7 @@ from app.jobs.webhooks import WebhookStore
 from app.report.wording import Language
 from app.settings import Settings
 from app.storage import Storage
+from app.stores import open_storage
 
 LANGUAGE_COOKIE = "acromion_lang"
 
@@ -39,9 +40,10 @@ class Services:
 
 def open_services(settings: Settings) -> Services:
     """Open database and folders."""
-    storage = Storage(settings.data_dir)
+    storage = open_storage(settings)
     storage.prepare()
     store = JobStore(settings.database_url)
+    store.check_belongs(storage.identify())
     rows = (store.engine, store.reader)
     incoming = Incoming(settings.data_dir / "incoming")
     inspector = Inspector(settings, settings.data_dir / "inspections")

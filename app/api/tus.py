@@ -21,6 +21,7 @@ from app.api.upload import check_room
 from app.errors import UnknownProtocol, WrongLength, WrongMediaType, WrongVerb
 from app.jobs.uploads import UploadRow
 from app.request import ReportRequest
+from app.storage import borrow_recording
 from fusion.errors import EmptyFile
 
 EXTENSIONS = "creation,creation-with-upload,termination,checksum,expiration"
@@ -155,11 +156,11 @@ def inspect_upload(
 ) -> HeadView:
     """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet."""
     row = services.uploads.get(upload_id)
-    if row.recording_id is not None:
-        head_of = services.storage.recording(row.recording_id)
+    if row.recording_id is None:
+        head = read_head(services.incoming.path(row.id), row.offset_bytes)
     else:
-        head_of = services.incoming.path(row.id)
-    head = read_head(head_of, row.offset_bytes)
+        with borrow_recording(services.storage, row.recording_id) as log:
+            head = read_head(log, row.offset_bytes)
     found = services.inspector.look_at_head(head, ReportRequest(row.about.file_name, rate_hz=rate_hz))
     return HeadView(**found)
 

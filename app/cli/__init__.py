@@ -7,6 +7,7 @@ import typer
 
 from app.cli.analysing import exposure, run
 from app.cli.looking import inspect, version
+from app.cli.operating import backup, doctor, restore, verify
 from app.cli.pairing import compare, pair
 from app.cli.samples import demo, simulate
 from app.cli.serving import serve, worker
@@ -23,7 +24,7 @@ app = typer.Typer(
 for command in (
     *(run, exposure, pair, compare, validate),
     *(demo, simulate, inspect, version),
-    *(serve, worker),
+    *(serve, worker, backup, restore, verify, doctor),
 ):
     app.command()(command)
 

@@ -15,7 +15,9 @@ def serve(
     data: Annotated[Path, typer.Option(metavar="DIR", help="Where recordings and reports are kept.")] = Path(
         "acromion-data"
     ),
-    workers: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Analyses at once.")] = 2,
+    workers: Annotated[
+        int, typer.Option("-j", "--jobs", min=0, help="Analyses at once; 0 leaves them to other workers.")
+    ] = 2,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     watch: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Take in what is put into this folder, too.")
@@ -39,7 +41,7 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
-    from app.jobs.worker import run_worker  # noqa: PLC0415
+    from app.jobs.worker import choose_engine  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
-    run_worker(Settings(data_dir=data))
+    choose_engine(Settings(data_dir=data))()

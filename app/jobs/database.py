@@ -55,7 +55,7 @@ def connect(url: str) -> Engine:
         patience = {"connect_timeout": _PATIENCE_S}
         return create_engine(url, pool_size=20, pool_pre_ping=True, connect_args=patience)
     engine = create_engine(url)
-    Path(str(engine.url.database)).parent.mkdir(parents=True, exist_ok=True)
+    Path(str(engine.url.database)).parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine

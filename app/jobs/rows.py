@@ -4,6 +4,7 @@ import json
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Connection, MetaData, Table
 
@@ -23,17 +24,32 @@ def reflect_tables(connection: Connection) -> tuple[Table, ...]:
 def write_rows(connection: Connection, table: Table) -> Iterator[bytes]:
     """Give every row of a table as a line of JSON."""
     order = tuple(table.primary_key.columns)
-    for row in connection.execution_options(yield_per=ROWS_AT_ONCE).execute(table.select().order_by(*order)):
+    found = connection.execution_options(yield_per=ROWS_AT_ONCE).execute(table.select().order_by(*order))
+    for row in found:
         yield json.dumps(row._asdict(), ensure_ascii=False).encode() + b"\n"
 
 
+def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
+    """Write every table as a member of its own, ``rows/<table>.jsonl``."""
+    for table in reflect_tables(connection):
+        with archive.open(f"rows/{table.name}.jsonl", "w", force_zip64=True) as member:
+            for line in write_rows(connection, table):
+                member.write(line)
+
+
 def write_rows_file(connection: Connection, path: Path) -> None:
-    """Write all rows into a ZIP, one member for each table, and make it durable."""
+    """Write all rows into a ZIP of their own, and make it durable."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED) as archive:
-        for table in reflect_tables(connection):
-            with archive.open(f"rows/{table.name}.jsonl", "w", force_zip64=True) as member:
-                for line in write_rows(connection, table):
-                    member.write(line)
+        write_all_rows(connection, archive)
     sync_file(path)
     sync_folder(path.parent)
+
+
+def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
+    """Give the rows of a table back; none when the backup has no such table."""
+    name = f"rows/{table}.jsonl"
+    if name in archive.namelist():
+        with archive.open(name) as member:
+            for line in member:
+                yield json.loads(line)

@@ -1,23 +1,22 @@
 """The job rows: the one truth about what was asked, what runs and what came of it."""
 
 import json
-import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from sqlalchemy import Connection, Engine, Update, func, insert, select, update
+from sqlalchemy import Engine, Executable, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
-from app.errors import NotHere
+from app.errors import NotHere, StoreMismatch
 from app.jobs.answers import Answer, insert_answer
-from app.jobs.database import READ_ONLY, open_database
-from app.jobs.job import TRANSITIONS, Claim, Claimer, Job, JobState, list_sources
+from app.jobs.database import READ_ONLY, lock_tables, open_database
+from app.jobs.job import Claim, Claimer, Job, JobState
+from app.jobs.moves import is_changed, move_job, start_job
 from app.jobs.queueing import WayIn, enqueue, identify_work
 from app.jobs.reading import read_job, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
-from app.jobs.tables import analyses, recordings, result_files
-from app.jobs.webhooks import announce_end
+from app.jobs.tables import analyses, facts, recordings, result_files
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
@@ -56,6 +55,22 @@ class JobStore:
     def reader(self) -> Engine:
         """The same, for those who only read."""
         return self._reader
+
+    def check_belongs(self, store_id: str) -> None:
+        """See that this database is used with the folder or bucket it was used with before.
+
+        Raises
+        ------
+        StoreMismatch
+        """
+        query = select(facts.c.value).where(facts.c.name == "store")
+        with self._engine.begin() as connection:
+            lock_tables(connection)
+            known = connection.execute(query).scalar()
+            if known is None:
+                connection.execute(insert(facts).values(name="store", value=store_id))
+        if known not in (None, store_id):
+            raise StoreMismatch(found=store_id, needed=str(known))
 
     def add(
         self,
@@ -174,7 +189,7 @@ class JobStore:
             analysis_id = connection.execute(next_one).scalar_one_or_none()
             if analysis_id is None:
                 return None
-            _start(connection, analysis_id, claimer)
+            start_job(connection, analysis_id, claimer)
         return self.get(analysis_id)
 
     def beat(self, analysis_id: str, token: str, stage: str | None, progress: float) -> bool:
@@ -186,7 +201,7 @@ class JobStore:
             .values(beats=analyses.c.beats + 1, stage=stage, progress=progress)
         )
         with self._engine.begin() as connection:
-            return _changed(connection, change)
+            return is_changed(connection, change)
 
     def owns(self, analysis_id: str, token: str) -> bool:
         """Tell whether the attempt is still the one that counts; writes nothing."""
@@ -211,7 +226,7 @@ class JobStore:
         ]
         with self._engine.begin() as connection:
             ended = {"progress": 1.0, "ended_at": tell_now()}
-            won = _move(connection, analysis_id, JobState.SUCCEEDED, ended, token)
+            won = move_job(connection, analysis_id, JobState.SUCCEEDED, ended, token)
             if won:
                 connection.execute(insert(result_files), rows)
             if won and answer is not None:
@@ -227,7 +242,7 @@ class JobStore:
         """End the job with the reason."""
         reason = {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}
         with self._engine.begin() as connection:
-            return _move(connection, analysis_id, JobState.FAILED, reason, token)
+            return move_job(connection, analysis_id, JobState.FAILED, reason, token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
         """Put the job back in the queue; ``forgiven`` attempts (an orderly stop) do not count as deaths."""
@@ -235,7 +250,7 @@ class JobStore:
         if forgiven:
             back["attempts"] = analyses.c.attempts - 1
         with self._engine.begin() as connection:
-            return _move(connection, analysis_id, JobState.QUEUED, back, token)
+            return move_job(connection, analysis_id, JobState.QUEUED, back, token)
 
     def cancel(self, analysis_id: str) -> Job:
         """Stop the job unless it is over; its worker sees that the attempt counts no more.
@@ -245,7 +260,7 @@ class JobStore:
         NotHere
         """
         with self._engine.begin() as connection:
-            _move(connection, analysis_id, JobState.CANCELLED, {"ended_at": tell_now()})
+            move_job(connection, analysis_id, JobState.CANCELLED, {"ended_at": tell_now()})
         return self.get(analysis_id)
 
     def list_claims(self) -> tuple[Claim, ...]:
@@ -272,6 +287,17 @@ class JobStore:
             row = connection.execute(query).one_or_none()
         return ResultFile(*row) if row else None
 
+    def list_files(self, analysis_id: str) -> tuple[str, ...]:
+        """Name every file that was published."""
+        query = select(result_files.c.name).where(result_files.c.analysis_id == analysis_id)
+        with self._reader.connect() as connection:
+            return tuple(connection.execute(query.order_by(result_files.c.name)).scalars())
+
+    def run(self, change: Executable) -> None:
+        """Make a change that the engine of the workers needs."""
+        with self._engine.begin() as connection:
+            connection.execute(change)
+
     def may_hold(self, recording_id: str) -> bool:
         """Tell whether a recording has a row; True when the database cannot say."""
         try:
@@ -292,39 +318,3 @@ class JobStore:
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         with self._reader.connect() as connection:
             return frozenset((row.id, row.token) for row in connection.execute(query))
-
-
-def _start(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
-    held: dict[str, object] = {
-        "token": secrets.token_hex(8),
-        "stage": None,
-        "progress": 0.0,
-        "attempts": analyses.c.attempts + 1,
-        "beats": analyses.c.beats + 1,
-        "claimer_place": claimer.place,
-        "claimer_pid": claimer.pid,
-        "claimer_started": claimer.started,
-        "started_at": func.coalesce(analyses.c.started_at, tell_now()),
-    }
-    _move(connection, analysis_id, JobState.RUNNING, held)
-
-
-def _move(
-    connection: Connection,
-    analysis_id: str,
-    to: JobState,
-    values: Mapping[str, object],
-    token: str | None = None,
-) -> bool:
-    """Change the state if the table of transitions and the attempt's token allow it."""
-    change = update(analyses).where(analyses.c.id == analysis_id, analyses.c.state.in_(list_sources(to)))
-    if token is not None:
-        change = change.where(analyses.c.token == token)
-    moved = _changed(connection, change.values({"state": to, **values}))
-    if moved and not TRANSITIONS[to]:
-        announce_end(connection, analysis_id, to)
-    return moved
-
-
-def _changed(connection: Connection, change: Update) -> bool:
-    return connection.execute(change).rowcount == 1

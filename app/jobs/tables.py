@@ -151,3 +151,10 @@ answers = Table(
     Column("recorded_s", Float),
     Column("above_60_percent", Float),
 )
+
+facts = Table(
+    "facts",
+    metadata,
+    Column("name", String(32), primary_key=True),
+    Column("value", Text, nullable=False),
+)

@@ -14,7 +14,7 @@ from pathlib import Path
 from sqlalchemy.exc import OperationalError
 
 from app.decoded import DecodedCache, KnownLogs
-from app.errors import Crashed
+from app.errors import Crashed, DiskFull, StoreAway, StoreDamaged
 from app.jobs.answers import read_answer
 from app.jobs.attempt import (
     Attempt,
@@ -23,6 +23,7 @@ from app.jobs.attempt import (
     MakeReport,
     Outcome,
     Refused,
+    Stopped,
     choose_limits,
     load_and_make_report,
     run_attempt,
@@ -32,7 +33,8 @@ from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage import Storage
+from app.storage import Storage, borrow_result, hash_file
+from app.stores import load_extra, open_storage
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
@@ -53,13 +55,15 @@ class Bench:
 
 
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
-    """Open database and folder for one worker; ``make`` takes the place of the science."""
-    storage = Storage(settings.data_dir)
+    """Open database and store for one worker; ``make`` takes the place of the science."""
+    storage = open_storage(settings)
     storage.prepare()
+    store = JobStore(settings.database_url)
+    store.check_belongs(storage.identify())
     watch = LeaseWatch(identify_self(), settings.lease_s)
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
     chosen = make or partial(load_and_make_report, known=KnownLogs(cache=cache))
-    return Bench(JobStore(settings.database_url), storage, settings, watch, threading.Event(), chosen)
+    return Bench(store, storage, settings, watch, threading.Event(), chosen)
 
 
 def run_next(bench: Bench) -> bool:
@@ -69,7 +73,7 @@ def run_next(bench: Bench) -> bool:
     if job is None or job.token is None:
         return False
     started_s = time.monotonic()
-    outcome = _attempt(bench, job, job.token)
+    outcome = _attempt_patiently(bench, job, job.token)
     _insist(bench, partial(_publish, bench, job, job.token, outcome))
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
@@ -91,12 +95,19 @@ def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: i
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: bench.stopping.set())
     while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-        if not _run_next_patiently(bench):
+        if not run_next_patiently(bench):
             bench.stopping.wait(IDLE_S)
     bench.store.close()
 
 
-def _run_next_patiently(bench: Bench) -> bool:
+def choose_engine(settings: Settings) -> Callable[..., None]:
+    """Give the loop that the settings name; Procrastinate is loaded only where it is wanted."""
+    if settings.engine == "embedded":
+        return partial(run_worker, settings)
+    return partial(load_extra("app.jobs.cluster").run_cluster_worker, settings)
+
+
+def run_next_patiently(bench: Bench) -> bool:
     """Outlast a database that does not answer; the row stays the truth meanwhile."""
     try:
         return run_next(bench)
@@ -107,28 +118,49 @@ def _run_next_patiently(bench: Bench) -> bool:
 
 
 def _insist(bench: Bench, change: Callable[[], None]) -> None:
-    """Repeat a guarded change until the database has answered: a finished analysis is worth the wait."""
+    """Repeat a guarded change until it is answered: a finished analysis is worth the wait."""
     while True:
         try:
             return change()
-        except OperationalError:
-            logger.exception("the database does not answer; trying again")
+        except (OperationalError, StoreAway):
+            logger.exception("database or store does not answer; trying again")
             if bench.stopping.wait(TROUBLE_S):
                 raise
 
 
+def _attempt_patiently(bench: Bench, job: Job, token: str) -> Outcome:
+    """Put the job back, uncounted, when it is the store or the disk that fails."""
+    try:
+        return _attempt(bench, job, token)
+    except (StoreAway, DiskFull) as trouble:
+        logger.warning("%s: put back for now: %s", job.id, trouble.code)
+        bench.stopping.wait(TROUBLE_S)
+        return Stopped()
+    except FileNotFoundError:
+        logger.exception("%s: the recording %s is gone", job.id, job.recording_id)
+        return Refused(StoreDamaged.code, {})
+
+
 def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
-    limits = choose_limits(bench.settings, job.size_bytes)
-    log = bench.storage.recording(job.recording_id)
-    attempt = Attempt(log, job.request, out, bench.make_report, limits)
-    return run_attempt(attempt, _Heart(bench, job.id, token).beat)
+    log = bench.storage.fetch_recording(job.recording_id, out.with_suffix(".recording"))
+    try:
+        if hash_file(log) != job.sha256:
+            logger.error("%s: the stored recording %s is damaged", job.id, job.recording_id)
+            return Refused(StoreDamaged.code, {})
+        limits = choose_limits(bench.settings, job.size_bytes)
+        attempt = Attempt(log, job.request, out, bench.make_report, limits)
+        return run_attempt(attempt, _Heart(bench, job.id, token).beat)
+    finally:
+        bench.storage.give_back(log)
 
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
-        answer = read_answer(bench.storage.attempt(job.id, token) / "results.json")
+        bench.storage.keep_attempt(job.id, token)
+        with borrow_result(bench.storage, job.id, token, "results.json") as results:
+            answer = read_answer(results)
         won = bench.store.finish(job.id, token, outcome.files, answer)
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
@@ -186,7 +218,7 @@ def main() -> None:
     parser.add_argument("--parent", type=int, help="end when this process is gone")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    run_worker(Settings(data_dir=arguments.data), parent_pid=arguments.parent)
+    choose_engine(Settings(data_dir=arguments.data))(parent_pid=arguments.parent)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from app.api.services import Services
 from app.errors import NoSuchFile, NotHere
 from app.jobs.job import Job, JobState
 from app.report.wording import Language
+from app.storage import borrow_result
 from app.web.day_routes import find_day
 from app.web.day_views import DayView, show_day, show_hours
 from app.web.others import list_offers
@@ -81,4 +82,5 @@ def _show_day(services: Services, job: Job, language: Language) -> DayView | Non
 
 
 def _read_file(services: Services, job: Job, name: str) -> bytes:
-    return (services.storage.attempt(job.id, str(job.token)) / name).read_bytes()
+    with borrow_result(services.storage, job.id, str(job.token), name) as path:
+        return path.read_bytes()

@@ -5,7 +5,9 @@ import importlib
 import json
 import secrets
 import shutil
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,9 +19,11 @@ from app.jobs.attempt import Attempt, Finished, Refused, choose_limits, run_atte
 from app.jobs.job import Job, JobState
 from app.report.wording import Language
 from app.request import OnStage, ReportRequest
+from app.storage import borrow_result
 from app.version import software_revision
 
 Kind = Literal["pair", "compare"]
+NEEDED = ("results.json", "findings.json", "elevation.parquet")
 FIGURES: Mapping[Kind, str] = {"pair": "pair.json", "compare": "comparison.json"}
 
 
@@ -63,11 +67,11 @@ def set_beside(services: Services, asked: BesideRequest) -> Path:
     kept = services.settings.data_dir / "cache" / "beside" / asked.key()
     if kept.is_dir():
         return kept
-    folders = (_find_folder(services, asked.first), _find_folder(services, asked.second))
     staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
     staging.mkdir(parents=True)
     try:
-        _make(services, asked, folders, staging)
+        with _borrow_folder(services, asked.first) as first, _borrow_folder(services, asked.second) as second:
+            _make(services, asked, (first, second), staging)
         if not kept.exists():
             staging.rename(kept)
     finally:
@@ -97,9 +101,15 @@ def _make(services: Services, asked: BesideRequest, folders: tuple[Path, Path], 
         raise Crashed(attempts=1)
 
 
-def _find_folder(services: Services, job: Job) -> Path:
+@contextmanager
+def _borrow_folder(services: Services, job: Job) -> Iterator[Path]:
+    """Lend what a report of two is made from, as it stands in a folder that ``acromion run`` made."""
     if not job.is_over:
         raise NotFinished(state=job.state.value)
     if job.state is not JobState.SUCCEEDED or job.token is None:
-        raise NoSuchFile(name="results.json")
-    return services.storage.attempt(job.id, job.token)
+        raise NoSuchFile(name=NEEDED[0])
+    with tempfile.TemporaryDirectory(dir=services.settings.data_dir / "cache") as folder:
+        for name in NEEDED:
+            with borrow_result(services.storage, job.id, job.token, name) as path:
+                shutil.copyfile(path, Path(folder) / name)
+        yield Path(folder)

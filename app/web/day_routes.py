@@ -14,6 +14,7 @@ from app.day_file import NAME, DayFile, open_day
 from app.errors import NoSuchFile
 from app.jobs.job import Job, JobState
 from app.request import ReportRequest
+from app.storage import borrow_result
 from app.web.clock_times import DayClock, place_rows
 from app.web.corrections import BOM, COLUMNS, correct_request, read_rows, write_csv
 from app.web.forms import read_body, read_form
@@ -107,6 +108,7 @@ def find_day(services: Services, job: Job) -> DayFile:
     if job.state is not JobState.SUCCEEDED or job.token is None:
         raise NoSuchFile(name=NAME)
     try:
-        return open_day(services.storage.attempt(job.id, job.token) / NAME)
+        with borrow_result(services.storage, job.id, job.token, NAME) as path:
+            return open_day(path)
     except FileNotFoundError:
         raise NoSuchFile(name=NAME) from None

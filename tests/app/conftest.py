@@ -14,11 +14,20 @@ from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage import Storage
+from app.stores import open_storage
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
+from tests.swift import SwiftServer
 
 AddJob = Callable[..., Job]
 OpenBench = Callable[..., Bench]
+
+on_both_set_ups = pytest.mark.parametrize(
+    ("database", "objects"),
+    [("sqlite", "folder"), ("postgresql", "s3")],
+    ids=["embedded", "distributed"],
+    indirect=True,
+)
 
 
 @pytest.fixture
@@ -32,17 +41,32 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 
 @pytest.fixture
-def settings(tmp_path: Path, database: str) -> Settings:
+def objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Where recordings go: the folder or, for tests parametrised so, a bucket of a real S3 server."""
+    if getattr(request, "param", "folder") == "folder":
+        return ""
+    server: SwiftServer = request.getfixturevalue("swift")
+    for name, value in server.environment.items():
+        monkeypatch.setenv(name, value)
+    return server.make_bucket()
+
+
+@pytest.fixture
+def settings(tmp_path: Path, database: str, objects: str) -> Settings:
     """Settings of a folder of the test's own, on a disk that may be small."""
     return Settings(
-        data_dir=tmp_path / "data", database_url=database, min_free_bytes=0, max_upload_bytes=1_000_000
+        data_dir=tmp_path / "data",
+        database_url=database,
+        object_store=objects,
+        min_free_bytes=0,
+        max_upload_bytes=1_000_000,
     )
 
 
 @pytest.fixture
 def storage(settings: Settings) -> Storage:
-    """The folder, prepared."""
-    kept = Storage(settings.data_dir)
+    """The folder or the bucket, prepared."""
+    kept = open_storage(settings)
     kept.prepare()
     return kept
 

@@ -12,7 +12,7 @@ from app.api.services import find_services
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
-from app.storage import Storage
+from app.storage import Storage, borrow_recording
 
 URL = "/api/v1/uploads"
 TUS = {"tus-resumable": "1.0.0"}
@@ -67,7 +67,8 @@ def test_bytes_in_two_pieces_become_one_recording(client: TestClient, storage: S
     assert append(client, address, 5, b"56789") == 204
 
     recording = client.get(client.get(address).json()["links"]["recording"]).json()
-    assert storage.recording(recording["id"]).read_bytes() == b"0123456789"
+    with borrow_recording(storage, recording["id"]) as kept:
+        assert kept.read_bytes() == b"0123456789"
     assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
     assert (recording["file_name"], recording["subject"], recording["side"]) == ("shift.gt3x", "S012", "left")
 

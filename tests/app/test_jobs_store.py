@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import create_engine, delete, text
 from sqlalchemy.exc import IntegrityError
 
-from app.errors import NotHere
+from app.errors import NotHere, StoreMismatch
 from app.jobs.job import TRANSITIONS, Claimer, Job, JobState
 from app.jobs.store import JobStore
 from app.jobs.tables import recordings
@@ -207,3 +207,13 @@ def test_a_published_attempt_is_known_as_that_when_asked_again(store: JobStore, 
     assert not store.finish(job.id, token, FILES)
     assert store.is_published(job.id, token)
     assert not store.is_published(job.id, "another")
+
+
+def test_a_database_keeps_to_the_store_it_was_first_used_with(store: JobStore) -> None:
+    store.check_belongs("folder-1")
+    store.check_belongs("folder-1")
+
+    with pytest.raises(StoreMismatch) as refusal:
+        store.check_belongs("folder-2")
+
+    assert refusal.value.facts == {"found": "folder-2", "needed": "folder-1"}

@@ -17,9 +17,9 @@ from app.jobs.worker import run_next
 from app.settings import Settings
 from app.storage import Storage
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench
+from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 
-pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+pytestmark = on_both_set_ups
 
 
 def start_bystander() -> subprocess.Popen[bytes]:
@@ -54,7 +54,7 @@ def test_the_published_files_are_those_of_the_attempt_that_counts(
 
     token = store.get(job.id).token
     assert token is not None
-    assert (storage.attempt(job.id, token) / "results.json").read_bytes() == stand_ins.RESULTS
+    assert storage.fetch_result(job.id, token, "results.json").read_bytes() == stand_ins.RESULTS
 
 
 def test_a_refusal_ends_the_job_with_its_code(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
@@ -122,11 +122,11 @@ def test_three_deaths_fail_the_job_and_the_queue_goes_on(
 def test_an_attempt_that_does_not_count_leaves_no_file(
     storage: Storage, add_job: AddJob, bench: OpenBench
 ) -> None:
-    job = add_job()
+    add_job()
 
     run_next(bench(stand_ins.refuse))
 
-    assert list((storage.root / "analyses" / job.id).iterdir()) == []
+    assert [path for path in storage.root.glob("analyses/**/*") if path.is_file()] == []
 
 
 def test_a_cancelled_job_stops_within_two_seconds(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
@@ -152,6 +152,17 @@ def test_a_stopped_worker_puts_its_job_back(store: JobStore, add_job: AddJob, be
     worker.join(2)
 
     assert (store.get(job.id).state, store.get(job.id).attempts) == (JobState.QUEUED, 0)
+
+
+def test_a_damaged_recording_gives_no_report(
+    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    storage.drop_recording(job.recording_id)
+
+    run_next(bench(stand_ins.write_report))
+
+    assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 
 
 def wait_for_stage(store: JobStore, job_id: str) -> None:

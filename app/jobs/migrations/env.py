@@ -5,7 +5,10 @@ from alembic import context
 from app.jobs.tables import metadata
 
 context.configure(
-    connection=context.config.attributes["connection"], target_metadata=metadata, render_as_batch=True
+    connection=context.config.attributes["connection"],
+    target_metadata=metadata,
+    render_as_batch=True,
+    include_name=lambda name, *_: not str(name).startswith("procrastinate_"),
 )
 with context.begin_transaction():
     context.run_migrations()

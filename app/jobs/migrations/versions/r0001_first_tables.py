@@ -19,6 +19,12 @@ def upgrade() -> None:
         sa.Column("size_bytes", sa.BigInteger, nullable=False),
         if_not_exists=True,
     )
+    op.create_table(
+        "facts",
+        sa.Column("name", sa.String(32), primary_key=True),
+        sa.Column("value", sa.Text, nullable=False),
+        if_not_exists=True,
+    )
 
 
 def _make_recordings() -> None:

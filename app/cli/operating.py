@@ -1,0 +1,120 @@
+"""The commands of the person who runs Acromion: backup, restore, verify, doctor."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.errors import AppError, DatabaseAway
+from app.report.messages import describe_problem
+from app.report.wording import Language, fill, load_wording
+from app.settings import Settings
+
+FAILED, REFUSED = 1, 3
+
+DataOption = Annotated[
+    Path | None,
+    typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
+]
+LanguageOption = Annotated[Language, typer.Option("--lang")]
+
+
+def backup(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip).")],
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Write every row and every file into one file; the server may run meanwhile."""
+    from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
+
+    with _refusals_told(lang):
+        number = back_up(_find_settings(data), file)
+    _say(lang, "backup", "done", number=str(number), file=str(file))
+
+
+def restore(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to read.")],
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Put a backup into an empty data folder (or an empty database and bucket)."""
+    from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
+
+    settings = _find_settings(data)
+    with _refusals_told(lang):
+        number = put_back(settings, file)
+    _say(lang, "restore", "done", number=str(number), folder=str(settings.data_dir))
+
+
+def verify(
+    file: Annotated[Path | None, typer.Argument(metavar="FILE", help="A backup; else what is kept.")] = None,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Read every file and compare it with what its row says."""
+    with _refusals_told(lang):
+        number, faults = _verify_kept(data) if file is None else _verify_backup(file)
+    for name, finding in faults:
+        _say(lang, "verify", finding, name=name)
+    if faults:
+        _say(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
+        raise typer.Exit(FAILED)
+    _say(lang, "verify", "good", number=str(number))
+
+
+def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
+    """Look for what would keep Acromion from working well on this machine, and say the cure."""
+    from app.upkeep.doctor import examine  # noqa: PLC0415  the database, and only this needs it
+
+    words, healthy = load_wording(lang, "operations"), True
+    for found in examine(_find_settings(data)):
+        entry = words["check"][found.name]
+        what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
+        _say(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
+        healthy = healthy and found.healthy
+    if not healthy:
+        raise typer.Exit(FAILED)
+
+
+def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
+    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415  the database, and only this needs it
+
+    settings = _find_settings(data)
+    kept = list_kept(settings)
+    return len(kept), [(fault.name, fault.finding) for fault in find_faults(settings, kept)]
+
+
+def _verify_backup(file: Path) -> tuple[int, list[tuple[str, str]]]:
+    from app.upkeep.backup import find_damage  # noqa: PLC0415  the database, and only this needs it
+
+    number, damaged = find_damage(file)
+    return number, [(name, "damaged") for name in damaged]
+
+
+def _find_settings(data: Path | None) -> Settings:
+    return Settings() if data is None else Settings(data_dir=data)
+
+
+def _say(language: Language, command: str, sentence: str, /, **facts: str) -> None:
+    typer.echo(fill(load_wording(language, "operations")[command][sentence], facts))
+
+
+@contextmanager
+def _refusals_told(language: Language) -> Iterator[None]:
+    """Tell a refusal in words, and end with its exit code."""
+    from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
+
+    try:
+        yield
+    except AppError as refusal:
+        _tell_refusal(refusal, language)
+    except SQLAlchemyError:
+        _tell_refusal(DatabaseAway(), language)
+
+
+def _tell_refusal(refusal: AppError, language: Language) -> None:
+    words = describe_problem(refusal.code, refusal.facts, language)
+    typer.echo(f"{refusal.code} {words.title}\n  {words.detail}\n  {words.fix}", err=True)
+    raise typer.Exit(REFUSED) from None

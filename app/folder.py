@@ -1,0 +1,176 @@
+"""Recordings and reports in a folder of this machine."""
+
+import hashlib
+import os
+import secrets
+import shutil
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from app.storage import (
+    StoredRecording,
+    check_free,
+    name_full_disk,
+    sync_file,
+    sync_folder,
+    too_large,
+    write_durably,
+)
+
+
+class FolderUpload:
+    """Bytes on their way into a folder: hashed as they come, kept or discarded as a whole."""
+
+    def __init__(self, part: Path, kept: Path, max_bytes: int) -> None:
+        self._part, self._kept, self._max_bytes = part, kept, max_bytes
+        self._sha256 = hashlib.sha256()
+        self._file: IO[bytes] = part.open("xb")
+        self.size_bytes = 0
+
+    def write(self, chunk: bytes) -> None:
+        """Take the next bytes.
+
+        Raises
+        ------
+        FileTooLarge, DiskFull
+        """
+        self.size_bytes += len(chunk)
+        if self.size_bytes > self._max_bytes:
+            raise too_large(self.size_bytes, self._max_bytes)
+        self._sha256.update(chunk)
+        with name_full_disk():
+            self._file.write(chunk)
+
+    def keep(self) -> StoredRecording:
+        """Make the bytes durable under their final name."""
+        with name_full_disk():
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self._part.rename(self._kept)
+            sync_folder(self._kept.parent)
+        return StoredRecording(self._kept.name, self._sha256.hexdigest(), self.size_bytes)
+
+    def discard(self) -> None:
+        """Leave nothing behind; harmless after :meth:`keep`."""
+        with suppress(OSError):
+            self._file.close()
+        self._part.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, slots=True)
+class FolderStorage:
+    """A folder of recordings and reports on this machine."""
+
+    root: Path
+
+    def prepare(self) -> None:
+        """Make the folders."""
+        for name in ("uploads", "recordings", "analyses"):
+            (self.root / name).mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def identify(self) -> str:
+        """Give the name of this folder's contents, written in it once for all."""
+        path = self.root / "store.id"
+        if not path.exists():
+            write_durably(path, f"folder-{secrets.token_hex(8)}".encode())
+        return path.read_text()
+
+    def open_upload(self, max_bytes: int) -> FolderUpload:
+        """Start taking a recording under a new name."""
+        name = f"rec_{secrets.token_hex(8)}"
+        with name_full_disk():
+            return FolderUpload(self.root / "uploads" / f"{name}.part", self.recording(name), max_bytes)
+
+    def recording(self, recording_id: str) -> Path:
+        """Path of a kept recording."""
+        return self.root / "recordings" / recording_id
+
+    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
+        """Give a durable file of this disk a second name, as a recording; the caller removes the first."""
+        stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
+        with name_full_disk():
+            os.link(path, self.recording(stored.id))
+            sync_folder(self.root / "recordings")
+        return stored
+
+    def fetch_recording(self, recording_id: str, into: Path) -> Path:  # noqa: ARG002 - it is here already
+        """Give the kept recording itself."""
+        return self.recording(recording_id)
+
+    def drop_recording(self, recording_id: str) -> None:
+        """Remove a recording; no harm when it is gone."""
+        self.recording(recording_id).unlink(missing_ok=True)
+        sync_folder(self.root / "recordings")
+
+    def put(self, path: Path, name: str) -> None:
+        """Copy a file into its place, whole or not at all."""
+        kept = self.root / name
+        kept.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
+        with name_full_disk():
+            shutil.copyfile(path, part)
+            sync_file(part)
+            part.rename(kept)
+        for folder in (kept.parent, *kept.parent.parents[: len(Path(name).parts) - 1]):
+            sync_folder(folder)
+
+    def attempt(self, analysis_id: str, token: str) -> Path:
+        """Folder of one attempt's files."""
+        return self.root / "analyses" / analysis_id / token
+
+    def open_attempt(self, analysis_id: str, token: str) -> Path:
+        """Make that folder, empty."""
+        folder = self.attempt(analysis_id, token)
+        with name_full_disk():
+            folder.mkdir(parents=True)
+        return folder
+
+    def keep_attempt(self, analysis_id: str, token: str) -> None:
+        """Nothing to do: the attempt has sealed its own folder, and that is the place."""
+
+    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
+        """Give the result itself."""
+        return self.attempt(analysis_id, token) / name
+
+    def give_back(self, path: Path) -> None:
+        """Leave the file where it is kept."""
+
+    def drop_attempt(self, analysis_id: str, token: str) -> None:
+        """Remove what an attempt that does not count has left."""
+        shutil.rmtree(self.attempt(analysis_id, token), ignore_errors=True)
+
+    def drop_analysis(self, analysis_id: str) -> None:
+        """Remove every file of an analysis."""
+        shutil.rmtree(self.root / "analyses" / analysis_id, ignore_errors=True)
+
+    def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
+        """Refuse before the first byte what would fill the disk.
+
+        Raises
+        ------
+        DiskFull
+            When less is free than ``min_free_bytes`` or three times the announced length.
+        """
+        check_free(self.root, max(min_free_bytes, 3 * expected_bytes))
+
+    def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
+        """Remove what a crash left: half uploads, files without a row, attempts that do not count.
+
+        Only for the one server of this folder, before it takes uploads. Returns how many were removed.
+        """
+        parts = list((self.root / "uploads").iterdir())
+        orphans = [path for path in (self.root / "recordings").iterdir() if path.name not in recordings]
+        for path in [*parts, *orphans]:
+            path.unlink()
+        stale = [
+            folder
+            for folder in (self.root / "analyses").glob("*/*")
+            if (folder.parent.name, folder.name) not in attempts
+        ]
+        for folder in stale:
+            shutil.rmtree(folder, ignore_errors=True)
+        return len(parts) + len(orphans) + len(stale)

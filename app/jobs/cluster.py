@@ -1,0 +1,141 @@
+"""Workers on any number of machines: Procrastinate wakes them, the job row decides.
+
+A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the
+transaction that writes the row, whoever writes it. That job is only a wake-up: whoever gets it claims a
+row as all workers do, and one too many finds nothing to do. What a dead worker held is revived by the
+living: the rows by lease, Procrastinate's own jobs by its heartbeats.
+"""
+
+import asyncio
+import logging
+import os
+import signal
+from functools import partial
+
+from procrastinate import App, PsycopgConnector
+from procrastinate.exceptions import ConnectorException
+from procrastinate.schema import SchemaManager
+from sqlalchemy import Connection, inspect, text
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import OperationalError
+
+from app.jobs.attempt import MakeReport, load_and_make_report, warm_up
+from app.jobs.database import connect, lock_tables
+from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
+from app.settings import Settings
+
+QUEUE, TASK = "analyses", "run_next"
+REVIVE_S = 5.0
+
+_TRIGGER = f"""
+CREATE OR REPLACE FUNCTION acromion_wake() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+  PERFORM procrastinate_defer_jobs_v1(
+    ARRAY[ROW('{QUEUE}', '{TASK}', 0, NULL, NULL, '{{}}'::jsonb, NULL)::procrastinate_job_to_defer_v1]);
+  RETURN NULL;
+END $$;
+CREATE OR REPLACE TRIGGER acromion_wake AFTER INSERT OR UPDATE OF state ON analyses
+  FOR EACH ROW WHEN (NEW.state = 'queued') EXECUTE FUNCTION acromion_wake();
+"""
+_TOP_UP = text(
+    "UPDATE analyses SET state = state WHERE state = 'queued' AND NOT EXISTS "
+    "(SELECT 1 FROM procrastinate_jobs WHERE status = 'todo' AND queue_name = :queue)"
+).bindparams(queue=QUEUE)
+
+logger = logging.getLogger(__name__)
+
+
+def install(url: str) -> None:
+    """Make Procrastinate's tables and our trigger where they are not, and wake a worker for what waits."""
+    engine = connect(url)
+    with engine.begin() as connection:
+        lock_tables(connection)
+        if not inspect(connection).has_table("procrastinate_jobs"):
+            _execute(connection, SchemaManager.get_schema())
+        _execute(connection, _TRIGGER)
+        connection.execute(_TOP_UP)
+    engine.dispose()
+
+
+def _execute(connection: Connection, script: str) -> None:
+    """Run several statements in the transaction of the connection."""
+    connection.exec_driver_sql(script.replace("%", "%%"))
+
+
+def run_cluster_worker(
+    settings: Settings, make: MakeReport = load_and_make_report, parent_pid: int | None = None
+) -> None:
+    """Do jobs until asked to stop (SIGTERM, SIGINT) or until the parent is gone."""
+    install(settings.database_url)
+    bench = open_bench(settings, make)
+    warm_up()
+    address = make_url(settings.database_url).set(drivername="postgresql")
+    connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
+    engine = App(connector=connector)
+    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, bench))
+    try:
+        asyncio.run(_work(bench, engine, parent_pid))
+    finally:
+        bench.store.close()
+
+
+async def _work(bench: Bench, engine: App, parent_pid: int | None) -> None:
+    """Listen for jobs; begin again when the database was away."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, bench.stopping.set)
+    while not bench.stopping.is_set():
+        try:
+            async with engine.open_async():
+                await _listen(bench, engine, parent_pid)
+        except (ConnectorException, OSError):
+            logger.exception("the database does not answer; listening again soon")
+            await asyncio.sleep(TROUBLE_S)
+
+
+async def _listen(bench: Bench, engine: App, parent_pid: int | None) -> None:
+    listener = asyncio.create_task(
+        engine.run_worker_async(
+            queues=[QUEUE],
+            install_signal_handlers=False,
+            delete_jobs="always",
+            stalled_worker_timeout=bench.settings.lease_s,
+            update_heartbeat_interval=bench.settings.heartbeat_s,
+        )
+    )
+    keeper = asyncio.create_task(_revive_for_ever(bench, engine))
+    orphaned = asyncio.create_task(_wait_for_stop(bench, parent_pid))
+    try:
+        done, _ = await asyncio.wait({listener, keeper, orphaned}, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (listener, keeper, orphaned):
+            task.cancel()
+        await asyncio.gather(listener, keeper, orphaned, return_exceptions=True)
+    for task in done:
+        task.result()
+
+
+async def _wait_for_stop(bench: Bench, parent_pid: int | None) -> None:
+    while not bench.stopping.is_set():
+        if parent_pid is not None and os.getppid() != parent_pid:
+            bench.stopping.set()
+        await asyncio.sleep(0.2)
+
+
+def _revive(bench: Bench) -> None:
+    """Put back the rows of the dead, and wake somebody for rows whose wake-up was lost."""
+    reclaim_abandoned(bench)
+    bench.store.run(_TOP_UP)
+
+
+async def _revive_for_ever(bench: Bench, engine: App) -> None:
+    """Put back, every few seconds, what dead workers held."""
+    while True:
+        try:
+            await asyncio.to_thread(_revive, bench)
+            for job in await engine.job_manager.get_stalled_jobs(
+                queue=QUEUE, seconds_since_heartbeat=bench.settings.lease_s
+            ):
+                await engine.job_manager.retry_job(job)
+        except OperationalError:
+            logger.warning("nothing revived: the database does not answer")
+        await asyncio.sleep(REVIVE_S)

@@ -1,0 +1,49 @@
+"""From one state of a job to the next: guarded updates, so that of two who want the same one wins."""
+
+import secrets
+from collections.abc import Mapping
+
+from sqlalchemy import Connection, Update, func, update
+
+from app.jobs.job import TRANSITIONS, Claimer, JobState, list_sources
+from app.jobs.reading import tell_now
+from app.jobs.tables import analyses
+from app.jobs.webhooks import announce_end
+
+
+def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
+    """Give a queued job to a worker, with a token of its own for the attempt."""
+    held: dict[str, object] = {
+        "token": secrets.token_hex(8),
+        "stage": None,
+        "progress": 0.0,
+        "attempts": analyses.c.attempts + 1,
+        "beats": analyses.c.beats + 1,
+        "claimer_place": claimer.place,
+        "claimer_pid": claimer.pid,
+        "claimer_started": claimer.started,
+        "started_at": func.coalesce(analyses.c.started_at, tell_now()),
+    }
+    move_job(connection, analysis_id, JobState.RUNNING, held)
+
+
+def move_job(
+    connection: Connection,
+    analysis_id: str,
+    to: JobState,
+    values: Mapping[str, object],
+    token: str | None = None,
+) -> bool:
+    """Change the state if the table of transitions and the attempt's token allow it."""
+    change = update(analyses).where(analyses.c.id == analysis_id, analyses.c.state.in_(list_sources(to)))
+    if token is not None:
+        change = change.where(analyses.c.token == token)
+    moved = is_changed(connection, change.values({"state": to, **values}))
+    if moved and not TRANSITIONS[to]:
+        announce_end(connection, analysis_id, to)
+    return moved
+
+
+def is_changed(connection: Connection, change: Update) -> bool:
+    """Make a change of one row, and tell whether it was there to be changed."""
+    return connection.execute(change).rowcount == 1

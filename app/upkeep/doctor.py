@@ -1,0 +1,141 @@
+"""What on this machine would keep Acromion from working well, and the cure."""
+
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from sqlalchemy import text
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.errors import AppError
+from app.jobs.database import connect, open_database
+from app.report.template_folder import find_template_folder
+from app.settings import Settings
+from app.stores import open_storage
+
+OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
+CLOCK_SKEW_S = 30.0
+GIB = 1 << 30
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """One check: its name (a key of the wording), whether all is well, and what was seen."""
+
+    name: str
+    healthy: bool
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+
+def examine(settings: Settings) -> Iterator[Examination]:
+    """Make every check; each stands for itself."""
+    checks: tuple[Callable[[Settings], Examination], ...] = (
+        _examine_folder,
+        _examine_disk,
+        _examine_database,
+        _examine_store,
+        _examine_cache,
+        _examine_fonts,
+        _examine_clock,
+        _examine_memory,
+    )
+    return (check(settings) for check in checks)
+
+
+def _examine_folder(settings: Settings) -> Examination:
+    """The folder can be written, by us alone."""
+    folder = settings.data_dir
+    facts = {"folder": str(folder.resolve())}
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        return Examination("folder", healthy=False, facts=facts | {"why": error.strerror or ""})
+    if sys.platform != "win32" and folder.stat().st_mode & 0o007:
+        return Examination("folder_open", healthy=False, facts=facts)
+    return Examination("folder", healthy=True, facts=facts)
+
+
+def _examine_disk(settings: Settings) -> Examination:
+    free = shutil.disk_usage(_find_existing(settings.data_dir)).free
+    facts = {"free": f"{free / GIB:.1f}", "needed": f"{settings.min_free_bytes / GIB:.1f}"}
+    return Examination("disk", free >= settings.min_free_bytes, facts)
+
+
+def _examine_database(settings: Settings) -> Examination:
+    """It answers, and its tables are ours."""
+    try:
+        engine = open_database(settings.database_url)
+        engine.dispose()
+    except AppError as refusal:
+        return Examination("database", healthy=False, facts={"why": refusal.code})
+    except SQLAlchemyError as error:
+        return Examination("database", healthy=False, facts={"why": type(error).__name__})
+    return Examination("database", healthy=True, facts={"kind": engine.dialect.name})
+
+
+def _examine_store(settings: Settings) -> Examination:
+    where = settings.object_store or str(settings.data_dir)
+    try:
+        storage = open_storage(settings)
+        storage.prepare()
+        storage.identify()
+    except AppError as refusal:
+        return Examination("store", healthy=False, facts={"where": where, "why": refusal.code})
+    except OSError as error:
+        return Examination("store", healthy=False, facts={"where": where, "why": error.strerror or ""})
+    return Examination("store", healthy=True, facts={"where": where})
+
+
+def _examine_cache(_settings: Settings) -> Examination:
+    """Compiled code can be kept; without, each start compiles anew."""
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR", tempfile.gettempdir()))
+    writable = os.access(_find_existing(folder), os.W_OK)
+    return Examination("cache", writable, {"folder": str(folder)})
+
+
+def _examine_fonts(_settings: Settings) -> Examination:
+    fonts = [path for path in (find_template_folder() / "fonts").glob("*") if path.suffix in (".ttf", ".otf")]
+    return Examination("fonts", bool(fonts), {"number": str(len(fonts))})
+
+
+def _examine_clock(settings: Settings) -> Examination:
+    """Plausible by itself and, where the database has a clock of its own, in step with it."""
+    now = datetime.now(UTC)
+    skew_s = 0.0
+    if not settings.database_url.startswith("sqlite"):
+        skew_s = _measure_skew_s(settings)
+    facts = {"clock": now.isoformat(timespec="seconds"), "skew": f"{skew_s:.0f}"}
+    return Examination("clock", now > OLDEST_CLOCK and abs(skew_s) < CLOCK_SKEW_S, facts)
+
+
+def _measure_skew_s(settings: Settings) -> float:
+    try:
+        engine = connect(settings.database_url)
+        with engine.connect() as connection:
+            theirs_s = connection.execute(text("SELECT extract(epoch FROM clock_timestamp())")).scalar_one()
+        engine.dispose()
+    except SQLAlchemyError:
+        return 0.0  # that the database does not answer is said by its own check
+    return time.time() - float(theirs_s)
+
+
+def _examine_memory(settings: Settings) -> Examination:
+    """One analysis at the limit of 700 MiB fits for each worker."""
+    if not hasattr(os, "sysconf"):
+        return Examination("memory", healthy=True, facts={"installed": "?"})
+    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    needed = settings.workers * GIB
+    return Examination("memory", installed > needed, {"installed": f"{installed / GIB:.1f}"})
+
+
+def _find_existing(folder: Path) -> Path:
+    """Give the folder, or the nearest above it that is there."""
+    return next(place for place in (folder.resolve(), *folder.resolve().parents) if place.exists())

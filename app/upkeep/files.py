@@ -1,0 +1,55 @@
+"""The files that the rows promise, and what each must hash to."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from app.errors import BackupRefused
+from app.storage import Storage
+
+_NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)
+
+Rows = Iterable[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class KeptFile:
+    """A file by its name in the store, with the SHA-256 of its row."""
+
+    name: str
+    sha256: str
+
+    def fetch(self, storage: Storage) -> Path:
+        """Give it as a file of this machine."""
+        kind, first, *rest = self.name.split("/")
+        if kind == "recordings":
+            return storage.fetch_recording(first, storage.root / "uploads" / f"{first}.part")
+        return storage.fetch_result(first, rest[0], rest[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One file that is not as its row says."""
+
+    name: str
+    finding: Literal["missing", "damaged"]
+
+
+def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
+    """Give every recording and every result that a row promises."""
+    for row in recordings:
+        if row["state"] != "deleted":
+            yield _name(f"recordings/{row['id']}", row["sha256"])
+    tokens = {row["id"]: row["token"] for row in analyses}
+    for row in result_files:
+        analysis_id = row["analysis_id"]
+        yield _name(f"analyses/{analysis_id}/{tokens[analysis_id]}/{row['name']}", row["sha256"])
+
+
+def _name(name: str, sha256: str) -> KeptFile:
+    """Trust no name of a backup more than its letters."""
+    if not _NAME.fullmatch(name):
+        raise BackupRefused(why=name[:80])
+    return KeptFile(name, sha256)

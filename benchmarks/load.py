@@ -1,0 +1,117 @@
+"""What one server bears: ``python -m benchmarks.load [--megabytes 300] [--uploads 16]``.
+
+Starts the real server with two workers on a free port of this machine, and measures: uploads at once,
+none failing; eight at once until the last is acknowledged; the 99th percentile of the API while two
+analyses and four uploads run; the memory of the web process. Clients run on the same machine. Goals:
+issue 8.
+"""
+
+import argparse
+import hashlib
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx2
+
+from fusion.simulation import simulate_shift, write_shift
+from tests.ways_in.servers import RunningServer
+
+PIECE_BYTES = 1 << 20
+PROBES, PROBE_PAUSE_S = 200, 0.02
+
+
+def make_body(size_bytes: int, number: int) -> Iterator[bytes]:
+    """Give that many bytes, different for each upload, and no recording: refused in no time once stored."""
+    piece = hashlib.sha256(str(number).encode()).digest() * (PIECE_BYTES // 32)
+    for _ in range(size_bytes // PIECE_BYTES):
+        yield piece
+
+
+def upload(address: str, size_bytes: int, number: int) -> int:
+    """Upload once; gives the status."""
+    with httpx2.Client(base_url=address, timeout=600) as client:
+        return client.post("/api/v1/analyze", content=make_body(size_bytes, number)).status_code
+
+
+def upload_at_once(address: str, size_bytes: int, number: int) -> tuple[float, int]:
+    """Upload several at once; gives the seconds until the last is acknowledged, and how many were not."""
+    started_s = time.monotonic()
+    with ThreadPoolExecutor(number) as pool:
+        statuses = list(pool.map(lambda k: upload(address, size_bytes, k), range(number)))
+    return time.monotonic() - started_s, sum(status != 202 for status in statuses)
+
+
+def probe(address: str) -> float:
+    """Ask for the list of analyses many times; gives the 99th percentile in milliseconds."""
+    times_s = []
+    with httpx2.Client(base_url=address, timeout=60) as client:
+        for _ in range(PROBES):
+            started_s = time.monotonic()
+            client.get("/api/v1/analyses", params={"limit": 20}).raise_for_status()
+            times_s.append(time.monotonic() - started_s)
+            time.sleep(PROBE_PAUSE_S)
+    return 1000 * statistics.quantiles(times_s, n=100)[98]
+
+
+def probe_under_load(address: str, shift: Path, size_bytes: int) -> float:
+    """Do the same while two analyses and four uploads run."""
+    stopping = threading.Event()
+    loads: list[Callable[[], object]] = [lambda: _repeat(stopping, address, size_bytes)] * 4
+    with ThreadPoolExecutor(len(loads)) as pool, httpx2.Client(base_url=address, timeout=600) as client:
+        for side in ("left", "right"):
+            client.post("/api/v1/analyze", params={"side": side}, content=shift.read_bytes())
+        for load in loads:
+            pool.submit(load)
+        result_ms = probe(address)
+        stopping.set()
+    return result_ms
+
+
+def _repeat(stopping: threading.Event, address: str, size_bytes: int) -> None:
+    while not stopping.is_set():
+        upload(address, size_bytes, 0)
+
+
+def read_peak_mb(pid: int) -> float:
+    """Give the largest resident memory a process ever had."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Load one server.")
+    parser.add_argument("--megabytes", type=int, default=300)
+    parser.add_argument("--uploads", type=int, default=16)
+    parser.add_argument("--hours", type=float, default=8.0, help="length of the analysed shifts")
+    wished = parser.parse_args()
+    size_bytes = wished.megabytes * 1_000_000
+    with tempfile.TemporaryDirectory() as folder:
+        shift = write_shift(Path(folder), simulate_shift("gt9x", wished.hours, seed=1), actilife_csv=False)[0]
+        server = RunningServer(Path(folder) / "data", Path(folder) / "log")
+        try:
+            _report(server, shift, size_bytes, wished.uploads)
+        finally:
+            server.stop()
+
+
+def _report(server: RunningServer, shift: Path, size_bytes: int, uploads: int) -> None:
+    idle_ms = probe(server.address)
+    all_s, failed = upload_at_once(server.address, size_bytes, uploads)
+    eight_s, failed_of_eight = upload_at_once(server.address, size_bytes, 8)
+    loaded_ms = probe_under_load(server.address, shift, size_bytes)
+    megabytes = size_bytes // 1_000_000
+    print(f"| {uploads} x {megabytes} MB at once, failed | {failed} | 0 |")
+    print(f"| {uploads} x {megabytes} MB at once, s | {all_s:.1f} | |")
+    print(f"| 8 x {megabytes} MB acknowledged, s ({failed_of_eight} failed) | {eight_s:.1f} | 6 |")
+    print(f"| API p99 idle, ms | {idle_ms:.0f} | |")
+    print(f"| API p99 with 2 analyses and 4 uploads, ms | {loaded_ms:.0f} | 75 |")
+    print(f"| web process, peak MB | {read_peak_mb(server.process.pid):.0f} | 120 |")
+
+
+if __name__ == "__main__":
+    main()

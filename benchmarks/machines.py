@@ -1,0 +1,100 @@
+"""Do two workers do twice the work of one? ``python -m benchmarks.machines [--jobs 8] [--hours 1]``.
+
+A real PostgreSQL wakes the workers (Procrastinate); each is pinned to a core of its own, as a machine with
+one core would be. Prints the throughput of one and of two, and their ratio (goal: 1.8).
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from app.folder import FolderStorage
+from app.jobs.cluster import install
+from app.jobs.store import JobStore
+from app.request import ReportRequest
+from app.settings import Settings
+from fusion.simulation import simulate_shift, write_shift
+from tests.postgres import PostgresServer
+
+PATIENCE_S, READY_S = 1800.0, 15.0
+
+
+def queue(settings: Settings, shift: Path, number: int) -> list[str]:
+    """Store and queue the same shift several times."""
+    storage, store = FolderStorage(settings.data_dir), JobStore(settings.database_url)
+    storage.prepare()
+    install(settings.database_url)
+    jobs = []
+    for _ in range(number):
+        upload = storage.open_upload(1 << 32)
+        upload.write(shift.read_bytes())
+        jobs.append(store.add(upload.keep(), ReportRequest(shift.name)).id)
+    store.close()
+    return jobs
+
+
+def start_worker(settings: Settings, core: int) -> subprocess.Popen[bytes]:
+    """Start a worker that may use one core, with one thread for the mathematics."""
+    command = [sys.executable, "-m", "app.jobs.worker", "--data", str(settings.data_dir)]
+    environment = os.environ | settings.as_environment() | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    worker = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
+    os.sched_setaffinity(worker.pid, {core})
+    return worker
+
+
+def wait_for_all(store: JobStore, names: list[str]) -> None:
+    """Wait until every analysis is over."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not all(store.get(name).is_over for name in names) and time.monotonic() < end_s:
+        time.sleep(0.2)
+
+
+def measure(settings: Settings, shift: Path, cores: list[int], jobs: int) -> float:
+    """Give the analyses per second, from the first that began to the last that ended."""
+    store = JobStore(settings.database_url)
+    workers = [start_worker(settings, core) for core in cores]
+    try:
+        time.sleep(READY_S)
+        wait_for_all(store, queue(settings, shift, len(cores)))  # loads the science, compiles
+        names = queue(settings, shift, jobs)
+        wait_for_all(store, names)
+        done = [store.get(name) for name in names]
+    finally:
+        store.close()
+        for worker in workers:
+            worker.terminate()
+            worker.wait()
+    begun = min(job.started_at for job in done if job.started_at)
+    ended = max(job.ended_at for job in done if job.ended_at)
+    return jobs / (ended - begun).total_seconds()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Compare one worker with two.")
+    parser.add_argument("--jobs", type=int, default=8)
+    parser.add_argument("--hours", type=float, default=8.0)
+    wished = parser.parse_args()
+    cores = sorted(os.sched_getaffinity(0))[:2]
+    server = PostgresServer()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            shift = write_shift(
+                Path(folder), simulate_shift("gt9x", wished.hours, seed=1), actilife_csv=False
+            )[0]
+            rates = []
+            for used in (cores[:1], cores):
+                server.empty()
+                data = Path(folder) / f"data{len(used)}"
+                settings = Settings(data_dir=data, database_url=server.url, engine="procrastinate")
+                rates.append(measure(settings, shift, used, wished.jobs))
+    finally:
+        server.remove()
+    print(f"one worker {rates[0]:.3f}/s, two {rates[1]:.3f}/s, ratio {rates[1] / rates[0]:.2f} (goal 1.8)")
+
+
+if __name__ == "__main__":
+    main()

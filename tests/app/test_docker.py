@@ -1,0 +1,64 @@
+"""The container files name only settings and commands that exist."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+import yaml
+
+from app.cli import app
+from app.settings import Settings
+
+DOCKER = Path(__file__).resolve().parents[2] / "docker"
+FILES = sorted(path for path in DOCKER.iterdir() if path.is_file())
+COMPOSE = sorted(DOCKER.glob("*.yaml"))
+
+
+def read(path: Path) -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load(path.read_text())
+    return content
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_every_variable_of_ours_is_a_setting(path: Path) -> None:
+    named = {name.lower() for name in re.findall(r"\bACROMION_(\w+)", path.read_text())}
+
+    assert named <= set(Settings.model_fields)
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_command_of_a_service_is_one_of_ours(path: Path) -> None:
+    ours = [service for service in read(path)["services"].values() if service["image"] == "acromion"]
+
+    group = typer.main.get_command(app)
+    for service in ours:
+        if "command" in service:
+            name, *arguments = service["command"]
+            command = group.commands[name]  # type: ignore[attr-defined]
+            command.make_context(name, arguments, resilient_parsing=False)
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_service_of_ours_is_locked_down(path: Path) -> None:
+    ours = [service for service in read(path)["services"].values() if service["image"] == "acromion"]
+
+    assert ours
+    for service in ours:
+        assert service["read_only"] is True
+        assert service["user"] == "1000:1000"
+        assert service["cap_drop"] == ["ALL"]
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_every_volume_of_a_service_is_declared(path: Path) -> None:
+    compose = read(path)
+
+    used = {
+        volume.partition(":")[0]
+        for service in compose["services"].values()
+        for volume in service.get("volumes", ())
+    }
+
+    assert used == set(compose["volumes"])

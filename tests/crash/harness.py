@@ -1,0 +1,220 @@
+"""A server, workers and clients that can be killed at any instant, and the invariants checked afterwards."""
+
+import hashlib
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import httpx2
+
+from app.jobs.job import Job, JobState
+from app.jobs.store import JobStore
+from app.settings import Settings
+from app.upkeep.verify import find_faults, list_kept
+from tests.ways_in.servers import ROOT, list_children, read_stat, wait_for
+
+Victim = Literal["web", "worker", "child", "all"]
+VICTIMS: tuple[Victim, ...] = ("web", "worker", "child", "all")
+END_PATIENCE_S = 120.0
+
+
+@dataclass
+class Journal:
+    """What the server has acknowledged, and the last that was seen of it."""
+
+    recordings: dict[str, tuple[str, str]] = field(default_factory=dict)  # analysis: (recording, SHA-256)
+    ends: dict[str, tuple[JobState, str | None]] = field(default_factory=dict)
+
+
+class Site:
+    """One data folder with its server and its workers, each a process group of its own."""
+
+    def __init__(self, data: Path, log: Path, sync: str = "synced", workers: int = 1) -> None:
+        self.settings = Settings(data_dir=data, min_free_bytes=0)
+        self._log, self._sync = log, sync
+        self._web: subprocess.Popen[bytes] | None = None
+        self._workers: list[subprocess.Popen[bytes]] = []
+        self._wanted = workers
+        self.address = ""
+        self.start()
+
+    def start(self) -> None:
+        """Start whatever does not run."""
+        if self._web is None or self._web.poll() is not None:
+            self._log.write_bytes(b"")
+            self._web = self._launch("web")
+            self.address = wait_for(self._find_address)
+        self._workers = [worker for worker in self._workers if worker.poll() is None]
+        while len(self._workers) < self._wanted:
+            self._workers.append(self._launch("worker"))
+
+    def kill(self, victim: Victim, dice: random.Random) -> None:
+        """Kill -9, with no chance to tidy up."""
+        assert self._web is not None
+        groups = {"web": [self._web], "worker": self._workers, "all": [self._web, *self._workers]}
+        if victim == "child":
+            children = self._find_attempts()
+            if children:
+                _end(dice.choice(children))
+            return
+        for process in groups[victim]:
+            process.kill()
+            process.wait()
+
+    def freeze(self) -> None:
+        """Stop every process where it stands, and wait until every thread does.
+
+        Sending returns before that: until the one thread that was told runs (it may wait for the disk),
+        the others go on and may acknowledge.
+        """
+        pids = self._list_all()
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        wait_for(lambda: all(_stands_still(pid) for pid in pids))
+
+    def end(self) -> None:
+        """Kill everything."""
+        for pid in self._list_all():
+            _end(pid)
+        for process in self._list_started():
+            process.wait()
+
+    def _launch(self, role: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "tests.crash.program", role, str(self.settings.data_dir), self._sync]
+        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0", "ACROMION_MAX_ATTEMPTS": "50"}
+        with self._log.open("ab") as file:
+            return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=file, stderr=file)
+
+    def _find_address(self) -> str | None:
+        assert self._web is not None
+        text = self._log.read_text(errors="replace")
+        assert self._web.poll() is None, text
+        found = re.search(r"Acromion is at (http://\S+?)/ ", text)
+        return found[1] if found else None
+
+    def _list_started(self) -> list[subprocess.Popen[bytes]]:
+        return [process for process in (self._web, *self._workers) if process is not None]
+
+    def _list_all(self) -> list[int]:
+        """Parents before children, so that nobody is started again meanwhile."""
+        found = [process.pid for process in self._list_started() if process.poll() is None]
+        for pid in found:
+            found.extend(list_children(pid))
+        return found
+
+    def _find_attempts(self) -> list[int]:
+        helpers = [child for worker in self._workers for child in list_children(worker.pid)]
+        return [child for helper in helpers for child in list_children(helper)]
+
+
+class Clients:
+    """Threads that upload without a pause, and write down what was acknowledged."""
+
+    def __init__(self, site: Site, journal: Journal, seed: int, pause_s: float = 0.1) -> None:
+        self._site, self._journal, self._pause_s = site, journal, pause_s
+        self._stopping = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._upload, args=(random.Random(f"{seed} {k}"),), daemon=True)
+            for k in range(3)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """Let every thread end; one that waits for a frozen server gives up."""
+        self._stopping.set()
+        for thread in self._threads:
+            thread.join(10)
+
+    def _upload(self, dice: random.Random) -> None:
+        with httpx2.Client(timeout=5) as client:
+            while not self._stopping.is_set():
+                content = dice.randbytes(dice.choice((100, 20_000, 700_000)))
+                try:
+                    answer = client.post(f"{self._site.address}/api/v1/analyze", content=content)
+                except httpx2.HTTPError:
+                    self._stopping.wait(0.05)
+                    continue
+                if answer.status_code == 202:
+                    view = answer.json()
+                    sha256 = hashlib.sha256(content).hexdigest()
+                    self._journal.recordings[view["id"]] = (view["recording_id"], sha256)
+                self._stopping.wait(dice.uniform(0, self._pause_s))
+
+
+def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
+    """I1, I2, I3, I5: all that was acknowledged is there, whole, in a state that may follow the last seen."""
+    broken: list[str] = []
+    store = JobStore(settings.database_url)
+    jobs = {job.id: job for job in store.list_newest(1_000_000)}
+    store.close()
+    for analysis_id, (recording_id, sha256) in dict(journal.recordings).items():
+        job = jobs.get(analysis_id)
+        if job is None:
+            broken.append(f"I1 {analysis_id} lost")
+        elif (job.sha256, job.recording_id) != (sha256, recording_id):
+            broken.append(f"I2 {analysis_id} holds other bytes")
+        elif not _may_follow(journal.ends.get(analysis_id), job):
+            broken.append(f"I3 {analysis_id} went back from its end")
+        elif job.is_over:
+            journal.ends[analysis_id] = (job.state, job.token)
+    faults = find_faults(settings, list_kept(settings))
+    return broken + [f"I2/I5 {fault.name} {fault.finding}" for fault in faults]
+
+
+def check_settled(settings: Settings, journal: Journal) -> list[str]:
+    """I4, I6, I7: once no one disturbs, every analysis ends well, once, and nothing half-made is left."""
+    store = JobStore(settings.database_url)
+    try:
+        wait_for(lambda: not _list_open(store), END_PATIENCE_S)
+    except TimeoutError:
+        return [f"I6 {job.id} is stuck: {job.state}" for job in _list_open(store)]
+    finally:
+        store.close()
+    return check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
+
+
+def _list_open(store: JobStore) -> list[Job]:
+    return [job for job in store.list_newest(1_000_000) if not job.is_over]
+
+
+def _check_results(settings: Settings, journal: Journal) -> list[str]:
+    broken = []
+    for analysis_id, (_, sha256) in journal.recordings.items():
+        state, token = journal.ends[analysis_id]
+        result = settings.data_dir / "analyses" / analysis_id / str(token) / "results.json"
+        if state is not JobState.SUCCEEDED or sha256 not in result.read_text():
+            broken.append(f"I4 {analysis_id} ended {state}")
+    return broken
+
+
+def _find_litter(settings: Settings) -> list[str]:
+    """Files on the disk that no row promises."""
+    promised = {file.name for file in list_kept(settings)}
+    kept = [path for kind in ("recordings", "analyses") for path in (settings.data_dir / kind).rglob("*")]
+    names = {str(path.relative_to(settings.data_dir)) for path in kept if path.is_file()}
+    return [f"I7 {name} has no row" for name in sorted(names - promised)]
+
+
+def _may_follow(before: tuple[JobState, str | None] | None, job: Job) -> bool:
+    return before is None or before == (job.state, job.token)
+
+
+def _stands_still(pid: int) -> bool:
+    states = [read_stat(path)[:1] for path in Path(f"/proc/{pid}/task").glob("*/stat")]
+    return all(state in ([], ["T"], ["Z"]) for state in states)
+
+
+def _end(pid: int) -> None:
+    try:
+        os.kill(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        time.sleep(0)  # it had ended by itself
