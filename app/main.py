@@ -25,6 +25,7 @@ from app.api.patience import make_patient_protocol
 from app.api.problems import answer_refusal, name_refusal
 from app.api.routes import router as api_routes
 from app.api.services import Services
+from app.api.validations import router as validation_routes
 from app.errors import AppError, DiskFull, ForeignAddress, PortTaken
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
@@ -33,6 +34,7 @@ from app.storage import FolderLock, Storage
 from app.version import software_version
 from app.web.routes import answer_with_page
 from app.web.routes import router as page_routes
+from app.web.validations import router as validation_pages
 from fusion.errors import FusionError
 
 MAX_HEADER_BYTES = 64 * 1024
@@ -57,7 +59,9 @@ def create_app(settings: Settings) -> FastAPI:
     )
     application.state.services = Services(JobStore(settings.database_url), storage, settings)
     application.include_router(api_routes)
+    application.include_router(validation_routes)
     application.include_router(page_routes)
+    application.include_router(validation_pages)
     _add_health(application)
     application.mount("/static", StaticFiles(directory=Path(app.web.__path__[0]) / "static"))
     _add_refusals(application)

@@ -58,6 +58,19 @@ class JobStore:
             connection.execute(insert(analyses).values(analysis))
         return self.get(analysis_id)
 
+    def add_recording(self, stored: StoredRecording, file_name: str) -> None:
+        """Acknowledge a file that an analysis needs beside its own recording, such as a reference."""
+        row = {
+            "id": stored.id,
+            "sha256": stored.sha256,
+            "size_bytes": stored.size_bytes,
+            "file_name": file_name,
+            "state": "stored",
+            "created_at": _now(),
+        }
+        with self._engine.begin() as connection:
+            connection.execute(insert(recordings).values(row))
+
     def get(self, analysis_id: str) -> Job:
         """Give one job.
 
@@ -72,10 +85,11 @@ class JobStore:
         return _read_job(row)
 
     def list_newest(self, limit: int = 100) -> tuple[Job, ...]:
-        """Give the jobs asked for last, newest first."""
+        """Give the jobs asked for last, newest first; comparisons have pages of their own."""
         newest_first = analyses.c.created_at.desc(), analyses.c.id
+        reports = _select_jobs().where(analyses.c.way_in != "validation")
         with self._reader.connect() as connection:
-            rows = connection.execute(_select_jobs().order_by(*newest_first).limit(limit)).all()
+            rows = connection.execute(reports.order_by(*newest_first).limit(limit)).all()
         return tuple(_read_job(row) for row in rows)
 
     def count_states(self) -> dict[JobState, int]:

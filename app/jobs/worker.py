@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
@@ -27,6 +27,7 @@ from app.jobs.attempt import (
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
+from app.request import ReportRequest
 from app.settings import Settings
 from app.storage import Storage
 
@@ -106,8 +107,16 @@ def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
     limits = choose_limits(bench.settings, job.size_bytes)
     log = bench.storage.recording(job.recording_id)
-    attempt = Attempt(log, job.request, out, bench.make_report, limits)
+    attempt = Attempt(log, _place_reference(bench, job.request), out, bench.make_report, limits)
     return run_attempt(attempt, _Heart(bench, job.id, token).beat)
+
+
+def _place_reference(bench: Bench, request: ReportRequest) -> ReportRequest:
+    """Say where the reference lies; the row knows it by its id, so that the folder may be moved."""
+    if request.reference is None:
+        return request
+    path = str(bench.storage.recording(request.reference.path))
+    return replace(request, reference=replace(request.reference, path=path))
 
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:

@@ -61,6 +61,8 @@ def rows(request: Request, services: UsedServices, language: UsedLanguage, only:
 def analysis(analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show one analysis: its state or its answer, and its files."""
     job = services.store.get(analysis_id)
+    if job.request.reference is not None:
+        return RedirectResponse(f"/validations/{job.id}", status_code=303)
     values = {
         "row": show_row(job, language, now_utc()),
         "answer": _read_answer(services, job, language),

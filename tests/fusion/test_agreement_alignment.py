@@ -16,7 +16,7 @@ SECONDS = 900.0
 def move(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Work with long still parts: bursts of swings of no fixed rhythm, a held arm in between."""
     swing = 30 * np.sin(1.05 * time_s + 2 * np.sin(0.1317 * time_s)) + 12 * np.sin(0.3719 * time_s + 1)
-    return 60 + np.clip(4 * np.sin(0.0437 * time_s), 0, 1) * swing
+    return np.asarray(60 + np.clip(4 * np.sin(0.0437 * time_s), 0, 1) * swing)
 
 
 def see(rate_hz: float, offset_s: float, drift_ppm: float, noise_deg: float, seed: int) -> Runs:

@@ -191,7 +191,8 @@ def test_mt_manager_4_tells_its_rate(shared_data: Callable[[str], Path]) -> None
         read_file = read_angle_file(file)
 
     # Counters 3583 to 6951 at 100 Hz.
-    assert (len(read_file.time_s), read_file.last_s) == (3369, pytest.approx(33.68))
+    assert len(read_file.time_s) == 3369
+    assert read_file.last_s == pytest.approx(33.68)
 
 
 @pytest.mark.real_recordings
