@@ -94,7 +94,7 @@ FORM = {
 
 @router.post("/validations", status_code=202, response_model=ValidationView, openapi_extra=FORM)
 async def add_validation(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
-    """Compare two files, sent as one form: ``recording``, ``reference``, and ``tasks`` where there are any."""
+    """Compare two files, sent as one form: ``recording`` and ``reference``; ``tasks`` where there are any."""
     job = await take_validation(request, services)
     body = view_validation(job, language).model_dump(exclude_none=True)
     headers = {"Location": f"/api/v1/validations/{job.id}", "Retry-After": "2"}

@@ -21,7 +21,9 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 def ask(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show the form."""
     size = format_size(services.settings.max_upload_bytes, language)
-    return show_page(request, "validate.html", language, {"max_size": size, "asked": _load(language)})
+    page = show_page(request, "validate.html", language, {"max_size": size, "asked": _load(language)})
+    page.headers["Referrer-Policy"] = "same-origin"  # else a browser hides the form's origin from our guard
+    return page
 
 
 @router.post("/validations")

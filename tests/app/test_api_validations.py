@@ -1,5 +1,6 @@
 """Comparisons through the API and the page: two files in one form, a job, its files."""
 
+from math import sin
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,10 @@ from app.storage import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 
-ANGLES = "time_s,elevation_deg\n" + "".join(f"{k / 20},{30 + (k * 37) % 91 / 3:.2f}\n" for k in range(600))
+TIMES = [k / 20 for k in range(600)]
+ANGLES = "time_s,elevation_deg\n" + "".join(
+    f"{t},{45 + 30 * sin(1.3 * t + 2 * sin(0.17 * t)):.3f}\n" for t in TIMES
+)
 FILES = {"recording": ("ours.csv", ANGLES), "reference": ("truth.csv", ANGLES)}
 
 
@@ -125,6 +129,10 @@ def test_the_form_needs_no_script(client: TestClient, language: str) -> None:
 
     assert 'enctype="multipart/form-data"' in page
     assert "<script" not in page
+
+
+def test_a_browser_may_tell_the_origin_of_the_form(client: TestClient) -> None:
+    assert client.get("/validations").headers["referrer-policy"] == "same-origin"
 
 
 def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: OpenBench) -> None:

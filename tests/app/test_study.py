@@ -104,3 +104,12 @@ def test_one_person_has_no_standard_deviation() -> None:
     cell = summarise_study([StudyEntry("P1", "gt9x", "lift", None, agreement)])[0]
 
     assert cell.rmse_deg.sd != cell.rmse_deg.sd
+
+
+def test_r_is_not_given_where_it_is_quasi_static_for_most() -> None:
+    moving, still = measure_agreement(OURS, REFERENCE, 1.0), measure_agreement(OURS / 10, REFERENCE / 10, 1.0)
+    people = (("P1", moving), ("P2", still), ("P3", still))
+
+    cell = summarise_study([StudyEntry(person, "gt9x", "hold", None, one) for person, one in people])[0]
+
+    assert (cell.r.mean != cell.r.mean, cell.r.people, cell.rmse_deg.people) == (True, 1, 3)
