@@ -95,7 +95,8 @@ def test_means_are_over_people_not_over_recordings() -> None:
 
     cell = summarise_study(entries)[0]
 
-    assert (cell.people, cell.rmse_deg.mean) == (2, pytest.approx(4.0))
+    assert cell.people == 2
+    assert cell.rmse_deg.mean == pytest.approx(4.0)
 
 
 def test_one_person_has_no_standard_deviation() -> None:

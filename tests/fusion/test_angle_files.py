@@ -14,10 +14,13 @@ from fusion.angle_files import (
     AngleFileOptions,
     calibrate_alone,
     calibrate_file,
+    holds_samples,
     read_angle_file,
 )
 from fusion.errors import MissingSegment, RefusedXml, UnknownAxis, UnknownRate, UnusableTime, WrongAngle
+from fusion.readers import read_recording
 from fusion.simulation.write_mvnx import write_mvnx
+from tests.factories import hold
 
 FRAMES = '<frame type="normal" time="0" index="0"><position>0 0 1.4 {elbow}</position></frame>'
 
@@ -239,3 +242,34 @@ def test_an_orientation_alone_is_calibrated_where_it_first_holds_still() -> None
     # The last row is turned by 2 * 0.29 rad.
     assert calibrated.elevation_deg is not None
     assert calibrated.elevation_deg[-1] == pytest.approx(np.degrees(0.58), abs=0.01)
+
+
+def write_dot(columns: str, rows: str) -> bytes:
+    return f"sep=,\nDeviceTag:,one\nOutputRate:,60Hz\n\n{columns}\n{rows}".encode()
+
+
+def test_a_dot_file_with_samples_is_to_be_fused() -> None:
+    columns = "PacketCounter,SampleTimeFine,Quat_W,Quat_X,Quat_Y,Quat_Z,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
+
+    assert holds_samples(io.BytesIO(write_dot(columns, "")))
+
+
+def test_a_dot_file_with_an_orientation_alone_is_not() -> None:
+    body = write_dot("PacketCounter,SampleTimeFine,Quat_W,Quat_X,Quat_Y,Quat_Z", "1,1,1,0,0,0\n")
+
+    assert not holds_samples(io.BytesIO(body))
+
+
+def test_a_dot_recording_is_named_as_one() -> None:
+    made = hold((0, 10), (60, 10), rate_hz=60).recording.segments[0]
+    samples = np.hstack([made.acc_g * 9.80665, made.gyr_dps]) + np.random.default_rng(1).normal(
+        0, 0.02, (len(made), 6)
+    )
+    rows = "".join(
+        f"{k},{k * 16667}," + ",".join(f"{v:.5f}" for v in row) + "\n" for k, row in enumerate(samples)
+    )
+    columns = "PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
+
+    recording = read_recording(io.BytesIO(write_dot(columns, rows)))
+
+    assert (recording.device, round(recording.rate_hz)) == ("dot", 60)
