@@ -33,6 +33,7 @@ from app.api.requests import router as request_routes
 from app.api.routes import router as api_routes
 from app.api.services import Services, open_services
 from app.api.tus import router as upload_routes
+from app.api.validations import router as validation_routes
 from app.api.webhooks import router as webhook_routes
 from app.errors import (
     AppError,
@@ -58,6 +59,7 @@ from app.web.help_routes import router as help_routes
 from app.web.library_routes import router as library_routes
 from app.web.routes import answer_with_page
 from app.web.routes import router as page_routes
+from app.web.validations import router as validation_pages
 from fusion.errors import FusionError
 
 ROUTES = (
@@ -68,10 +70,11 @@ ROUTES = (
     event_routes,
     api_routes,
     webhook_routes,
+    validation_routes,
     about_routes,
     metrics_routes,
 )
-PAGES = (page_routes, day_routes, library_routes, beside_routes, help_routes, asset_routes)
+PAGES = (page_routes, day_routes, library_routes, beside_routes, help_routes, asset_routes, validation_pages)
 MAX_HEADER_BYTES = 64 * 1024
 GRACE_S = 3
 FULL_DISK = ("disk is full", "No space left")  # SQLite's words, and PostgreSQL's

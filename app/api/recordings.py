@@ -164,9 +164,11 @@ def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
 
 def purge_recording(services: Services, recording_id: str) -> None:
     """Delete a recording and every file made of it: the rows first, so that a start-up sweeps the rest."""
-    for analysis_id in services.recordings.purge(recording_id):
+    purged = services.recordings.purge(recording_id)
+    for analysis_id in purged.analyses:
         services.storage.drop_analysis(analysis_id)
-    services.storage.drop_recording(recording_id)
+    for stored_id in purged.recordings:
+        services.storage.drop_recording(stored_id)
 
 
 def _take_uploaded(services: Services, body: bytes) -> StoredRow:

@@ -108,6 +108,8 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
 def list_links(job: Job) -> Mapping[str, str]:
     """Say where an analysis, what can be done with it and its files are."""
     own = f"/api/v1/analyses/{job.id}"
+    if job.request.reference is not None:  # its files are those of a comparison
+        return {"self": own, "validation": f"/api/v1/validations/{job.id}"}
     files = {name.replace(".", "_"): f"{own}/{name}" for name in RESULT_NAMES}
     steps = {name: f"{own}/{name}" for name in ("cancel", "retry", "events")}
     about = {"page": f"/analyses/{job.id}", "recording": f"/api/v1/recordings/{job.recording_id}"}

@@ -14,6 +14,8 @@ from fusion.errors import Fact
 
 STORED = "stored"
 TRASHED = "trashed"
+REFERENCE = "reference"
+"""Stored for the comparison of another recording: in no list, and gone with that recording."""
 
 
 def select_jobs() -> Select[Any]:

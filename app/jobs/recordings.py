@@ -9,8 +9,9 @@ from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, 
 
 from app.errors import NotHere, StaleVersion
 from app.jobs.job import JobState
-from app.jobs.reading import STORED, TRASHED, tell_now
+from app.jobs.reading import REFERENCE, STORED, TRASHED, tell_now
 from app.jobs.tables import analyses, recordings, result_files, uploads
+from app.request import ReportRequest
 from app.storage import StoredRecording
 from fusion.choices import Side
 from fusion.diary import DiaryEntry
@@ -72,6 +73,14 @@ class RecordingFilter:
         return (row.start or "" if self.by_start else row.created_at), row.id
 
 
+@dataclass(frozen=True, slots=True)
+class Purged:
+    """What a deletion leaves to be removed from the store: the analyses' files and the recordings'."""
+
+    analyses: tuple[str, ...]
+    recordings: tuple[str, ...]
+
+
 class RecordingStore:
     """Rows of recordings; every change is one guarded UPDATE that names the version it saw."""
 
@@ -83,6 +92,11 @@ class RecordingStore:
         with self._engine.begin() as connection:
             insert_recording(connection, stored, about)
         return self.get(stored.id)
+
+    def add_reference(self, stored: StoredRecording, file_name: str) -> None:
+        """Acknowledge a file that the comparison of another recording needs."""
+        with self._engine.begin() as connection:
+            insert_recording(connection, stored, Description(file_name), REFERENCE)
 
     def get(self, recording_id: str, *, trashed: bool = False) -> StoredRow:
         """Give one recording.
@@ -164,17 +178,19 @@ class RecordingStore:
             connection.execute(back.values(state=STORED, trashed_s=None, version=recordings.c.version + 1))
         return self.get(recording_id)
 
-    def purge(self, recording_id: str) -> tuple[str, ...]:
-        """Delete every row of a recording; gives the analyses whose files are to go with it."""
+    def purge(self, recording_id: str) -> Purged:
+        """Delete every row of a recording and of its references; gives whose files are to go with them."""
         with self._engine.begin() as connection:
             of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
             gone = tuple(connection.execute(of_it).scalars())
+            references = _list_references(connection, recording_id)
             connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
             connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
             connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
-            connection.execute(delete(recordings).where(recordings.c.id == recording_id))
+            files = (recording_id, *references)
+            connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
         self._empty_log()
-        return gone
+        return Purged(gone, files)
 
     def _empty_log(self) -> None:
         """Leave no copy of deleted rows in SQLite's write-ahead log."""
@@ -196,7 +212,15 @@ class RecordingStore:
             return tuple(connection.execute(due).scalars())
 
 
-def insert_recording(connection: Connection, stored: StoredRecording, about: Description) -> None:
+def _list_references(connection: Connection, recording_id: str) -> tuple[str, ...]:
+    asked = select(analyses.c.request).where(analyses.c.recording_id == recording_id)
+    requests = (ReportRequest.from_json(text) for text in connection.execute(asked).scalars())
+    return tuple({request.reference.path for request in requests if request.reference is not None})
+
+
+def insert_recording(
+    connection: Connection, stored: StoredRecording, about: Description, state: str = STORED
+) -> None:
     """Write the row of a recording, with the oldest one of the same bytes."""
     same = (
         select(recordings.c.id)
@@ -208,7 +232,7 @@ def insert_recording(connection: Connection, stored: StoredRecording, about: Des
         "id": stored.id,
         "sha256": stored.sha256,
         "size_bytes": stored.size_bytes,
-        "state": STORED,
+        "state": state,
     }
     row |= {"created_at": tell_now(), "duplicate_of": connection.execute(same).scalar_one_or_none()}
     connection.execute(insert(recordings).values(row | asdict(about)))

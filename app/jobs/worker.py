@@ -6,8 +6,9 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -32,8 +33,9 @@ from app.jobs.attempt import (
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
+from app.request import ReportRequest
 from app.settings import Settings
-from app.storage import Storage, borrow_result, hash_file
+from app.storage import Storage, borrow_recording, borrow_result, hash_file
 from app.stores import load_extra, open_storage
 
 IDLE_S = 0.25
@@ -143,16 +145,24 @@ def _attempt_patiently(bench: Bench, job: Job, token: str) -> Outcome:
 
 def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
-    log = bench.storage.fetch_recording(job.recording_id, out.with_suffix(".recording"))
-    try:
+    with borrow_recording(bench.storage, job.recording_id) as log, _borrow_reference(bench, job) as request:
         if hash_file(log) != job.sha256:
             logger.error("%s: the stored recording %s is damaged", job.id, job.recording_id)
             return Refused(StoreDamaged.code, {})
         limits = choose_limits(bench.settings, job.size_bytes)
-        attempt = Attempt(log, job.request, out, bench.make_report, limits)
+        attempt = Attempt(log, request, out, bench.make_report, limits)
         return run_attempt(attempt, _Heart(bench, job.id, token).beat)
-    finally:
-        bench.storage.give_back(log)
+
+
+@contextmanager
+def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
+    """Say where the reference of a comparison lies; the row knows it by its id."""
+    reference = job.request.reference
+    if reference is None:
+        yield job.request
+        return
+    with borrow_recording(bench.storage, reference.path) as path:
+        yield replace(job.request, reference=replace(reference, path=str(path)))
 
 
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:

@@ -48,6 +48,8 @@ def analysis(
 ) -> Response:
     """Show one analysis: its state or its answer, its files, its day; ``before``: the one it corrects."""
     job = services.store.get(analysis_id)
+    if job.request.reference is not None:
+        return RedirectResponse(f"{find_base(request)}/validations/{job.id}", status_code=303)
     answered = read_answer(services, job, language)
     values = {
         "row": show_row(job, language, now_utc()),

@@ -21,7 +21,7 @@ from scipy.signal import correlate
 from scipy.stats import theilslopes
 
 from fusion.agreement.clocks import Alignment, WindowLag
-from fusion.agreement.pairing import pair
+from fusion.agreement.pairing import PairedRun, pair
 from fusion.agreement.runs import Run, Runs, Vector, find_rate_hz, interpolate
 from fusion.agreement.statistics import find_r
 from fusion.errors import NotAligned, NothingInCommon
@@ -33,6 +33,7 @@ LEAST_R = 0.5
 LEAST_ENERGY = 0.2
 """Of the lesser side's motion that must lie in the common time of a shift, lest an edge matches by chance."""
 
+OVERLAP_WORTH = 0.25
 FASTEST_DPS = 150.0
 """Faster motion counts no more than this, lest one throw decide."""
 
@@ -40,7 +41,8 @@ REACH_S = 4.0
 WINDOW_R = 0.7
 LEAST_SPAN_S = 120.0
 MOST_WINDOWS, SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 60, 20.0, 300.0
-STEPS = 8
+STEPS = 25
+SLOPE_S = 0.2
 HUBER = 1.345
 MOST_SHIFT_S = 1.0
 """Beyond this the last step has lost its way, and the answer of the step before stands."""
@@ -119,26 +121,29 @@ def find_shift(ours: Runs, reference: Runs) -> Alignment:
     own_start_s, other_start_s = ours[0].start_s, reference[0].start_s
     own = sample_rates(ours, own_start_s, _count_steps(ours))
     other = sample_rates(reference, other_start_s, _count_steps(reference))
-    score = _score_shifts(own, other)
-    best = int(np.argmax(score))
+    correlation, worth = _score_shifts(own, other)
+    best = int(np.argmax(worth))
     lag_s = (best - (len(own) - 1)) / GRID_HZ
-    return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(score[best]))
+    return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(correlation[best]))
 
 
 def _count_steps(runs: Runs) -> int:
     return int((runs[-1].end_s - runs[0].start_s) * GRID_HZ) + 1
 
 
-def _score_shifts(own: Vector, other: Vector) -> Vector:
-    """Correlation for every shift of ``other`` to the right; index len(own) - 1 is none."""
+def _score_shifts(own: Vector, other: Vector) -> tuple[Vector, Vector]:
+    """Correlation for every shift of ``other`` to the right, and its worth; index len(own) - 1 is none.
+
+    Of two shifts that match alike, the one that leaves more of the motion in common is worth more.
+    """
     product = correlate(other, own, mode="full", method="fft")
     own_energy = correlate((other != 0).astype(float), own**2, mode="full", method="fft")
     other_energy = correlate(other**2, np.ones(len(own)), mode="full", method="fft")
-    least = LEAST_ENERGY * min(float(own @ own), float(other @ other))
-    score: Vector = product / np.sqrt(
-        np.maximum(own_energy, max(least, 1e-9)) * np.maximum(other_energy, max(least, 1e-9))
-    )
-    return score
+    whole = max(min(float(own @ own), float(other @ other)), 1e-9)
+    least = LEAST_ENERGY * whole
+    shared = np.sqrt(np.maximum(own_energy, least) * np.maximum(other_energy, least))
+    correlation: Vector = product / shared
+    return correlation, correlation * np.minimum(shared / whole, 1.0) ** OVERLAP_WORTH
 
 
 def _fit_windows(ours: Runs, reference: Runs, first: Alignment, wishes: ClockWishes) -> Alignment:
@@ -228,7 +233,7 @@ def _find_step(
     if not any(free):
         return 0.0, 0.0
     pairs = pair(ours, reference, now)
-    slopes = np.concatenate([np.gradient(run.reference_deg) * run.rate_hz for run in pairs.runs])
+    slopes = np.concatenate([_find_slopes(run) for run in pairs.runs])
     time_s = np.concatenate([run.time_s for run in pairs.runs])
     error = pairs.ours_deg - pairs.reference_deg
     columns = [slopes, slopes * time_s]
@@ -244,6 +249,14 @@ def _find_step(
     solution = np.linalg.lstsq(normal / np.outer(scale, scale), weighted @ error / scale, rcond=1e-12)[0]
     found = iter((solution / scale).tolist())
     return (next(found) if free[0] else 0.0), (next(found) if free[1] else 0.0)
+
+
+def _find_slopes(run: PairedRun) -> Vector:
+    """Slope of the reference over a fifth of a second: noise in it would make every step too short."""
+    reach = max(1, round(SLOPE_S * run.rate_hz / 2))
+    rows = np.arange(len(run))
+    first, last = np.maximum(rows - reach, 0), np.minimum(rows + reach, len(run) - 1)
+    return np.asarray((run.reference_deg[last] - run.reference_deg[first]) * run.rate_hz / (last - first))
 
 
 def _weigh(residual: Vector) -> Vector:

@@ -74,6 +74,12 @@ def _average(agreements: Sequence[Agreement], name: str) -> float:
 
 
 def spread(values: Iterable[float]) -> Spread:
-    """Mean and sample standard deviation of what is known; NaN where nothing, or one only, is."""
-    known = np.array([value for value in values if isfinite(value)])
-    return Spread(float(known.mean()) if len(known) else nan, find_sd(known), len(known))
+    """Mean and sample standard deviation of what is known; NaN where most people do not have the figure.
+
+    So r is not given for a task that is quasi-static for most, because one person moved a little more.
+    """
+    every = list(values)
+    known = np.array([value for value in every if isfinite(value)])
+    if 2 * len(known) <= len(every):
+        return Spread(nan, nan, len(known))
+    return Spread(float(known.mean()), find_sd(known), len(known))

@@ -1,6 +1,16 @@
 """What bytes are that no reader knows, so that the refusal can name it."""
 
-from fusion.errors import FusionError, TooShort, UnknownColumns, UnknownFormat, UnsafeArchive, WrongExtension
+import re
+
+from fusion.errors import (
+    FusionError,
+    RefusedXml,
+    TooShort,
+    UnknownColumns,
+    UnknownFormat,
+    UnsafeArchive,
+    WrongExtension,
+)
 from fusion.readers.columns import understand_column
 from fusion.readers.source import Source
 from fusion.readers.text_layout import DELIMITERS, SNIFFED_LINES, find_layout, split_fields
@@ -21,6 +31,7 @@ MAGIC = (
     (b"\x7fELF", "ELF"),
     (b"MZ", "Windows (.exe)"),
 )
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
 
 
@@ -46,6 +57,8 @@ def explain_refusal(source: Source) -> FusionError:
         return UnsafeArchive(reason="nested")
     if kind == "text":
         return _explain_text(source)
+    if kind == "XML" and b"<!doctype" in _COMMENT.sub(b"", source.head).lower():
+        return RefusedXml(reason="forbidden")
     return UnknownFormat(kind=kind)
 
 

@@ -176,11 +176,12 @@ def find_start(facts: dict[str, str], plan: TablePlan, first_stamp_us: int) -> d
 
 
 def find_device(facts: dict[str, str], layout: TextLayout) -> str:
-    """Give "lsm9ds1" where the file says so or is in our own form for such loggers."""
+    """Give "lsm9ds1" where the file says so or is in our own form for such loggers, "dot" for a Xsens DOT."""
     named = facts.get("device", "").lower()
     if "lsm9ds1" in named or (not named and layout.header == CANONICAL_HEADER):
         return "lsm9ds1"
-    return "other"
+    is_dot = "devicetag" in facts and "sampletimefine" in (layout.header or "").lower()
+    return "dot" if is_dot else "other"
 
 
 def _name_zone(start: datetime | None) -> str | None:

@@ -268,7 +268,7 @@ TABLES = (
         ),
     ),
     refused(
-        "84 DTD", "shift.mvnx", given(b'<?xml version="1.0"?><!DOCTYPE m [<!ENTITY a "b">]><mvnx/>'), "E-TYPE"
+        "84 DTD", "shift.mvnx", given(b'<?xml version="1.0"?><!DOCTYPE m [<!ENTITY a "b">]><mvnx/>'), "E-XML"
     ),
 )
 

@@ -1,0 +1,304 @@
+"""Comparisons with a reference: two files in one form, then a job like every other."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Annotated, Any, BinaryIO, Literal, TypeVar
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse, JSONResponse
+from pydantic import BaseModel
+from starlette.background import BackgroundTask
+from starlette.datastructures import FormData, UploadFile
+
+from app.api.guard import REPORT_POLICY
+from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
+from app.api.services import Services, UsedLanguage, UsedServices
+from app.errors import BadParameter, NoSuchFile, NotFinished, NotHere
+from app.jobs.job import Job, JobState
+from app.report.wording import Language
+from app.request import (
+    SUBJECT_ALLOWED,
+    WINDOW_ALLOWED,
+    Reference,
+    ReportRequest,
+    check_subject,
+    clean_file_name,
+    parse_window,
+)
+from app.storage import COPY_BYTES, StoredRecording, too_large
+from fusion.errors import EmptyFile
+from fusion.task_windows import TaskWindow, read_tasks
+
+T = TypeVar("T")
+
+MEDIA_TYPES = {
+    "validation.json": "application/json",
+    "validation.csv": "text/csv; charset=utf-8",
+    "validation.html": "text/html; charset=utf-8",
+    "validation.pdf": "application/pdf",
+}
+CHOICES: dict[str, tuple[str, ...]] = {
+    "side": ("", "left", "right"),
+    "method": ("smoothed", "published", "live"),
+    "pose": ("n-pose", "side-lean"),
+}
+MOST_TASK_BYTES = 1 << 20
+FIELDS = (
+    "recording",
+    "reference",
+    "tasks",
+    "subject",
+    "offset_s",
+    "drift_ppm",
+    "rate_hz",
+    "reference_rate_hz",
+)
+KNOWN = {*FIELDS, *CHOICES, "calibration", "lang"}
+
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
+
+
+class ValidationView(BaseModel):
+    """A comparison: where it is, why it failed if it did, and where its files are."""
+
+    id: str
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    stage: str | None
+    progress: float
+    file_name: str
+    reference_name: str
+    links: dict[str, str]
+    problem: ProblemView | None = None
+
+
+FORM = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["recording", "reference"],
+                    "properties": {
+                        **{name: {"type": "string"} for name in (*FIELDS, "calibration", "lang")},
+                        **{name: {"type": "string", "format": "binary"} for name in FIELDS[:3]},
+                        **{name: {"type": "string", "enum": list(among)} for name, among in CHOICES.items()},
+                    },
+                }
+            }
+        },
+    }
+}
+
+
+@router.post("/validations", status_code=202, response_model=ValidationView, openapi_extra=FORM)
+async def add_validation(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+    """Compare two files, sent as one form: ``recording`` and ``reference``; ``tasks`` where there are any."""
+    job = await take_validation(request, services)
+    body = view_validation(job, language).model_dump(exclude_none=True)
+    headers = {"Location": f"/api/v1/validations/{job.id}", "Retry-After": "2"}
+    return JSONResponse(body, 202, headers)
+
+
+@router.get("/validations/{validation_id}", response_model_exclude_none=True)
+def get_validation(validation_id: str, services: UsedServices, language: UsedLanguage) -> ValidationView:
+    """Give one comparison."""
+    return view_validation(find_validation(services, validation_id), language)
+
+
+@router.get("/validations/{validation_id}/{name}", response_class=FileResponse)
+def get_validation_file(
+    validation_id: str,
+    name: Literal["validation.json", "validation.csv", "validation.html", "validation.pdf"],
+    services: UsedServices,
+    language: UsedLanguage,
+    lang: Annotated[Language | None, Query(description="en or fr; else the one asked for first")] = None,
+) -> Response:
+    """Every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
+    job = find_validation(services, validation_id)
+    if not job.is_over:
+        raise NotFinished(state=job.state.value)
+    if job.state is not JobState.SUCCEEDED or job.token is None:
+        raise NoSuchFile(name=name)
+    stem, _, kind = name.partition(".")
+    stored = f"{stem}.{lang or language}.{kind}" if kind in {"html", "pdf"} else name
+    headers = {"Content-Security-Policy": REPORT_POLICY} if kind == "html" else {}
+    disposition = "inline" if kind == "html" else "attachment"
+    path = services.storage.fetch_result(job.id, job.token, stored)
+    return FileResponse(
+        path,
+        background=BackgroundTask(services.storage.give_back, path),
+        headers=headers,
+        media_type=MEDIA_TYPES[name],
+        filename=name,
+        content_disposition_type=disposition,
+    )
+
+
+def find_validation(services: Services, validation_id: str) -> Job:
+    """Give a job that is a comparison.
+
+    Raises
+    ------
+    NotHere
+    """
+    job = services.store.get(validation_id)
+    if job.request.reference is None:
+        raise NotHere
+    return job
+
+
+def view_validation(job: Job, language: Language) -> ValidationView:
+    """Show a comparison."""
+    own = f"/api/v1/validations/{job.id}"
+    links = {"self": own, "page": f"/validations/{job.id}"}
+    if job.state is JobState.SUCCEEDED:
+        links |= {name.replace(".", "_"): f"{own}/{name}" for name in MEDIA_TYPES}
+    problem = None
+    if job.problem_code is not None:
+        problem = view_problem(job.problem_code, job.problem_facts, language, own)
+    return ValidationView(
+        id=job.id,
+        state=job.state.value,
+        stage=job.stage,
+        progress=round(job.progress, 3),
+        file_name=job.file_name,
+        reference_name=job.request.reference.file_name if job.request.reference else "",
+        links=links,
+        problem=problem,
+    )
+
+
+async def take_validation(request: Request, services: Services) -> Job:
+    """Take the form's files and wishes, and queue the comparison.
+
+    Raises
+    ------
+    FileTooLarge, DiskFull, EmptyFile, BadParameter, fusion.errors.UnusableTasks
+    """
+    _check_length(request, services)
+    async with request.form(max_files=3, max_fields=len(KNOWN)) as form:
+        recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
+        wish = _read_wishes(form)
+        given = _read_reference(form, reference, await _read_tasks(form))
+        return await run_in_threadpool(_store, services, recording.file, reference.file, (wish, given))
+
+
+def _check_length(request: Request, services: Services) -> None:
+    """Refuse before the first byte what can be refused then; the length must be told."""
+    announced = request.headers.get("content-length", "")
+    if not announced.isdecimal():
+        raise BadParameter(name="Content-Length", value=announced[:20], allowed="a number of bytes")
+    limit_bytes = 2 * services.settings.max_upload_bytes
+    if int(announced) > limit_bytes:
+        raise too_large(int(announced), limit_bytes)
+    services.storage.check_space(2 * int(announced), services.settings.min_free_bytes)
+
+
+def _require_file(form: FormData, name: str) -> UploadFile:
+    file = form.get(name)
+    if not isinstance(file, UploadFile) or not file.filename:
+        raise BadParameter(name=name, value="", allowed="a file")
+    return file
+
+
+async def _read_tasks(form: FormData) -> tuple[TaskWindow, ...]:
+    file = form.get("tasks")
+    if not isinstance(file, UploadFile) or not file.filename:
+        return ()
+    return read_tasks(await file.read(MOST_TASK_BYTES))
+
+
+def _read_wishes(form: FormData) -> ReportRequest:
+    for name in form:
+        if name not in KNOWN:
+            raise BadParameter(name=name[:60], value="", allowed=", ".join(sorted(KNOWN)))
+    chosen: dict[str, Any] = {name: _choose(form, name) for name in CHOICES}
+    chosen["side"] = chosen["side"] or None
+    windows = [_read(form, "calibration", parse_window, WINDOW_ALLOWED)] if _text(form, "calibration") else []
+    return ReportRequest(
+        clean_file_name(_require_file(form, "recording").filename or ""),
+        subject=_read(form, "subject", check_subject, SUBJECT_ALLOWED) or "",
+        calibration_windows_s=tuple(window for window in windows if window is not None),
+        rate_hz=_read(form, "rate_hz", _read_rate, "1 to 10000"),
+        **chosen,
+    )
+
+
+def _read_reference(form: FormData, reference: UploadFile, tasks: tuple[TaskWindow, ...]) -> Reference:
+    return Reference(
+        "",
+        clean_file_name(reference.filename or ""),
+        _read(form, "offset_s", _read_number, "a number of seconds"),
+        _read(form, "drift_ppm", _read_number, "a number"),
+        _read(form, "reference_rate_hz", _read_rate, "1 to 10000"),
+        tasks,
+    )
+
+
+def _text(form: FormData, name: str) -> str:
+    value = form.get(name, "")
+    return value.strip() if isinstance(value, str) else ""
+
+
+def _choose(form: FormData, name: str) -> str:
+    allowed = CHOICES[name]
+    value = _text(form, name) or allowed[0]
+    if value not in allowed:
+        raise BadParameter(name=name, value=value[:60], allowed=", ".join(filter(None, allowed)))
+    return value
+
+
+def _read(form: FormData, name: str, read: Callable[[str], T], allowed: str) -> T | None:
+    text = _text(form, name)
+    if not text:
+        return None
+    try:
+        return read(text)
+    except ValueError:
+        raise BadParameter(name=name, value=text[:60], allowed=allowed) from None
+
+
+def _read_number(text: str) -> float:
+    value = float(text.replace(",", "."))
+    if not abs(value) < 1e12:
+        raise ValueError(text)
+    return value
+
+
+def _read_rate(text: str) -> float:
+    value = _read_number(text)
+    if not 1 <= value <= 10_000:
+        raise ValueError(text)
+    return value
+
+
+def _store(
+    services: Services, recording: BinaryIO, reference: BinaryIO, wish: tuple[ReportRequest, Reference]
+) -> Job:
+    """Keep both files, then the rows: the reference's first, so that the job always finds it."""
+    request, given = wish
+    other, own = _keep(services, reference), None
+    try:
+        own = _keep(services, recording)
+        services.recordings.add_reference(other, given.file_name)
+        asked = replace(request, reference=replace(given, path=other.id))
+        return services.store.add(own, asked)
+    except BaseException:
+        for kept in filter(None, (other, own)):
+            if not services.store.may_hold(kept.id):  # the answer to a commit can be lost on its way
+                services.storage.drop_recording(kept.id)
+        raise
+
+
+def _keep(services: Services, file: BinaryIO) -> StoredRecording:
+    upload = services.storage.open_upload(services.settings.max_upload_bytes)
+    try:
+        while piece := file.read(COPY_BYTES):
+            upload.write(piece)
+        if upload.size_bytes == 0:
+            raise EmptyFile
+        return upload.keep()
+    finally:
+        upload.discard()

@@ -1,0 +1,179 @@
+"""Comparisons through the API and the page: two files in one form, a job, its files."""
+
+from math import sin
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from typer.testing import CliRunner
+
+from app.api.validations import MEDIA_TYPES
+from app.cli import app
+from app.jobs.attempt import load_and_make_report
+from app.jobs.store import JobStore
+from app.jobs.worker import run_next
+from app.storage import Storage
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench
+
+TIMES = [k / 20 for k in range(600)]
+ANGLES = "time_s,elevation_deg\n" + "".join(
+    f"{t},{45 + 30 * sin(1.3 * t + 2 * sin(0.17 * t)):.3f}\n" for t in TIMES
+)
+FILES = {"recording": ("ours.csv", ANGLES), "reference": ("truth.csv", ANGLES)}
+
+
+def compare(client: TestClient, bench: OpenBench, **wishes: str) -> str:
+    """Send a pair and let a worker take it; gives the address of the comparison."""
+    sent = client.post("/api/v1/validations", files=FILES, data=wishes)
+    assert sent.status_code == 202, sent.text
+    run_next(bench(load_and_make_report))
+    return sent.headers["location"]
+
+
+def test_a_pair_is_taken_and_its_place_is_told(client: TestClient) -> None:
+    sent = client.post("/api/v1/validations", files=FILES)
+
+    assert (sent.status_code, sent.json()["state"]) == (202, "queued")
+    assert sent.headers["location"] == sent.json()["links"]["self"]
+    assert sent.json()["reference_name"] == "truth.csv"
+
+
+def test_a_comparison_gives_every_file(client: TestClient, bench: OpenBench) -> None:
+    address = compare(client, bench)
+
+    kinds = {name: client.get(f"{address}/{name}").headers["content-type"] for name in MEDIA_TYPES}
+
+    assert kinds == MEDIA_TYPES
+
+
+def test_the_same_file_twice_differs_by_nothing(client: TestClient, bench: OpenBench) -> None:
+    found = client.get(f"{compare(client, bench)}/validation.json").json()
+
+    assert found["overall"]["rmse_deg"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_clock_may_be_set_by_hand(client: TestClient, bench: OpenBench) -> None:
+    address = compare(client, bench, offset_s="0,5", drift_ppm="10")
+
+    alignment = client.get(f"{address}/validation.json").json()["alignment"]
+
+    assert (alignment["offset_s"], alignment["drift_ppm"]) == (0.5, 10.0)
+
+
+def test_a_pair_that_cannot_be_compared_is_a_problem(client: TestClient, bench: OpenBench) -> None:
+    address = compare(client, bench, offset_s="100000")
+
+    view = client.get(address, params={"lang": "fr"}).json()
+
+    assert (view["state"], view["problem"]["code"]) == ("failed", "E-OVERLAP")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("side", "both"), ("offset_s", "soon"), ("drift_ppm", "nan"), ("colour", "red")]
+)
+def test_a_wish_that_cannot_be_is_refused_by_name(client: TestClient, name: str, value: str) -> None:
+    answer = client.post("/api/v1/validations", files=FILES, data={name: value})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+    assert name in answer.json()["detail"]
+
+
+def test_a_missing_reference_is_refused_by_name(client: TestClient) -> None:
+    answer = client.post("/api/v1/validations", files={"recording": ("ours.csv", ANGLES)})
+
+    assert answer.status_code == 422
+    assert "reference" in answer.json()["detail"]
+
+
+def test_an_empty_reference_leaves_nothing_behind(client: TestClient, storage: Storage) -> None:
+    answer = client.post("/api/v1/validations", files={**FILES, "reference": ("truth.csv", "")})
+
+    assert answer.json()["code"] == "E-EMPTY"
+    assert list((storage.root / "recordings").iterdir()) == []
+
+
+def test_a_list_of_tasks_that_cannot_be_used_is_refused_at_once(client: TestClient) -> None:
+    answer = client.post("/api/v1/validations", files={**FILES, "tasks": ("tasks.csv", "name\n")})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-TASKS")
+
+
+def test_the_reference_outlives_a_restart(client: TestClient, storage: Storage, store: JobStore) -> None:
+    client.post("/api/v1/validations", files=FILES)
+
+    swept = storage.sweep(store.list_recordings(), store.list_attempts())
+
+    assert (swept, len(list((storage.root / "recordings").iterdir()))) == (0, 2)
+
+
+def test_among_the_analyses_a_comparison_leads_to_its_own_place(client: TestClient, bench: OpenBench) -> None:
+    compare(client, bench)
+
+    (listed,) = client.get("/api/v1/analyses").json()["items"]
+    assert listed["links"]["validation"].startswith("/api/v1/validations/")
+    assert "report_pdf" not in listed["links"]
+
+
+def test_deleting_the_recording_deletes_its_reference(
+    client: TestClient, bench: OpenBench, storage: Storage
+) -> None:
+    compare(client, bench)
+    (recording,) = client.get("/api/v1/recordings").json()["items"]
+
+    client.delete(f"/api/v1/recordings/{recording['id']}?purge=true")
+
+    assert list((storage.root / "recordings").iterdir()) == []
+
+
+def test_an_analysis_is_no_comparison(client: TestClient, add_job: AddJob) -> None:
+    assert client.get(f"/api/v1/validations/{add_job().id}").status_code == 404
+
+
+def test_files_of_a_comparison_under_way_are_not_there_yet(client: TestClient) -> None:
+    address = client.post("/api/v1/validations", files=FILES).headers["location"]
+
+    assert client.get(f"{address}/validation.json").status_code == 409
+
+
+@pytest.mark.parametrize("language", ["en", "fr"])
+def test_the_form_needs_no_script(client: TestClient, language: str) -> None:
+    page = client.get("/validations", params={"lang": language}).text
+
+    assert 'enctype="multipart/form-data"' in page
+    assert "<script" not in page
+
+
+def test_a_browser_may_tell_the_origin_of_the_form(client: TestClient) -> None:
+    assert client.get("/validations").headers["referrer-policy"] == "same-origin"
+
+
+def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: OpenBench) -> None:
+    sent = client.post("/validations", files=FILES)
+    waiting = client.get(sent.headers["location"]).text
+    run_next(bench(load_and_make_report))
+
+    answer = client.get(sent.headers["location"]).text
+
+    assert (sent.status_code, "http-equiv" in waiting, "http-equiv" in answer) == (303, True, False)
+    assert "validation.html" in answer
+
+
+def test_a_failed_comparison_tells_why_on_its_page(client: TestClient, bench: OpenBench) -> None:
+    sent = client.post("/validations", files=FILES)
+    run_next(bench(stand_ins.refuse))
+
+    assert "E-SHORT" in client.get(sent.headers["location"]).text
+
+
+def test_api_and_command_line_write_the_same_bytes(
+    client: TestClient, bench: OpenBench, tmp_path: Path
+) -> None:
+    for name, text in (("ours.csv", ANGLES), ("truth.csv", ANGLES)):
+        (tmp_path / name).write_text(text)
+    command = ["validate", str(tmp_path / "ours.csv"), "--reference", str(tmp_path / "truth.csv"), "-o"]
+    CliRunner().invoke(app, [*command, str(tmp_path)])
+
+    sent = client.get(f"{compare(client, bench)}/validation.json").content
+
+    assert sent == (tmp_path / "validation.json").read_bytes()

@@ -1,0 +1,207 @@
+"""A recording beside its reference, through the one road and the command."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from app.agreement_workflow import make_validation
+from app.cli import app
+from app.report.wording import LANGUAGES, load_wording
+from app.request import Reference, ReportRequest
+from fusion.simulation.write_mvnx import write_mvnx
+from fusion.task_windows import TaskWindow
+from tests.app.test_wording import walk_texts
+
+STATISTICS = {"r", "rmse_deg", "mean_absolute_error_deg", "bias_deg", "loa_low_deg", "loa_high_deg"}
+
+
+@pytest.fixture(scope="session")
+def shift_mvnx(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The truth of the simulated shift as MVN saw it, begun 20 s earlier; 60 frames a second."""
+    truth = pq.read_table(shift_gt3x.with_name("truth.parquet"))
+    time_s, elevation_deg = (np.asarray(truth[name].to_numpy()) for name in ("time_s", "elevation_deg"))
+    seen_s = np.arange(int((time_s[-1] + 20.0) * 60)) / 60 - 20.0
+    folder = tmp_path_factory.mktemp("reference")
+    return write_mvnx(folder / "reference.mvnx", np.interp(seen_s, time_s, elevation_deg), 60.0)
+
+
+@pytest.fixture(scope="session")
+def compared(shift_gt3x: Path, shift_mvnx: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of one comparison with two tasks."""
+    out = tmp_path_factory.mktemp("compared")
+    tasks = (
+        TaskWindow("first", 30.0, 90.0, 1),
+        TaskWindow("first", 100.0, 130.0, 1),
+        TaskWindow("next", 140.0, 200.0),
+    )
+    given = Reference(str(shift_mvnx), shift_mvnx.name, tasks=tasks)
+    make_validation(shift_gt3x, ReportRequest("shift.gt3x", reference=given, side="right"), out)
+    return out
+
+
+@pytest.fixture(scope="session")
+def validation(compared: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((compared / "validation.json").read_text())
+    return found
+
+
+def test_the_clock_of_the_reference_is_found(validation: dict[str, Any]) -> None:
+    assert validation["alignment"]["offset_s"] == pytest.approx(20.0, abs=0.005)
+
+
+def test_overall_and_every_task_hold_the_names_of_the_contract(validation: dict[str, Any]) -> None:
+    assert set(validation["overall"]) >= STATISTICS
+    assert all(set(task) >= {"name", *STATISTICS} for task in validation["tasks"])
+
+
+def test_repetitions_of_a_name_are_one_task(validation: dict[str, Any]) -> None:
+    told = [(task["name"], task["repetitions"]) for task in validation["tasks"]]
+
+    assert told == [("first", 2), ("next", 1)]
+
+
+def test_a_comparison_over_tasks_is_over_their_time_alone(validation: dict[str, Any]) -> None:
+    assert validation["overall"]["duration_s"] == pytest.approx(60 + 30 + 60, abs=0.1)
+
+
+def test_a_simulated_arm_is_measured_within_a_degree_of_the_truth(validation: dict[str, Any]) -> None:
+    assert validation["overall"]["rmse_deg"] < 1.0
+
+
+def test_limits_lie_about_the_bias(validation: dict[str, Any]) -> None:
+    overall = validation["overall"]
+
+    middle = (overall["loa_low_deg"] + overall["loa_high_deg"]) / 2
+    assert middle == pytest.approx(overall["bias_deg"], abs=1e-5)
+
+
+def test_bias_is_the_difference_of_the_mean_percentile_figures_sign(validation: dict[str, Any]) -> None:
+    figures = {figure["name"]: figure for figure in validation["exposure"]}
+
+    p50 = figures["elevation_p50_deg"]
+    assert p50["difference"] == pytest.approx(p50["ours"] - p50["reference"], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "name", ["validation.en.html", "validation.fr.html", "validation.en.pdf", "validation.fr.pdf"]
+)
+def test_both_languages_are_written(compared: Path, name: str) -> None:
+    assert (compared / name).stat().st_size > 10_000
+
+
+def test_the_table_holds_the_numbers_of_the_json(compared: Path, validation: dict[str, Any]) -> None:
+    with (compared / "validation.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+
+    assert float(rows[0]["rmse_deg"]) == validation["overall"]["rmse_deg"]
+
+
+def test_the_page_shows_the_paper_beside_its_task(compared: Path) -> None:
+    # Table 1, flexion at 1 Hz, GT9X: RMSE 4.47 deg.
+    assert "4.47°" in (compared / "validation.en.html").read_text()
+
+
+def test_the_same_comparison_gives_the_same_bytes(
+    compared: Path, shift_gt3x: Path, shift_mvnx: Path, tmp_path: Path
+) -> None:
+    tasks = (
+        TaskWindow("first", 30.0, 90.0, 1),
+        TaskWindow("first", 100.0, 130.0, 1),
+        TaskWindow("next", 140.0, 200.0),
+    )
+    given = Reference(str(shift_mvnx), shift_mvnx.name, tasks=tasks)
+
+    make_validation(shift_gt3x, ReportRequest("shift.gt3x", reference=given, side="right"), tmp_path)
+
+    for name in ("validation.json", "validation.fr.html", "validation.fr.pdf"):
+        assert (tmp_path / name).read_bytes() == (compared / name).read_bytes()
+
+
+def test_the_command_writes_the_comparison(shift_gt3x: Path, tmp_path: Path) -> None:
+    truth = shift_gt3x.with_name("truth.parquet")
+
+    done = CliRunner().invoke(
+        app, ["validate", str(shift_gt3x), "--reference", str(truth), "-o", str(tmp_path)]
+    )
+
+    assert done.exit_code == 0, done.output
+    assert {"validation.json", "validation.html", "validation.pdf"} <= {
+        path.name for path in tmp_path.iterdir()
+    }
+
+
+def test_a_clock_set_by_hand_is_kept(shift_gt3x: Path, tmp_path: Path) -> None:
+    truth = shift_gt3x.with_name("truth.parquet")
+    command = ["validate", str(shift_gt3x), "--reference", str(truth), "-o", str(tmp_path)]
+
+    CliRunner().invoke(app, [*command, "--offset-s", "0.25", "--drift-ppm", "-3"])
+
+    alignment = json.loads((tmp_path / "validation.json").read_text())["alignment"]
+    assert (alignment["offset_s"], alignment["drift_ppm"]) == (0.25, -3.0)
+
+
+def test_an_angle_file_may_be_judged_too(shift_gt3x: Path, shift_mvnx: Path, tmp_path: Path) -> None:
+    truth = shift_gt3x.with_name("truth.parquet")
+
+    done = CliRunner().invoke(
+        app, ["validate", str(shift_mvnx), "--reference", str(truth), "-o", str(tmp_path)]
+    )
+
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "validation.json").read_text())
+    # Here the truth's clock stands 20 s behind MVN's.
+    assert found["alignment"]["offset_s"] == pytest.approx(-20.0, abs=0.005)
+
+
+def test_a_reference_of_something_else_is_refused_with_its_code(shift_gt3x: Path, tmp_path: Path) -> None:
+    angles = np.random.default_rng(0).uniform(0, 90, 6000)
+    other = tmp_path / "other.csv"
+    other.write_text(
+        "time_s,elevation_deg\n" + "".join(f"{k / 60:.4f},{a:.2f}\n" for k, a in enumerate(angles))
+    )
+
+    done = CliRunner().invoke(
+        app, ["validate", str(shift_gt3x), "--reference", str(other), "-o", str(tmp_path)]
+    )
+
+    assert done.exit_code == 3
+    assert "E-ALIGN" in done.output
+
+
+def test_a_list_of_tasks_that_cannot_be_read_is_a_slip_of_usage(shift_gt3x: Path, tmp_path: Path) -> None:
+    tasks = tmp_path / "tasks.csv"
+    tasks.write_text("name,start_s,end_s\nlift,20,10\n")
+    command = ["validate", str(shift_gt3x), "--reference", str(shift_gt3x), "--tasks", str(tasks)]
+
+    done = CliRunner().invoke(app, command)
+
+    assert done.exit_code == 2
+    assert "E-TASKS" in done.output
+
+
+def test_both_languages_of_a_comparison_hold_the_same_texts() -> None:
+    keys = {name: {path for path, _ in walk_texts(load_wording(name, "agreement"))} for name in LANGUAGES}
+
+    assert keys["en"] == keys["fr"]
+
+
+@pytest.mark.real_recordings
+def test_a_motion_capture_is_a_recording_of_its_own(
+    shared_data: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path = shared_data("xsens/test_mocap.mvnx")
+
+    done = CliRunner().invoke(app, ["run", str(path), "-o", str(tmp_path), "--report", "html"])
+
+    results = json.loads((tmp_path / "test_mocap" / "results.json").read_text())
+    assert done.exit_code == 0
+    assert (results["recording"]["device"], results["recording"]["rate_hz"]) == ("mvn", 60.0)
+    # 112 frames at 60 a second.
+    assert results["time"]["analysed_s"] == pytest.approx(112 / 60, abs=1e-5)

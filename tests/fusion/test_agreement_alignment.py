@@ -1,0 +1,122 @@
+"""Two clocks of one motion: a known offset and drift are found, holes stay holes."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fusion.agreement.alignment import ClockWishes, align
+from fusion.agreement.clocks import Alignment
+from fusion.agreement.pairing import pair
+from fusion.agreement.runs import Run, Runs, interpolate
+from fusion.errors import NotAligned, NothingInCommon
+
+SECONDS = 900.0
+
+
+def move(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Work with long still parts: bursts of swings of no fixed rhythm, a held arm in between."""
+    swing = 30 * np.sin(1.05 * time_s + 2 * np.sin(0.1317 * time_s)) + 12 * np.sin(0.3719 * time_s + 1)
+    return np.asarray(60 + np.clip(4 * np.sin(0.0437 * time_s), 0, 1) * swing)
+
+
+def see(rate_hz: float, offset_s: float, drift_ppm: float, noise_deg: float, seed: int) -> Runs:
+    """The motion as seen with a clock of its own."""
+    clock_s = offset_s + np.arange(int(SECONDS * rate_hz)) / rate_hz
+    recording_s = (clock_s - offset_s) / (1 + drift_ppm / 1e6)
+    noise = np.random.default_rng(seed).normal(0, noise_deg, len(clock_s))
+    return (Run(offset_s, rate_hz, (move(recording_s) + noise).astype(np.float32)),)
+
+
+def test_clocks_that_agree_are_left_alone() -> None:
+    found = align(see(100, 0, 0, 0, 1), see(100, 0, 0, 0, 2))
+
+    assert (found.offset_s, found.drift_ppm) == pytest.approx((0, 0), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "drift_ppm"), [(12.345, 0.0), (-37.2, 40.0), (3600.5, -120.0), (1.7e9, 25.0), (4.0, 300.0)]
+)
+def test_offset_is_found_to_5_ms_and_drift_to_5_ppm(offset_s: float, drift_ppm: float) -> None:
+    ours, reference = see(100, 0, 0, 0.5, 1), see(60, offset_s, drift_ppm, 0.5, 2)
+
+    found = align(ours, reference)
+
+    assert found.offset_s == pytest.approx(offset_s, abs=0.005)
+    assert found.drift_ppm == pytest.approx(drift_ppm, abs=5)
+
+
+def test_an_error_of_the_pose_does_not_shift_the_clock() -> None:
+    reference = see(60, 8.0, 0, 0, 2)[0]
+    low = Run(reference.start_s, reference.rate_hz, reference.values * np.float32(0.85) + np.float32(9))
+
+    found = align(see(100, 0, 0, 0, 1), (low,))
+
+    assert found.offset_s == pytest.approx(8.0, abs=0.005)
+
+
+def test_a_short_reference_is_found_within_a_long_recording() -> None:
+    whole = see(60, 0.0, 0, 0.5, 2)[0]
+    part = Run(0.0, 60.0, whole.values[300 * 60 : 400 * 60])
+
+    found = align(see(100, 0, 0, 0.5, 1), (part,))
+
+    assert found.offset_s == pytest.approx(-300, abs=0.005)
+
+
+def test_a_short_common_time_tells_no_drift() -> None:
+    whole = see(60, 0.0, 0, 0.5, 2)[0]
+
+    found = align(see(100, 0, 0, 0.5, 1), (Run(0.0, 60.0, whole.values[300 * 60 : 380 * 60]),))
+
+    assert (found.is_drift_fitted, found.drift_ppm) == (False, 0.0)
+
+
+def test_what_is_given_by_hand_stays() -> None:
+    found = align(see(100, 0, 0, 0, 1), see(60, 5.0, 0, 0, 2), ClockWishes(5.25, 10.0))
+
+    assert (found.offset_s, found.drift_ppm) == (5.25, 10.0)
+
+
+def test_a_given_drift_leaves_the_offset_to_be_found() -> None:
+    found = align(see(100, 0, 0, 0, 1), see(60, 5.0, 80.0, 0, 2), ClockWishes(drift_ppm=80.0))
+
+    assert (found.offset_s, found.drift_ppm) == pytest.approx((5.0, 80.0), abs=0.005)
+
+
+def test_motions_that_are_not_alike_are_refused() -> None:
+    noise = np.random.default_rng(3).normal(60, 10, 9000).astype(np.float32)
+
+    with pytest.raises(NotAligned):
+        align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, noise),))
+
+
+def test_a_hole_of_either_side_stays_a_hole() -> None:
+    ours = (Run(0.0, 10.0, np.arange(100.0)),)
+    reference = (Run(0.0, 20.0, np.arange(60.0)), Run(5.0, 20.0, np.arange(100.0)))
+
+    runs = pair(ours, reference, Alignment(0.0, 0.0)).runs
+
+    # The first reference run ends at 2.95 s, the second lasts from 5 to 9.95 s: rows 0 to 29 and 50 to 99.
+    assert [(run.start_s, len(run)) for run in runs] == [(0.0, 30), (5.0, 50)]
+
+
+def test_the_slower_side_gives_the_moments() -> None:
+    ours, reference = (Run(0.0, 500.0, np.zeros(5000)),), (Run(0.0, 60.0, np.zeros(600)),)
+
+    assert pair(ours, reference, Alignment(0.0, 0.0)).rate_hz == pytest.approx(60.0)
+
+
+def test_no_common_time_is_refused() -> None:
+    run = (Run(0.0, 10.0, np.zeros(100)),)
+
+    with pytest.raises(NothingInCommon):
+        pair(run, run, Alignment(1000.0, 0.0))
+
+
+def test_between_its_values_a_run_follows_a_cubic_exactly() -> None:
+    time_s = np.arange(20) / 10
+    run = Run(0.0, 10.0, time_s**3 - 2 * time_s)
+
+    assert interpolate(run, np.array([0.02, 0.53, 1.87])) == pytest.approx(
+        [0.02**3 - 0.04, 0.53**3 - 1.06, 1.87**3 - 3.74]
+    )
