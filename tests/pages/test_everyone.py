@@ -71,7 +71,9 @@ def test_every_page_fits_and_has_no_barrier(
     found = {}
 
     for name, address in addresses.items():
-        page.goto(f"{address}{'&' if '?' in address else '?'}lang={look.language}")
+        answer = page.goto(f"{address}{'&' if '?' in address else '?'}lang={look.language}")
+        assert answer is not None
+        assert answer.status == (404 if name == "absent" else 200), name
         if name == "analysis":
             wait_for_curve(page)
         file = f"{name}-{look.language}-{look.scheme}-{look.width}.png"
