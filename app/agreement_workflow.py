@@ -1,10 +1,16 @@
-"""The one road from a recording and a reference to how far they agree, for page, API and command line alike."""
+"""The one road from a recording and a reference to how far they agree, for every way in."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from app.report.agreement_answer import tell_agreement
+from app.report.agreement_content import build_agreement
+from app.report.agreement_csv import encode_agreement_table
 from app.report.agreement_json import build_validation, encode_validation
 from app.report.agreement_subject import ComparisonSubject
+from app.report.html import render_html
+from app.report.pdf import render_pdf
 from app.report.subject import Software
 from app.request import OnStage, Reference, ReportRequest
 from app.version import software_revision, software_version
@@ -41,9 +47,20 @@ def make_validation(log: Path, request: ReportRequest, out: Path, on_stage: OnSt
     on_stage("rendering", 0.9)
     subject = describe_comparison(comparison, request, request.reference)
     validation = build_validation(comparison, subject)
-    (out / "validation.json").write_bytes(encode_validation(validation))
+    encoded = write_comparison(validation, out)
     for language in request.languages:
+        report = build_agreement(comparison, subject, validation, language)
         (out / f"answer.{language}.txt").write_bytes(tell_agreement(validation, language))
+        (out / f"validation.{language}.html").write_bytes(render_html(report))
+        (out / f"validation.{language}.pdf").write_bytes(render_pdf(report, {"validation.json": encoded}))
+
+
+def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:
+    """Write ``validation.json`` and ``validation.csv``; gives the former's bytes."""
+    encoded = encode_validation(validation)
+    (out / "validation.json").write_bytes(encoded)
+    (out / "validation.csv").write_bytes(encode_agreement_table(validation))
+    return encoded
 
 
 def compare_files(log: Path, request: ReportRequest, reference: Reference, on_stage: OnStage) -> Comparison:

@@ -7,6 +7,8 @@
                        (tus: WrongOffset 409, UnknownProtocol 412, LockedUpload 423, WrongDigest 460)
       Busy             the queue is full (503)
       StaleVersion     changed by somebody else meanwhile (412)
+      KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409)
+      ForeignWebhook   a webhook may not lead there (422)
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
       CannotPair       two analyses are not both arms of one shift (422)
@@ -145,6 +147,24 @@ class Busy(AppError):
     """More work waits than is allowed."""
 
     code = "E-BUSY"
+
+
+class KeyReused(AppError):
+    """The idempotency key was used for another request."""
+
+    code = "E-KEY-REUSED"
+
+
+class KeyInUse(AppError):
+    """The request with this idempotency key is still under way."""
+
+    code = "E-KEY-IN-USE"
+
+
+class ForeignWebhook(AppError):
+    """A webhook may not lead there. Facts: url."""
+
+    code = "E-WEBHOOK"
 
 
 class StaleVersion(AppError):
@@ -303,6 +323,9 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     UnknownProtocol: Outcome(412, 3),
     Busy: Outcome(503, 3, retryable=True),
     StaleVersion: Outcome(412, 3),
+    KeyReused: Outcome(422, 2),
+    KeyInUse: Outcome(409, 3, retryable=True),
+    ForeignWebhook: Outcome(422, 2),
     NotHere: Outcome(404, 3),
     CannotPair: Outcome(422, 3),
     NotFinished: Outcome(409, 3, retryable=True),

@@ -12,10 +12,11 @@ from app.report.subject import clean_text
 from app.report.wording import Language, Words, fill, load_wording
 from app.request import OnStage, ReportRequest
 from fusion.calibration import propose_still_periods
+from fusion.quality import propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.head import inspect_head
 from fusion.readers.inspection import inspect_recording
-from fusion.recording import QualityFlag
+from fusion.recording import MICROSECONDS, QualityFlag
 
 _MOST_LINES = 10
 
@@ -45,7 +46,12 @@ def inspect_file(
         for p in propose_still_periods(recording)
     ]
     understood: dict[str, Any] = inspect_recording(recording)
-    return {"file": name} | understood | {"calibration_proposals": proposals}
+    nonwear = [
+        {"start_s": span.start_us / MICROSECONDS, "duration_s": span.duration_us / MICROSECONDS}
+        for span in propose_nonwear(recording)
+    ]
+    proposed = {"calibration_proposals": proposals, "nonwear_proposals": nonwear}
+    return {"file": name} | understood | proposed
 
 
 def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -84,6 +90,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
             words["proposals"],
             _join((_tell_proposal(p, words, language) for p in facts["calibration_proposals"]), words),
         ),
+        (words["nonwear"], _join((_tell_gap(p, words, language) for p in facts["nonwear_proposals"]), words)),
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)

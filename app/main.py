@@ -1,5 +1,6 @@
 """Puts the application together, and serves it."""
 
+import asyncio
 import logging
 import signal
 import socket
@@ -7,19 +8,24 @@ import sqlite3
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from ipaddress import ip_address
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
+from app.api.about import router as about_routes
+from app.api.batches import router as batch_routes
 from app.api.events import router as event_routes
 from app.api.guard import SECURITY_HEADERS, Guard
+from app.api.housekeeping import keep_house
+from app.api.idempotency import Idempotency
+from app.api.metrics import router as metrics_routes
 from app.api.patience import make_patient_protocol
 from app.api.problems import answer_refusal, name_refusal
 from app.api.recordings import router as recording_routes
@@ -27,7 +33,16 @@ from app.api.requests import router as request_routes
 from app.api.routes import router as api_routes
 from app.api.services import Services, open_services
 from app.api.tus import router as upload_routes
-from app.errors import AppError, DatabaseAway, DiskFull, ForeignAddress, PortTaken, RecordedProblem
+from app.api.webhooks import router as webhook_routes
+from app.errors import (
+    AppError,
+    DatabaseAway,
+    DiskFull,
+    ForeignAddress,
+    PortTaken,
+    RecordedProblem,
+    WrongVerb,
+)
 from app.intake import FolderWatch, Intake
 from app.jobs.database import bring_up_to_date
 from app.jobs.pool import WorkerPool
@@ -44,6 +59,18 @@ from app.web.routes import answer_with_page
 from app.web.routes import router as page_routes
 from fusion.errors import FusionError
 
+ROUTES = (
+    upload_routes,
+    recording_routes,
+    request_routes,
+    batch_routes,
+    event_routes,
+    api_routes,
+    webhook_routes,
+    about_routes,
+    metrics_routes,
+)
+PAGES = (page_routes, day_routes, library_routes, beside_routes, help_routes, asset_routes)
 MAX_HEADER_BYTES = 64 * 1024
 GRACE_S = 3
 FULL_DISK = ("disk is full", "No space left")  # SQLite's words, and PostgreSQL's
@@ -65,14 +92,15 @@ def create_app(settings: Settings) -> FastAPI:
         lifespan=_live,
     )
     application.state.services = open_services(settings)
-    for routes in (upload_routes, recording_routes, request_routes, event_routes, api_routes):
+    for routes in ROUTES:
         application.include_router(routes)
-    for pages in (page_routes, day_routes, library_routes, beside_routes, help_routes, asset_routes):
+    for pages in PAGES:
         application.include_router(pages)
-    _add_health(application)
     application.mount(find_assets(), Assets(directory=FOLDER))
     _add_refusals(application)
     rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
+    answers = application.state.services.answers
+    application.add_middleware(Idempotency, answers=answers, answer=answer_error)
     application.add_middleware(Guard, answer=answer_error, min_rate_bytes_per_s=rate, patience_s=patience_s)
     return application
 
@@ -143,11 +171,20 @@ def check_loopback(host: str) -> None:
 def answer_error(request: Request, error: Exception) -> Response:
     """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
     refusal = _name_trouble(error) if isinstance(error, OperationalError) else name_refusal(error)
+    if isinstance(refusal, WrongVerb):
+        refusal = WrongVerb(method=request.method, allowed=", ".join(_list_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
-    outside = path.startswith(("/api", "/healthz", "/readyz"))
+    outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     response = answer_refusal(request, refusal) if outside else answer_with_page(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
+
+
+def _list_methods(request: Request) -> list[str]:
+    """Give every method of the address; the framework names only those of the first route it finds."""
+    known = (route for routes in (*ROUTES, page_routes) for route in routes.routes)
+    here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
+    return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 
 
 def _name_trouble(error: OperationalError) -> FusionError | AppError | RecordedProblem:
@@ -170,9 +207,14 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     swept += services.incoming.sweep(services.uploads.list_growing())
     if swept:
         logger.info("swept %d files of interrupted uploads and attempts", swept)
+    services.answers.free_unfinished()
+    house = asyncio.create_task(keep_house(services))
     try:
         yield
     finally:
+        house.cancel()
+        with suppress(asyncio.CancelledError):
+            await house
         lock.release()
         services.store.close()
 
@@ -180,22 +222,6 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
 def _add_refusals(application: FastAPI) -> None:
     for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
         application.add_exception_handler(kind, answer_error)
-
-
-def _add_health(application: FastAPI) -> None:
-    services: Services = application.state.services
-
-    @application.get("/healthz", include_in_schema=False)
-    def healthz() -> dict[str, str]:
-        """Say that the process answers."""
-        return {"status": "ok"}
-
-    @application.get("/readyz", include_in_schema=False)
-    def readyz() -> JSONResponse:
-        """Say whether work can be taken: the database answers and the disk has room."""
-        counts = {state.value: number for state, number in services.store.count_states().items()}
-        services.storage.check_space(0, services.settings.min_free_bytes)
-        return JSONResponse({"status": "ok", "analyses": counts})
 
 
 def _name_operation(route: APIRoute) -> str:

@@ -45,6 +45,8 @@ class Settings(BaseSettings):
         Longest time for one analysis: the larger of the first and the second times the file's size.
     min_body_rate_bytes_per_s, body_patience_s, header_patience_s
         A client that sends more slowly than this, for longer than this, is sent away.
+    webhooks_may_be_private
+        Whether a webhook may lead into a private network or to this computer.
     max_queued
         Analyses that may wait; more are refused until some are done.
     upload_term_s, trash_term_s
@@ -73,6 +75,7 @@ class Settings(BaseSettings):
     min_body_rate_bytes_per_s: float = 10_000.0
     body_patience_s: float = 30.0
     header_patience_s: float = 10.0
+    webhooks_may_be_private: bool = False
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0

@@ -5,21 +5,26 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from app.day import write_day_of
 from app.day_file import NAME as DAY_NAME
 from app.decoded import NOTHING_KNOWN, KnownLogs, name_entry
 from app.report.elevation_file import write_elevation
 from app.report.exports import export_results
+from app.report.fhir import encode_fhir
 from app.report.findings import encode_findings, take_findings
 from app.report.results import encode_results
 from app.report.subject import ReportSubject, Software
 from app.report.writing import FINDINGS, RESULTS, rewrite_reports, write_reports
 from app.request import OnStage, ReportRequest, Stage
 from app.version import software_revision, software_version
-from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angles
+from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, tell_layout
+from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
 from fusion.readers import join_recordings, parse_profile, read_recording
 from fusion.recording import Recording
+
+FHIR = "fhir.json"
 
 # How far along each stage begins, from the share of time each takes on a long shift.
 _BEGINS: dict[Stage, float] = {
@@ -30,6 +35,10 @@ _BEGINS: dict[Stage, float] = {
     "counting": 0.7,
     "rendering": 0.9,
 }
+
+
+CAPTURES = ("mvnx", "dot")
+"""Layouts whose angle needs no fusion of ours."""
 
 
 def ignore_stage(_stage: Stage, _fraction: float) -> None:
@@ -50,7 +59,7 @@ def make_report(
 
     Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
     tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
-    five lines, ``answer.<language>.txt``. With a cache, as the
+    five lines, ``answer.<language>.txt``; where a PDF is asked for, ``fhir.json`` too. With a cache, as the
     server has one, the day is written for the page.
 
     Raises
@@ -71,6 +80,15 @@ def make_report(
     if known.cache is not None:
         write_day_of(analysis, out / DAY_NAME)
     write_reports(findings, subject, request, out)
+    if "pdf" in request.kinds:
+        _write_fhir(json.loads(results), request, out)
+
+
+def _write_fhir(results: dict[str, Any], request: ReportRequest, out: Path) -> None:
+    """Write the bundle with the PDFs as they stand there; its conclusion is in the first language."""
+    pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
+    conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
+    (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
 
 
 def make_report_again(
@@ -141,10 +159,22 @@ def _analyse_file(logs: _Logs, begin: Callable[[Stage], None]) -> Analysis:
     if request.source == "angles":
         with logs.log.open("rb") as file:
             return analyse_angles(file, begin, request.list_diary())
+    captured = _read_capture(logs.log, request)
+    if captured is not None:
+        return analyse_angle_file(captured, begin, request.list_diary(), request.calibration_windows_s)
     settings = AnalysisSettings(
         request.method, request.pose, request.calibration_windows_s, request.list_diary()
     )
     return analyse(logs.read(), settings, begin)
+
+
+def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
+    """Read a motion capture; None for a file with samples of an inertial sensor."""
+    with log.open("rb") as file:
+        layout = tell_layout(file, request.file_name)
+        if layout not in CAPTURES or request.joined or (layout == "dot" and holds_samples(file)):
+            return None
+        return read_angle_file(file, request.file_name, AngleFileOptions(request.side, request.rate_hz))
 
 
 def _hash_log(log: Path) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fusion.pipeline import AnalysisSettings as AnalysisSettings
     from fusion.pipeline import analyse as analyse
     from fusion.readers import read_recording as read_recording
+    from fusion.readers import read_recordings as read_recordings
     from fusion.recording import Recording as Recording
 
 _HOMES = {
@@ -30,6 +31,7 @@ _HOMES = {
     "analyse": "fusion.pipeline",
     "estimate_vertical": "fusion.orientation",
     "read_recording": "fusion.readers",
+    "read_recordings": "fusion.readers",
     "tabulate_elevation": "fusion.frames",
     "tabulate_exposure": "fusion.frames",
 }
@@ -42,6 +44,7 @@ __all__ = [
     "analyse",
     "estimate_vertical",
     "read_recording",
+    "read_recordings",
     "tabulate_elevation",
     "tabulate_exposure",
 ]

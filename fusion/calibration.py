@@ -127,17 +127,22 @@ def calibrate(
     correction = sensor.accelerometer
     if pose == "two-point":
         hanging, level = _measure_pair(recording, windows_s)
-        axis = share_between(correction.apply(hanging.gravity_g), correction.apply(level.gravity_g))
+        axis = share_between(_correct(hanging, correction), _correct(level, correction))
         calibration = Calibration(pose, hanging, axis, level)
     else:
         still = _choose_still(recording, windows_s, blocks)
         flags = () if windows_s else (*flag_unquiet(still), *_flag_unseen_lean(pose, still))
-        calibration = Calibration(pose, still, _unit(correction.apply(still.gravity_g)))
+        calibration = Calibration(pose, still, _unit(_correct(still, correction)))
     remounts = find_remounts(blocks, stills, correction, (calibration.still.start_s, calibration.arm_axis))
     flags += flag_remounts(remounts, recording.duration_us / MICROSECONDS)
     return CalibratedSamples(
         recording, calibration, sensor.bias, correction, flags, sensor.gyro_scale, runs, remounts
     )
+
+
+def _correct(still: StillPeriod, correction: AccelerometerCorrection) -> Vector:
+    """Gravity as the accelerometer should have read it in the middle of the still period."""
+    return np.asarray(correction.apply(still.gravity_g, still.start_s + still.duration_s / 2.0))
 
 
 def _flag_unseen_lean(pose: Pose, still: StillPeriod) -> tuple[QualityFlag, ...]:

@@ -88,7 +88,7 @@ DEGREES = 180.0 / pi
 STRETCH = 512
 UNCERTAIN_DEG = 5.0
 SHORTEST_SEGMENT_S = 1.0
-VERSION = "2"
+VERSION = "3"
 
 TYPICAL_SIGMA_DEG = {"published": 4.2, "live": 1.3}
 """Methods without a measure of their own: RMSE on simulated arm tasks and shifts (docs/validation.md)."""
@@ -138,9 +138,9 @@ def describe_method(method: MethodName, samples: CalibratedSamples | None = None
 def _list_findings(samples: CalibratedSamples) -> dict[str, float]:
     """The self-calibration of this recording, which is a part of how its angle was made."""
     triples = {
-        "found_accelerometer_offset_g": samples.accelerometer.offset_g,
-        "found_accelerometer_scale": samples.accelerometer.scale,
-        "found_gyro_scale": samples.gyro_scale.scale,
+        "found_accelerometer_offset_g": samples.accelerometer.mean_offset_g,
+        "found_accelerometer_scale": np.diag(samples.accelerometer.gain),
+        "found_gyro_scale": np.diag(samples.gyro_scale.gain),
     }
     return {
         f"{name}_{axis}": float(value)

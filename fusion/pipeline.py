@@ -5,11 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
+from fusion.angle_files import AngleFile, calibrate_alone, lay_file
 from fusion.angle_series import read_angle_series
 from fusion.calibration import CalibratedSamples, Calibration, calibrate
 from fusion.choices import MethodName, Pose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation
+from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure
 from fusion.periods import Placed, divide_day, list_exclusions, place_diary
 from fusion.quality import (
@@ -18,8 +20,10 @@ from fusion.quality import (
     account_time,
     assess_quality,
     find_exclusions,
+    flag_gyro_drift,
     flag_spans,
     flag_untrusted,
+    flag_upside_down,
     leave_out,
     make_disjoint,
     name_parts,
@@ -114,7 +118,13 @@ def analyse(
         division=day.division,
     )
     time = _account(recording, day, exposure)
-    flags = (*samples.flags, *placed.flags, *_doubt(recording, of.fused, day.exclusions))
+    flags = (
+        *samples.flags,
+        *placed.flags,
+        *_doubt(recording, of.fused, day.exclusions),
+        *flag_gyro_drift(samples.bias),
+        *flag_upside_down(exposure),
+    )
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
     return Analysis(
         recording, settings, samples.calibration, elevation, day.exclusions, time, exposure, quality
@@ -182,12 +192,40 @@ def analyse_angles(
     diary: tuple[DiaryEntry, ...] = (),
 ) -> Analysis:
     """Give the exposure of a ready angle series (columns ``time_s,elevation_deg``; empty is missing)."""
-    recording, elevation = read_angle_series(file)
+    return _count_ready(*read_angle_series(file), on_step, diary)
+
+
+def analyse_angle_file(
+    file: AngleFile,
+    on_step: Callable[[Step], None] = announce_nothing,
+    diary: tuple[DiaryEntry, ...] = (),
+    windows_s: tuple[tuple[float, float], ...] = (),
+) -> Analysis:
+    """Give the exposure of a motion capture; ``windows_s`` say when the arm hung, where only that tells.
+
+    Raises
+    ------
+    fusion.errors.UnknownAxis
+        The orientation of a sensor that never hung still.
+    """
+    known = calibrate_alone(file, windows_s)
+    if known.elevation_deg is None:
+        raise UnknownAxis
+    return _count_ready(*lay_file(known, known.elevation_deg), on_step, diary)
+
+
+def _count_ready(
+    recording: Recording,
+    elevation: Elevation,
+    on_step: Callable[[Step], None],
+    diary: tuple[DiaryEntry, ...],
+) -> Analysis:
     placed = place_diary(diary, recording.start, recording.duration_us)
     on_step("counting")
     day = _divide(recording, elevation, (), placed)
     exposure = summarise_exposure(day.counted, recording.start, division=day.division)
     time = _account(recording, day, exposure)
-    quality = assess_quality(recording, None, time, day.exclusions, placed.flags)
+    flags = (*placed.flags, *flag_upside_down(exposure))
+    quality = assess_quality(recording, None, time, day.exclusions, flags)
     settings = AnalysisSettings(diary=diary)
     return Analysis(recording, settings, None, elevation, day.exclusions, time, exposure, quality)

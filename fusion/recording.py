@@ -127,6 +127,11 @@ class Recording:
     gyr_range_dps: float | None = None
 
     @property
+    def holds_samples(self) -> bool:
+        """Whether it was measured by an inertial sensor; a ready angle has segments without samples."""
+        return any(len(segment) for segment in self.segments)
+
+    @property
     def rate_hz(self) -> float:
         """The rate of the longest segment."""
         return max(self.segments, key=len).rate_hz

@@ -1,8 +1,8 @@
 """Published values as data: value, source, what it applies to, and how far it is confirmed.
 
-EXPOSURE.md A10 (how standards cut elevation into classes: ``fusion.conventions``). A value that its brief marks unverified (the holding times of ISO 11226, the
-footnotes of EN 1005-4, the 80 deg of ISO 11228-3) is not here: it is not shipped as a limit. Nothing here is
-turned into a score or into anyone's risk.
+EXPOSURE.md A10; how standards cut elevation into classes is in ``fusion.conventions``. A value that the
+brief marks unverified (the holding times of ISO 11226, the footnotes of EN 1005-4, the 80 deg of ISO
+11228-3) is not here: it is not shipped as a limit. Nothing here is turned into a score or into anyone's risk.
 """
 
 from __future__ import annotations

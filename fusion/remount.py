@@ -75,7 +75,7 @@ def find_remounts(
     if not cuts_s:
         return ()
     edges_s = np.array([-np.inf, *cuts_s, np.inf])
-    up = accelerometer.apply(stills.gravity_g)
+    up = accelerometer.apply(stills.gravity_g, stills.middle_s)
     up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
     part_of = np.searchsorted(edges_s, _leave_off(stills, blocks, rules), side="right") - 1
     parts = [up[part_of == k] for k in range(len(edges_s) - 1)]
@@ -175,4 +175,4 @@ def flag_remounts(parts: Sequence[AxisPart], duration_s: float) -> tuple[Quality
     left_out = sum(part.arm_axis is None for part in parts)
     facts = {"calibrated": len(parts) - left_out, "left_out": left_out}
     seconds = sum(end_s - start_s for start_s, end_s in spans)
-    return (QualityFlag("W-REMOUNT", len(parts), seconds, spans[0][0], spans[-1][1], facts),)
+    return (QualityFlag("W-REMOUNT", len(parts), seconds, spans[0][0], spans[-1][1], facts, tuple(spans)),)

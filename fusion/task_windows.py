@@ -1,7 +1,8 @@
 """What was done when: a CSV with the columns ``name,start_s,end_s``, and ``paper_task`` if there is one.
 
-Seconds of the recording's clock. A name that returns is another repetition of the same task; its rows are
-pooled. ``paper_task`` (1 to 10) is the task of the source paper's Table 1 that it repeats.
+Seconds of the recording's clock or, with ``reference`` in a column ``clock``, of the reference's. A name that
+returns is another repetition of the same task; its rows are pooled. ``paper_task`` (1 to 10) is the task of
+the source paper's Table 1 that it repeats.
 """
 
 import csv
@@ -13,17 +14,19 @@ from math import isfinite
 from fusion.errors import UnusableTasks
 
 NEEDED = ("name", "start_s", "end_s")
+CLOCKS = ("recording", "reference")
 MOST_TASKS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class TaskWindow:
-    """One repetition of a task: seconds of the recording's clock."""
+    """One repetition of a task, in seconds of one of the two clocks."""
 
     name: str
     start_s: float
     end_s: float
     paper_task: int | None = None
+    clock: str = "recording"
 
 
 def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
@@ -53,7 +56,10 @@ def _read_row(row: Mapping[str, str | None], line: int) -> TaskWindow:
     start_s, end_s = _read_seconds(row["start_s"], line), _read_seconds(row["end_s"], line)
     if not start_s < end_s:
         raise UnusableTasks(line=line, why="task-order")
-    return TaskWindow(name, start_s, end_s, _read_paper_task(row.get("paper_task"), line))
+    clock = (row.get("clock") or "").strip().lower() or CLOCKS[0]
+    if clock not in CLOCKS:
+        raise UnusableTasks(line=line, why="task-clock")
+    return TaskWindow(name, start_s, end_s, _read_paper_task(row.get("paper_task"), line), clock)
 
 
 def _read_seconds(text: str | None, line: int) -> float:

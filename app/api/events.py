@@ -22,7 +22,7 @@ router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyse
 @router.get(
     "/analyses/{analysis_id}/events",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}},
+    responses={200: {"content": {"text/event-stream": {}}}},
 )
 async def follow_analysis(
     analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage

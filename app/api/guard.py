@@ -1,7 +1,9 @@
 """What stands before every route: who may ask, how patiently we listen, what browsers may do with it."""
 
+import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from urllib.parse import urlsplit
 
 import anyio
@@ -10,10 +12,15 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import AppError, ForeignHostName, ForeignOrigin, SlowUpload
+from app.errors import AppError, FileTooLarge, ForeignHostName, ForeignOrigin, SlowUpload
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
+
+FILE_PATHS = ("/api/v1/analyze", "/api/v1/recordings", "/api/v1/uploads")
+SHORT_BODY_BYTES = 1 << 16
+MOST_WORDS_BYTES = 8 << 20
+"""Largest body of a request that brings no file."""
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -53,7 +60,9 @@ class Guard:
         except AppError as refusal:
             await self._answer(request, refusal)(scope, receive, sealed)
             return
-        watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s)
+        most_bytes = math.inf if request.url.path.startswith(FILE_PATHS) else MOST_WORDS_BYTES
+        watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s, most_bytes)
+        sealed = _hear_out(sealed, watch, request)
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
             await self._app({**scope, "method": "GET"}, watch.receive, _drop_body(sealed))
             return
@@ -99,6 +108,19 @@ def _seal_answers(send: Send) -> Send:
     return sealed
 
 
+def _hear_out(send: Send, watch: "_BodyWatch", request: Request) -> Send:
+    """Read a short body to its end before refusing: closing on unread bytes would tear the answer, too."""
+    announced = request.headers.get("content-length", "")
+    is_short = announced.isdecimal() and int(announced) <= SHORT_BODY_BYTES
+
+    async def patient(message: Message) -> None:
+        if is_short and message["type"] == "http.response.start" and message["status"] >= 400:
+            await watch.finish()
+        await send(message)
+
+    return patient
+
+
 def _drop_body(send: Send) -> Send:
     """Send the head of an answer and nothing of its body."""
 
@@ -114,10 +136,16 @@ def _drop_body(send: Send) -> Send:
 class _BodyWatch:
     """Adds up how long we waited for the body; time that we spent ourselves does not count."""
 
-    def __init__(self, receive: Receive, min_rate_bytes_per_s: float, patience_s: float) -> None:
-        self._receive = receive
+    def __init__(
+        self,
+        receive: Receive,
+        min_rate_bytes_per_s: float,
+        patience_s: float,
+        most_bytes: float = math.inf,
+    ) -> None:
+        self._receive, self._most_bytes = receive, most_bytes
         self._min_rate_bytes_per_s, self._patience_s = min_rate_bytes_per_s, patience_s
-        self._waited_s, self._got_bytes, self._more = 0.0, 0, True
+        self._waited_s, self._got_bytes, self._all_bytes, self._more = 0.0, 0, 0, True
 
     async def receive(self) -> Message:
         """Give the next message, or lose patience."""
@@ -130,9 +158,18 @@ class _BodyWatch:
             raise SlowUpload
         self._waited_s += time.monotonic() - began_s
         self._got_bytes += len(message.get("body", b""))
+        self._all_bytes += len(message.get("body", b""))
+        if self._all_bytes > self._most_bytes:
+            raise FileTooLarge(n=round(self._all_bytes / 1e9, 2), max=round(self._most_bytes / 1e9, 2))
         self._more = message.get("more_body", False)
         self._check_rate()
         return message
+
+    async def finish(self) -> None:
+        """Read what is left, and leave it aside."""
+        with suppress(AppError):  # it is being refused already
+            while self._more and (await self.receive())["type"] == "http.request":
+                pass
 
     def _check_rate(self) -> None:
         """Judge by windows as long as our patience, so that a good start does not excuse a standstill."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, RootModel, StrictBool, StrictFloat
 
 from app.report.tables import encode_table
 from fusion.diary import DiaryEntry, read_diary
@@ -20,11 +20,15 @@ class PeriodView(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    start: float | str
-    end: float | str | None = None
+    start: StrictFloat | str
+    end: StrictFloat | str | None = None
     kind: Literal["shift", "work", "task", "seated", "supported", "break", "outside", "not_worn"]
     label: Annotated[str, Field(max_length=200)] = ""
-    left_out: bool | None = None
+    left_out: StrictBool | None = None
+
+
+class PeriodList(RootModel[list[PeriodView]]):
+    """The periods of a recording."""
 
 
 def view_periods(diary: tuple[DiaryEntry, ...]) -> list[PeriodView]:

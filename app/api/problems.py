@@ -1,14 +1,15 @@
 """Refusals as ``application/problem+json`` (RFC 9457), in the language asked for."""
 
+import json
 import logging
 import secrets
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
 from app.api.parameters import AnalyzeParameters
@@ -70,6 +71,7 @@ def view_problem(code: str, facts: Mapping[str, Fact], language: Language, insta
     )
 
 
+Model = TypeVar("Model", bound=BaseModel)
 Refusal = FusionError | AppError | RecordedProblem
 
 
@@ -99,11 +101,40 @@ def name_refusal(error: Exception) -> Refusal:
         return _name_bad_parameter(error.errors()[0])
     if isinstance(error, HTTPException) and error.status_code == 405:
         return WrongVerb(allowed=(error.headers or {}).get("Allow", ""))
+    if isinstance(error, HTTPException) and error.status_code == 400:  # while a body was being read
+        cause = error.__cause__
+        return cause if isinstance(cause, Refusal) else BadParameter(name="body", value="", allowed="JSON")
     if isinstance(error, HTTPException) and error.status_code == 404:
         return NotHere()
     reference = secrets.token_hex(4)
     logger.error("bug, reference %s", reference, exc_info=error)
     return InternalError(reference=reference)
+
+
+def take_model(model: type[Model], values: object) -> Model:
+    """Check values against a model outside of a route's signature.
+
+    Raises
+    ------
+    BadParameter
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise _name_bad_parameter(error.errors()[0]) from None
+
+
+def take_json(body: bytes) -> Any:
+    """Read a JSON body.
+
+    Raises
+    ------
+    BadParameter
+    """
+    try:
+        return json.loads(body)
+    except ValueError:
+        raise BadParameter(name="body", value=repr(body[:40]), allowed="JSON") from None
 
 
 def _name_bad_parameter(error: Mapping[str, Any]) -> BadParameter:

@@ -4,13 +4,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import TypeAdapter, ValidationError
 
 from app.api.paging import cut_page, read_cursor
-from app.api.periods import PeriodView, read_periods, view_periods, write_periods
-from app.api.problems import PROBLEM_RESPONSES, name_refusal
+from app.api.periods import PeriodList, PeriodView, read_periods, view_periods, write_periods
+from app.api.problems import PROBLEM_RESPONSES, take_json, take_model
 from app.api.recording_views import (
     RecordingList,
     RecordingPatch,
@@ -69,8 +67,9 @@ def list_recordings(
 ) -> RecordingList:
     """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
     limit = asked.limit
-    found = services.recordings.list_page(asked.wanted(), limit + 1, read_cursor(asked.cursor))
-    rows, following = cut_page(found, limit, lambda row: (row.created_at, row.id), request, answer)
+    wanted = asked.wanted()
+    found = services.recordings.list_page(wanted, limit + 1, read_cursor(asked.cursor))
+    rows, following = cut_page(found, limit, wanted.place, request, answer)
     return RecordingList(items=[view_recording(row) for row in rows], next_cursor=following)
 
 
@@ -159,10 +158,7 @@ def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
     ------
     BadParameter, fusion.errors.UnusableDiary
     """
-    try:
-        return read_periods(TypeAdapter(list[PeriodView]).validate_json(body))
-    except ValidationError as error:
-        raise name_refusal(RequestValidationError(error.errors())) from None
+    return read_periods(take_model(PeriodList, take_json(body)).root)
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
@@ -173,10 +169,7 @@ def purge_recording(services: Services, recording_id: str) -> None:
 
 
 def _take_uploaded(services: Services, body: bytes) -> StoredRow:
-    try:
-        said = UploadedRecording.model_validate_json(body)
-    except ValidationError as error:
-        raise name_refusal(RequestValidationError(error.errors())) from None
+    said = take_model(UploadedRecording, take_json(body))
     upload = finish_upload(services, services.uploads.get(said.upload_id))
     if upload.recording_id is None:
         raise NotFinished(state=f"{upload.offset_bytes}/{upload.length_bytes}")

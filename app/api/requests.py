@@ -24,6 +24,7 @@ from app.request import ReportRequest
 from app.storage import StoredRecording
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
+DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is over already."}}
 RAW_BODY = {"requestBody": {"content": {"application/octet-stream": {}}, "required": True}}
 
 
@@ -42,6 +43,7 @@ class AnalysisWish(BaseModel):
     status_code=202,
     response_model=AnalysisView,
     response_model_exclude_unset=True,
+    responses=DONE,
     openapi_extra=RAW_BODY,
 )
 async def analyze(
@@ -74,10 +76,24 @@ async def analyze(
     return _accept(view.model_dump(exclude_unset=True), job)
 
 
-router.put("/analyze", include_in_schema=False)(analyze)  # what ``curl -T`` sends
+# What ``curl -T`` sends.
+router.put(
+    "/analyze",
+    name="put_and_analyze",
+    status_code=202,
+    response_model=AnalysisView,
+    response_model_exclude_unset=True,
+    responses=DONE,
+    openapi_extra=RAW_BODY,
+)(analyze)
 
 
-@router.post("/analyses", status_code=202, response_model_exclude_unset=True)
+@router.post(
+    "/analyses",
+    status_code=202,
+    response_model_exclude_unset=True,
+    responses={200: {"model": StartedAnalyses, "description": "The first is over already."}},
+)
 def create_analyses(
     wish: AnalysisWish, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
 ) -> StartedAnalyses:
@@ -97,7 +113,9 @@ def cancel_analysis(analysis_id: str, services: UsedServices, language: UsedLang
     return view_analysis(services.store.cancel(analysis_id), language)
 
 
-@router.post("/analyses/{analysis_id}/retry", status_code=202, response_model_exclude_unset=True)
+@router.post(
+    "/analyses/{analysis_id}/retry", status_code=202, response_model_exclude_unset=True, responses=DONE
+)
 def retry_analysis(
     analysis_id: str, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
 ) -> AnalysisView:
@@ -106,14 +124,14 @@ def retry_analysis(
     return _accept(view_analysis(job, language).model_dump(exclude_unset=True), job)  # type: ignore[return-value]
 
 
-def check_queue(services: Services) -> None:
+def check_queue(services: Services, more: int = 1) -> None:
     """Refuse more work than may wait.
 
     Raises
     ------
     Busy
     """
-    if services.store.count_waiting() >= services.settings.max_queued:
+    if services.store.count_waiting() + more > services.settings.max_queued:
         raise Busy
 
 

@@ -17,6 +17,8 @@ RESULT_NAMES = (
     "report.pdf",
     "answer.txt",
     "elevation.parquet",
+    "elevation.csv.gz",
+    "periods.csv",
     "summary.csv",
     "summary_fr.csv",
     "summary.xlsx",
@@ -24,6 +26,7 @@ RESULT_NAMES = (
     "dictionary.csv",
     "redcap_import.csv",
     "redcap_dictionary.csv",
+    "fhir.json",
     "bundle.zip",
 )
 
@@ -77,14 +80,6 @@ class StartedAnalyses(AnalysisView):
     items: list[AnalysisView]
 
 
-class VersionView(BaseModel):
-    """Which software answers."""
-
-    name: str
-    version: str
-    revision: str
-
-
 def view_analysis(job: Job, language: Language) -> AnalysisView:
     """Show a job."""
     view = AnalysisView(
@@ -97,7 +92,7 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         file_name=job.file_name,
         size_bytes=job.size_bytes,
         sha256=job.sha256,
-        settings=_view_settings(job.request),
+        settings=view_settings(job.request),
         created_at=job.created_at.isoformat(),
         started_at=job.started_at.isoformat() if job.started_at else None,
         ended_at=job.ended_at.isoformat() if job.ended_at else None,
@@ -119,7 +114,8 @@ def list_links(job: Job) -> Mapping[str, str]:
     return {"self": own, **steps, **about, **files}
 
 
-def _view_settings(request: ReportRequest) -> dict[str, Any]:
+def view_settings(request: ReportRequest) -> dict[str, Any]:
+    """Show what was asked."""
     names = ("subject", "side", "method", "pose", "calibration_windows_s", "rate_hz", "source")
     periods = [period.model_dump() for period in view_periods(request.diary)]
     return {name: getattr(request, name) for name in names} | {"periods": periods}

@@ -6,11 +6,14 @@ from typing import Annotated, cast
 from fastapi import Depends, Request
 
 from app.incoming import Incoming
+from app.jobs.batches import BatchStore
 from app.jobs.inspecting import Inspector
+from app.jobs.kept_answers import AnswerStore
 from app.jobs.queueing import WayIn
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.uploads import UploadStore
+from app.jobs.webhooks import WebhookStore
 from app.report.wording import Language
 from app.settings import Settings
 from app.storage import Storage
@@ -29,6 +32,9 @@ class Services:
     uploads: UploadStore
     incoming: Incoming
     inspector: Inspector
+    batches: BatchStore
+    answers: AnswerStore
+    webhooks: WebhookStore
 
 
 def open_services(settings: Settings) -> Services:
@@ -41,7 +47,18 @@ def open_services(settings: Settings) -> Services:
     inspector = Inspector(settings, settings.data_dir / "inspections")
     incoming.prepare()
     inspector.prepare()
-    return Services(store, storage, settings, RecordingStore(*rows), UploadStore(*rows), incoming, inspector)
+    return Services(
+        store=store,
+        storage=storage,
+        settings=settings,
+        recordings=RecordingStore(*rows),
+        uploads=UploadStore(*rows),
+        incoming=incoming,
+        inspector=inspector,
+        batches=BatchStore(*rows),
+        answers=AnswerStore(*rows),
+        webhooks=WebhookStore(*rows),
+    )
 
 
 def find_services(request: Request) -> Services:

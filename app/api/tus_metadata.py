@@ -3,8 +3,7 @@
 import base64
 import binascii
 
-from pydantic import ValidationError
-
+from app.api.problems import take_model
 from app.api.recording_views import RecordingWords
 from app.errors import BadParameter
 
@@ -20,14 +19,7 @@ def read_metadata(header: str) -> RecordingWords:
     """
     pairs = dict(_read_pair(pair) for pair in header.split(",") if pair.strip())
     known = {NAMES[name]: value for name, value in pairs.items() if name in NAMES and value}
-    try:
-        return RecordingWords.model_validate(known)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name, value = str(first["loc"][0]), str(first["input"])[:60]
-        raise BadParameter(
-            name=name, value=value, allowed=str((first.get("ctx") or {}).get("expected", ""))
-        ) from None
+    return take_model(RecordingWords, known)
 
 
 def _read_pair(pair: str) -> tuple[str, str]:

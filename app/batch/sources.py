@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.errors import UnusableList
 
-SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".zip", ".parquet", ".bin")
+SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".zip", ".parquet", ".bin", ".mvnx")
 _UNUSUAL = frozenset("*?[")
 
 

@@ -15,6 +15,7 @@ from app.report.dictionary import encode_dictionary
 from app.report.index import IndexRow, render_index
 from app.report.messages import describe_problem
 from app.report.methods_text import write_methods
+from app.report.problem_rows import PROBLEM_COLUMNS, tell_problem
 from app.report.summary import (
     PERIOD_COLUMNS,
     encode_summary,
@@ -29,7 +30,6 @@ from app.request import ReportRequest
 from app.version import software_revision, software_version
 
 _PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")
-_PROBLEM_COLUMNS = ["file", "code", "title", "detail", "fix"]
 
 
 def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime) -> None:
@@ -39,7 +39,7 @@ def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest,
     (out / "summary.csv").write_bytes(encode_summary(rows))
     (out / "summary_fr.csv").write_bytes(encode_summary(rows, FRENCH_EXCEL))
     (out / "summary.xlsx").write_bytes(encode_workbook([_read_results(o) for o in outcomes if not o.code]))
-    (out / "problems.csv").write_bytes(encode_table(_PROBLEM_COLUMNS, _list_problems(outcomes, request)))
+    (out / "problems.csv").write_bytes(encode_table(PROBLEM_COLUMNS, _list_problems(outcomes, request)))
     (out / "periods.csv").write_bytes(encode_table(PERIOD_COLUMNS, _list_periods(outcomes)))
     (out / "dictionary.csv").write_bytes(encode_dictionary())
     (out / "index.html").write_bytes(_render_index(outcomes, request))
@@ -117,17 +117,5 @@ def _number(cell: Cell) -> float | None:
 
 
 def _list_problems(outcomes: Sequence[Outcome], request: ReportRequest) -> list[Row]:
-    rows: list[Row] = []
-    for outcome in outcomes:
-        if outcome.code:
-            problem = describe_problem(outcome.code, outcome.facts, request.languages[0])
-            rows.append(
-                {
-                    "file": outcome.task.log.name,
-                    "code": outcome.code,
-                    "title": problem.title,
-                    "detail": problem.detail,
-                    "fix": problem.fix,
-                }
-            )
-    return rows
+    language = request.languages[0]
+    return [tell_problem(o.task.log.name, o.code, o.facts, language) for o in outcomes if o.code]

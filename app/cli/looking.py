@@ -25,6 +25,8 @@ def inspect(
     try:
         facts = inspect_file(path, rate_hz, read_profile_file(profile, lang))
     except FusionError as refusal:
+        if as_json:
+            typer.echo(_write_refusal(path.name, refusal))
         print_problem(path.name, refusal.code, refusal.facts, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     except OSError as error:
@@ -33,6 +35,10 @@ def inspect(
     typer.echo(
         json.dumps(facts, indent=1, ensure_ascii=False) if as_json else describe_inspection(facts, lang)
     )
+
+
+def _write_refusal(name: str, refusal: FusionError) -> str:
+    return json.dumps({"file": name, "code": refusal.code, "facts": dict(refusal.facts)}, indent=1)
 
 
 def version() -> None:

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, NoReturn, TypeVar
 
 import typer
 
@@ -27,13 +28,16 @@ T = TypeVar("T")
 
 
 def validate(
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, or a file with its angle.")],
-    reference: Annotated[
+    path: Annotated[
         Path,
+        typer.Argument(metavar="FILE", help="A recording; or a folder of a whole study (docs/validate.md)."),
+    ],
+    reference: Annotated[
+        Path | None,
         typer.Option(
             metavar="REF", help="MVNX, MT Manager, DOT, a CSV of angle or quaternion, elevation.parquet."
         ),
-    ],
+    ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")] = Path(
         "acromion-validation"
     ),
@@ -58,10 +62,6 @@ def validate(
     lang: Annotated[Language, typer.Option("--lang", help="Language of the report.")] = "en",
 ) -> None:
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
-    windows = _read_tasks(tasks, lang)
-    given = Reference(
-        str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz, windows
-    )
     request = ReportRequest(
         path.name,
         _parse(check_subject, subject, "--subject", SUBJECT_ALLOWED),
@@ -71,22 +71,46 @@ def validate(
         tuple(_parse(parse_window, text, "--calibration", WINDOW_ALLOWED) for text in calibration or ()),
         rate_hz,
         (lang,),
-        reference=given,
     )
+    if path.is_dir():
+        _study(path, request, out)
+    if reference is None:
+        raise typer.BadParameter("needed, unless FILE is the folder of a study", param_hint="--reference")
     _check_windows(request)
+    given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
+    given = replace(given, tasks=_read_tasks(tasks, lang))
     with _telling(path.name, lang):
-        _compare(path, request, out)
-    typer.echo(
-        f"{path.name} -> {out}\n  " + "\n  ".join((out / "answer.txt").read_text("utf-8").splitlines())
-    )
+        _compare(path, replace(request, reference=given), out)
+    answer = (out / "answer.txt").read_text("utf-8").splitlines()
+    typer.echo("\n  ".join((f"{path.name} -> {out}", *answer)))
 
 
 def _compare(path: Path, request: ReportRequest, out: Path) -> None:
-    """Take the one road; the report in the language asked for is ``validation.html``."""
+    """Take the one road."""
     from app.agreement_workflow import make_validation  # noqa: PLC0415  heavy, and only this needs it
 
     out.mkdir(parents=True, exist_ok=True)
     make_validation(path, request, out)
+    _use_plain_names(out, request)
+
+
+def _study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
+    """Compare a whole folder; what failed is told, and shows in the exit code."""
+    from app.study_workflow import make_study  # noqa: PLC0415
+
+    language = request.languages[0]
+    with _telling(str(path), language):
+        out.mkdir(parents=True, exist_ok=True)
+        outcome = make_study(path, request, out, typer.echo)
+        _use_plain_names(out, request)
+    for problem in outcome.problems:
+        print_problem(problem.name, problem.code, problem.facts, language)
+    typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
+    raise typer.Exit(1 if outcome.problems else 0)
+
+
+def _use_plain_names(out: Path, request: ReportRequest) -> None:
+    """The report in the language asked for is ``validation.html`` or ``study.html``."""
     for made in out.glob(f"*.{request.languages[0]}.*"):
         made.replace(out / f"{made.name.partition('.')[0]}{made.suffix}")
 

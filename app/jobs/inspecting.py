@@ -4,7 +4,6 @@ import importlib
 import json
 import tempfile
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,16 @@ def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnS
 def load_and_inspect_head(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Look at the first bytes of a file."""
     importlib.import_module("app.inspection").write_head_inspection(log, request, out, on_stage)
+
+
+def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Set one result beside another."""
+    importlib.import_module("app.comparing").write_comparison(log, request, out, on_stage)
+
+
+def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write angles as text."""
+    importlib.import_module("app.comparing").write_elevation_csv(log, request, out, on_stage)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +65,7 @@ class Inspector:
         RecordedProblem
             With the code of the refusal.
         """
-        return self._run(log, request, self.inspect)
+        return _read(self._run(log, request, self.inspect, "inspection.json"))
 
     def look_at_head(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
         """Look at the first bytes of a recording.
@@ -65,19 +74,36 @@ class Inspector:
         ------
         RecordedProblem
         """
-        with tempfile.NamedTemporaryFile(dir=self.folder) as file:
-            file.write(head)
-            file.flush()
-            return self._run(Path(file.name), request, self.inspect_head)
+        return _read(self._run_on(head, request, self.inspect_head, "inspection.json"))
 
-    def _run(self, log: Path, request: ReportRequest, make: Callable[..., object]) -> dict[str, Any]:
-        with self._turns, tempfile.TemporaryDirectory(dir=self.folder) as name:
-            out = Path(name)
+    def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
+        """Compare two results documents."""
+        both = b"[" + before + b"," + after + b"]"
+        return _read(self._run_on(both, ReportRequest(""), load_and_compare, "comparison.json"))
+
+    def write_angles(self, parquet: Path) -> bytes:
+        """Write the angles as CSV in gzip."""
+        return self._run(parquet, ReportRequest(""), load_and_write_angles, "elevation.csv.gz")
+
+    def _run_on(self, content: bytes, request: ReportRequest, make: MakeReport, name: str) -> bytes:
+        with tempfile.NamedTemporaryFile(dir=self.folder) as file:
+            file.write(content)
+            file.flush()
+            return self._run(Path(file.name), request, make, name)
+
+    def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
+        """Give the file of this name that the child has made."""
+        with self._turns, tempfile.TemporaryDirectory(dir=self.folder) as folder:
+            out = Path(folder)
             limits = choose_limits(self.settings, log.stat().st_size)
             outcome = run_attempt(Attempt(log, request, out, make, limits), lambda *_: True)
             if isinstance(outcome, Finished):
-                found: dict[str, Any] = json.loads((out / "inspection.json").read_bytes())
-                return found
+                return (out / name).read_bytes()
         if isinstance(outcome, Refused):
             raise RecordedProblem(outcome.code, outcome.facts)
         raise Crashed(attempts=1)
+
+
+def _read(body: bytes) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(body)
+    return found

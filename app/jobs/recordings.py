@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, update
+from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, tuple_, update
 
 from app.errors import NotHere, StaleVersion
 from app.jobs.job import JobState
@@ -14,6 +14,9 @@ from app.jobs.tables import analyses, recordings, result_files, uploads
 from app.storage import StoredRecording
 from fusion.choices import Side
 from fusion.diary import DiaryEntry
+
+Place = tuple[str, str]
+"""Where a page of a list ended: the moment it is ordered by and the id of its last row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +62,14 @@ class RecordingFilter:
     end: str = ""
     trashed: bool = False
 
+    @property
+    def by_start(self) -> bool:
+        """Asked for by their start, recordings are listed by it, too; else by the time of their storing."""
+        return bool(self.begin or self.end)
 
-Place = tuple[str, str]
-"""Where a page of a list ended: the time of making and the id of its last row."""
+    def place(self, row: StoredRow) -> Place:
+        """Say where a row stands in the list."""
+        return (row.start or "" if self.by_start else row.created_at), row.id
 
 
 class RecordingStore:
@@ -96,9 +104,10 @@ class RecordingStore:
     ) -> tuple[StoredRow, ...]:
         """Give the newest recordings that are wanted, from ``after`` on."""
         query = _select_wanted(wanted)
+        moment = recordings.c.start if wanted.by_start else recordings.c.created_at
         if after is not None:
-            query = query.where(is_after((recordings.c.created_at, recordings.c.id), after))
-        newest_first = recordings.c.created_at.desc(), recordings.c.id.desc()
+            query = query.where(is_after((moment, recordings.c.id), after))
+        newest_first = moment.desc(), recordings.c.id.desc()
         with self._reader.connect() as connection:
             rows = connection.execute(query.order_by(*newest_first).limit(limit)).all()
         return tuple(_read_row(row) for row in rows)
@@ -207,8 +216,7 @@ def insert_recording(connection: Connection, stored: StoredRecording, about: Des
 
 def is_after(columns: tuple[Any, Any], place: Place) -> Any:
     """Say which rows come after a place, newest first (a keyset, so that later pages cost no more)."""
-    moment, identity = columns
-    return (moment < place[0]) | ((moment == place[0]) & (identity < place[1]))
+    return tuple_(*columns) < tuple_(*place)
 
 
 def _select_wanted(wanted: RecordingFilter) -> Select[Any]:

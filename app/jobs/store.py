@@ -12,11 +12,12 @@ from sqlalchemy.exc import OperationalError
 from app.errors import NotHere
 from app.jobs.answers import Answer, insert_answer
 from app.jobs.database import READ_ONLY, open_database
-from app.jobs.job import Claim, Claimer, Job, JobState, list_sources
+from app.jobs.job import TRANSITIONS, Claim, Claimer, Job, JobState, list_sources
 from app.jobs.queueing import WayIn, enqueue, identify_work
 from app.jobs.reading import read_job, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.tables import analyses, recordings, result_files
+from app.jobs.webhooks import announce_end
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
@@ -146,6 +147,13 @@ class JobStore:
         with self._reader.connect() as connection:
             counts = {JobState(state): number for state, number in connection.execute(query)}
         return {state: counts.get(state, 0) for state in JobState}
+
+    def count_problems(self) -> dict[str, int]:
+        """Count the failed jobs by code."""
+        failed = analyses.c.state == JobState.FAILED
+        query = select(analyses.c.problem_code, func.count()).where(failed).group_by(analyses.c.problem_code)
+        with self._reader.connect() as connection:
+            return {str(code): number for code, number in connection.execute(query)}
 
     def count_waiting(self) -> int:
         """Count the jobs that wait."""
@@ -312,7 +320,10 @@ def _move(
     change = update(analyses).where(analyses.c.id == analysis_id, analyses.c.state.in_(list_sources(to)))
     if token is not None:
         change = change.where(analyses.c.token == token)
-    return _changed(connection, change.values({"state": to, **values}))
+    moved = _changed(connection, change.values({"state": to, **values}))
+    if moved and not TRANSITIONS[to]:
+        announce_end(connection, analysis_id, to)
+    return moved
 
 
 def _changed(connection: Connection, change: Update) -> bool:

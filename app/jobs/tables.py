@@ -7,6 +7,7 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     Table,
@@ -40,9 +41,9 @@ recordings = Table(
     Column("diary", Text, nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Index("recordings_by_age", "state", "created_at", "id"),
-    Index("recordings_by_subject", "subject", "created_at", "id"),
-    Index("recordings_by_external_id", "external_id", "created_at", "id"),
-    Index("recordings_by_start", "start"),
+    Index("recordings_by_subject", "state", "subject", "created_at", "id"),
+    Index("recordings_by_external_id", "state", "external_id", "created_at", "id"),
+    Index("recordings_by_start", "state", "start", "id"),
 )
 
 analyses = Table(
@@ -76,6 +77,47 @@ analyses = Table(
     Index("analyses_by_state", "state", "created_at", "id"),
     Index("analyses_by_key", "key"),
     Index("analyses_by_flow", "batch_id", "state", "turn"),
+)
+
+batches = Table(
+    "batches",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("item_count", Integer, nullable=False),
+    Column("created_at", String(32), nullable=False),
+)
+
+kept_answers = Table(
+    "kept_answers",
+    metadata,
+    Column("key", String(64), primary_key=True),
+    Column("fingerprint", String(64), nullable=False),
+    Column("status", Integer),
+    Column("headers", Text),
+    Column("body", LargeBinary),
+    Column("age_s", Float, nullable=False),
+)
+
+webhooks = Table(
+    "webhooks",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("url", Text, nullable=False),
+    Column("events", Text, nullable=False),
+    Column("secret", String(64), nullable=False),
+    Column("created_at", String(32), nullable=False),
+)
+
+deliveries = Table(
+    "deliveries",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("webhook_id", ForeignKey("webhooks.id"), nullable=False, index=True),
+    Column("event", String(32), nullable=False),
+    Column("body", Text, nullable=False),
+    Column("tries", Integer, nullable=False),
+    Column("wait_s", Float, nullable=False),
 )
 
 uploads = Table(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from app.report.results import round_all
@@ -43,7 +44,7 @@ def build_validation(comparison: Comparison, subject: ComparisonSubject) -> dict
     return built
 
 
-def encode_validation(validation: dict[str, Any]) -> bytes:
+def encode_validation(validation: Mapping[str, Any]) -> bytes:
     """Write it as UTF-8 JSON: the same comparison gives the same bytes."""
     text = json.dumps(validation, ensure_ascii=False, indent=2, allow_nan=False)
     return text.encode("utf-8") + b"\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from app.report.charts import build_parts
@@ -40,7 +40,7 @@ def build_two_bars(sides: tuple[Beside, Beside], language: Language) -> Figure:
     """Build one stacked bar for each, to one scale."""
     entry = load_beside_words(language)
     parts = [(side.name, _take_whole(side.kept.findings.exposure)) for side in sides]
-    return build_parts("bars", parts, entry, language)
+    return replace(build_parts("bars", parts, entry, language), note=entry["bars"]["note"])
 
 
 def _take_whole(exposure: Exposure) -> PartExposure:

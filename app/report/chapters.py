@@ -18,6 +18,7 @@ from app.report.numbers import (
     format_long_duration,
     format_number,
     format_percent,
+    format_plain,
     format_rate,
 )
 from app.report.parts import Pair, Section, Table
@@ -69,6 +70,9 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
         if parts
     ]
     tables = [_tabulate_parts(parts, words["part"][caption], clock) for _, parts, caption in groups]
+    if any(part.periods > 1 for part in exposure.by_task):
+        tasks = [(_name_task(part, words), part) for part in exposure.by_task]
+        tables.append(_tabulate_parts(tasks, words["part"]["by_task"], clock))
     figures = [
         build_parts(key, parts, words, clock.language)
         for key, parts, _ in groups
@@ -86,6 +90,13 @@ def _name_period(part: PartExposure, clock: Clock, words: Words) -> str:
     """Give its times and the diary's label, else what kind of time it is."""
     name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
     return f"{clock.tell(part.start_s)}–{clock.tell(part.end_s)} {cut_text(name, LONGEST_NAME)}"
+
+
+def _name_task(part: PartExposure, words: Words) -> str:
+    """Give the diary's label and how many of its rows are pooled."""
+    name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
+    told = cut_text(name, LONGEST_NAME)
+    return told if part.periods == 1 else f"{told} ({part.periods}\u00a0×)"
 
 
 def _tabulate_parts(parts: list[tuple[str, PartExposure]], entry: Words, clock: Clock) -> Table:
@@ -199,7 +210,7 @@ def _tell_reasons(findings: Findings, clock: Clock, words: Words) -> str:
 def _build_method(findings: Findings, clock: Clock, words: Words) -> Section:
     method, entry = findings.method, words["method"]
     if method is None:
-        ready = Pair(entry["name"], entry["ready_angles"])
+        ready = Pair(entry["name"], entry["ready"].get(findings.recording.device, entry["ready_angles"]))
         return Section("method", words["section"]["method"], tuple(entry["paragraphs"]), pairs=(ready,))
     told = entry["names"].get(method.name, method.name)
     pairs = (
@@ -207,7 +218,7 @@ def _build_method(findings: Findings, clock: Clock, words: Words) -> Section:
         Pair(entry["version"], method.version),
         *_describe_calibration(findings, clock, words),
     )
-    rows = tuple((name, f"{value:g}") for name, value in method.parameters.items())
+    rows = tuple((name, format_plain(value, clock.language)) for name, value in method.parameters.items())
     table = Table(entry["parameters"], tuple(entry["columns"]), rows)
     return Section(
         "method",

@@ -19,7 +19,7 @@ from app.report.numbers import (
 from app.report.parts import Table
 from app.report.results import VELOCITIES
 from app.report.wording import Language, Words, fill
-from fusion.exposure.types import ElevationBin, Exposure, PeakWindow, TimeAbove
+from fusion.exposure.types import Cycles, ElevationBin, Exposure, PeakWindow, TimeAbove
 
 
 def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
@@ -116,10 +116,19 @@ def _tabulate_cycles(exposure: Exposure, entry: Words, language: Language) -> Ta
         (
             f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°",
             format_number(c.count, 1, language),
+            _tell_cycles(exposure, c, language),
         )
         for c in exposure.cycles
     ]
     return _tabulate(entry["cycles"], rows)
+
+
+def _tell_cycles(exposure: Exposure, cycles: Cycles, language: Language) -> str:
+    upper = "up" if cycles.upper_deg is None else f"{cycles.upper_deg:g}"
+    interval = exposure.intervals.get(f"cycles_{cycles.lower_deg:g}_{upper}_count")
+    if interval is None:
+        return NONE
+    return f"{format_number(interval.low, 1, language)}–{format_number(interval.high, 1, language)}"
 
 
 def _tabulate_velocities(exposure: Exposure, entry: Words, language: Language) -> Table:

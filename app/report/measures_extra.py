@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.numbers import format_duration, format_number, format_percent, format_rate
+from app.report.numbers import (
+    NONE,
+    format_duration,
+    format_number,
+    format_percent,
+    format_range,
+    format_rate,
+)
 from app.report.parts import Table
 from app.report.wording import Language, Words
+from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import Episodes, Exposure
 
 
@@ -16,11 +24,15 @@ def list_extra_measures(exposure: Exposure, entry: Words, language: Language) ->
         _tabulate_long_stays(exposure, entry["long_stays"], language),
         _tabulate_recovery(exposure, entry["recovery"], language),
         _tabulate_variation(exposure, entry["variation"], language),
+        _tabulate_conventions(exposure, entry["conventions"], language),
     )
 
 
 def _make(entry: Words, rows: Sequence[tuple[str, ...]]) -> Table:
-    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+    """Make a table; a last column in which nothing stands (no interval anywhere) is left out."""
+    width = len(entry["columns"]) - all(row[-1] == NONE for row in rows)
+    kept = tuple(row[:width] for row in rows)
+    return Table(entry["caption"], tuple(entry["columns"][:width]), kept, note=entry["note"])
 
 
 def _tabulate_long_stays(exposure: Exposure, entry: Words, language: Language) -> Table:
@@ -47,20 +59,58 @@ def _add_range(told: str, item: Episodes, end: str, exposure: Exposure, language
 
 
 def _tabulate_recovery(exposure: Exposure, entry: Words, language: Language) -> Table:
-    recovery, frequency, row = exposure.recovery, exposure.frequency, entry["row"]
-    rows: list[tuple[str, ...]] = []
+    recovery, frequency = exposure.recovery, exposure.frequency
+    figures: list[tuple[str, float | None, str]] = []
     if recovery is not None:
-        rows += [
-            (row["neutral"], format_percent(recovery.neutral_slow_percent, language)),
-            (row["neutral_per_h"], format_rate(recovery.neutral_slow_per_hour, language)),
-            (row["slow"], format_percent(recovery.slow_percent, language)),
-            (row["without"], format_duration(recovery.longest_without_s, language)),
+        figures += [
+            ("neutral", recovery.neutral_slow_percent, "recovery_neutral_slow_percent"),
+            ("neutral_per_h", recovery.neutral_slow_per_hour, "recovery_neutral_slow_per_h"),
+            ("slow", recovery.slow_percent, "recovery_slow_percent"),
+            ("without", recovery.longest_without_s, "recovery_longest_without_s"),
         ]
     if frequency is not None:
-        mpf = frequency.mean_power_hz
-        rows.append((row["crossings"], format_rate(frequency.crossings_per_hour, language)))
-        if mpf is not None:
-            rows.append((row["mpf"], f"{format_number(mpf, 2, language)}\u202fHz"))
+        crossings = "inclination_velocity_zero_crossings_per_h"
+        figures += [
+            ("crossings", frequency.crossings_per_hour, crossings),
+            ("mpf", frequency.mean_power_hz, "inclination_velocity_mpf_hz"),
+        ]
+    rows = [
+        (entry["row"][key], tell_figure(value, name, language), tell_interval(exposure, name, language))
+        for key, value, name in figures
+        if value is not None
+    ]
+    return _make(entry, rows)
+
+
+def tell_figure(value: float, name: str, language: Language) -> str:
+    """Write a figure in the unit that its name ends in."""
+    if name.endswith("_percent"):
+        return format_percent(value, language)
+    if name.endswith("_hz"):
+        return f"{format_number(value, 2, language)}\u202fHz"
+    return format_duration(value, language) if name.endswith("_s") else format_rate(value, language)
+
+
+def tell_interval(exposure: Exposure, name: str, language: Language) -> str:
+    """Write the range of a figure; a dash where none is known."""
+    interval = exposure.intervals.get(name)
+    if interval is None:
+        return NONE
+    return f"{tell_figure(interval.low, name, language)}–{tell_figure(interval.high, name, language)}"
+
+
+def _tabulate_conventions(exposure: Exposure, entry: Words, language: Language) -> Table:
+    rows = [
+        (
+            convention.source,
+            f"{part.lower_deg:g}–{part.upper_deg:g}°",
+            format_duration(part.duration_s, language),
+            format_percent(part.percent, language),
+            format_range(part.interval, language) or NONE,
+        )
+        for convention in CONVENTIONS
+        for part in exposure.conventions.get(convention.key, ())
+    ]
     return _make(entry, rows)
 
 

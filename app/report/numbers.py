@@ -39,6 +39,12 @@ def format_exact(value: float, language: Language) -> str:
     return text.removesuffix(mark)
 
 
+def format_plain(value: float, language: Language) -> str:
+    """Write a parameter with the digits it has: "0.04", "1200"; six of them at most."""
+    text = f"{value:g}".replace("-", "−")
+    return text.replace(".", ",") if language == "fr" else text
+
+
 def format_percent(value: float | None, language: Language) -> str:
     """One decimal, always."""
     text = format_number(value, 1, language)

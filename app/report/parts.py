@@ -21,13 +21,17 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose first column heads its rows. ``wide`` ones hold prose in their second column."""
+    """A table whose first column heads its rows.
+
+    ``prose``: the second column holds sentences; ``even``: all columns but the first are equally wide.
+    """
 
     caption: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
     prose: bool = False
+    even: bool = False
 
 
 @dataclass(frozen=True, slots=True)

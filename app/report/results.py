@@ -5,13 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from app.report.clock import Clock
 from app.report.findings import CalibrationFacts, Findings, MethodFacts, StillFacts
-from app.report.results_extra import describe_bin, describe_episodes, describe_extra, describe_interval
+from app.report.results_extra import (
+    describe_bin,
+    describe_episodes,
+    describe_extra,
+    describe_interval,
+    pick,
+)
 from app.report.subject import ReportSubject
 from fusion.exposure.types import Eva, Exposure, Interval, PartExposure, Velocity
 from fusion.quality.types import TimeAccount
@@ -19,6 +25,7 @@ from fusion.recording import MICROSECONDS, QualityFlag
 
 SCHEMA = "acromion.results/1"
 VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
+_SPEEDS = {"10": "p10_dps", "50": "p50_dps", "90": "p90_dps", "99": "p99_dps", "mean": "mean_dps"}
 _DECIMALS = 6
 
 
@@ -35,6 +42,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         "quality": {
             "verdict": findings.quality.verdict,
             "warnings": [_describe_warning(flag, clock) for flag in findings.quality.flags],
+            "proposals": _propose_periods(findings.quality.flags),
         },
         "software": {"version": subject.software.version, "revision": subject.software.revision},
     }
@@ -137,12 +145,7 @@ def _describe_distribution(exposure: Exposure) -> dict[str, object]:
     return {
         "bins": [describe_bin(b) for b in exposure.bins],
         "time_above": [
-            {
-                "threshold_deg": t.threshold_deg,
-                "duration_s": t.duration_s,
-                "percent": t.percent,
-                **describe_interval(t.interval),
-            }
+            {**pick(t, "threshold_deg", "duration_s", "percent"), **describe_interval(t.interval)}
             for t in exposure.time_above
         ],
         "percentiles_deg": {str(p): value for p, value in exposure.percentiles_deg.items()},
@@ -156,17 +159,9 @@ def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
 def _describe_repetition(exposure: Exposure) -> dict[str, object]:
     return {
         "entries": [
-            {
-                "threshold_deg": e.threshold_deg,
-                "count": e.count,
-                "per_hour": e.per_hour,
-                "busy_minutes_percent": e.busy_minutes_percent,
-            }
-            for e in exposure.entries
+            pick(e, "threshold_deg", "count", "per_hour", "busy_minutes_percent") for e in exposure.entries
         ],
-        "cycles": [
-            {"lower_deg": c.lower_deg, "upper_deg": c.upper_deg, "count": c.count} for c in exposure.cycles
-        ],
+        "cycles": [pick(c, "lower_deg", "upper_deg", "count") for c in exposure.cycles],
         "episodes": [describe_episodes(e) for e in exposure.episodes],
     }
 
@@ -174,13 +169,7 @@ def _describe_repetition(exposure: Exposure) -> dict[str, object]:
 def _describe_velocity(velocity: Velocity | None) -> dict[str, object] | None:
     if velocity is None:
         return None
-    return {
-        "10": velocity.p10_dps,
-        "50": velocity.p50_dps,
-        "90": velocity.p90_dps,
-        "99": velocity.p99_dps,
-        "mean": velocity.mean_dps,
-    }
+    return {rank: getattr(velocity, field) for rank, field in _SPEEDS.items()}
 
 
 def _describe_peak(exposure: Exposure, clock: Clock) -> dict[str, object]:
@@ -236,6 +225,16 @@ def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
         "last": _tell_place(flag.last_s, clock),
         "spans": [[_tell_place(at, clock) for at in span] for span in flag.spans_s],
     }
+
+
+def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
+    """Offer what may not have been worn as rows of a diary; nothing was left out for it."""
+    return [
+        {"kind": "not_worn", "start_s": start_s, "end_s": end_s}
+        for flag in flags
+        if flag.code == "W-NONWEAR"
+        for start_s, end_s in flag.spans_s
+    ]
 
 
 def _tell_place(seconds: float | None, clock: Clock) -> str | None:

@@ -17,19 +17,16 @@ from fusion.exposure.types import (
 )
 
 
+def pick(record: object, *names: str) -> dict[str, object]:
+    """Lay out the fields of a record that stand in the results under their own names, in this order."""
+    return {name: getattr(record, name) for name in names}
+
+
 def describe_episodes(episodes: Episodes) -> dict[str, object]:
     """Lay out the stays above one threshold."""
-    return {
-        "threshold_deg": episodes.threshold_deg,
-        "count": episodes.count,
-        "longest_s": episodes.longest_s,
-        "median_s": episodes.median_s,
-        "per_hour": episodes.per_hour,
-        "total_s": episodes.total_s,
-        "p90_s": episodes.p90_s,
-        "censored": episodes.censored,
-        "longer": [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s],
-    }
+    names = ("threshold_deg", "count", "longest_s", "median_s", "per_hour", "total_s", "p90_s", "censored")
+    longer = [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s]
+    return {**pick(episodes, *names), "longer": longer}
 
 
 def describe_extra(exposure: Exposure) -> dict[str, object]:
@@ -99,24 +96,12 @@ def _describe_frequency(frequency: Frequency | None) -> dict[str, object] | None
 
 
 def _describe_variation(figures: Mapping[str, HourVariation]) -> dict[str, object]:
-    return {
-        name: {
-            "hours": item.hours,
-            "coefficient_percent": item.coefficient_percent,
-            "spread": item.spread,
-            "last_less_first": item.last_less_first,
-        }
-        for name, item in figures.items()
-    }
+    names = ("hours", "coefficient_percent", "spread", "last_less_first")
+    return {figure: pick(item, *names) for figure, item in figures.items()}
 
 
 def _describe_eva_summary(summary: EvaSummary | None) -> dict[str, object] | None:
     if summary is None:
         return None
-    return {
-        "by_angle_percent": list(summary.by_angle_percent),
-        "by_duration_percent": list(summary.by_duration_percent),
-        "cell_sd_percent": summary.cell_sd_percent,
-        "centroid_deg": summary.centroid_deg,
-        "centroid_s": summary.centroid_s,
-    }
+    names = ("by_angle_percent", "by_duration_percent", "cell_sd_percent", "centroid_deg", "centroid_s")
+    return pick(summary, *names)

@@ -211,7 +211,12 @@ def summarise_failure(file_name: str, subject: str, code: str) -> Row:
 PERIOD_FIELDS: tuple[tuple[str, CellKind, str, str], ...] = (
     ("file_name", "text", "name of the file", "nom du fichier"),
     ("subject", "text", "subject code", "code du sujet"),
-    ("kind", "text", "hour (of the clock) or period (of the diary)", "hour (heure) ou period (période)"),
+    (
+        "kind",
+        "text",
+        "hour (of the clock), period (of the diary) or task (its periods of one name, pooled)",
+        "hour (heure), period (période) ou task (périodes de même nom réunies)",
+    ),
     ("label", "text", "the hour, or the diary's own word", "l'heure, ou le mot du journal"),
     ("start_s", "number", "begin, from the first sample", "début, depuis le premier échantillon"),
     ("end_s", "number", "end, from the first sample", "fin, depuis le premier échantillon"),
@@ -231,8 +236,9 @@ PERIOD_FIELDS: tuple[tuple[str, CellKind, str, str], ...] = (
     ("period_kind", "text", "what the diary calls it: task, break ...", "genre au journal : task, break ..."),
     ("recorded_s", "number", "recorded time of the period", "temps enregistré de la période"),
     ("excluded_as", "text", "why it was left out; empty: analysed", "raison de l'exclusion ; vide : analysé"),
+    ("periods", "number", "rows of the diary pooled into a task", "lignes du journal réunies en une tâche"),
 )
-"""Of ``periods.csv``: one row for each clock hour and each period of the diary; name, kind, both meanings."""
+"""Of ``periods.csv``: a row for each clock hour, period and task of the diary; name, kind, both meanings."""
 
 PERIOD_COLUMNS = [name for name, *_ in PERIOD_FIELDS]
 
@@ -240,7 +246,7 @@ PERIOD_COLUMNS = [name for name, *_ in PERIOD_FIELDS]
 def list_periods(results: Results) -> list[Row]:
     """Give the rows of ``periods.csv`` for one recording."""
     who = {"file_name": results["recording"]["file_name"], "subject": results["recording"]["subject"]}
-    kinds = (("hour", "by_hour"), ("period", "by_period"))
+    kinds = (("hour", "by_hour"), ("period", "by_period"), ("task", "by_task"))
     return [
         {**part, **who, "kind": kind, "period_kind": part.get("kind")}
         for kind, key in kinds

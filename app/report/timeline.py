@@ -77,7 +77,7 @@ def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width: flo
         body += _draw_panel(day, plot, key)
         body.append(svg.text(plot.left, top - 6, name, "strong"))
     body += _draw_time_axis(days[-1][1], plot) + _draw_day_legend(labels, plot.bottom + 34, key, width)
-    bottom = plot.bottom + (40 if width > NARROW else 92)
+    bottom = plot.bottom + (40 if width > NARROW else 60)
     return svg.picture(width, bottom, key, (labels.title, labels.description), body)
 
 

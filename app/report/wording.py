@@ -14,6 +14,8 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 _FOLDER = Path(__file__).parent / "wording"
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
+_PLURAL = re.compile(r"\{(\w+)\|([^{}|]*)\|([^{}|]*)\}")
+_COUNTED = re.compile(r"\{(\w+):(en|fr)\|([^{}|]*)\|([^{}|]*)\}")
 _OPTIONAL = re.compile(r"\[([^\[\]]*)\]")
 _NARROW_SPACE = "\u202f"
 _NO_BREAK_SPACE = "\u00a0"
@@ -35,14 +37,25 @@ def fill(text: str, facts: Mapping[str, str]) -> str:
     """Put facts in their places: ``"{n} bytes[ in {member}]"``.
 
     What stands in square brackets is left out when one of its facts is absent or empty; a fact that is
-    absent elsewhere shows as an ellipsis, for a sentence with a hole is better than none.
+    absent elsewhere shows as an ellipsis, for a sentence with a hole is better than none. ``{n|time|times}``
+    follows the number that stands in ``n``.
     """
     kept = _OPTIONAL.sub(lambda part: part[1] if _is_complete(part[1], facts) else "", text)
+    kept = _COUNTED.sub(lambda form: form[3] if _is_one(facts.get(form[1], ""), form[2]) else form[4], kept)
     return _PLACEHOLDER.sub(lambda place: facts.get(place[1]) or "…", kept)
 
 
 def _is_complete(text: str, facts: Mapping[str, str]) -> bool:
     return all(facts.get(name) for name in _PLACEHOLDER.findall(text))
+
+
+def _is_one(number: str, language: str) -> bool:
+    """Tell whether a number takes the singular: 1 in English, all below 2 in French (Unicode CLDR)."""
+    try:
+        value = abs(float(re.sub(r"\s", "", number).replace(",", ".").replace("−", "-")))
+    except ValueError:
+        return False
+    return value < 2 if language == "fr" else value == 1
 
 
 def _set_all(value: Any, language: Language) -> Any:
@@ -60,9 +73,10 @@ def set_spaces(text: str, language: Language) -> str:
     ``; ! ? %`` and inside guillemets; we take the narrow one before the colon too, as in Québec and France
     both are accepted).
     """
+    text = _PLURAL.sub(rf"{{\1:{language}|\2|\3}}", text)
     text = re.sub(r"(?<=\w)'(?=\w)|(?<=[sS])'(?=\s)", "’", text)
     text = re.sub(r" (?=%)", _NARROW_SPACE, text)
-    text = re.sub(r"(?<=[\d}]) (?=(?:h|min|s|g|Hz|kB|ko|bytes|octets)\b)", _NO_BREAK_SPACE, text)
+    text = re.sub(r"(?<=[\d}]) (?=(?:h|min|s|g|Hz|kB|ko|bytes|octets)\b|\{\w+:)", _NO_BREAK_SPACE, text)
     if language == "fr":
         text = re.sub(r"(?<=\d) (?=\d{3}\b)", _NARROW_SPACE, text)
         text = re.sub(r" (?=[;:!?»])", _NARROW_SPACE, text)

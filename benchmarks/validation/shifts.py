@@ -32,7 +32,9 @@ holes. The seed decides the day, the specimen of the sensor and its noise.
 
 The 95 % band is 1.96 times the standard deviation that the software gives for each second
 (`ElevationSegment.sigma_deg`, the pose left out); the column says how much of the valid time the truth lies
-within it. The weights behind it were fitted on days with even seeds; the goal is judged on the odd ones.
+within it. The weights behind it were fitted on days with even seeds; the goal is judged on the odd ones. So
+were the settings of the accelerometer's correction: how far its offset wanders was chosen on even seeds (2 to
+10 for one hour, 2 and 4 for eight), without the form of the simulated warming.
 
 A share of time can be wrong by much where the angle is wrong by little: an arm that rests for a minute at
 29.9 deg and is read at 30.1 moves that minute to the next bin. In an hour a minute is 1.7 points. The bins

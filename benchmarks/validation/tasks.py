@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
-from benchmarks.validation.table_1 import QUASI_STATIC, TABLE_1, TITLES, Agreement
 from benchmarks.validation.weights import PROSE as WEIGHTS_PROSE
 from benchmarks.validation.weights import draw_sweep
 from benchmarks.validation.worn import DEVICES, NAMES, Worn, compare, find_rows, wear
@@ -15,12 +14,13 @@ from fusion.elevation import estimate_elevation
 from fusion.orientation import MethodName
 from fusion.simulation.parts import Device
 from fusion.simulation.tasks import TASKS, simulate_session, simulate_task
+from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
 
 PEOPLE = (1, 2, 3, 4, 5)
 METHODS: tuple[MethodName, ...] = ("published", "smoothed")
 SLOW_TASKS, FAST_TASKS = (1, 2, 4, 5, 7, 8, 9), (3, 6, 10)
 
-Results = dict[tuple[Device, MethodName, int], Agreement]
+Results = dict[tuple[Device, MethodName, int], TaskFigures]
 
 PROSE = """\
 Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth,
@@ -44,9 +44,9 @@ say what people did between tasks). *Standing*: the same, but the person stands 
 between. *Separate*: each task is a recording of its own with its own pose, of about a minute. We hold the
 first for the truest picture of a session, and the main tables show it: the sensor is the same all along,
 and its still moments point in several directions, so that the accelerometer can calibrate itself. In the
-other two it nearly always hangs when it is still, and keeps the offset it left the factory with: that is
-what their larger errors are. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals
-below are judged for all three."""
+other two it nearly always hangs when it is still; then only the part of its offset that lies along the arm
+can be found, and the rest stays: that is what their larger errors are. *Seated* was added after `smoothed`
+had exceeded 1 deg in *separate*; the goals below are judged for all three."""
 
 
 def compare_on_tasks() -> Section:
@@ -103,11 +103,11 @@ def measure(worn: Worn, names: Mapping[int, str]) -> Results:
 
 def summarise(recordings: Iterable[Results]) -> Results:
     """Mean over people."""
-    pooled: dict[tuple[Device, MethodName, int], list[Agreement]] = {}
+    pooled: dict[tuple[Device, MethodName, int], list[TaskFigures]] = {}
     for results in recordings:
         for key, agreement in results.items():
             pooled.setdefault(key, []).append(agreement)
-    return {key: Agreement.mean(found) for key, found in pooled.items()}
+    return {key: TaskFigures.mean(found) for key, found in pooled.items()}
 
 
 def draw_with_paper(results: Results, device: Device, method: MethodName) -> dict[int, list[str]]:

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from benchmarks.validation.document import draw_table
-from benchmarks.validation.table_1 import QUASI_STATIC, TABLE_1, TITLES, Agreement
 from benchmarks.validation.worn import Worn, compare, find_rows
 from fusion.calibration import calibrate
 from fusion.elevation import measure_elevation
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.sensor_errors.runs import view_segment
 from fusion.simulation.parts import Device
+from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
 
 TIME_CONSTANTS_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 VARIANTS: Mapping[str, PublishedParameters] = {
@@ -42,12 +42,12 @@ def draw_sweep(sessions: Sequence[Worn], device: Device) -> str:
     return draw_table(("task", *found, "Table 1"), [*rows, ["difference from Table 1", *misses, ""]])
 
 
-def _average(sessions: Sequence[Worn], how: PublishedParameters) -> dict[int, Agreement]:
+def _average(sessions: Sequence[Worn], how: PublishedParameters) -> dict[int, TaskFigures]:
     people = [_measure(worn, how) for worn in sessions]
-    return {number: Agreement.mean([person[number] for person in people]) for number in TITLES}
+    return {number: TaskFigures.mean([person[number] for person in people]) for number in TITLES}
 
 
-def _measure(worn: Worn, how: PublishedParameters) -> dict[int, Agreement]:
+def _measure(worn: Worn, how: PublishedParameters) -> dict[int, TaskFigures]:
     samples = calibrate(worn.recording, "n-pose", (worn.shift.calibration_s,))
     run, bias_dps = view_segment(worn.recording.segments[0]), samples.calibration.still.gyro_bias_dps
     up = estimate_published(run, bias_dps, how)
@@ -56,10 +56,10 @@ def _measure(worn: Worn, how: PublishedParameters) -> dict[int, Agreement]:
     return {number: compare(found_deg[at], worn.truth_deg[at]) for number, at in rows.items()}
 
 
-def _draw(number: int, agreement: Agreement) -> str:
+def _draw(number: int, agreement: TaskFigures) -> str:
     r = "NA" if number in QUASI_STATIC else f"{agreement.r:.3f}"
     return f"{agreement.rmse_deg:.2f} ({r})"
 
 
-def _find_mismatch_deg(ours: Mapping[int, Agreement], paper: Mapping[int, Agreement]) -> float:
+def _find_mismatch_deg(ours: Mapping[int, TaskFigures], paper: Mapping[int, TaskFigures]) -> float:
     return float(np.sqrt(np.mean([(ours[n].rmse_deg - paper[n].rmse_deg) ** 2 for n in paper])))

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.validation.table_1 import Agreement
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.simulation import SimulatedShift
 from fusion.simulation.parts import Device
 from fusion.simulation.tasks import LOWERING_S
+from fusion.source_paper import TaskFigures
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")
 NAMES = {"gt9x": "GT9X", "lsm9ds1": "LSM9DS1"}
@@ -55,7 +55,7 @@ def find_rows(worn: Worn, name: str) -> NDArray[np.bool_]:
     return rows
 
 
-def compare(found_deg: NDArray[np.float64], truth_deg: NDArray[np.float64]) -> Agreement:
+def compare(found_deg: NDArray[np.float64], truth_deg: NDArray[np.float64]) -> TaskFigures:
     error_deg = found_deg - truth_deg
     r = float(np.corrcoef(found_deg, truth_deg)[0, 1])
-    return Agreement(r, find_rmse_deg(error_deg), float(np.abs(error_deg).mean()))
+    return TaskFigures(r, find_rmse_deg(error_deg), float(np.abs(error_deg).mean()))

@@ -8,6 +8,7 @@ from fusion.agreement.pairing import PairedRun, Pairs
 from fusion.agreement.sides import Side, take_angle_file, take_recording
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
 from fusion.agreement.strata import Stratum
+from fusion.agreement.study import StudyCell, StudyEntry, summarise_study
 from fusion.task_windows import TaskWindow, read_tasks
 
 __all__ = [
@@ -22,6 +23,8 @@ __all__ = [
     "Pairs",
     "Side",
     "Stratum",
+    "StudyCell",
+    "StudyEntry",
     "TaskAgreement",
     "TaskWindow",
     "WindowLag",
@@ -30,6 +33,7 @@ __all__ = [
     "find_repeated_limits",
     "measure_agreement",
     "read_tasks",
+    "summarise_study",
     "take_angle_file",
     "take_recording",
 ]

@@ -7,7 +7,7 @@
    parabola through the peak; then the line that most stretches agree on (Theil and Sen). A drift is only
    fitted where the stretches that agree span 2 min or more; else it is 0, and said to be.
 3. To the millisecond: least squares of the difference of the angles over offset, drift and bias together,
-   with the reference interpolated by cubics, Huber's weights (Huber 1964) and a few steps of Gauss and Newton.
+   the reference interpolated by cubics, with Huber's weights (1964) and a few steps of Gauss and Newton.
 
 A constant delay of a filter on one side is taken up by the offset and cannot be told from it.
 """

@@ -1,7 +1,9 @@
 """The chain from two measurements of one arm to how far they agree, top to bottom."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
+
+import numpy as np
 
 from fusion.agreement.alignment import LEAST_R, ClockWishes, align, align_roughly
 from fusion.agreement.clocks import Alignment
@@ -11,7 +13,7 @@ from fusion.agreement.sides import Side, share_calibration, take_angle_file
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
 from fusion.agreement.strata import Stratum, divide_by_elevation, divide_by_speed
 from fusion.angle_files import AngleFile
-from fusion.errors import NotAligned
+from fusion.errors import NotAligned, NothingInCommon
 from fusion.task_windows import TaskWindow
 
 Axis = Literal["angle", "segment", "common pose"]
@@ -41,7 +43,8 @@ class Comparison:
     """Two measurements of one arm, aligned and compared.
 
     ``axis`` says where the reference's angle comes from: a ready angle, the arm's segment in the file, or an
-    orientation calibrated at the moment at which ours was.
+    orientation calibrated at the moment at which ours was. ``pairs`` is all that was compared: the tasks
+    where there is a list of them, else all common time.
     """
 
     ours: Side
@@ -73,19 +76,22 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     other = take_angle_file(calibrated)
     alignment = align(ours.runs, other.runs, settings.wishes)
     pairs = pair(ours.runs, other.runs, alignment)
-    tasks = _compare_tasks(pairs, settings.tasks)
-    counted = _join_tasks(pairs, settings.tasks) if settings.tasks else pairs
+    windows = tuple(_place(task, alignment) for task in settings.tasks)
+    tasks = _compare_tasks(pairs, windows)
+    counted = _join_tasks(pairs, windows) if windows else pairs
+    if not counted.runs:
+        raise NothingInCommon(s=0.0)
     return Comparison(
         ours,
         other,
         axis,
         alignment,
-        pairs,
+        counted,
         _measure(counted),
         tasks,
         divide_by_elevation(counted),
         divide_by_speed(counted),
-        compare_exposure(counted) if counted.runs else (),
+        compare_exposure(counted),
     )
 
 
@@ -102,6 +108,14 @@ def _calibrate_together(ours: Side, reference: AngleFile, wishes: ClockWishes) -
     if not rough.is_offset_given and not rough.r >= LEAST_R:
         raise NotAligned(r=round(rough.r, 2), least=LEAST_R)
     return share_calibration(reference, ours, rough)
+
+
+def _place(task: TaskWindow, alignment: Alignment) -> TaskWindow:
+    """Bring a task to the recording's clock."""
+    if task.clock == "recording":
+        return task
+    start_s, end_s = alignment.to_recording(np.array([task.start_s, task.end_s])).tolist()
+    return replace(task, start_s=start_s, end_s=end_s)
 
 
 def _compare_tasks(pairs: Pairs, tasks: tuple[TaskWindow, ...]) -> tuple[TaskAgreement, ...]:

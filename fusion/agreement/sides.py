@@ -17,8 +17,9 @@ from fusion.recording import FloatArray
 class Side:
     """One measurement of the arm, in its own clock.
 
-    ``runs`` is the elevation, empty as long as the arm's axis is not known; ``paths`` the way of the vertical,
-    empty where only angles are known. ``calibration_s`` is when the arm hung still, for the other side to use.
+    ``runs`` is the elevation, empty as long as the arm's axis is not known; ``paths`` the way of the
+    vertical, empty where only angles are known. ``calibration_s`` is when the arm hung still, for the other
+    side to use.
     """
 
     device: str

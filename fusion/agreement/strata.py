@@ -42,7 +42,7 @@ def measure_speed(run: PairedRun) -> Vector:
     rows = np.arange(len(run))
     first, last = np.maximum(rows - reach, 0), np.minimum(rows + reach, len(run) - 1)
     seconds = np.maximum(last - first, 1) / run.rate_hz
-    return np.abs(run.reference_deg[last] - run.reference_deg[first]) / seconds
+    return np.asarray(np.abs(run.reference_deg[last] - run.reference_deg[first]) / seconds)
 
 
 def _divide(pairs: Pairs, values: Vector, edges: tuple[float, ...]) -> tuple[Stratum, ...]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from fusion.angle_files import dot_csv, elevation_parquet, mt_manager, mvnx, named_csv
-from fusion.angle_files.laying import calibrate_file, lay_file
+from fusion.angle_files.laying import calibrate_alone, calibrate_file, lay_file
+from fusion.angle_files.tables import find_layout
 from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.errors import EmptyFile
 from fusion.readers.contents import explain_refusal
@@ -18,7 +19,9 @@ from fusion.readers.source import Source, open_source
 __all__ = [
     "AngleFile",
     "AngleFileOptions",
+    "calibrate_alone",
     "calibrate_file",
+    "holds_samples",
     "lay_file",
     "read_angle_file",
     "tell_layout",
@@ -43,6 +46,7 @@ ANGLE_READERS = (
 )
 """In the order in which they are asked."""
 
+SAMPLES = tuple(frozenset({f"{channel}_{axis}"}) for channel in ("acc", "gyr") for axis in "xyz")
 NO_OPTIONS = AngleFileOptions()
 
 
@@ -68,6 +72,13 @@ def tell_layout(file: BinaryIO, file_name: str = "") -> str:
     reader = _find_reader(open_source(file, file_name, is_hashed=False))
     file.seek(0)
     return reader.layout if reader else ""
+
+
+def holds_samples(file: BinaryIO) -> bool:
+    """Tell whether a table names acceleration and angular rate, too: then it is to be fused; rewinds it."""
+    source = open_source(file, is_hashed=False)
+    file.seek(0)
+    return find_layout(source, SAMPLES) is not None
 
 
 def _find_reader(source: Source) -> AngleReader | None:

@@ -2,8 +2,6 @@
 ``valid``.
 """
 
-from typing import BinaryIO, cast
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -21,7 +19,7 @@ def recognise(source: Source) -> bool:
     if not source.head.startswith(b"PAR1"):
         return False
     try:
-        return set(COLUMNS) <= set(pq.read_schema(cast("BinaryIO", source.file)).names)
+        return set(COLUMNS) <= set(pq.read_schema(source.file).names)
     except (pa.ArrowException, OSError):
         return False
 
@@ -35,7 +33,7 @@ def read(source: Source, _options: AngleFileOptions) -> AngleFile:
     """
     source.file.seek(0)
     try:
-        table = pq.read_table(cast("BinaryIO", source.file))
+        table = pq.read_table(source.file)
     except (pa.ArrowException, OSError) as error:
         raise UnreadableFile from error
     if not set(COLUMNS) <= set(table.column_names):

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import BinaryIO, cast
 
 import numpy as np
 import pyarrow as pa
@@ -70,7 +69,7 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
     source.file.seek(0)
     names = list(_make_unique(layout.names))
     table = csv.read_csv(
-        cast("BinaryIO", source.file),
+        source.file,
         csv.ReadOptions(column_names=names, skip_rows=layout.header_line + 1, use_threads=False),
         csv.ParseOptions(delimiter=layout.delimiter, invalid_row_handler=skip_row),
         csv.ConvertOptions(

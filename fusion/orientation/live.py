@@ -124,15 +124,13 @@ def _gather(acc: Any, gyr: Any, k: int, state: Any, settings: Any) -> None:  # p
 def _judge(state: Any, settings: Any) -> None:  # pragma: no cover
     """If the moment was still, its mean rate goes into the bias; the first one also sets the vertical."""
     (_, keep, mix, _), (block, acc_limit, gyr_limit, bias_limit, memory) = settings
-    level = 0.0
+    level, acc_total, gyr_total = 0.0, 0.0, 0.0
     for i in range(3):
         acc_mean, gyr_mean = state[ACC_SUM + i] / block, state[GYR_SUM + i] / block
         level += gyr_mean * gyr_mean
-        if state[ACC_SQUARE + i] / block - acc_mean * acc_mean > acc_limit:
-            return
-        if state[GYR_SQUARE + i] / block - gyr_mean * gyr_mean > gyr_limit:
-            return
-    if level > bias_limit:
+        acc_total += state[ACC_SQUARE + i] / block - acc_mean * acc_mean
+        gyr_total += state[GYR_SQUARE + i] / block - gyr_mean * gyr_mean
+    if acc_total > acc_limit or gyr_total > gyr_limit or level > bias_limit:
         return
     state[STILLS] += 1.0
     share = 1.0 / min(state[STILLS], memory)

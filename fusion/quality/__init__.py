@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from fusion.quality.exclusions import make_disjoint as make_disjoint
     from fusion.quality.exclusions import refuse_short as refuse_short
     from fusion.quality.nonwear import propose_nonwear as propose_nonwear
+    from fusion.quality.plausibility import flag_gyro_drift as flag_gyro_drift
+    from fusion.quality.plausibility import flag_upside_down as flag_upside_down
     from fusion.quality.spans import flag_spans as flag_spans
     from fusion.quality.time_account import account_time as account_time
     from fusion.quality.time_account import name_parts as name_parts
@@ -25,8 +27,10 @@ _HOMES = {
     "account_time": "fusion.quality.time_account",
     "assess_quality": "fusion.quality.verdict",
     "find_exclusions": "fusion.quality.exclusions",
+    "flag_gyro_drift": "fusion.quality.plausibility",
     "flag_spans": "fusion.quality.spans",
     "flag_untrusted": "fusion.quality.untrusted",
+    "flag_upside_down": "fusion.quality.plausibility",
     "leave_out": "fusion.quality.exclusions",
     "make_disjoint": "fusion.quality.exclusions",
     "name_parts": "fusion.quality.time_account",
@@ -42,8 +46,10 @@ __all__ = [
     "account_time",
     "assess_quality",
     "find_exclusions",
+    "flag_gyro_drift",
     "flag_spans",
     "flag_untrusted",
+    "flag_upside_down",
     "leave_out",
     "make_disjoint",
     "name_parts",

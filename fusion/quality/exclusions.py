@@ -23,7 +23,7 @@ def find_exclusions(recording: Recording) -> tuple[Span, ...]:
     The spans are disjoint, in time order and inside the recording; where reasons overlap, the first of this
     list is given. A ready angle series has no samples, hence only what its file says.
     """
-    if recording.device == READY_ANGLES:
+    if not recording.holds_samples:
         return make_disjoint(recording.excluded, recording.duration_us)
     short = [
         Span(segment.start_us, segment.duration_us, "short-segment")

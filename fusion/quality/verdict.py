@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 
 from fusion.calibration import Calibration
-from fusion.quality.exclusions import READY_ANGLES
 from fusion.quality.spans import flag_spans
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
@@ -81,7 +80,7 @@ def _list_diary(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
 
 def find_holes(recording: Recording, left_out: tuple[Span, ...] = ()) -> list[Span]:
     """Give the stretches between segments that neither the device nor the diary accounts for."""
-    if recording.device == READY_ANGLES:
+    if not recording.holds_samples:
         return []  # its segments hold no samples; the reader of angles tells its holes
     known = [(segment.start_us, segment.end_us) for segment in recording.segments]
     known += [(span.start_us, span.end_us) for span in (*recording.excluded, *left_out)]
@@ -97,7 +96,7 @@ def _flag_untrusted(
     recording: Recording, time: TimeAccount, holes: list[Span], exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
     """Flag time that was recorded but whose direction the fusion did not trust."""
-    if recording.device == READY_ANGLES:
+    if not recording.holds_samples:
         return
     bridged_us = sum(
         (stop - first) * MICROSECONDS / segment.rate_hz
@@ -123,7 +122,7 @@ def _flag_length(
     share_percent = 100.0 * time.analysed_us / max(wanted_us, 1)
     if 2 * time.analysed_us < wanted_us:
         yield QualityFlag("W-LOWCOVER", seconds=analysed_s, facts={"percent": round(share_percent, 1)})
-    if analysed_s < 60.0 and recording.device != READY_ANGLES:
+    if analysed_s < 60.0 and recording.holds_samples:
         yield QualityFlag("W-SHORT", seconds=analysed_s)
     elif analysed_s < 4 * HOUR_S:
         yield QualityFlag("W-FEW-HOURS", seconds=analysed_s)

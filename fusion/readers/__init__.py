@@ -10,6 +10,7 @@ from fusion.readers import actilife_csv, gt3x, lsm9ds1_csv, lsm9ds1_raw, parquet
 from fusion.readers.contents import check_extension, explain_refusal, name_content
 from fusion.readers.joining import join_recordings
 from fusion.readers.profile import ColumnProfile, parse_profile
+from fusion.readers.profile_proposal import ProfileProposal, check_profile, propose_profile
 from fusion.readers.sensor_faults import exclude_faults, refuse_dead
 from fusion.readers.source import Source, hash_source, open_source
 from fusion.readers.timing import flag_days
@@ -19,9 +20,12 @@ from fusion.recording import Recording
 __all__ = [
     "READERS",
     "ColumnProfile",
+    "ProfileProposal",
     "Reader",
+    "check_profile",
     "join_recordings",
     "parse_profile",
+    "propose_profile",
     "read_recording",
     "read_recordings",
 ]

@@ -95,6 +95,8 @@ def check_parts(archive: zipfile.ZipFile) -> None:
 
 
 def _name_archive(names: set[str]) -> str:
+    if all(name.endswith(".npy") for name in names):
+        return "NumPy (.npz)"
     if "xl/workbook.xml" in names:
         return "Excel (.xlsx)"
     if "word/document.xml" in names:

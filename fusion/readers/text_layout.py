@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from fusion.errors import AmbiguousDecimal, UnknownColumns
 from fusion.readers.columns import Column, understand_column
@@ -64,14 +65,19 @@ def is_value(field: str) -> bool:
 
 def is_row(line: str, delimiter: str) -> bool:
     """Whether a line is a row of at least six values, not all absent."""
+    if delimiter != " " and line.count(delimiter) < MIN_COLUMNS - 1:
+        return False
     fields = split_fields(line, delimiter)
     values = [is_value(field) for field in fields]
     present = sum(bool(NUMBER.fullmatch(field)) for field in fields)
     return len(fields) >= MIN_COLUMNS and all(values) and present >= len(fields) // 2
 
 
+@lru_cache(maxsize=2)
 def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     """Understand the head of a table; None where no rows of six numbers are found.
+
+    Every reader asks this of the same head, so the last answers are kept.
 
     Raises
     ------

@@ -17,8 +17,9 @@ GZIP_MAGIC = b"\x1f\x8b"
 ZIP_MAGIC = b"PK\x03\x04"
 BROKEN = (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, ValueError, NotImplementedError, RuntimeError)
 """What the standard library raises on packed bytes that contradict themselves."""
+OWN_FOLDERS = ("xl/", "word/")
 OWN_ARCHIVES = ("log.bin", "info.txt", "activity.bin", "[Content_Types].xml", "mimetype")
-"""Members of archives that are a format of their own: `.gt3x`, Office and OpenDocument files."""
+"""Members of archives that are a format of their own: `.gt3x`, Office, OpenDocument and NumPy files."""
 
 
 class UnpackedFile(io.RawIOBase):
@@ -95,7 +96,7 @@ def _unpack_gzip(source: Source) -> Source:
 def _unpack_zip(source: Source) -> Source:
     archive = gt3x_archive.open_archive(source)
     names = archive.namelist()
-    if any(name in OWN_ARCHIVES or name.startswith(("xl/", "word/")) for name in names):
+    if any(name in OWN_ARCHIVES or name.startswith(OWN_FOLDERS) or name.endswith(".npy") for name in names):
         return source
     members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith("__MACOSX/")]
     if len(members) != 1:

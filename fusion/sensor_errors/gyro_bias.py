@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from fusion.sensor_errors.bias_track import GyroBias, hold_bias
+from fusion.sensor_errors.knots import Hats, hold_together
 from fusion.sensor_errors.motion_windows import WindowEquations, form_equations
 from fusion.sensor_errors.nodes import Nodes, reduce_to_nodes
 from fusion.sensor_errors.rotation import RADIANS
@@ -22,8 +23,8 @@ from fusion.sensor_errors.runs import SensorRun
 from fusion.sensor_errors.stillness import QuietTable, find_still_moments, reduce_run
 
 Table = NDArray[np.float64]
-BAND = 6  # three unknowns at each knot, and neighbours touch
 CAUCHY = 2.385
+LOOSE = 1e-4  # a very weak pull to the start, so that the equations can be solved
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,11 +131,13 @@ def _solve(
     """One round: all observations together, weights and solution in turn."""
     overlap = max(1.0, settings.window_s / windows.every_s)
     bias = GyroBias(knots_s, start_dps, len(stills), len(windows.time_s))
-    in_windows, in_stills = _Hats(knots_s, windows.time_s), _Hats(knots_s, stills.middle_s)
+    in_windows, in_stills = Hats(knots_s, windows.time_s), Hats(knots_s, stills.middle_s)
     for _ in range(5):
         weight = _weigh(windows.residual(bias.at(windows.time_s))) / overlap
         still_weight = _weigh_stills(stills, bias, settings)
-        band, right = _hold_together(knots_s, start_dps, settings)
+        band = hold_together(knots_s, settings.wander_dps_per_root_min)
+        band[0] += LOOSE
+        right = LOOSE * start_dps.ravel()
         squares = np.einsum("w,wij,wik->wjk", weight, windows.matrix, windows.matrix)
         pulls = np.einsum("w,wij,wi->wj", weight, windows.matrix, windows.difference)
         in_windows.add(band, right, squares, pulls)
@@ -149,40 +152,3 @@ def _weigh_stills(stills: QuietTable, bias: GyroBias, settings: BiasSettings) ->
     variance = settings.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
     off = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
     return np.asarray(1.0 / (variance * (1.0 + off**2 / (CAUCHY**2 * variance))))
-
-
-def _hold_together(knots_s: Table, start_dps: Table, settings: BiasSettings) -> tuple[Table, Table]:
-    """Normal equations of the random walk, and a very weak pull to the start so that they can be solved."""
-    band = np.zeros((BAND, 3 * len(knots_s)))
-    stiffness = 1.0 / (settings.wander_dps_per_root_min**2 * np.maximum(np.diff(knots_s), 1.0) / 60.0)
-    per_axis = np.repeat(stiffness, 3)
-    band[0, :-3] += per_axis
-    band[0, 3:] += per_axis
-    band[3, :-3] -= per_axis
-    band[0] += 1e-4
-    return band, 1e-4 * start_dps.ravel()
-
-
-class _Hats:
-    """Shares observations at given times between the two knots about each."""
-
-    def __init__(self, knots_s: Table, time_s: Table) -> None:
-        self.left = np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, len(knots_s) - 2)
-        width_s = knots_s[self.left + 1] - knots_s[self.left]
-        self.share = np.clip((time_s - knots_s[self.left]) / width_s, 0.0, 1.0)
-
-    def add(self, band: Table, right: Table, squares: Table, pulls: Table) -> None:
-        """Add ``squares`` (w, 3, 3) to the lower band and ``pulls`` (w, 3) to the right side."""
-        here, there = 1.0 - self.share, self.share
-        for row in range(3):
-            self._collect(right, row, here * pulls[:, row])
-            self._collect(right, row + 3, there * pulls[:, row])
-            for column in range(3):
-                value = squares[:, row, column]
-                self._collect(band[3 + row - column], column, here * there * value)
-                if row >= column:
-                    self._collect(band[row - column], column, here**2 * value)
-                    self._collect(band[row - column], column + 3, there**2 * value)
-
-    def _collect(self, target: Table, offset: int, values: Table) -> None:
-        target += np.bincount(3 * self.left + offset, weights=values, minlength=len(target))

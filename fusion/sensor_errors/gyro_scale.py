@@ -1,9 +1,10 @@
-"""Scale of the gyroscope's axes, from how the arm turned between one still moment and the next.
+"""Scale and misalignment of the gyroscope's axes, from how the arm turned from one still moment to the next.
 
 At rest the accelerometer alone tells the vertical. Carried from one still moment to the next by the
-gyroscope, it should arrive where the next one has it; what is missing is linear in the scale errors (and in
-the axes' misalignment, which is fitted beside them and not applied). Unlike the motion windows, still moments
-carry no acceleration of the arm's own, which would pass for a scale error of up to 0.5 %.
+gyroscope, it should arrive where the next one has it; what is missing is linear in the nine errors of scale
+and misalignment. Unlike the motion windows, still moments carry no acceleration of the arm's own, which would
+pass for a scale error of up to 0.5 %. The prior knows no axes, so that the answer does not depend on how the
+sensor is strapped on.
 """
 
 from collections.abc import Sequence
@@ -28,16 +29,16 @@ Table = NDArray[np.float64]
 class GyroScaleSettings:
     """How scale is sought, and when it is believed.
 
-    Still moments up to ``longest_s`` apart are compared. ``scale`` and ``misalignment`` are the standard
-    deviations expected of parts; ``still_g``, ``bias_dps`` and ``turn_share`` the error of a vertical at
-    rest, of the bias, and for each radian turned. The scale is applied only where its standard error is under
-    ``believed_error`` on every axis and all of it is within ``most``; otherwise it stays 1. Of more than
-    ``most_pairs`` in a run, as many are taken at even steps.
+    Still moments up to ``longest_s`` apart are compared. ``scale`` is the standard deviation expected of each
+    of the nine errors in a part (1 % of scale and 0.3 % of misalignment together); ``still_g``, ``bias_dps``
+    and ``turn_share`` the error of a vertical at rest, of the bias, and for each radian turned. The gain is
+    applied only where the root mean square of the nine standard errors is under ``believed_error`` and no
+    rate is changed by more than ``most``; otherwise it is left out. Of more than ``most_pairs`` in a run, as
+    many are taken at even steps.
     """
 
     longest_s: float = 40.0
-    scale: float = 0.01
-    misalignment: float = 0.003
+    scale: float = 0.006
     still_g: float = 0.004
     bias_dps: float = 0.03
     turn_share: float = 0.0005
@@ -49,16 +50,18 @@ class GyroScaleSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroScale:
-    """True rate = ``scale`` (3,) times the measured one; ``error`` (3,) standard error; ``pairs`` used."""
+    """True rate = ``gain`` (3, 3) @ the measured one; ``error``: root mean square of its nine standard
+    errors; ``pairs`` used.
+    """
 
-    scale: Table
-    error: Table
+    gain: Table
+    error: float
     pairs: int = 0
 
 
 def leave_gyro_scale() -> GyroScale:
     """No correction."""
-    return GyroScale(np.ones(3), np.full(3, GyroScaleSettings().scale))
+    return GyroScale(np.eye(3), GyroScaleSettings().scale)
 
 
 def estimate_gyro_scale(
@@ -70,17 +73,16 @@ def estimate_gyro_scale(
 ) -> GyroScale:
     """Compare successive still moments; ``nodes`` with some bias taken off, ``bias`` the true one."""
     settings = settings or GyroScaleSettings()
-    up = accelerometer.apply(stills.gravity_g)
+    up = accelerometer.apply(stills.gravity_g, stills.middle_s)
     up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
     parts = [_compare_in_run(run, stills.middle_s, up, bias, settings) for run in nodes]
     slope, miss, variance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if len(miss) == 0:
         return leave_gyro_scale()
-    solution, error = _fit(slope, miss, variance, settings)
-    believed = error.max() < settings.believed_error and np.abs(solution).max() < settings.most
-    if not believed:
+    errors, standard_error = _fit(slope, miss, variance, settings)
+    if standard_error > settings.believed_error or np.linalg.norm(errors, 2) > settings.most:
         return leave_gyro_scale()
-    return GyroScale(1.0 + solution, error, len(miss))
+    return GyroScale(np.eye(3) + errors, standard_error, len(miss))
 
 
 def _compare_in_run(
@@ -104,19 +106,17 @@ def _compare_in_run(
     return slope, miss, variance + (settings.turn_share * turned) ** 2
 
 
-def _fit(slope: Table, miss: Table, variance: Table, settings: GyroScaleSettings) -> tuple[Table, Table]:
-    """Damped least squares with Cauchy weights; the three scales less one, and their standard errors."""
-    diagonal = np.eye(3, dtype=bool).ravel()
-    prior = np.where(diagonal, settings.scale, settings.misalignment) ** -2.0
-    weight, solution, normal = 1.0 / variance, np.zeros(9), np.diag(prior)
+def _fit(slope: Table, miss: Table, variance: Table, settings: GyroScaleSettings) -> tuple[Table, float]:
+    """Damped least squares with Cauchy weights; the gain less one, (3, 3), and its standard error."""
+    prior = np.eye(9) / settings.scale**2
+    weight, solution, normal = 1.0 / variance, np.zeros(9), prior
     for _ in range(settings.rounds):
-        normal = np.einsum("w,wij,wik->jk", weight, slope, slope, optimize=True) + np.diag(prior)
+        normal = np.einsum("w,wij,wik->jk", weight, slope, slope, optimize=True) + prior
         solution = np.linalg.solve(normal, np.einsum("w,wij,wi->j", weight, slope, miss, optimize=True))
         square = ((miss - slope @ solution) ** 2).sum(axis=1)
         excess = max(1.0, float(np.median(square / variance)) / 1.4)
         weight = 1.0 / (excess * variance * (1.0 + square / (5.7 * excess * variance)))
-    error = np.sqrt(np.diag(np.linalg.inv(normal)))
-    return solution[diagonal], error[diagonal]
+    return solution.reshape(3, 3), float(np.sqrt(np.trace(np.linalg.inv(normal)) / 9.0))
 
 
 @kernel

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import FloatArray
-from fusion.sensor_errors.accelerometer import AccelerometerCorrection
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.rotation import RADIANS, bend, carry, turn_factors
 from fusion.sensor_errors.runs import SensorRun
@@ -32,8 +32,8 @@ class Nodes:
     """Node j stands at row ``rows_per_node * j + rows_per_node // 2``.
 
     ``acc_g`` (j, 3) mean acceleration; ``turn_rad`` (j, 3) rotation vector from the node before (the first
-    is nil); ``bias_rad`` (j, 3) the gyroscope's bias taken off, rad/s; ``gyro_scale`` (3,) what the rest was
-    multiplied with. ``start_s`` is the time of the first node in the file; ``rows`` those of the run.
+    is nil); ``bias_rad`` (j, 3) the gyroscope's bias taken off, rad/s; ``gyro_gain`` (3, 3) what the rest
+    was multiplied with. ``start_s`` is the time of the first node in the file; ``rows`` those of the run.
     """
 
     start_s: float
@@ -44,7 +44,7 @@ class Nodes:
     acc_g: NDArray[np.float32]
     turn_rad: NDArray[np.float64]
     bias_rad: NDArray[np.float64]
-    gyro_scale: NDArray[np.float64]
+    gyro_gain: NDArray[np.float64]
 
 
 def reduce_to_nodes(
@@ -61,56 +61,76 @@ def reduce_to_nodes(
     bias_rad = bias.at(start_s + period_s * np.arange(count)) * RADIANS
     acc_g, turn_rad = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3))
     lag_rows = min(1.0, gyro_lag_s * run.rate_hz)
-    taps = _place_taps(lag_rows, np.ones(3))
-    _reduce(run.acc_g, run.gyr_dps, bias_rad, (rows, 1.0 / run.rate_hz, taps), acc_g, turn_rad)
-    return Nodes(start_s, period_s, rows, len(run), lag_rows, acc_g, turn_rad, bias_rad, np.ones(3))
+    steps = (rows, 1.0 / run.rate_hz, _place_taps(lag_rows))
+    _reduce(run.acc_g, run.gyr_dps, bias_rad, steps, acc_g, turn_rad)
+    return Nodes(start_s, period_s, rows, len(run), lag_rows, acc_g, turn_rad, bias_rad, np.eye(3))
 
 
 def correct_nodes(
     nodes: Nodes,
     bias: GyroBias,
-    gyro_scale: NDArray[np.float64] | None = None,
+    gyro_gain: NDArray[np.float64] | None = None,
     accelerometer: AccelerometerCorrection | None = None,
 ) -> Nodes:
-    """The same nodes under another bias, gyroscope scale and accelerometer correction; no sample is read.
+    """The same nodes under another bias, gyroscope gain and accelerometer correction; no sample is read.
 
     A constant rate adds to a rotation vector exactly where the axis stands still; within a node, a twentieth
     of a second, it nearly does: 1e-4 deg for a bias wrong by 1 deg/s.
     """
-    gyro_scale = np.ones(3) if gyro_scale is None else gyro_scale
+    gyro_gain = np.eye(3) if gyro_gain is None else gyro_gain
+    felt = accelerometer or leave_accelerometer()
     bias_rad, turn_rad = np.empty_like(nodes.bias_rad), np.empty_like(nodes.turn_rad)
-    line = (bias.time_s, bias.bias_dps * RADIANS)
-    steps = (nodes.start_s, nodes.period_s, gyro_scale / nodes.gyro_scale)
-    _rebias(nodes.turn_rad, nodes.bias_rad, line, steps, turn_rad, bias_rad)
-    acc_g = nodes.acc_g
-    if accelerometer is not None and accelerometer.directions:
-        offset_g, scale = accelerometer.offset_g.astype(np.float32), accelerometer.scale.astype(np.float32)
-        acc_g = (acc_g - offset_g) * scale
-    return replace(nodes, acc_g=acc_g, turn_rad=turn_rad, bias_rad=bias_rad, gyro_scale=gyro_scale)
+    acc_g = np.empty_like(nodes.acc_g)
+    change = gyro_gain @ np.linalg.inv(nodes.gyro_gain)
+    times = (nodes.start_s, nodes.period_s)
+    gyr_line, acc_line = (bias.time_s, bias.bias_dps * RADIANS), (felt.time_s, felt.offset_g)
+    _correct_gyr(nodes.turn_rad, nodes.bias_rad, (*times, change), gyr_line, turn_rad, bias_rad)
+    _correct_acc(nodes.acc_g, (*times, felt.gain), acc_line, acc_g)
+    return replace(nodes, acc_g=acc_g, turn_rad=turn_rad, bias_rad=bias_rad, gyro_gain=gyro_gain)
+
+
+@inner
+def _find_place(knots_s: Any, left: int, now_s: float) -> Any:  # pragma: no cover
+    """The knots about a time, not before ``left``, and the share of the second; constant outside."""
+    last = len(knots_s) - 1
+    while left < last - 1 and now_s >= knots_s[left + 1]:
+        left += 1
+    if last == 0:
+        return left, left, 0.0
+    share = (now_s - knots_s[left]) / (knots_s[left + 1] - knots_s[left])
+    return left, left + 1, 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
 
 
 @kernel
-def _rebias(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    turns: Any, before: Any, line: Any, steps: Any, turned: Any, after: Any
+def _correct_gyr(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    turns: Any, before: Any, steps: Any, line: Any, turned: Any, after: Any
 ) -> None:  # pragma: no cover
-    """Draw the bias from knot to knot into ``after``, and change the turns by what it differs."""
-    time_s, bias = line
-    start_s, period_s, scale = steps
-    left, last = 0, len(time_s) - 1
+    """Draw the bias into ``after``, change the turns by what it differs, and by the gain."""
+    (start_s, period_s, gain), (knots_s, bias) = steps, line
+    left = 0
     for node in range(len(turns)):
-        now_s = start_s + node * period_s
-        while left < last - 1 and now_s >= time_s[left + 1]:
-            left += 1
-        share, right = 0.0, left
-        if last > 0:
-            right = left + 1
-            share = (now_s - time_s[left]) / (time_s[right] - time_s[left])
-            share = 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
+        left, right, share = _find_place(knots_s, left, start_s + node * period_s)
         moved = period_s if node > 0 else 0.0
         for axis in range(3):
             after[node, axis] = bias[left, axis] + share * (bias[right, axis] - bias[left, axis])
-            change = moved * (after[node, axis] - before[node, axis])
-            turned[node, axis] = scale[axis] * (turns[node, axis] - change)
+            turned[node, axis] = turns[node, axis] - moved * (after[node, axis] - before[node, axis])
+        x, y, z = turned[node, 0], turned[node, 1], turned[node, 2]
+        for axis in range(3):
+            turned[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
+
+
+@kernel
+def _correct_acc(acc: Any, steps: Any, line: Any, corrected: Any) -> None:  # pragma: no cover
+    """``gain @ (acceleration - offset)`` at each node."""
+    (start_s, period_s, gain), (knots_s, offset) = steps, line
+    left = 0
+    for node in range(len(acc)):
+        left, right, share = _find_place(knots_s, left, start_s + node * period_s)
+        x = acc[node, 0] - offset[left, 0] - share * (offset[right, 0] - offset[left, 0])
+        y = acc[node, 1] - offset[left, 1] - share * (offset[right, 1] - offset[left, 1])
+        z = acc[node, 2] - offset[left, 2] - share * (offset[right, 2] - offset[left, 2])
+        for axis in range(3):
+            corrected[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
 
 
 def spread_rows(  # noqa: PLR0913, PLR0917 (it is asked for block by block)
@@ -121,23 +141,14 @@ def spread_rows(  # noqa: PLR0913, PLR0917 (it is asked for block by block)
     ``out`` begins with the first row of node ``first`` and ends with the last row of a node, or of the run:
     the last node also serves the rows left over.
     """
-    taps = _place_taps(nodes.lag_rows, nodes.gyro_scale)
-    steps = (nodes.rows_per_node, 1.0 / rate_hz, taps, tuple(nodes.gyro_scale.tolist()))
+    gain = tuple(tuple(row) for row in nodes.gyro_gain.tolist())
+    steps = (nodes.rows_per_node, 1.0 / rate_hz, _place_taps(nodes.lag_rows), gain)
     _spread(gyr_dps, nodes.bias_rad, steps, up, first, out)
 
 
-Triple = tuple[float, float, float]
-
-
-def _place_taps(lag_rows: float, gyro_scale: NDArray[np.float64]) -> tuple[Triple, Triple, Triple]:
-    """What the row before, the row and the row after give to its rate, rad/s for a deg/s on each axis."""
-    x, y, z = (RADIANS * gyro_scale).tolist()
-    before, now, after = -1.0 / 12.0, 14.0 / 12.0 - lag_rows, lag_rows - 1.0 / 12.0
-    return (
-        (before * x, before * y, before * z),
-        (now * x, now * y, now * z),
-        (after * x, after * y, after * z),
-    )
+def _place_taps(lag_rows: float) -> tuple[float, float, float]:
+    """What the row before, the row and the row after give to its rate, rad/s for a deg/s."""
+    return -RADIANS / 12.0, RADIANS * (14.0 / 12.0 - lag_rows), RADIANS * (lag_rows - 1.0 / 12.0)
 
 
 @inner
@@ -152,9 +163,9 @@ def _mix(before: Any, now: Any, after: Any, taps: Any, offset: Any) -> Any:  # p
     """Rate of a row, rad/s, as the trapezoid wants it; ``taps`` rad/s for each deg/s, ``offset`` rad/s."""
     a, b, c = taps
     return (
-        a[0] * before[0] + b[0] * now[0] + c[0] * after[0] - offset[0],
-        a[1] * before[1] + b[1] * now[1] + c[1] * after[1] - offset[1],
-        a[2] * before[2] + b[2] * now[2] + c[2] * after[2] - offset[2],
+        a * before[0] + b * now[0] + c * after[0] - offset[0],
+        a * before[1] + b * now[1] + c * after[1] - offset[1],
+        a * before[2] + b * now[2] + c * after[2] - offset[2],
     )
 
 
@@ -220,13 +231,13 @@ def _spread(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     gyr: Any, bias: Any, steps: Any, up: Any, first: int, out: Any
 ) -> None:  # pragma: no cover
     """Carry the vertical of each node to the rows before and after it."""
-    rows, period_s, taps, scale = steps
+    rows, period_s, taps, gain = steps
     shift = first * rows
-    ahead, behind = (period_s, taps), (-period_s, (taps[2], taps[1], taps[0]))
+    ahead, behind = (period_s, taps, gain), (-period_s, (taps[2], taps[1], taps[0]), gain)
     node, end = first, shift + len(out)
     while node < len(up) and node * rows < end:
         middle, last = node * rows + rows // 2, end if node == len(up) - 1 else (node + 1) * rows
-        offset = (bias[node, 0] * scale[0], bias[node, 1] * scale[1], bias[node, 2] * scale[2])
+        offset = (bias[node, 0], bias[node, 1], bias[node, 2])
         vertical = (up[node, 0], up[node, 1], up[node, 2])
         out[middle - shift, 0], out[middle - shift, 1], out[middle - shift, 2] = vertical
         _walk(gyr, middle + 1, last - middle - 1, (ahead, offset), vertical, shift, out)
@@ -235,18 +246,29 @@ def _spread(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
 
 
 @inner
+def _multiply(matrix: Any, vector: Any) -> Any:  # pragma: no cover
+    x, y, z = vector
+    a, b, c = matrix
+    return (
+        a[0] * x + a[1] * y + a[2] * z,
+        b[0] * x + b[1] * y + b[2] * z,
+        c[0] * x + c[1] * y + c[2] * z,
+    )
+
+
+@inner
 def _walk(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     gyr: Any, row: int, count: int, motion: Any, vertical: Any, shift: int, out: Any
 ) -> None:  # pragma: no cover
     """From the row beside a node outwards: forwards, or where the period is negative backwards in time."""
-    (period_s, taps), offset = motion
+    (period_s, taps, gain), offset = motion
     step = 1 if period_s > 0.0 else -1
     last, now = _read(gyr, row - step), _read(gyr, row)
     before = _mix(_read(gyr, row - 2 * step), last, now, taps, offset)
     for _ in range(count):
         following = _read(gyr, row + step)
         after = _mix(last, now, following, taps, offset)
-        turn = bend(before, after, period_s)
+        turn = _multiply(gain, bend(before, after, period_s))
         vertical = carry(vertical, turn, turn_factors(turn))
         out[row - shift, 0], out[row - shift, 1], out[row - shift, 2] = vertical
         last, now, before, row = now, following, after, row + step

@@ -12,6 +12,9 @@ from fusion.numba_kernels import inner
 
 RADIANS = pi / 180.0
 Scalars = tuple[float, float, float]
+S1, S2, S3, S4 = 1.0 / 6.0, 1.0 / 20.0, 1.0 / 42.0, 1.0 / 72.0
+C1, C2, C3, C4 = 1.0 / 24.0, 1.0 / 30.0, 1.0 / 56.0, 1.0 / 90.0
+"""Ratios of successive terms of both series; products, because a division takes five times as long."""
 
 
 @inner
@@ -28,8 +31,8 @@ def bend(before: Any, after: Any, period_s: float) -> Scalars:  # pragma: no cov
 def turn_factors(turn: Any) -> tuple[float, float]:  # pragma: no cover
     """``sin(a)/a`` and ``(1 - cos(a))/a^2`` of a rotation vector of length a, by series (1e-7 at 1 rad)."""
     square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
-    sine = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
-    cosine = 0.5 - square / 24.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0 * (1.0 - square / 90.0)))
+    sine = 1.0 - square * S1 * (1.0 - square * S2 * (1.0 - square * S3 * (1.0 - square * S4)))
+    cosine = 0.5 - square * C1 * (1.0 - square * C2 * (1.0 - square * C3 * (1.0 - square * C4)))
     return sine, cosine
 
 

@@ -73,4 +73,4 @@ def apply_calibration(
 
 
 def _apply(nodes: Nodes, calibration: SensorCalibration) -> Nodes:
-    return correct_nodes(nodes, calibration.bias, calibration.gyro_scale.scale, calibration.accelerometer)
+    return correct_nodes(nodes, calibration.bias, calibration.gyro_scale.gain, calibration.accelerometer)

@@ -25,7 +25,7 @@ class QuietTable:
     """Statistics of windows of one length, one row for each quarter second of window start.
 
     ``gravity_g`` and ``gyro_dps`` are means, shapes (m, 3); ``acc_sd_g`` and ``gyro_sd_dps`` the largest
-    standard deviation of the three axes, shapes (m,).
+    standard deviation of the three axes, shapes (m,), or the length of the three together.
     """
 
     start_s: FloatTable
@@ -106,54 +106,64 @@ def _reduce_sensor(samples: FloatArray, per_block: int) -> tuple[FloatTable, Flo
     return moments[: len(samples) // per_block], extremes
 
 
-def summarise_windows(blocks: Sequence[QuarterSeconds], duration_s: float) -> QuietTable:
-    """Slide a window of ``duration_s`` over each run in steps of a quarter second."""
-    return _join([_summarise_run(run, duration_s) for run in blocks])
+def summarise_windows(
+    blocks: Sequence[QuarterSeconds], duration_s: float, *, together: bool = False
+) -> QuietTable:
+    """Slide a window of ``duration_s`` over each run in steps of a quarter second.
+
+    ``together``: the standard deviations are those of all three axes together, which do not depend on how the
+    sensor is strapped on; otherwise of the axis that varies most, as published rules have it.
+    """
+    return _join([_summarise_run(run, duration_s, together=together) for run in blocks])
 
 
-def _summarise_run(blocks: QuarterSeconds, duration_s: float) -> QuietTable:
+def _summarise_run(blocks: QuarterSeconds, duration_s: float, *, together: bool) -> QuietTable:
     length = max(1, round(duration_s / blocks.block_s))
     count = max(0, len(blocks.acc) - length + 1)
     start_s = np.asarray(blocks.start_s + blocks.block_s * np.arange(count), dtype=np.float64)
     means, sds = np.empty((2, count, 3)), np.empty((2, count))
     for moments, mean, sd in ((blocks.acc, means[0], sds[0]), (blocks.gyr, means[1], sds[1])):
-        _slide(moments, length, np.zeros(6), mean, sd)
+        _slide(moments, (length, together), np.zeros(6), mean, sd)
     return QuietTable(start_s, length * blocks.block_s, means[0], means[1], sds[0], sds[1])
 
 
 @kernel
-def _slide(moments: Any, length: int, sums: Any, mean: Any, largest_sd: Any) -> None:  # pragma: no cover
-    """Mean and largest standard deviation of each window of ``length`` blocks, by a running sum."""
+def _slide(moments: Any, how: Any, sums: Any, mean: Any, sd: Any) -> None:  # pragma: no cover
+    """Mean and standard deviation of each window of ``length`` blocks, by a running sum."""
+    length, together = how
     for block in range(len(moments)):
         for k in range(6):
             sums[k] += moments[block, k]
         first = block - length + 1
         if first < 0:
             continue
-        largest = 0.0
+        largest, total = 0.0, 0.0
         for k in range(3):
             mean[first, k] = sums[k] / length
             variance = sums[k + 3] / length - mean[first, k] * mean[first, k]
             largest = variance if variance > largest else largest
-        largest_sd[first] = sqrt(largest)
+            total += variance if variance > 0.0 else 0.0
+        sd[first] = sqrt(total if together else largest)
         for k in range(6):
             sums[k] -= moments[first, k]
 
 
 @dataclass(frozen=True, slots=True)
 class StillRules:
-    """What counts as a still moment: neither sensor varied. The level of the rate is bounded, no more."""
+    """What counts as a still moment: neither sensor varied, all axes together. The level of the rate is
+    bounded, no more.
+    """
 
     still_s: float = 1.5
-    acc_sd_g: float = 0.015
-    gyro_sd_dps: float = 1.0
+    acc_sd_g: float = 0.02
+    gyro_sd_dps: float = 1.4
     largest_bias_dps: float = 60.0
 
 
 def find_still_moments(blocks: Sequence[QuarterSeconds], rules: StillRules | None = None) -> QuietTable:
     """Non-overlapping still moments of all runs, in time order."""
     rules = rules or StillRules()
-    table = summarise_windows(blocks, rules.still_s)
+    table = summarise_windows(blocks, rules.still_s, together=True)
     quiet = (table.acc_sd_g < rules.acc_sd_g) & (table.gyro_sd_dps < rules.gyro_sd_dps)
     rows = np.flatnonzero(quiet)
     rows = rows[np.linalg.norm(table.gyro_dps[rows], axis=1) < rules.largest_bias_dps]
@@ -188,7 +198,7 @@ def find_quietest_rate(run: SensorRun, duration_s: float = 2.0) -> FloatTable:
 
     The gyroscope's variation in deg/s and the accelerometer's in hundredths of a g are added.
     """
-    table = summarise_windows([reduce_run(run)], duration_s)
+    table = summarise_windows([reduce_run(run)], duration_s, together=True)
     if len(table) == 0:
         return np.zeros(3)
     return np.asarray(table.gyro_dps[np.argmin(table.gyro_sd_dps + 100.0 * table.acc_sd_g)])

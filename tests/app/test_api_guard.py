@@ -108,6 +108,12 @@ def test_every_refusal_is_a_problem_document(
     assert answer.headers["content-type"] == "application/problem+json"
 
 
+def test_a_wrong_verb_is_told_every_right_one(client: TestClient) -> None:
+    refused = client.delete("/api/v1/recordings")
+
+    assert (refused.status_code, refused.headers["allow"]) == (405, "GET, POST")
+
+
 def test_a_code_can_be_looked_up(client: TestClient) -> None:
     assert client.get("/api/v1/problems/E-EMPTY?lang=fr").json()["title"] == "Le fichier est vide"
 

@@ -108,3 +108,29 @@ def test_an_ordinary_caller_is_answered_twice_on_one_line(address: tuple[str, in
 
         assert states == [200, 200]
         assert lines[0] is lines[1]
+
+
+def test_what_came_of_a_patch_before_the_line_broke_is_kept(address: tuple[str, int]) -> None:
+    with closing(http.client.HTTPConnection(*address)) as caller:
+        tus = {"Host": "localhost", "Tus-Resumable": "1.0.0"}
+        caller.request("POST", "/api/v1/uploads", headers=tus | {"Upload-Length": "1000"})
+        made = caller.getresponse()
+        made.read()
+        place = made.headers["Location"]
+
+        def ask_offset() -> str | None:
+            caller.request("HEAD", place, headers=tus)
+            answer = caller.getresponse()
+            answer.read()
+            return answer.headers["Upload-Offset"]
+
+        head = (
+            f"PATCH {place} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+            "Content-Type: application/offset+octet-stream\r\nContent-Length: 1000\r\n\r\n"
+        )
+        line = socket.create_connection(address)
+        line.sendall(head.encode() + b"x" * 400)
+        time.sleep(0.2)
+        line.close()
+
+        wait_until(lambda: ask_offset() == "400")

@@ -1,5 +1,6 @@
 """Both arms of one shift on one clock: the figures over the shared time, and what is not known."""
 
+import io
 import re
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pypdf import PdfReader
 
 from app.errors import CannotPair
 from app.pairing import PairRequest, find_offset_s, make_pair_report, read_analysed
@@ -229,3 +231,14 @@ def test_a_hole_in_the_file_of_angles_ends_the_run(tmp_path: Path) -> None:
         (0, 200, 100.0),
         (5_000_000, 200, 100.0),
     ]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_first_page_stands_alone_on_letter_paper(language: Language) -> None:
+    trunk = TrunkRelative("sagittal plane only", 60.0, {10: 1.0, 50: 12.0, 90: 30.0, 99: 50.0})
+    report = report_of(make_pair(-80.0, trunk), language)
+
+    document = render_pdf(report, {}, "us-letter")
+
+    first = re.sub(r"\s", "", PdfReader(io.BytesIO(document)).pages[0].extract_text())
+    assert re.sub(r"\s", "", report.intended_use.paragraphs[0])[-40:] in first

@@ -145,6 +145,7 @@ def test_an_hour_has_units_in_its_names(results: dict[str, Any]) -> None:
         "time_above_60_percent": 6.0,
         "time_above_90_percent": 1.4,
         "entries_above_60_per_h": 25.0,
+        "intervals": {},
     }
 
 

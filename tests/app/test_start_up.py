@@ -14,3 +14,13 @@ def test_taking_requests_loads_no_compiler(module: str) -> None:
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
 
     assert loaded.stdout.strip() == ""
+
+
+@pytest.mark.parametrize("module", ["app.report.writing", "app.report.both_arms", "app.report.before_after"])
+def test_writing_a_report_loads_no_compiler(module: str) -> None:
+    heavy = {"numba", "scipy", "pandas", "pyarrow"}
+    program = f"import sys, {module}; print(*sorted({heavy} & set(sys.modules)))"
+
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+
+    assert loaded.stdout.strip() == ""

@@ -186,7 +186,7 @@ def test_facts_stand_in_the_sentence_and_the_place_beside_it() -> None:
     problem = describe_problem("E-ROW", {"k": 1200, "line": 37}, "en")
 
     assert (problem.detail, problem.where) == (
-        "1\u202f200 lines cannot be read, more than 5\u202f%; the first is line 37.",
+        "1\u202f200\u00a0lines cannot be read, more than 5\u202f%; the first is line 37.",
         "line 37",
     )
 
@@ -235,3 +235,38 @@ def test_the_words_of_the_page_come_from_their_own_file() -> None:
     keys = [{path for path, _ in walk_texts(load_wording(language, "page"))} for language in LANGUAGES]
 
     assert keys[0] == keys[1]
+
+
+@pytest.mark.parametrize(
+    ("language", "number", "form"),
+    [
+        ("en", "0", "times"),
+        ("en", "1", "time"),
+        ("en", "2", "times"),
+        ("en", "1\u202f000", "times"),
+        ("fr", "0", "time"),
+        ("fr", "1", "time"),
+        ("fr", "1,5", "time"),
+        ("fr", "2", "times"),
+    ],
+)
+def test_a_noun_follows_its_number(language: Language, number: str, form: str) -> None:
+    text = set_spaces("{n} {n|time|times}", language)
+
+    assert fill(text, {"n": number}) == f"{number}\u00a0{form}"
+
+
+def test_a_crash_is_told_in_the_singular() -> None:
+    detail = describe_problem("E-CRASHED", {"attempts": 1}, "en").detail
+
+    assert detail == "The analysis of this file stopped unexpectedly 1\u00a0time; no report was made."
+
+
+@pytest.mark.parametrize("name", ["run", "beside", "fields"])
+def test_the_other_words_hold_the_same_texts_and_placeholders(name: str) -> None:
+    english, french = (
+        {path: set(re.findall(r"\{\w+\}", text)) for path, text in walk_texts(load_wording(language, name))}
+        for language in LANGUAGES
+    )
+
+    assert english == french

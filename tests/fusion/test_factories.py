@@ -34,12 +34,12 @@ def test_a_mounting_turns_the_readings() -> None:
 
 
 def test_the_top_of_a_swing_reads_83_94_deg_by_acceleration_alone() -> None:
-    """EXPOSURE.md D18: theta = 45 + 40 sin(2 pi 0.5 t), sensor at 0.23 m; true 85 deg."""
-    made = move_arm(lambda t: 45 + 40 * np.sin(np.pi * t), 1.0, distance_m=0.2246)
+    """EXPOSURE.md D18: theta = 45 + 40 sin(2 pi 0.5 t), sensor at 0.25 m; true 85 deg."""
+    made = move_arm(lambda t: 45 + 40 * np.sin(np.pi * t), 1.0, distance_m=0.25)
 
     acc_x, _, acc_z = made.recording.segments[0].acc_g[50].astype(float)
 
-    assert np.degrees(np.arctan2(acc_x, acc_z)) == pytest.approx(83.9374, abs=0.15)
+    assert np.degrees(np.arctan2(acc_x, acc_z)) == pytest.approx(83.9374, abs=0.01)
 
 
 def test_move_arm_turns_the_gyroscope_by_the_slope_of_the_angle() -> None:

@@ -22,16 +22,27 @@ def find_scale(motion: Motion) -> GyroScale:
 def test_the_scale_of_each_axis_is_found_from_rests_between_turns() -> None:
     found = find_scale(rest_and_turn(200, seed=1))
 
-    assert found.scale == pytest.approx(1.0 / GAIN, abs=5e-4)
+    assert found.gain == pytest.approx(np.diag(1.0 / GAIN), abs=5e-4)
     assert found.pairs == 199
 
 
+def test_axes_that_are_not_square_are_found_too() -> None:
+    skew = np.array([[1.0, 0.004, 0.0], [0.0, 1.0, -0.003], [0.002, 0.0, 1.0]])
+    motion = rest_and_turn(200, seed=4)
+    run = SensorRun(0.0, motion.rate_hz, motion.acc_g, motion.gyr_dps @ skew.T)
+    blocks = [reduce_run(run)]
+
+    gain = calibrate_sensor([run], blocks, find_still_moments(blocks))[0].gyro_scale.gain
+
+    assert gain == pytest.approx(np.linalg.inv(skew), abs=5e-4)
+
+
 def test_with_little_evidence_the_scale_is_left_alone() -> None:
-    assert find_scale(rest_and_turn(6, seed=2)).scale.tolist() == [1.0, 1.0, 1.0]
+    assert find_scale(rest_and_turn(6, seed=2)).gain.tolist() == np.eye(3).tolist()
 
 
 def test_without_rests_the_scale_is_left_alone() -> None:
-    assert find_scale(tumble(60.0, still_s=0.0)).scale.tolist() == [1.0, 1.0, 1.0]
+    assert find_scale(tumble(60.0, still_s=0.0)).gain.tolist() == np.eye(3).tolist()
 
 
 def test_a_good_gyroscope_is_not_made_worse() -> None:
@@ -39,6 +50,6 @@ def test_a_good_gyroscope_is_not_made_worse() -> None:
     run = SensorRun(0.0, motion.rate_hz, motion.acc_g, motion.gyr_dps)
     blocks = [reduce_run(run)]
 
-    scale = calibrate_sensor([run], blocks, find_still_moments(blocks))[0].gyro_scale.scale
+    gain = calibrate_sensor([run], blocks, find_still_moments(blocks))[0].gyro_scale.gain
 
-    assert scale == pytest.approx(np.ones(3), abs=2e-4)
+    assert gain == pytest.approx(np.eye(3), abs=2e-4)

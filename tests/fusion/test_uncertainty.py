@@ -18,18 +18,19 @@ def smoothed(*disagreement_deg: float) -> SmoothedNodes:
 
 
 def test_the_parts_are_added_as_variances() -> None:
-    # Residual 1 mg = 0.0573 deg, four times: 0.2292. Disagreement 2 deg: 4 / 2 x 0.15 = 0.3 deg^2.
-    correction = AccelerometerCorrection(np.zeros(3), np.ones(3), 20, (0.02, 0.001))
+    # Offset left 5 mg = 0.2865 deg, times 0.5: 0.1432. Disagreement 2 deg: 4 / 2 x 0.15 = 0.3 deg^2.
+    correction = AccelerometerCorrection(np.zeros(1), np.zeros((1, 3)), np.eye(3), 20, 0.005)
 
     sigma_deg = estimate_sigma(smoothed(*[2.0] * 20), correction)
 
-    assert sigma_deg == pytest.approx(np.full(20, np.sqrt(0.12**2 + 0.2292**2 + 0.3)), abs=1e-4)
+    assert sigma_deg == pytest.approx(np.full(20, np.sqrt(0.10**2 + 0.1432**2 + 0.3)), abs=1e-4)
 
 
 def test_an_accelerometer_that_could_not_be_calibrated_counts_as_delivered() -> None:
     sigma_deg = estimate_sigma(smoothed(0.0), leave_accelerometer(), UncertaintySettings(floor_deg=0.0))
 
-    assert sigma_deg == pytest.approx([0.5])
+    # 0.04 g = 2.292 deg, times 0.5.
+    assert sigma_deg == pytest.approx([1.146], abs=1e-3)
 
 
 def test_there_is_one_value_for_each_second() -> None:

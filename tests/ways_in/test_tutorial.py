@@ -1,15 +1,16 @@
 """The tutorial does what it says: its commands run, its addresses exist, its dictionary is today's."""
 
-import os
+import contextlib
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from app.cli import app
 from app.main import create_app
 from app.report.dictionary import write_document
+from app.report.wording import load_wording
 from app.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,8 +33,9 @@ def tutorial_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run_line(line: str, folder: Path) -> None:
     program, *words = line.split()
     assert program == "acromion"
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    subprocess.run([sys.executable, "-m", "app", *words], cwd=folder, env=environment, check=True)
+    with contextlib.chdir(folder):
+        result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"^\| (`[^|]+) \|", TUTORIAL, re.MULTILINE))))
@@ -60,3 +62,19 @@ def test_every_address_of_the_tutorial_exists(tmp_path: Path) -> None:
 
 def test_the_dictionary_is_that_of_the_code() -> None:
     assert (ROOT / "docs" / "dictionary.md").read_text("utf-8") == write_document()
+
+
+@pytest.mark.parametrize("folder", ["both/both-arms", "compared/before-after"])
+def test_the_reports_of_two_are_made(tutorial_folder: Path, folder: str) -> None:
+    made = {path.name for path in (tutorial_folder / folder).iterdir()}
+
+    assert made >= {"report.html", "report.pdf", "answer.txt"}
+
+
+def test_a_page_says_which_export_is_needed() -> None:
+    page = (ROOT / "docs" / "exports.md").read_text("utf-8")
+
+    assert "docs/exports.md" in load_wording("en")["problem"]["E-EPOCH"]["fix"]
+    assert [
+        code for code in re.findall(r"`(E-[A-Z0-9-]+)`", page) if code not in load_wording("en")["problem"]
+    ] == []

@@ -1,0 +1,166 @@
+"""What the server says about itself: formats, words, codes, version, and how to use all of it."""
+
+import html
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Annotated, Any, cast
+
+from fastapi import APIRouter, FastAPI, Query, Request
+from fastapi.responses import HTMLResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
+from app.api.results import read_result
+from app.api.schemas import view_settings
+from app.api.services import UsedLanguage, UsedServices
+from app.errors import NotHere, list_refusals
+from app.formats import FORMATS
+from app.report.dictionary import list_dictionary
+from app.report.wording import Language
+from app.version import software_revision, software_version
+
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["about"])
+
+
+class VersionView(BaseModel):
+    """Which software answers."""
+
+    name: str
+    version: str
+    revision: str
+
+
+class FormatView(BaseModel):
+    """A kind of file that is taken."""
+
+    name: str
+    extensions: list[str]
+    holds: str
+
+
+class FormatList(BaseModel):
+    """Every kind of file that is taken."""
+
+    items: list[FormatView]
+
+
+class WordView(BaseModel):
+    """What a column of a table or a field of ``results.json`` means."""
+
+    file: str
+    column: str
+    kind: str | None
+    unit: str
+    meaning: str
+
+
+class Dictionary(BaseModel):
+    """Every column and field."""
+
+    items: list[WordView]
+
+
+class FigureView(BaseModel):
+    """A figure before and after. ``detectable``: the least change that days do not make by themselves."""
+
+    name: str
+    before: float
+    after: float
+    change: float
+    detectable: float | None
+    verdict: str
+
+
+class ComparisonView(BaseModel):
+    """Two analyses beside one another. With any ``differences``, the figures are to be read with care."""
+
+    before: str
+    after: str
+    figures: list[FigureView]
+    differences: list[str]
+    settings: dict[str, list[Any]]
+    source: str
+
+
+class ComparisonQuery(BaseModel):
+    """The two analyses, the earlier first."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    analysis: Annotated[list[str], Field(min_length=2, max_length=2, description="Twice: before, after.")]
+    lang: Language | None = None
+
+
+@router.get("/compare")
+def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Query()]) -> ComparisonView:
+    """Set one finished analysis beside another, and name the settings that differ."""
+    before, after = (services.store.get(analysis_id) for analysis_id in asked.analysis)
+    results = [read_result(services, job, "results.json") for job in (before, after)]
+    compared = services.inspector.compare(*results)
+    first, second = view_settings(before.request), view_settings(after.request)
+    differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
+    return ComparisonView(before=before.id, after=after.id, settings=differing, **compared)
+
+
+@router.get("/formats")
+def list_formats() -> FormatList:
+    """Say which kinds of file are taken."""
+    return FormatList(items=[FormatView(**asdict(kind)) for kind in FORMATS])
+
+
+@router.get("/dictionary")
+def get_dictionary(language: UsedLanguage) -> Dictionary:
+    """Say what every column and field means."""
+    meaning = "french" if language == "fr" else "english"
+    names = ("file", "column", "kind", "unit")
+    rows = list_dictionary()
+    return Dictionary(
+        items=[WordView(**{name: row[name] for name in names}, meaning=row[meaning]) for row in rows]  # type: ignore[arg-type]
+    )
+
+
+@router.get("/problems/{code}")
+def get_problem(code: str, language: UsedLanguage) -> ProblemView:
+    """Explain the code of a refusal."""
+    if code not in {refusal.code for refusal in list_refusals()}:
+        raise NotHere
+    return view_problem(code, {}, language, f"/api/v1/problems/{code}")
+
+
+@router.get("/version")
+def get_version() -> VersionView:
+    """Say which software answers."""
+    return VersionView(name="acromion", version=software_version(), revision=software_revision())
+
+
+@router.get("/docs", include_in_schema=False)
+def show_docs(request: Request) -> HTMLResponse:
+    """Show the OpenAPI document as a page of our own: nothing is loaded from elsewhere."""
+    document = cast("FastAPI", request.app).openapi()
+    return HTMLResponse("".join(_write_page(document)))
+
+
+def _write_page(document: Mapping[str, Any]) -> Iterator[str]:
+    yield '<!doctype html><html lang="en"><meta charset="utf-8"><title>Acromion: REST API</title>'
+    yield '<meta name="viewport" content="width=device-width"><link rel="stylesheet" href="/static/page.css">'
+    yield "<main><h1>REST API</h1><p>The same as <a href='/api/v1/openapi.json'>openapi.json</a>.</p>"
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            yield from _write_operation(f"{method.upper()} {path}", operation)
+    yield "</main></html>"
+
+
+def _write_operation(title: str, operation: Mapping[str, Any]) -> Iterator[str]:
+    yield f'<section id="{html.escape(operation["operationId"])}"><h2><code>{html.escape(title)}</code></h2>'
+    yield f"<p>{html.escape(operation.get('description', ''))}</p>"
+    parameters = [p for p in operation.get("parameters", ()) if p["in"] != "path"]
+    if parameters:
+        yield "<dl>" + "".join(map(_write_parameter, parameters)) + "</dl>"
+    bodies = operation.get("requestBody", {}).get("content", {})
+    answers = ", ".join(operation["responses"])
+    yield f"<p>{html.escape(', '.join(bodies))}{' → ' if bodies else ''}{html.escape(answers)}</p></section>"
+
+
+def _write_parameter(parameter: Mapping[str, Any]) -> str:
+    name, told = (html.escape(parameter.get(key, "")) for key in ("name", "description"))
+    return f"<dt><code>{name}</code> ({parameter['in']})</dt><dd>{told}</dd>"

@@ -1,0 +1,152 @@
+"""Batches: many recordings, one set of settings, one table."""
+
+import json
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.parameters import AnalysisSettings
+from app.api.problems import PROBLEM_RESPONSES, take_model
+from app.api.requests import build_request, check_queue
+from app.api.results import read_result
+from app.api.services import Services, UsedLanguage, UsedServices
+from app.errors import NotFinished
+from app.jobs.batches import Batch
+from app.jobs.job import Job, JobState
+from app.report.problem_rows import PROBLEM_COLUMNS, tell_problem
+from app.report.summary import encode_summary, summarise_failure, summarise_results
+from app.report.tables import Row, encode_table
+from app.report.wording import Language
+
+CANCELLED = "E-CANCELLED"
+CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
+
+router = APIRouter(prefix="/api/v1/batches", responses=PROBLEM_RESPONSES, tags=["batches"])
+
+
+class BatchItem(BaseModel):
+    """A recording, and what is asked of it alone."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    recording_id: str
+    settings: dict[str, Any] | None = None
+
+
+class BatchWish(BaseModel):
+    """Which recordings are to be analysed, by which settings; an item's own settings win."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Annotated[str, Field(max_length=200)] = ""
+    settings: AnalysisSettings = AnalysisSettings()
+    items: Annotated[list[BatchItem], Field(min_length=1, max_length=10_000)]
+
+
+class BatchCounts(BaseModel):
+    """How many analyses are in each state."""
+
+    queued: int
+    running: int
+    succeeded: int
+    failed: int
+    cancelled: int
+
+
+class BatchView(BaseModel):
+    """A batch: how far it is, and where its tables are."""
+
+    id: str
+    name: str
+    item_count: int
+    counts: BatchCounts
+    is_over: bool
+    created_at: str
+    links: dict[str, str]
+
+
+@router.post("", status_code=202)
+def create_batch(wish: BatchWish, services: UsedServices, language: UsedLanguage) -> BatchView:
+    """Analyse many stored recordings."""
+    check_queue(services, len(wish.items))
+    items = []
+    for item in wish.items:
+        row = services.recordings.get(item.recording_id)
+        settings = _merge(wish.settings, item.settings or {})
+        items.append((row, build_request(row, settings, language)))
+    batch = services.batches.add(wish.name, items)
+    headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
+    return JSONResponse(view_batch(batch).model_dump(), 202, headers)  # type: ignore[return-value]
+
+
+@router.get("/{batch_id}")
+def get_batch(batch_id: str, services: UsedServices) -> BatchView:
+    """Say how far a batch is."""
+    return view_batch(services.batches.get(batch_id))
+
+
+@router.get("/{batch_id}/summary.csv", responses=CSV, response_class=Response)
+def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
+    """One row for each recording, failed ones too; once nothing more will happen to any."""
+    return _answer_table(encode_summary(_summarise(services, job) for job in _list_ended(services, batch_id)))
+
+
+@router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
+def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
+    """The recordings without a result, and what to do about each."""
+    jobs = [job for job in _list_ended(services, batch_id) if job.state is not JobState.SUCCEEDED]
+    return _answer_table(encode_table(PROBLEM_COLUMNS, [_tell_problem(job, language) for job in jobs]))
+
+
+@router.post("/{batch_id}/retry-failed", status_code=202)
+def retry_failed(batch_id: str, services: UsedServices) -> BatchView:
+    """Analyse anew what failed in a batch."""
+    batch = services.batches.get(batch_id)
+    check_queue(services, batch.counts[JobState.FAILED])
+    services.batches.retry_failed(batch_id)
+    return view_batch(services.batches.get(batch_id))
+
+
+def view_batch(batch: Batch) -> BatchView:
+    """Show a batch."""
+    own = f"/api/v1/batches/{batch.id}"
+    parts = {"summary_csv": "summary.csv", "problems_csv": "problems.csv", "retry_failed": "retry-failed"}
+    return BatchView(
+        id=batch.id,
+        name=batch.name,
+        item_count=batch.item_count,
+        counts=BatchCounts(**{state.value: number for state, number in batch.counts.items()}),
+        is_over=batch.is_over,
+        created_at=batch.created_at,
+        links={"self": own, "analyses": f"/api/v1/analyses?batch_id={batch.id}"}
+        | {name: f"{own}/{part}" for name, part in parts.items()},
+    )
+
+
+def _merge(common: AnalysisSettings, own: dict[str, Any]) -> AnalysisSettings:
+    return take_model(AnalysisSettings, common.model_dump(exclude_unset=True) | own)
+
+
+def _list_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
+    """Give the analyses of a batch that is over: half a table would pass for a whole one."""
+    batch = services.batches.get(batch_id)
+    if not batch.is_over:
+        done = batch.item_count - batch.counts[JobState.QUEUED] - batch.counts[JobState.RUNNING]
+        raise NotFinished(state=f"{done}/{batch.item_count}")
+    return services.batches.list_jobs(batch_id)
+
+
+def _summarise(services: Services, job: Job) -> Row:
+    if job.state is JobState.SUCCEEDED:
+        return summarise_results(json.loads(read_result(services, job, "results.json")))
+    return summarise_failure(job.file_name, job.request.subject, job.problem_code or CANCELLED)
+
+
+def _tell_problem(job: Job, language: Language) -> Row:
+    return tell_problem(job.file_name, job.problem_code or CANCELLED, job.problem_facts, language)
+
+
+def _answer_table(body: bytes) -> Response:
+    return Response(body, media_type="text/csv; charset=utf-8", headers={"Cache-Control": "no-store"})

@@ -1,0 +1,60 @@
+"""``/metrics`` for Prometheus: counted when asked for, from the rows themselves."""
+
+import shutil
+from collections.abc import Iterable
+
+from fastapi import APIRouter, Response
+from fastapi.responses import JSONResponse
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, ProcessCollector, generate_latest
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from app.api.services import Services, UsedServices
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/healthz")
+def healthz() -> dict[str, str]:
+    """Say that the process answers."""
+    return {"status": "ok"}
+
+
+@router.get("/readyz")
+def readyz(services: UsedServices) -> JSONResponse:
+    """Say whether work can be taken: the database answers and the disk has room."""
+    counts = {state.value: number for state, number in services.store.count_states().items()}
+    services.storage.check_space(0, services.settings.min_free_bytes)
+    return JSONResponse({"status": "ok", "analyses": counts})
+
+
+@router.get("/metrics")
+def metrics(services: UsedServices) -> Response:
+    """Give queue, failures by code, uploads under way, disk and the process itself."""
+    registry = CollectorRegistry()
+    registry.register(_Rows(services))
+    ProcessCollector(registry=registry)
+    return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
+
+
+class _Rows(Collector):
+    """Counts rows at the moment of asking."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+
+    def collect(self) -> Iterable[GaugeMetricFamily]:
+        """Give every gauge."""
+        services = self._services
+        states = GaugeMetricFamily("acromion_analyses", "Analyses by state.", labels=["state"])
+        for state, number in services.store.count_states().items():
+            states.add_metric([state.value], number)
+        yield states
+        problems = GaugeMetricFamily("acromion_failed_analyses", "Failed analyses by code.", labels=["code"])
+        for code, number in services.store.count_problems().items():
+            problems.add_metric([code], number)
+        yield problems
+        growing = len(services.uploads.list_growing())
+        yield GaugeMetricFamily("acromion_uploads_under_way", "Uploads under way.", growing)
+        free_bytes = shutil.disk_usage(services.settings.data_dir).free
+        yield GaugeMetricFamily("acromion_free_disk_bytes", "Free space for recordings.", free_bytes)

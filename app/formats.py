@@ -1,0 +1,34 @@
+"""The kinds of file that are taken, in words; :data:`fusion.readers.READERS` is what reads them."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A kind of file: the reader's name for it, how its name ends, what it holds."""
+
+    name: str
+    extensions: tuple[str, ...]
+    holds: str
+
+
+FORMATS = (
+    Format(
+        "ActiGraph GT9X Link .gt3x",
+        (".gt3x",),
+        "acceleration and angular velocity of the Link's IMU at 100 Hz, device clock",
+    ),
+    Format(
+        "Parquet",
+        (".parquet",),
+        "named columns: time, acceleration in three axes, angular velocity in three axes",
+    ),
+    Format("ActiLife IMU CSV", (".csv", ".csv.gz"), "the IMU export of ActiLife, raw samples"),
+    Format("LSM9DS1 registers, binary", (".bin", ".dat"), "registers of the sensor, with the scale known"),
+    Format("LSM9DS1 registers, text", (".csv", ".txt", ".csv.gz"), "registers of the sensor, whole numbers"),
+    Format(
+        "CSV with named columns",
+        (".csv", ".txt", ".csv.gz", ".zip"),
+        "time, ax, ay, az, gx, gy, gz with their units in the header",
+    ),
+)

@@ -1,0 +1,155 @@
+"""Who is to be told when something ends, and what has still to be told.
+
+A delivery is a row, written in the same commit as the end that it tells of: a crash forgets none.
+"""
+
+import base64
+import json
+import secrets
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from sqlalchemy import Connection, Engine, delete, func, insert, select, update
+
+from app.errors import NotHere
+from app.jobs.job import JobState
+from app.jobs.reading import tell_now
+from app.jobs.tables import analyses, batches, deliveries, webhooks
+
+Event = Literal["analysis.finished", "batch.finished"]
+EVENTS: tuple[Event, ...] = get_args(Event)
+PAUSES_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400.0)
+"""Between one try and the next, as Standard Webhooks advises; after the last the delivery is given up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Webhook:
+    """An address that wants to know. ``secret`` signs what it is told."""
+
+    id: str
+    url: str
+    events: tuple[Event, ...]
+    secret: str
+    created_at: str
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """Something that has still to be told to one address; ``tries`` have failed so far."""
+
+    id: str
+    url: str
+    secret: str
+    body: str
+    tries: int
+
+
+class WebhookStore:
+    """Rows of webhooks and of their deliveries."""
+
+    def __init__(self, engine: Engine, reader: Engine) -> None:
+        self._engine, self._reader = engine, reader
+
+    def add(self, url: str, events: tuple[Event, ...]) -> Webhook:
+        """Remember an address, with a secret of its own."""
+        secret = "whsec_" + base64.b64encode(secrets.token_bytes(32)).decode()
+        hook = Webhook(f"wh_{secrets.token_hex(8)}", url, events, secret, tell_now())
+        row = {"id": hook.id, "url": url, "events": json.dumps(events), "secret": secret}
+        with self._engine.begin() as connection:
+            connection.execute(insert(webhooks).values(row | {"created_at": hook.created_at}))
+        return hook
+
+    def list_all(self) -> tuple[Webhook, ...]:
+        """Give every webhook, oldest first."""
+        with self._reader.connect() as connection:
+            rows = connection.execute(select(webhooks).order_by(webhooks.c.created_at)).all()
+        return tuple(
+            Webhook(row.id, row.url, tuple(json.loads(row.events)), row.secret, row.created_at)
+            for row in rows
+        )
+
+    def drop(self, webhook_id: str) -> None:
+        """Forget an address and what it has still to be told.
+
+        Raises
+        ------
+        NotHere
+        """
+        with self._engine.begin() as connection:
+            connection.execute(delete(deliveries).where(deliveries.c.webhook_id == webhook_id))
+            if connection.execute(delete(webhooks).where(webhooks.c.id == webhook_id)).rowcount != 1:
+                raise NotHere
+
+    def wait(self, elapsed_s: float) -> tuple[Delivery, ...]:
+        """Let time pass; gives what is to be told now."""
+        pending = select(func.count()).select_from(deliveries)
+        with self._reader.connect() as connection:
+            if not connection.execute(pending).scalar_one():
+                return ()
+        due = (
+            select(deliveries, webhooks.c.url, webhooks.c.secret)
+            .join(webhooks, webhooks.c.id == deliveries.c.webhook_id)
+            .where(deliveries.c.wait_s <= 0)
+        )
+        with self._engine.begin() as connection:
+            connection.execute(update(deliveries).values(wait_s=deliveries.c.wait_s - elapsed_s))
+            rows = connection.execute(due).all()
+        return tuple(Delivery(row.id, row.url, row.secret, row.body, row.tries) for row in rows)
+
+    def take(self, delivery: Delivery) -> bool:
+        """Count a try before it is made; False when a peer makes it."""
+        given_up = delivery.tries >= len(PAUSES_S)
+        mine = (deliveries.c.id == delivery.id, deliveries.c.tries == delivery.tries)
+        with self._engine.begin() as connection:
+            if given_up:
+                connection.execute(delete(deliveries).where(*mine))
+                return False
+            change = update(deliveries).where(*mine)
+            later = change.values(tries=delivery.tries + 1, wait_s=PAUSES_S[delivery.tries])
+            return connection.execute(later).rowcount == 1
+
+    def told(self, delivery: Delivery) -> None:
+        """Forget what has been heard."""
+        with self._engine.begin() as connection:
+            connection.execute(delete(deliveries).where(deliveries.c.id == delivery.id))
+
+
+def announce_end(connection: Connection, analysis_id: str, state: JobState) -> None:
+    """Write down what is to be told of an analysis that has just ended, and of its batch if that has, too."""
+    hooks = connection.execute(select(webhooks.c.id, webhooks.c.events)).all()
+    if not hooks:
+        return
+    told = {"analysis_id": analysis_id, "state": state.value}
+    _announce(connection, [(hook.id, hook.events) for hook in hooks], "analysis.finished", told)
+    batch_id = connection.execute(select(analyses.c.batch_id).where(analyses.c.id == analysis_id)).scalar()
+    if batch_id is not None and _is_over(connection, batch_id):
+        told = {"batch_id": batch_id}
+        _announce(connection, [(hook.id, hook.events) for hook in hooks], "batch.finished", told)
+
+
+def _is_over(connection: Connection, batch_id: str) -> bool:
+    """Count what goes on, one ending at a time: two last ones must not each take the other for unfinished."""
+    connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
+    going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
+    count = select(func.count()).where(analyses.c.batch_id == batch_id, going_on)
+    return connection.execute(count).scalar_one() == 0
+
+
+def _announce(
+    connection: Connection, hooks: list[tuple[str, str]], event: Event, told: dict[str, str]
+) -> None:
+    body = json.dumps({"type": event, "timestamp": tell_now(), "data": told})
+    rows = [
+        {
+            "id": f"msg_{secrets.token_hex(8)}",
+            "webhook_id": webhook_id,
+            "event": event,
+            "body": body,
+            "tries": 0,
+            "wait_s": 0.0,
+        }
+        for webhook_id, events in hooks
+        if event in json.loads(events)
+    ]
+    if rows:
+        connection.execute(insert(deliveries), rows)

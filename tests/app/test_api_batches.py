@@ -1,0 +1,124 @@
+"""``/api/v1/batches``: many recordings, one set of settings, one table."""
+
+import csv
+import io
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.jobs.store import JobStore
+from app.jobs.worker import run_next
+from tests.app import stand_ins
+from tests.app.conftest import OpenBench
+
+URL = "/api/v1/batches"
+
+
+def keep(client: TestClient, k: int) -> str:
+    answer = client.post("/api/v1/recordings", content=bytes([k]), params={"file_name": f"{k}.csv"})
+    return str(answer.json()["id"])
+
+
+def start(client: TestClient, count: int = 2, **wish: Any) -> dict[str, Any]:
+    items = [{"recording_id": keep(client, k)} for k in range(count)]
+    answer = client.post(URL, json={"name": "spring", "items": items} | wish)
+    assert answer.status_code == 202, answer.text
+    batch: dict[str, Any] = answer.json()
+    return batch
+
+
+def read(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_a_batch_counts_its_analyses_by_state(client: TestClient, bench: OpenBench) -> None:
+    batch = start(client, 3)
+    run_next(bench(stand_ins.refuse))
+
+    seen = client.get(batch["links"]["self"]).json()
+
+    assert (seen["name"], seen["item_count"], seen["is_over"]) == ("spring", 3, False)
+    assert seen["counts"] == {"queued": 2, "running": 0, "succeeded": 0, "failed": 1, "cancelled": 0}
+
+
+def test_the_settings_of_an_item_win_over_those_of_the_batch(client: TestClient, store: JobStore) -> None:
+    items = [
+        {"recording_id": keep(client, 0)},
+        {"recording_id": keep(client, 1), "settings": {"side": "left"}},
+    ]
+    client.post(URL, json={"items": items, "settings": {"side": "right", "method": "live"}})
+
+    requests = {job.file_name: job.request for job in store.list_newest()}
+    assert (requests["0.csv"].side, requests["1.csv"].side) == ("right", "left")
+    assert requests["1.csv"].method == "live"
+
+
+@pytest.mark.parametrize("wished", [{"side": "up"}, {"sied": "left"}, {"calibration": ["5,1"]}])
+def test_an_items_settings_that_cannot_be_start_nothing(
+    client: TestClient, store: JobStore, wished: dict[str, Any]
+) -> None:
+    items = [{"recording_id": keep(client, 0), "settings": wished}]
+
+    assert client.post(URL, json={"items": items}).json()["code"] == "E-PARAMETER"
+    assert store.list_newest() == ()
+
+
+def test_half_a_table_is_not_given(client: TestClient) -> None:
+    answer = client.get(start(client)["links"]["summary_csv"])
+
+    assert (answer.status_code, answer.json()["code"]) == (409, "E-NOT-FINISHED")
+    assert answer.headers["retry-after"] == "5"
+
+
+def test_failed_recordings_stand_in_both_tables(client: TestClient, bench: OpenBench) -> None:
+    links = start(client, 2)["links"]
+    worker = bench(stand_ins.refuse)
+    run_next(worker)
+    run_next(worker)
+
+    summary = read(client.get(links["summary_csv"]).text)
+    problems = read(client.get(links["problems_csv"], headers={"accept-language": "fr"}).text)
+
+    assert [(row["file_name"], row["error_code"]) for row in summary] == [
+        ("0.csv", "E-SHORT"),
+        ("1.csv", "E-SHORT"),
+    ]
+    assert [row["code"] for row in problems] == ["E-SHORT", "E-SHORT"]
+    assert problems[0]["title"] == "Trop court"
+
+
+def test_failed_ones_can_be_tried_again_and_count_once(client: TestClient, bench: OpenBench) -> None:
+    links = start(client, 2)["links"]
+    worker = bench(stand_ins.refuse)
+    run_next(worker)
+    run_next(worker)
+
+    counts = client.post(links["retry_failed"]).json()["counts"]
+
+    assert (counts["queued"], counts["failed"]) == (2, 0)
+    assert client.post(links["retry_failed"]).json()["counts"]["queued"] == 2
+
+
+def test_batches_take_turns(client: TestClient, store: JobStore) -> None:
+    first, second = start(client, 3)["id"], start(client, 3)["id"]
+
+    order = []
+    while job := store.claim(stand_ins.NOBODY):
+        order.append(job.batch_id)
+
+    assert order == [first, second] * 3
+
+
+def test_a_single_request_waits_for_one_round_only(client: TestClient, store: JobStore) -> None:
+    start(client, 50)
+    single = client.post("/api/v1/analyze", content=b"single").json()["id"]
+
+    first_two = [store.claim(stand_ins.NOBODY) for _ in range(2)]
+
+    assert single in [job.id for job in first_two if job]
+
+
+def test_a_batch_that_is_not_there_is_not_found(client: TestClient) -> None:
+    assert client.get(f"{URL}/ba_none").status_code == 404
+    assert client.get(f"{URL}/ba_none/summary.csv").status_code == 404

@@ -1,0 +1,222 @@
+"""What is counted in blocks and at several errors of the angle, against slow, obvious counts."""
+
+from itertools import groupby, pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+
+from fusion.exposure import summarise_exposure
+from fusion.exposure.below import sum_below
+from fusion.exposure.cycles import count_cycles
+from fusion.exposure.eva import ANGLE_EDGES_DEG, DURATION_EDGES_S, start_eva
+from fusion.exposure.frequency import FrequencyTally, count_crossings, find_mean_power_frequency
+from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.recovery import SECONDS, STAYS, start_recovery
+from fusion.exposure.resampling import draw_blocks
+from fusion.exposure.rows import add_time
+from fusion.exposure.velocity import measure_inclination
+from tests.factories import elevate
+
+ANGLES = st.sampled_from([0.0, 12.0, 17.0, 19.5, 20.0, 21.0, 24.0, 30.0, 34.0, 60.0, 64.0, 90.0, 150.0])
+SERIES = hnp.arrays(np.float64, st.integers(2, 90), elements=ANGLES)
+GAPS = st.lists(st.integers(0, 89), max_size=3)
+ERRORS_DEG = np.linspace(-7.5, 7.5, 11)
+BLOCKS_US = np.array([0, 7_000_000, 30_000_000, 10**9])
+CLASSES = list(pairwise(ANGLE_EDGES_DEG))
+
+
+def make_angle(series: NDArray[np.float64], gaps: list[int], rate_hz: float = 2.0) -> MetricAngle:
+    valid = np.ones(len(series), np.bool_)
+    valid[[gap for gap in gaps if gap < len(series)]] = False
+    return MetricAngle(0, rate_hz, series, valid)
+
+
+def block_of(row: int, rate_hz: float = 2.0) -> int:
+    return int(np.searchsorted(BLOCKS_US, row / rate_hz * 1e6, side="right")) - 1
+
+
+def list_stays(states: list[object]) -> list[tuple[object, int, int]]:
+    """Give (state, first row, row after the last) of each unbroken run of equal states."""
+    stays, row = [], 0
+    for state, group in groupby(states):
+        length = len(list(group))
+        stays.append((state, row, row + length))
+        row += length
+    return stays
+
+
+@given(SERIES, GAPS)
+@settings(deadline=None)
+def test_variation_is_counted_where_it_lies_at_every_error(
+    series: NDArray[np.float64], gaps: list[int]
+) -> None:
+    angle = make_angle(series, gaps)
+    tally = start_eva(ERRORS_DEG, BLOCKS_US)
+    tally.add(angle)
+
+    slow = np.zeros_like(tally.seconds)
+    durations_s = [edge for edge in DURATION_EDGES_S if edge is not None]
+    for error, error_deg in enumerate(ERRORS_DEG):
+        inner = [round(edge - error_deg, 9) for edge in ANGLE_EDGES_DEG[1:-1]]
+        classes = [
+            int(np.searchsorted(inner, x, side="right")) if ok else None
+            for x, ok in zip(series, angle.valid, strict=True)
+        ]
+        for state, first, stop in list_stays(list(classes)):
+            if isinstance(state, int):
+                length = sum(edge <= (stop - first) / 2 for edge in durations_s) - 1
+                for row in range(first, stop):
+                    slow[error, block_of(row), state, length] += 0.5
+    assert tally.seconds == pytest.approx(slow)
+
+
+@given(SERIES, GAPS, st.integers(1, 89))
+@settings(deadline=None)
+def test_rest_is_counted_where_it_lies_at_every_error(
+    series: NDArray[np.float64], gaps: list[int], cut: int
+) -> None:
+    angle = make_angle(series, gaps)
+    speeds_dps = measure_inclination(series, angle.valid, 2.0)
+    tally = start_recovery(ERRORS_DEG, BLOCKS_US)
+    tally.add(angle, 0, speeds_dps[:cut])  # in two calls, as a long segment comes
+    if cut < len(series):
+        tally.add(angle, cut, speeds_dps[cut:])
+    tally.end_segment(angle)
+
+    slow_rows = [bool(speed < 5.0) for speed in speeds_dps]
+    check_stays(slow_rows, tally.slow)
+    for error, error_deg in enumerate(ERRORS_DEG):
+        rests = [s and x < round(20.0 - error_deg, 9) for s, x in zip(slow_rows, series, strict=True)]
+        long_rests = check_stays(rests, tally.rest[error])
+        without = [
+            None if not ok else any(first <= row < stop for first, stop in long_rests)
+            for row, ok in enumerate(angle.valid)
+        ]
+        longest_s = max(
+            (stop - first for state, first, stop in list_stays(list(without)) if state is False), default=0
+        )
+        assert tally.longest_s[error] == pytest.approx(longest_s / 2)
+
+
+def check_stays(states: list[bool], counted: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Compare the stays of 3 s or more with what was counted, and give them."""
+    stays = [(first, stop) for state, first, stop in list_stays(list(states)) if state and stop - first >= 6]
+    slow = np.zeros_like(counted)
+    for first, stop in stays:
+        slow[block_of(first), STAYS] += 1
+        for row in range(first, stop):
+            slow[block_of(row), SECONDS] += 0.5
+    assert counted == pytest.approx(slow)
+    return stays
+
+
+@given(SERIES, GAPS)
+@settings(deadline=None)
+def test_changes_of_direction_are_counted_one_by_one(series: NDArray[np.float64], gaps: list[int]) -> None:
+    angle = make_angle(series, gaps)
+    counts = np.zeros(1)
+    count_crossings(series, angle.valid, 2.0, np.array([0, len(series)]), counts)
+
+    slow, way = 0, 0
+    for row in range(1, len(series)):
+        if not (angle.valid[row] and angle.valid[row - 1]):
+            way = 0
+            continue
+        speed_dps = 2.0 * (series[row] - series[row - 1])
+        if abs(speed_dps) > 10.0:
+            slow += np.sign(speed_dps) == -way
+            way = int(np.sign(speed_dps))
+    assert counts[0] == slow
+
+
+@given(SERIES, GAPS)
+@settings(deadline=None)
+def test_cycles_of_all_blocks_are_those_of_the_day(series: NDArray[np.float64], gaps: list[int]) -> None:
+    angle = make_angle(series, gaps)
+
+    in_blocks, of_day = count_cycles(angle, BLOCKS_US), count_cycles(angle, np.array([0, 10**9]))
+    assert in_blocks.sum(axis=0) == pytest.approx(of_day[0])
+
+
+def test_a_cycle_belongs_to_the_block_in_which_it_ends() -> None:
+    # 0 to 40 and back before the 7th second, then 0 to 80 up to the 10th: the first is whole there
+    angle = make_angle(
+        np.concatenate([np.linspace(0, 40, 6), np.linspace(40, 0, 6), np.linspace(0, 80, 8)]), []
+    )
+
+    assert count_cycles(angle, BLOCKS_US)[:, 1].tolist() == [1.0, 0.0, 0.0]
+    assert count_cycles(angle, BLOCKS_US)[:, 2].tolist() == [0.0, 0.5, 0.0]
+
+
+def test_frequencies_of_a_run_lie_in_the_blocks_of_its_windows() -> None:
+    time_s = np.arange(600 * 50) / 50
+    swing = 45 + 30 * np.sin(2 * np.pi * np.where(time_s < 300, 0.3, 1.1) * time_s)
+    tally = FrequencyTally(np.array([0, 300, 600]) * 1_000_000)
+    tally.add(MetricAngle(0, 50.0, swing, np.ones(len(swing), np.bool_)))
+
+    first_hz, second_hz = tally.moments[:, 0] / tally.moments[:, 1]
+    assert first_hz == pytest.approx(0.3, abs=0.1)
+    assert second_hz == pytest.approx(1.1, abs=0.1)
+
+
+def test_frequencies_above_5_hz_are_left_out() -> None:
+    time_s = np.arange(600 * 100) / 100
+    fast = 45 + 10 * np.sin(2 * np.pi * 4.5 * time_s) + 20 * np.sin(2 * np.pi * 6 * time_s)
+
+    assert find_mean_power_frequency(fast, 100.0) == pytest.approx(4.5, abs=0.01)
+
+
+@given(
+    hnp.arrays(np.int32, (4, 6), elements=st.integers(0, 900)), st.sampled_from([100.0, 99.97, 238.0, 33.3])
+)
+def test_time_adds_up_to_the_rounded_whole(counts: NDArray[np.int32], rate_hz: float) -> None:
+    cell_us = np.zeros((4, 6), np.int64)
+    add_time(counts, rate_hz, cell_us)
+
+    assert cell_us.sum() == round(int(counts.sum()) * 1e6 / rate_hz)
+    assert cell_us == pytest.approx(counts * 1e6 / rate_hz, abs=1.0)
+
+
+@given(
+    hnp.arrays(np.int64, (3, 1800), elements=st.integers(0, 50)).filter(lambda cells: bool(cells.sum() > 0)),
+    st.sampled_from([0.0, 3.0]),
+)
+@settings(deadline=None)
+def test_drawn_shares_and_percentiles_are_those_of_the_days_added_up(
+    cells: NDArray[np.int64], sigma_deg: float
+) -> None:
+    draws = draw_blocks(cells.sum(axis=1), sigma_deg)
+    below = sum_below(cells, draws)
+    shares, percentiles_deg = below.find_shares(np.array([60.0])), below.find_percentiles((50,))
+
+    kept = cells[draws.kept]
+    for draw in (0, 77, 199):
+        day = (draws.times[draw][:, np.newaxis] * kept).sum(axis=0)
+        reached = np.concatenate([[0.0], np.cumsum(day)]) / day.sum()
+        edges_deg, error_deg = np.arange(1801) / 10, draws.error_deg[draw]
+        assert shares[draw, 0] == pytest.approx(np.interp(60.0 - error_deg, edges_deg, reached))
+        middle_deg = np.clip(percentiles_deg[draw, 0] - error_deg, 0, 180)
+        if 0 < percentiles_deg[draw, 0] < 180:
+            assert np.interp(middle_deg, edges_deg, reached) == pytest.approx(0.5)
+
+
+@given(SERIES, GAPS)
+@settings(deadline=None)
+def test_speeds_are_those_of_the_steps_sorted(series: NDArray[np.float64], gaps: list[int]) -> None:
+    elevation = elevate(series, rate_hz=2.0)
+    elevation.segments[0].valid[[gap for gap in gaps if gap < len(series)]] = False
+    valid = elevation.segments[0].valid
+    moved = valid[1:] & valid[:-1]
+    steps = (2.0 * np.abs(np.diff(series)))[moved]
+    if len(steps) == 0:
+        return
+
+    velocity = summarise_exposure(elevation).velocity_dps["inclination"]
+    assert velocity is not None
+    assert velocity.mean_dps == pytest.approx(np.mean(steps))
+    assert velocity.p50_dps == pytest.approx(np.percentile(steps, 50, method="inverted_cdf"), abs=0.011)
+    assert velocity.p90_dps == pytest.approx(np.percentile(steps, 90, method="inverted_cdf"), abs=0.011)

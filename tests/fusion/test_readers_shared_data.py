@@ -1,0 +1,70 @@
+"""Every file of the shared data: read, or refused for the right reason."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fusion.errors import FusionError
+from fusion.readers import read_recording
+
+SharedData = Callable[[str], Path]
+READ = {
+    "gt9x/link_imu_100hz_179s.gt3x": ("gt9x", 100.09, 179.0),
+    "gt9x/link_imu_100hz_179s_actilife.csv": ("gt9x", 100.0, 179.0),
+    "gt9x/link_imu_23s_excel_resaved.csv": ("gt9x", 100.0, 23.0),
+    "lsm9ds1/abc.dat": ("lsm9ds1", 14.54, 10.8),
+    "lsm9ds1/arduino_nano_hori.csv": ("lsm9ds1", 119.0, 98.0),
+    "lsm9ds1/calib1.dat": ("lsm9ds1", 14.54, 245.0),
+    "lsm9ds1/noise1.dat": ("lsm9ds1", 14.54, 276.1),
+    "lsm9ds1/stationary1.dat": ("lsm9ds1", 14.54, 287.3),
+    "lsm9ds1/stroke1.dat": ("lsm9ds1", 14.54, 7.0),
+    "other_layouts/xio3_microseconds.csv": ("other", 49.91, 10.0),
+    "other_layouts/xio_seconds_dps_g.csv": ("other", 100.0, 135.3),
+}
+"""Device, rate in Hz, seconds."""
+REFUSED = {
+    "calibration/example_ferraris_session.csv": "E-RATE",
+    "other_layouts/pololu_raw_ms.txt": "E-COLS",
+    "refuse/actilife_1s_counts.csv": "E-EPOCH",
+    "refuse/actilife_raw_accelerometer_only.csv": "E-NO-GYRO",
+    "upper_arm/full_body_example_data.mat": "E-TYPE",
+    "xsens/MT2022_ACC_00B42D4B.txt": "E-NO-GYRO",
+    "xsens/test_mocap.mvnx": "E-TYPE",
+}
+
+
+def refuse(path: Path) -> FusionError:
+    with path.open("rb") as file, pytest.raises(FusionError) as refusal:
+        read_recording(file)
+    return refusal.value
+
+
+@pytest.mark.real_recordings
+@pytest.mark.parametrize("name", READ)
+def test_a_recording_is_read(name: str, shared_data: SharedData) -> None:
+    with shared_data(name).open("rb") as file:
+        recording = read_recording(file)
+
+    device, rate_hz, recorded_s = READ[name]
+    assert recording.device == device
+    assert recording.rate_hz == pytest.approx(rate_hz, abs=0.01)
+    assert recording.duration_us / 1e6 == pytest.approx(recorded_s, abs=0.06)
+
+
+@pytest.mark.real_recordings
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_recording_is_refused_for_its_reason(name: str, shared_data: SharedData) -> None:
+    assert refuse(shared_data(name)).code == REFUSED[name]
+
+
+@pytest.mark.real_recordings
+@pytest.mark.parametrize(("files", "kind"), [("broad/*.npz", "NumPy (.npz)"), ("*/LICENSE*.txt", "text")])
+def test_numpy_archives_and_licences_are_called_what_they_are(
+    files: str, kind: str, shared_data: SharedData
+) -> None:
+    folder = shared_data("gt9x").parent
+
+    refusals = [refuse(path) for path in sorted(folder.glob(files))]
+
+    assert {(refusal.code, refusal.facts["kind"]) for refusal in refusals} == {("E-TYPE", kind)}

@@ -1,0 +1,64 @@
+"""The examples of ``docs/api.md`` are run, as they stand there, against a running server."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.main import create_app
+from app.settings import Settings
+from tests.ways_in.conftest import StartServer
+from tests.ways_in.servers import ROOT
+
+PAGE = (ROOT / "docs" / "api.md").read_text("utf-8")
+EXAMPLES = dict(re.findall(r"```(sh|python|r)\n(.*?)```", PAGE, re.DOTALL))
+
+
+@pytest.fixture
+def example_folder(start_server: StartServer, recording: Path, tmp_path: Path) -> Path:
+    """A folder with a recording, and the address of a server in a file."""
+    (tmp_path / "shift.gt3x").write_bytes(recording.read_bytes())
+    (tmp_path / "address").write_text(start_server().address.rstrip("/"))
+    return tmp_path
+
+
+def run(command: list[str], folder: Path) -> str:
+    environment = os.environ | {"ACROMION": (folder / "address").read_text()}
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    return ended.stdout
+
+
+def test_the_example_for_curl_gives_an_analysis(example_folder: Path) -> None:
+    run(["sh", "-c", EXAMPLES["sh"]], example_folder)
+
+    analysis = json.loads((example_folder / "analysis.json").read_text())
+    assert (analysis["file_name"], analysis["settings"]["subject"]) == ("shift.gt3x", "S012")
+
+
+def test_the_example_in_python_prints_the_time_above_60_degrees(example_folder: Path) -> None:
+    printed = run([sys.executable, "-c", EXAMPLES["python"]], example_folder)
+
+    assert "'threshold_deg': 60" in printed
+
+
+@pytest.mark.slow
+def test_the_example_in_r_prints_the_time_above_60_degrees(example_folder: Path) -> None:
+    if shutil.which("Rscript") is None:
+        pytest.skip("R is absent")
+
+    assert "[1]" in run(["Rscript", "-e", EXAMPLES["r"]], example_folder)
+
+
+def test_every_address_of_the_page_exists(tmp_path: Path) -> None:
+    known = create_app(Settings(data_dir=tmp_path)).openapi()["paths"]
+    patterns = [re.sub(r"\{[^}]+\}", "[^/]+", path.removeprefix("/api/v1")) + "$" for path in known]
+
+    asked = re.findall(r"(?:GET|PUT|POST|PATCH|DELETE) (/[\w/{}.]+)", PAGE)
+
+    assert asked
+    assert [path for path in asked if not any(re.match(pattern, path) for pattern in patterns)] == []

@@ -1,0 +1,55 @@
+"""Nothing that axe knows of keeps anyone from the report (WCAG 2.2 AA), in either language."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Literal
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser
+
+from app.report.before_after import build_comparison
+from app.report.both_arms import build_pair
+from app.report.content import build_report
+from app.report.findings import Kept
+from app.report.html import render_html
+from app.report.parts import Report
+from app.report.wording import LANGUAGES, Language
+from fusion.exposure.types import MinuteProfile
+from tests.app.analysis_factory import make_analysis, make_exposure, make_minutes, make_subject
+from tests.app.test_both_arms import make_pair
+
+pytestmark = pytest.mark.browser
+
+RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+
+
+def first_minutes(count: int = 5) -> MinuteProfile:
+    """A day of few rows: axe looks at every cell, and they are all alike."""
+    day = make_minutes()
+    return MinuteProfile(*(getattr(day, field.name)[:count] for field in fields(day)))
+
+
+KEPT = Kept(make_analysis(exposure=replace(make_exposure(), minutes=first_minutes())), make_subject())
+PAIR = replace(make_pair(), left=KEPT, right=KEPT)
+REPORTS: dict[str, Callable[[Language], Report]] = {
+    "one arm": lambda language: build_report(KEPT.findings, KEPT.subject, language),
+    "both arms": lambda language: build_pair(PAIR, language),
+    "before and after": lambda language: build_comparison(KEPT, KEPT, language),
+}
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1000), ("dark", 360)])
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("kind", REPORTS)
+def test_axe_finds_nothing(
+    kind: str, language: Language, scheme: Literal["light", "dark"], width: int, browser: Browser
+) -> None:
+    page = browser.new_page(color_scheme=scheme, viewport={"width": width, "height": 900}, bypass_csp=True)
+    page.set_content(render_html(REPORTS[kind](language)).decode())
+    page.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
+
+    found = Axe().run(page, options=RULES).response["violations"]
+
+    page.close()
+    assert [(item["id"], item["nodes"][0]["html"][:120]) for item in found] == []
