@@ -53,7 +53,12 @@ def fill_library(data: Path) -> None:
         rows.append({"id": recording, "sha256": "0" * 64, "size_bytes": 50_000_000, "state": "stored"} | name)
         rows[-1]["created_at"] = moment
         request = ReportRequest(name["file_name"], name["subject"])
-        job = {"id": analysis, "recording_id": recording, "request": request.to_json(), "way_in": "api"}
+        job: dict[str, object] = {
+            "id": analysis,
+            "recording_id": recording,
+            "request": request.to_json(),
+            "way_in": "api",
+        }
         job |= {"state": JobState.SUCCEEDED, "progress": 1.0, "attempts": 1, "beats": 1, "created_at": moment}
         jobs.append(job)
         verdict = ("good", "caution", "poor")[number % 3]

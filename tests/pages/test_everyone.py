@@ -26,6 +26,8 @@ PAGES = {
     "delete": "recordings/{recording}/delete",
     "pair": "beside/pair?first={left}&second={right}",
     "compare": "beside/compare?first={left}&second={right}",
+    "columns": "analyses/{unknown}/columns",
+    "failed": "analyses/{unknown}",
     "absent": "analyses/an_none",
 }
 
@@ -54,10 +56,20 @@ LOOKS = [
 
 
 @pytest.fixture(scope="session")
-def addresses(server: RunningServer, right: str, left: str) -> dict[str, str]:
+def unknown(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a failed analysis: a table whose columns nobody knows."""
+    table = tmp_path_factory.mktemp("unknown") / "unknown.csv"
+    table.write_text("".join(f"{10 * k};0.0{k % 9};0.0;1.0;0.1;0.2;0.3\n" for k in range(300)))
+    job = server.send(table)
+    assert server.see(job["id"], wait=60)["state"] == "failed"
+    return str(job["id"])
+
+
+@pytest.fixture(scope="session")
+def addresses(server: RunningServer, right: str, left: str, unknown: str) -> dict[str, str]:
     """Every page by its name."""
     recording = server.see(right)["recording_id"]
-    found = {"right": right, "left": left, "recording": recording}
+    found = {"right": right, "left": left, "recording": recording, "unknown": unknown}
     return {name: server.address + path.format_map(found) for name, path in PAGES.items()}
 
 
