@@ -1,4 +1,4 @@
-"""The pages in Chromium: pan and zoom on a day of 14.4 million samples, a library of 10,000 recordings.
+"""The pages in Chromium: pan and zoom on a day of 14.4 million samples, 10,000 recordings, an upload of 300 MB.
 
     python -m benchmarks.pages
 
@@ -29,6 +29,7 @@ from tests.ways_in.servers import RunningServer
 ROWS, RATE_HZ = 14_400_000, 500.0
 LIBRARY = 10_000
 STEPS = 60
+UPLOAD_BYTES = 300_000_000
 TIMINGS = """performance.getEntriesByType("resource")
   .filter((entry) => entry.name.includes("/curve?")).map((entry) => entry.duration)"""
 
@@ -93,6 +94,31 @@ def measure_library(browser: Browser, address: str) -> None:
     tell(f"first page with {LIBRARY} recordings, to interactive", taken)
 
 
+def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> None:
+    """Set the page's upload beside one raw PUT of as many bytes to the same server."""
+    taken: dict[str, list[float]] = {"page": [], "put": []}
+    for number in range(3):
+        by_page, by_put = (folder / f"{way}_{number}.csv" for way in taken)
+        for path in (by_page, by_put):
+            path.write_bytes(os.urandom(UPLOAD_BYTES))
+        page = browser.new_page()
+        page.goto(running.address)
+        began_s = time.perf_counter()
+        with page.expect_response(lambda answer: "acromion-recording" in answer.headers, timeout=120_000):
+            page.set_input_files("#files", by_page)
+        taken["page"].append(time.perf_counter() - began_s)
+        page.close()
+        began_s = time.perf_counter()
+        with by_put.open("rb") as file:
+            running.client.post("/api/v1/recordings", content=file)
+        taken["put"].append(time.perf_counter() - began_s)
+        for path in (by_page, by_put):
+            path.unlink()
+    speed = {way: UPLOAD_BYTES / 1e6 / statistics.median(seconds) for way, seconds in taken.items()}
+    share = 100 * speed["page"] / speed["put"]
+    print(f"upload of 300 MB: page {speed['page']:.0f} MB/s, raw {speed['put']:.0f} MB/s, {share:.0f} %")
+
+
 def tell(name: str, taken_ms: list[float]) -> None:
     ordered = sorted(taken_ms)
     p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
@@ -115,6 +141,7 @@ def main() -> None:
             browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
             measure_curve(browser.new_page(), f"{running.address}analyses/{job['id']}?lang=en")
             measure_library(browser, running.address)
+            measure_upload(browser, running, folder)
             browser.close()
         finally:
             running.stop()
