@@ -1,4 +1,4 @@
-"""The pages in Chromium: pan and zoom on a day of 14.4 million samples, 10,000 recordings, an upload of 300 MB.
+"""The pages in Chromium: a day of 14.4 million samples, 10,000 recordings, an upload of 300 MB.
 
     python -m benchmarks.pages
 
