@@ -16,6 +16,9 @@ from fusion.quality import propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.head import inspect_head
 from fusion.readers.inspection import inspect_recording
+from fusion.readers.profile_proposal import propose_profile
+from fusion.readers.source import open_source
+from fusion.readers.unpacking import unpack
 from fusion.recording import MICROSECONDS, QualityFlag
 
 _MOST_LINES = 10
@@ -128,3 +131,17 @@ def _tell_proposal(proposal: Mapping[str, float], words: Words, language: Langua
         "score": format_number(proposal["score"], 2, language),
     }
     return fill(words["proposal"], facts)
+
+
+def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write ``columns.json``: what a table's columns are called, its first rows, and what they may be.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        When it is no table of numbers.
+    """
+    on_stage("reading", 0.0)
+    with log.open("rb") as file:
+        head = unpack(open_source(file, request.file_name, is_hashed=False)).head
+    (out / "columns.json").write_text(json.dumps(asdict(propose_profile(head))), "utf-8")

@@ -54,6 +54,7 @@ from app.version import software_version
 from app.web.assets import FOLDER, Assets, find_assets
 from app.web.assets import router as asset_routes
 from app.web.beside_routes import router as beside_routes
+from app.web.column_routes import router as column_routes
 from app.web.day_routes import router as day_routes
 from app.web.help_routes import router as help_routes
 from app.web.library_routes import router as library_routes
@@ -74,7 +75,16 @@ ROUTES = (
     about_routes,
     metrics_routes,
 )
-PAGES = (page_routes, day_routes, library_routes, beside_routes, help_routes, asset_routes, validation_pages)
+PAGES = (
+    page_routes,
+    day_routes,
+    library_routes,
+    beside_routes,
+    column_routes,
+    help_routes,
+    asset_routes,
+    validation_pages,
+)
 MAX_HEADER_BYTES = 64 * 1024
 GRACE_S = 3
 FULL_DISK = ("disk is full", "No space left")  # SQLite's words, and PostgreSQL's

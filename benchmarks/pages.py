@@ -1,4 +1,4 @@
-"""The pages in Chromium: pan and zoom on a day of 14.4 million samples, a library of 10,000 recordings.
+"""The pages in Chromium: a day of 14.4 million samples, 10,000 recordings, an upload of 300 MB.
 
     python -m benchmarks.pages
 
@@ -29,6 +29,7 @@ from tests.ways_in.servers import RunningServer
 ROWS, RATE_HZ = 14_400_000, 500.0
 LIBRARY = 10_000
 STEPS = 60
+UPLOAD_BYTES = 300_000_000
 TIMINGS = """performance.getEntriesByType("resource")
   .filter((entry) => entry.name.includes("/curve?")).map((entry) => entry.duration)"""
 
@@ -50,26 +51,16 @@ def fill_library(data: Path) -> None:
             f"2026-{number % 12 + 1:02d}-{number % 28 + 1:02d}T07:00:{number % 60:02d}.{number:06d}+00:00"
         )
         name = {"file_name": f"shift_{number}.gt3x", "subject": f"S{number % 500:03d}"}
-        rows.append(
-            {
-                "id": recording,
-                "sha256": "0" * 64,
-                "size_bytes": 50_000_000,
-                "state": "stored",
-                "created_at": moment,
-                **name,
-            }
-        )
+        rows.append({"id": recording, "sha256": "0" * 64, "size_bytes": 50_000_000, "state": "stored"} | name)
+        rows[-1]["created_at"] = moment
         request = ReportRequest(name["file_name"], name["subject"])
-        job: dict[str, object] = {"id": analysis, "recording_id": recording, "way_in": "api"}
-        job |= {
+        job: dict[str, object] = {
+            "id": analysis,
+            "recording_id": recording,
             "request": request.to_json(),
-            "state": JobState.SUCCEEDED,
-            "progress": 1.0,
-            "attempts": 1,
-            "beats": 1,
-            "created_at": moment,
+            "way_in": "api",
         }
+        job |= {"state": JobState.SUCCEEDED, "progress": 1.0, "attempts": 1, "beats": 1, "created_at": moment}
         jobs.append(job)
         verdict = ("good", "caution", "poor")[number % 3]
         told.append({"analysis_id": analysis, "verdict": verdict, "start": moment[:19]})
@@ -103,6 +94,31 @@ def measure_library(browser: Browser, address: str) -> None:
     tell(f"first page with {LIBRARY} recordings, to interactive", taken)
 
 
+def measure_upload(browser: Browser, running: RunningServer, folder: Path) -> None:
+    """Set the page's upload beside one raw PUT of as many bytes to the same server."""
+    taken: dict[str, list[float]] = {"page": [], "put": []}
+    for number in range(3):
+        by_page, by_put = (folder / f"{way}_{number}.csv" for way in taken)
+        for path in (by_page, by_put):
+            path.write_bytes(os.urandom(UPLOAD_BYTES))
+        page = browser.new_page()
+        page.goto(running.address)
+        began_s = time.perf_counter()
+        with page.expect_response(lambda answer: "acromion-recording" in answer.headers, timeout=120_000):
+            page.set_input_files("#files", by_page)
+        taken["page"].append(time.perf_counter() - began_s)
+        page.close()
+        began_s = time.perf_counter()
+        with by_put.open("rb") as file:
+            running.client.post("/api/v1/recordings", content=file)
+        taken["put"].append(time.perf_counter() - began_s)
+        for path in (by_page, by_put):
+            path.unlink()
+    speed = {way: UPLOAD_BYTES / 1e6 / statistics.median(seconds) for way, seconds in taken.items()}
+    share = 100 * speed["page"] / speed["put"]
+    print(f"upload of 300 MB: page {speed['page']:.0f} MB/s, raw {speed['put']:.0f} MB/s, {share:.0f} %")
+
+
 def tell(name: str, taken_ms: list[float]) -> None:
     ordered = sorted(taken_ms)
     p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
@@ -125,6 +141,7 @@ def main() -> None:
             browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
             measure_curve(browser.new_page(), f"{running.address}analyses/{job['id']}?lang=en")
             measure_library(browser, running.address)
+            measure_upload(browser, running, folder)
             browser.close()
         finally:
             running.stop()

@@ -36,6 +36,11 @@ def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage
     importlib.import_module("app.comparing").write_elevation_csv(log, request, out, on_stage)
 
 
+def load_and_propose_columns(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Look at the head of a table for what its columns may be."""
+    importlib.import_module("app.inspection").write_column_proposal(log, request, out, on_stage)
+
+
 @dataclass(frozen=True, slots=True)
 class Inspector:
     """Looks at a few recordings at once; whoever comes later waits."""
@@ -75,6 +80,15 @@ class Inspector:
         RecordedProblem
         """
         return _read(self._run_on(head, request, self.inspect_head, "inspection.json"))
+
+    def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+        """Say what the columns of a table are called and what they may be.
+
+        Raises
+        ------
+        RecordedProblem
+        """
+        return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
 
     def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
         """Compare two results documents."""

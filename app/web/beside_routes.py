@@ -35,17 +35,17 @@ Asked = Annotated[BesideRequest, Depends(read_asked)]
 def show_beside(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show two analyses side by side; for a pair, with the offset of the clocks to correct."""
     folder = set_beside(services, asked)
-    figures = read_figures(folder, asked.kind)
+    figures, b = read_figures(folder, asked.kind), load_wording(language, "beside_page")
     values: dict[str, Any] = {
         "kind": asked.kind,
         "first": asked.first,
         "second": asked.second,
         "figures": figures,
         "sentences": read_sentences(folder, language),
-        "differences": [name for name in figures.get("differences", ()) if name in SETTINGS],
+        "differences": [b["difference"][name] for name in figures.get("differences", ()) if name in SETTINGS],
         "offset": "" if asked.offset_s is None else f"{asked.offset_s:g}",
         "names": load_beside_words(language)["compare"]["table"]["figure"],
-        "b": load_wording(language, "beside_page"),
+        "b": b,
     }
     return show_page(request, "beside.html", language, values)
 

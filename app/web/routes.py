@@ -15,6 +15,9 @@ from app.web.library_views import find_neighbours, show_entry, show_library
 from app.web.rendering import find_base, show_page
 from app.web.views import format_size, now_utc, show_row, show_settings
 
+ASK_COLUMNS = frozenset({"E-COLS", "E-RATE", "E-SCALE", "E-TIME", "E-TYPE", "E-PROFILE"})
+"""Refusals that a person may cure by saying what the columns are."""
+
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
 
@@ -57,6 +60,8 @@ def analysis(
         "job_request": job.request,
         "d": load_wording(language, "day"),
         "b": load_wording(language, "beside_page"),
+        "c": load_wording(language, "columns"),
+        "asks_columns": job.problem_code in ASK_COLUMNS,
         "changes": show_changes(services, job, before, language),
         "recording_id": job.recording_id,
         **find_neighbours(services, request, job),

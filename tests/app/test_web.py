@@ -192,7 +192,7 @@ def test_no_page_names_another_host(client: TestClient) -> None:
     assert all(address.startswith("http://localhost:8080") for address in addresses)
 
 
-@pytest.mark.parametrize("name", ["page", "day", "help"])
+@pytest.mark.parametrize("name", ["page", "day", "help", "beside_page", "columns"])
 def test_both_languages_have_the_same_words(name: str) -> None:
     assert list_keys(load_wording("en", name)) == list_keys(load_wording("fr", name))
 

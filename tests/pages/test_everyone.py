@@ -26,6 +26,8 @@ PAGES = {
     "delete": "recordings/{recording}/delete",
     "pair": "beside/pair?first={left}&second={right}",
     "compare": "beside/compare?first={left}&second={right}",
+    "columns": "analyses/{unknown}/columns",
+    "failed": "analyses/{unknown}",
     "absent": "analyses/an_none",
 }
 
@@ -54,10 +56,20 @@ LOOKS = [
 
 
 @pytest.fixture(scope="session")
-def addresses(server: RunningServer, right: str, left: str) -> dict[str, str]:
+def unknown(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a failed analysis: a table whose columns nobody knows."""
+    table = tmp_path_factory.mktemp("unknown") / "unknown.csv"
+    table.write_text("".join(f"{10 * k};0.0{k % 9};0.0;1.0;0.1;0.2;0.3\n" for k in range(300)))
+    job = server.send(table)
+    assert server.see(job["id"], wait=60)["state"] == "failed"
+    return str(job["id"])
+
+
+@pytest.fixture(scope="session")
+def addresses(server: RunningServer, right: str, left: str, unknown: str) -> dict[str, str]:
     """Every page by its name."""
     recording = server.see(right)["recording_id"]
-    found = {"right": right, "left": left, "recording": recording}
+    found = {"right": right, "left": left, "recording": recording, "unknown": unknown}
     return {name: server.address + path.format_map(found) for name, path in PAGES.items()}
 
 
@@ -71,13 +83,14 @@ def test_every_page_fits_and_has_no_barrier(
     found = {}
 
     for name, address in addresses.items():
-        page.goto(f"{address}{'&' if '?' in address else '?'}lang={look.language}")
+        answer = page.goto(f"{address}{'&' if '?' in address else '?'}lang={look.language}")
+        assert answer is not None
+        assert answer.status == (404 if name == "absent" else 200), name
         if name == "analysis":
             wait_for_curve(page)
         file = f"{name}-{look.language}-{look.scheme}-{look.width}.png"
         page.screenshot(path=screenshots / file, full_page=True)
-        violations = Axe().run(page, options=RULES).response["violations"]
-        found[name] = [f"{v['id']}: {v['nodes'][0]['html'][:120]}" for v in violations]
+        found[name] = list_barriers(page) if look.language == "en" else []
         if page.evaluate("document.documentElement.scrollWidth") > look.width:
             found[name].append("wider than the screen")
 
@@ -111,6 +124,12 @@ def test_the_whole_way_is_gone_by_the_keyboard(
 def find_fact(page: Page, name: str) -> Locator:
     """The value that stands behind a name."""
     return page.locator(".facts div", has_text=name).locator("dd").first
+
+
+def list_barriers(page: Page) -> list[str]:
+    """Give what axe finds, each by its rule and the first element; the language makes no difference to it."""
+    violations = Axe().run(page, options=RULES).response["violations"]
+    return [f"{found['id']}: {found['nodes'][0]['html'][:120]}" for found in violations]
 
 
 def press_until(page: Page, condition: str) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
+from fusion.simulation import write_recordings
 from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home
 from tests.ways_in.servers import RunningServer
 
@@ -110,3 +111,27 @@ def test_an_address_that_is_not_there_says_so_and_leads_back(page: Page, server:
 
     expect(page.get_by_role("heading", level=1)).to_be_visible()
     expect(page.get_by_role("link", name="Back to all recordings")).to_be_visible()
+
+
+def test_a_person_says_what_the_columns_of_an_unknown_table_are(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    table = write_recordings(tmp_path, "lsm9ds1", 0.03, 41, 100.0)[0]
+    lines = table.read_text().splitlines()
+    first = next(number for number, line in enumerate(lines) if line[:1].isdigit())
+    strange = tmp_path / "strange.csv"
+    names = ";".join(f"c{number}" for number in range(lines[first].count(",") + 1))
+    strange.write_text("\n".join([names, *(line.replace(",", ";") for line in lines[first:])]))
+    job = server.send(strange)
+    assert server.see(job["id"], wait=60)["state"] == "failed"
+    page.goto(f"{server.address}analyses/{job['id']}?lang=en")
+
+    page.get_by_role("link", name="Say what the columns are").click()
+    expect(page.get_by_role("cell").first).to_be_visible()
+    for number, name in enumerate(("acceleration", "angular_rate")):
+        for axis, letter in enumerate("xyz"):
+            page.locator(f"[name={name}_{letter}]").select_option(str(2 + 3 * number + axis))
+    page.locator("[name=time]").select_option("1")
+    page.get_by_role("button", name="Analyse with these columns").click()
+
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)

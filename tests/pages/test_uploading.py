@@ -108,9 +108,9 @@ def test_after_a_reload_the_same_file_goes_on_where_it_stopped(
     page.set_input_files("#files", file)
     page.wait_for_function("() => patches.length > 1")
 
-    page.unroute("**/api/v1/uploads/*")
     page.reload()
     expect(page.locator("#interrupted")).to_contain_text("reload.csv")
+    page.unroute("**/api/v1/uploads/*")
     page.set_input_files("#files", file)
 
     expect(find_row(page, "reload.csv")).to_be_visible(timeout=END_MS)
@@ -205,7 +205,7 @@ def test_the_first_bytes_say_what_the_file_is(
     page.set_input_files("#files", file)
 
     told = find_upload(page, "told.gt3x").locator(".understood")
-    expect(told).to_have_text("ActiGraph GT9X Link · 100 Hz · 2026-03-02 07:00 (UTC-05:00)")
+    expect(told).to_have_text("ActiGraph GT9X Link · 100 Hz · 2026-03-02 07:00")
     find_upload(page, "told.gt3x").get_by_role("button", name="Cancel").click()
 
 
@@ -230,9 +230,8 @@ def test_two_bars_and_a_stage_show_how_far_it_is(page: Page, server: RunningServ
 
     page.set_input_files("#files", file)
 
-    expect(page.locator(".row", has_text="bars.gt3x").locator("progress").first).to_be_visible()
+    expect(page).to_have_title(re.compile(r"\(\d+/\d+\) Acromion"))
     expect(page.locator(".row", has_text="bars.gt3x").locator("progress")).to_have_count(2)
-    expect(page).to_have_title("(0/1) Acromion")
     wait_for_end(page, "bars.gt3x")
     expect(page).to_have_title("Acromion")
 

@@ -110,7 +110,8 @@ export class Queue {
     const page = this.api.replace(/\/api\/v1$/, "") + `/analyses/${id}`;
     entry.row.duplicate({ page, when: when.slice(0, 10) }, async () => {
       const { subject, side } = entry.row.wishes();
-      const settings = { lang: document.documentElement.lang, subject, side: side || null };
+      const said = Object.entries({ subject, side }).filter(([, value]) => value); // the rest is as it was
+      const settings = { lang: document.documentElement.lang, ...Object.fromEntries(said) };
       await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true });
       this.added(entry);
     });

@@ -1,0 +1,76 @@
+"""Moments as people type them on the page: what is written is read again, what cannot be is refused."""
+
+from datetime import datetime, timedelta, timezone
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.errors import BadParameter
+from app.request import ReportRequest
+from app.web.clock_times import DayClock, place_rows
+from app.web.corrections import correct_request, read_rows, write_csv
+from fusion.diary import read_diary
+
+START = datetime(2026, 3, 2, 22, tzinfo=timezone(timedelta(hours=-5)))
+NIGHT = DayClock(START, 8 * 3600 * 1_000_000)
+TWO_DAYS = DayClock(START, 48 * 3600 * 1_000_000)
+WITHOUT = DayClock(None, 3600 * 1_000_000)
+FORM = {"pose": ["n-pose"], "side": ["left"], "subject": ["S012"]}
+
+
+@given(st.integers(0, 359_999))
+def test_a_moment_that_was_written_is_read_again(hundredths: int) -> None:
+    second = hundredths / 100
+
+    for clock in (NIGHT, TWO_DAYS, WITHOUT):
+        assert clock.read(clock.tell(second), "window") == pytest.approx(second, abs=0.006)
+
+
+def test_after_midnight_an_hour_is_of_the_next_day() -> None:
+    assert NIGHT.read("01:30:00", "window") == 3.5 * 3600
+
+
+def test_where_an_hour_may_mean_two_days_the_date_is_written() -> None:
+    assert TWO_DAYS.tell(0.0) == "2026-03-02 22:00:00"
+
+
+@pytest.mark.parametrize("text", ["", "soon", "12:00:00", "25:00", "<b>", "07;08"])
+def test_what_is_no_moment_of_the_recording_is_refused_with_what_is(text: str) -> None:
+    with pytest.raises(BadParameter) as refusal:
+        NIGHT.read(text, "window")
+
+    assert refusal.value.facts["allowed"] == "22:00:00 … 06:00:00"
+
+
+def test_a_form_becomes_the_request_of_the_next_analysis() -> None:
+    rows = {
+        "start": ["23:00:00", ""],
+        "end": ["23:15:00", ""],
+        "kind": ["break", "task"],
+        "label": ["tea", ""],
+    }
+    form = FORM | rows | {"window_start": ["22:00:05"], "window_end": ["22:00:12,5"]}
+
+    request = correct_request(ReportRequest("a.gt3x", rate_hz=100.0), form, NIGHT)
+
+    assert (request.subject, request.side, request.rate_hz) == ("S012", "left", 100.0)
+    assert request.calibration_windows_s == ((5.0, 12.5),)
+    assert [(entry.kind, entry.label) for entry in request.diary] == [("break", "tea")]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"pose": ["handstand"]}, {"side": ["middle"]}, {"subject": ["\x00"]}, {"pose": ["two-point"]}]
+)
+def test_what_cannot_be_is_refused(wrong: dict[str, list[str]]) -> None:
+    with pytest.raises(BadParameter):
+        correct_request(ReportRequest("a.gt3x"), FORM | wrong, NIGHT)
+
+
+def test_rows_that_were_exported_are_imported_alike() -> None:
+    form = {"start": ["22:30:00"], "end": ["22:45:00"], "kind": ["task"], "label": ['shelves; "high"']}
+    rows = place_rows(read_rows(form), NIGHT)
+
+    body = write_csv([(row["start"], row["end"], row["kind"], row["label"]) for row in rows])
+
+    assert place_rows(read_diary(body), NIGHT) == rows
