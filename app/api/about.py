@@ -95,11 +95,12 @@ class ComparisonQuery(BaseModel):
 def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Query()]) -> ComparisonView:
     """Set one finished analysis beside another, and name the settings that differ."""
     before, after = (services.store.get(analysis_id) for analysis_id in asked.analysis)
-    results = [read_result(services, job, "results.json") for job in (before, after)]
-    compared = services.inspector.compare(*results)
+    findings = [read_result(services, job, "findings.json") for job in (before, after)]
+    compared = services.inspector.compare(*findings)
     first, second = view_settings(before.request), view_settings(after.request)
     differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
-    return ComparisonView(before=before.id, after=after.id, settings=differing, **compared)
+    told = {name: compared[name] for name in ("figures", "differences", "source")}
+    return ComparisonView(before=before.id, after=after.id, settings=differing, **told)
 
 
 @router.get("/formats")

@@ -24,6 +24,7 @@ MEDIA_TYPES: Mapping[str, str] = {
     "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
     "zip": "application/zip",
     "gz": "application/gzip",
+    "yaml": "application/yaml",
 }
 FOR_EVER = "private, max-age=31536000, immutable"
 """What is published for an analysis never changes: another attempt is another analysis."""

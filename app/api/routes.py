@@ -19,6 +19,7 @@ from app.api.schemas import (
 )
 from app.api.services import Services, UsedLanguage, UsedServices
 from app.api.waiting import LONGEST_WAIT_S, wait_for_end
+from app.batch.settings_file import encode_settings
 from app.day_file import NAME as DAY_NAME
 from app.jobs.job import Job, JobState
 from app.jobs.recordings import Place
@@ -114,6 +115,13 @@ def get_periods_table(analysis_id: str, request: Request, services: UsedServices
     job = services.store.get(analysis_id)
     rows = list_periods(json.loads(read_result(services, job, "results.json")))
     return serve_bytes(request, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
+
+
+@router.get("/analyses/{analysis_id}/settings.yaml", response_class=Response)
+def get_settings_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """What was asked, as ``acromion run --config`` takes it."""
+    job = services.store.get(analysis_id)
+    return serve_bytes(request, job, "settings.yaml", encode_settings(job.request))
 
 
 @router.get("/analyses/{analysis_id}/elevation.csv.gz", response_class=FileResponse)

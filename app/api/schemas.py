@@ -27,6 +27,7 @@ RESULT_NAMES = (
     "redcap_import.csv",
     "redcap_dictionary.csv",
     "fhir.json",
+    "settings.yaml",
     "bundle.zip",
 )
 

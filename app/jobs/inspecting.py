@@ -91,7 +91,7 @@ class Inspector:
         return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
 
     def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
-        """Compare two results documents."""
+        """Compare what two analyses found."""
         both = b"[" + before + b"," + after + b"]"
         return _read(self._run_on(both, ReportRequest(""), load_and_compare, "comparison.json"))
 
