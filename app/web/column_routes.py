@@ -12,6 +12,7 @@ from fastapi.responses import RedirectResponse
 from app.api.services import UsedLanguage, UsedServices
 from app.errors import BadParameter
 from app.report.wording import load_wording
+from app.storage import borrow_recording
 from app.web.forms import Form, first, read_form
 from app.web.rendering import find_base, show_page
 
@@ -43,7 +44,8 @@ def ask_columns(
 ) -> Response:
     """Ask which column is what, with the first rows and what their names tell."""
     job = services.store.get(analysis_id)
-    found = services.inspector.propose_columns(services.storage.recording(job.recording_id), job.request)
+    with borrow_recording(services.storage, job.recording_id) as log:
+        found = services.inspector.propose_columns(log, job.request)
     values = {
         "job": job,
         "found": found,
