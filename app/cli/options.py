@@ -25,6 +25,7 @@ from app.request import (
 from fusion.choices import Side
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import FusionError
+from fusion.task_windows import TaskWindow, read_tasks
 
 T = TypeVar("T")
 
@@ -69,6 +70,11 @@ def read_list_file(path: Path | None, language: Language) -> list[Path]:
     if path == Path("-"):
         return _take_file(path, language, [], lambda _: read_list(sys.stdin.read(), Path()))
     return _take_file(path, language, [], lambda file: read_list(file.read_text("utf-8-sig"), file.parent))
+
+
+def read_tasks_file(path: Path | None, language: Language) -> tuple[TaskWindow, ...]:
+    """Read the tasks of a comparison."""
+    return _take_file(path, language, (), lambda file: read_tasks(file.read_bytes()))
 
 
 def _parse_profile(file: Path) -> str:
