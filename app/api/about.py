@@ -13,8 +13,9 @@ from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
 from app.api.results import read_result
 from app.api.schemas import view_settings
 from app.api.services import UsedLanguage, UsedServices
-from app.errors import NotHere, list_refusals
+from app.errors import NotHere
 from app.formats import FORMATS
+from app.outcomes import list_refusals
 from app.report.dictionary import list_dictionary
 from app.report.wording import Language
 from app.version import software_revision, software_version

@@ -14,15 +14,8 @@ from starlette.exceptions import HTTPException
 
 from app.api.parameters import AnalyzeParameters
 from app.api.services import choose_language
-from app.errors import (
-    AppError,
-    BadParameter,
-    InternalError,
-    NotHere,
-    RecordedProblem,
-    WrongVerb,
-    find_outcome_of_code,
-)
+from app.errors import AppError, BadParameter, InternalError, NotHere, RecordedProblem, WrongVerb
+from app.outcomes import find_outcome_of_code
 from app.report.messages import describe_problem
 from app.report.wording import Language
 from fusion.errors import Fact, FusionError

@@ -18,7 +18,7 @@ from app.cli.options import (
     take_subject,
 )
 from app.cli.said import Exit, print_problem
-from app.errors import find_outcome
+from app.outcomes import find_outcome
 from app.request import Language, Reference, ReportRequest
 from fusion.choices import MethodName, Pose, Side
 from fusion.errors import FusionError

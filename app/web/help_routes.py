@@ -10,9 +10,10 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
 from app.api.services import Services, UsedLanguage, UsedServices
-from app.errors import NotHere, find_outcome_of_code, list_refusals
+from app.errors import NotHere
 from app.intake import Intake
 from app.jobs.job import Job
+from app.outcomes import find_outcome_of_code, list_refusals
 from app.report.messages import describe_problem
 from app.report.wording import Language, load_wording
 from app.request import ReportRequest

@@ -5,9 +5,9 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 
 from app.api.problems import Refusal
 from app.api.services import UsedLanguage, UsedServices, choose_language
-from app.errors import find_outcome_of_code
 from app.jobs.job import JobState
 from app.jobs.library import Entry
+from app.outcomes import find_outcome_of_code
 from app.report.messages import describe_problem
 from app.report.wording import load_wording
 from app.web.answers import read_answer, show_changes

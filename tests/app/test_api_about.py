@@ -10,8 +10,8 @@ from starlette.requests import Request
 
 from app.api.housekeeping import grow_older
 from app.api.services import Services, find_services
-from app.errors import list_refusals
 from app.formats import FORMATS
+from app.outcomes import list_refusals
 from fusion.readers import READERS
 
 TUS = {"tus-resumable": "1.0.0", "upload-length": "3"}
