@@ -108,7 +108,9 @@ def _tell_ranges(
 def _tell_end(value: float, name: str, language: Language) -> str:
     if name.endswith("_per_h"):
         return format_rate(value, language)
-    return format_duration(value, language) if name.endswith("_s") else format_number(value, 1, language)
+    if name.endswith("_s"):
+        return format_duration(value, language)
+    return format_number(value, 0 if value >= 99.95 else 1, language)  # a wide range stays on its line
 
 
 def _tabulate_cycles(exposure: Exposure, entry: Words, language: Language) -> Table:
