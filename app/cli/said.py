@@ -93,7 +93,7 @@ def _count(progress: Progress, language: Language) -> str:
     words = load_wording(language, "run")["outcome"]
     left = format_duration(progress.left_s, language) if progress.left_s else ""
     facts = {"done": str(progress.done), "all": str(progress.all), "time": left}
-    return fill(words["counter"], facts) + " "
+    return f"[{fill(words['counter'], facts)}] "
 
 
 def tell_problem(outcome: Outcome, _progress: Progress) -> None:

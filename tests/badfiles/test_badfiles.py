@@ -83,7 +83,7 @@ def test_the_command_line_names_every_refusal(
         path.write_bytes(content_of(bad))
 
     ended = CliRunner().invoke(
-        app, ["run", *map(str, paths), "-o", str(tmp_path / "out"), "--lang", language]
+        app, ["run", *map(str, paths), "-o", str(tmp_path / "out"), "--lang", language, "-j", "1"]
     )
 
     told = [line.split(": ", 1)[1] for line in ended.stderr.splitlines() if line.startswith("[")]
