@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import WrongScale
-from fusion.recording import QualityFlag, Recording, Segment
+from fusion.errors import TooShort, WrongScale
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
 from fusion.still_pairs import StillPair, find_still_pairs, moving_mean, probe_blocks, score_factor
 
 STANDARD_GRAVITY = 9.80665
@@ -33,6 +33,7 @@ ARDUINO_DPS = 2000.0 / 32768.0
 ARDUINO_FACTOR = 0.07 / ARDUINO_DPS
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
+SHORTEST_S = 1.0
 MIN_PAIRS = 20
 CLEAR_RATIO = 0.6
 WRONG_AXES, RIGHT_AXES = 0.5, 0.15
@@ -55,6 +56,8 @@ def check_physics(recording: Recording) -> Recording:
     ------
     WrongScale
         At rest the accelerometer reads something that no known unit makes 1 g.
+    TooShort
+        Less than a second, which tells nothing of a unit.
     """
     checked = _check_gravity(recording)
     if recording.device == "gt9x":
@@ -96,6 +99,9 @@ def _check_gravity(recording: Recording) -> Recording:
         return recording
     factor = _find_acc_factor(rest, unit, tolerance, is_still=is_still)
     if factor is None:
+        present_s = sum(segment.duration_us for segment in recording.segments) / MICROSECONDS
+        if present_s < SHORTEST_S:
+            raise TooShort(s=present_s)
         raise WrongScale(g=round(rest, 3))
     scaled = scale_recording(recording, acc_factor=factor)
     if unit == "registers":

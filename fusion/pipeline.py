@@ -36,6 +36,8 @@ Step = Literal["checking", "calibrating", "fusing", "counting"]
 
 POSE_SIGMA_DEG = 3.0
 """How well a held pose ties the sensor to the arm, one standard deviation."""
+UNHELD_SIGMA_DEG = 6.0
+"""The same where no pose was held for 5 s (W-NO-STILL). Ours, for want of a study: twice the figure above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,7 @@ def analyse(
         recording.start,
         recording,
         samples.calibration.still.gyro_bias_dps,
-        math.hypot(POSE_SIGMA_DEG, elevation.bias_sigma_deg or 0.0),
+        math.hypot(_doubt_pose(samples), elevation.bias_sigma_deg or 0.0),
         division=day.division,
     )
     time = _account(recording, day, exposure)
@@ -129,6 +131,11 @@ def analyse(
     return Analysis(
         recording, settings, samples.calibration, elevation, day.exclusions, time, exposure, quality
     )
+
+
+def _doubt_pose(samples: CalibratedSamples) -> float:
+    is_held = all(flag.code != "W-NO-STILL" for flag in samples.flags)
+    return POSE_SIGMA_DEG if is_held else UNHELD_SIGMA_DEG
 
 
 def fuse_recording(

@@ -76,6 +76,16 @@ def _counts(row: list[float]) -> list[int]:
     return [round(value / 0.000244) for value in row[:3]]
 
 
+def packets() -> bytes:
+    """MT Manager's export: packets are numbered, the number starts over, nothing tells the time."""
+    names = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n"
+    rows = (
+        f"{(65_500 + k) % 65_536:05d}\t\t" + "\t".join(f"{v:.6f}" for v in row)
+        for k, row in enumerate(motion())
+    )
+    return ("// Update Rate: 100.0Hz\n" + names + "\n".join(rows) + "\n").encode()
+
+
 def device_log() -> bytes:
     """log.bin with a sleep of three seconds and a dock event."""
     awake = log_of([*range(8), *range(11, 15)])
@@ -113,6 +123,7 @@ SEEDS = {
     "CSV with ; and decimal comma": semicolon(),
     "LSM9DS1 registers, binary": registers_binary(),
     "LSM9DS1 registers, text": registers_text(),
+    "MT Manager, numbered packets": packets(),
     "CSV, gzip": canonical(),
     "CSV, gzip, packed bytes": gzip.compress(canonical(), 6, mtime=0),
     "CSV in zip": canonical(),

@@ -19,7 +19,8 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
     """Put recordings of one device one after the other by its clock.
 
     Their order does not matter. The same file given twice counts once. At a seam up to 2 s of the later file
-    are dropped where the earlier one still runs (W-DUP). What lies between is missing (W-GAP).
+    are dropped where the earlier one still runs (W-DUP). What lies between is missing (W-GAP). Where the
+    offset to UTC changed between two files, hours are told in that of the first (W-DST).
 
     Raises
     ------
@@ -30,7 +31,9 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
     starts = [_start_of(recording) for recording in ordered]
     joined = ordered[0]
     for recording, start in zip(ordered[1:], starts[1:], strict=True):
-        joined = _append(joined, recording, round((start - starts[0]) / timedelta(microseconds=1)))
+        offset_us = round((start - starts[0]) / timedelta(microseconds=1))
+        joined = _append(joined, recording, offset_us)
+        joined = replace(joined, flags=(*joined.flags, *_flag_change(starts[0], start, offset_us)))
     hashes = "\n".join(recording.sha256 for recording in ordered)
     return flag_days(
         replace(
@@ -78,6 +81,13 @@ def _append(joined: Recording, later: Recording, offset_us: int) -> Recording:
             QualityFlag("W-DUP", 1, overlap_us / MICROSECONDS, at_s, joined.duration_us / MICROSECONDS),
         )
     return replace(joined, segments=segments, excluded=excluded, duration_us=duration_us, flags=flags)
+
+
+def _flag_change(first: datetime, start: datetime, offset_us: int) -> tuple[QualityFlag, ...]:
+    step = (start.utcoffset() or timedelta()) - (first.utcoffset() or timedelta())
+    at_s = offset_us / MICROSECONDS
+    facts = {"step_s": round(step.total_seconds())}
+    return (QualityFlag("W-DST", 1, 0.0, at_s, at_s, facts),) if step else ()
 
 
 def _move(segment: Segment, offset_us: int) -> Segment:

@@ -12,13 +12,13 @@ import numpy as np
 
 from fusion.errors import TooShort, UnknownColumns, UnknownRate
 from fusion.readers.columns import choose_vector
-from fusion.readers.grid import Grid
+from fusion.readers.grid import FASTEST_HZ, SLOWEST_HZ, Grid
 from fusion.readers.gt3x_info import name_offset
 from fusion.readers.profile import ColumnProfile, apply_profile
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
 from fusion.readers.stamp_repair import undo_daylight_saving
-from fusion.readers.table_plan import plan_table, wrap_us
+from fusion.readers.table_plan import PACKET_NUMBERS, plan_table, wrap_us
 from fusion.readers.text_evidence import flag_text, read_layout
 from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, PAUSE
 from fusion.readers.text_layout import TextLayout, find_layout
@@ -89,15 +89,34 @@ def _read_planned(
         raise TooShort(s=0.0)
     first_stamp = int(rows.columns.stamps[0])
     changes = undo_daylight_saving(rows.columns.stamps) if plan.stamp_kind == CALENDAR_TIME else ()
-    grid = _cut_rows(rows, plan, rate_hz)
+    grid = _cut_rows(rows, plan, choose_rate_hz(layout, rate_hz))
     flags = (*changes, *grid.flags, *flag_text(source, form, layout), *flag_drift(layout, grid))
     return _build(layout, plan, rows, (grid, flags), first_stamp)
 
 
 def _cut_rows(rows: TableRows, plan: TablePlan, rate_hz: float | None) -> Grid:
+    if plan.counts_packets:
+        return _cut_packets(rows, rate_hz)
     if plan.stamp_kind != COUNTER:
         return cut_stamped(rows.columns, wrap_us(plan))
     return cut_counted(rows.columns, rate_hz or find_burst_rate_hz(rows))
+
+
+def _cut_packets(rows: TableRows, rate_hz: float | None) -> Grid:
+    """Cut rows that a packet counter numbers: packets that were lost are missing time."""
+    if not rate_hz or not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise UnknownRate(h="-", m=rate_hz or "-")
+    period_us = MICROSECONDS / rate_hz
+    stamps = rows.columns.stamps
+    stamps[1:] += PACKET_NUMBERS * np.cumsum(np.diff(stamps) < -PACKET_NUMBERS // 2)
+    stamps[:] = np.rint((stamps - stamps[0]) * period_us)
+    return cut_stamped(rows.columns)
+
+
+def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:
+    """Give the rate that the preamble states, where it can be one; else what a person says."""
+    stated_hz = find_stated_hz(layout)
+    return stated_hz if SLOWEST_HZ <= stated_hz <= FASTEST_HZ else rate_hz
 
 
 def find_burst_rate_hz(rows: TableRows) -> float:
@@ -133,7 +152,7 @@ def _build(
         start = start.replace(tzinfo=timezone(timedelta(seconds=layout.dates.offset_s)))
     start, unset = trust_clock(start)
     flags = (*rows.flags, *caveats, *unset)
-    if plan.stamp_kind == COUNTER:
+    if plan.stamp_kind == COUNTER or plan.counts_packets:
         flags += (QualityFlag("W-RATE", facts={"rate_hz": round(1e6 / grid.period_us, 3)}),)
     return Recording(
         device=find_device(facts, layout),
@@ -152,14 +171,19 @@ def _build(
 
 def flag_drift(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:
     """Say where the true rate is more than 0.5 % off the one that the preamble states."""
-    facts = layout.facts()
-    stated = next((facts[name] for name in RATE_FACTS if name in facts), "")
-    found = re.match(r"\d+(?:\.\d+)?", stated)
-    nominal_hz = float(found.group()) if found else 0.0
+    nominal_hz = find_stated_hz(layout)
     true_hz = MICROSECONDS / grid.period_us
     if nominal_hz <= 0.0 or abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
         return ()
     return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
+
+
+def find_stated_hz(layout: TextLayout) -> float:
+    """Read the rate that the preamble states; 0 where it states none."""
+    facts = layout.facts()
+    stated = next((facts[name] for name in RATE_FACTS if name in facts), "")
+    found = re.match(r"\d+(?:\.\d+)?", stated)
+    return float(found.group()) if found else 0.0
 
 
 def find_start(facts: dict[str, str], plan: TablePlan, first_stamp_us: int) -> datetime | None:
@@ -213,7 +237,7 @@ def _describe(layout: TextLayout, plan: TablePlan, grid: Grid, n_rows: int) -> d
         )[:400],
         "acceleration_unit": layout.columns[acc[0]].unit or "",
         "angular_rate_unit": layout.columns[gyr[0]].unit or "",
-        "time": kinds[plan.stamp_kind],
+        "time": "packet counter" if plan.counts_packets else kinds[plan.stamp_kind],
         "time_exponent": str(plan.stamp_exponent),
         "delimiter": {"\t": "tab", " ": "space"}.get(layout.delimiter, layout.delimiter),
         "jitter_us": f"{grid.jitter_us:.1f}",

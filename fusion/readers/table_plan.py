@@ -18,6 +18,8 @@ from fusion.readers.text_table import TablePlan
 
 PLAUSIBLE_RATE_HZ = (8.0, 2000.0)
 COUNTER_BITS = 32
+PACKET_NUMBERS = 65_536
+"""Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
 COUNTER_WORDS = ("micros", "millis", "time_us", "time_ms", "timestamp (us)")
 
 
@@ -39,6 +41,9 @@ def plan_table(layout: TextLayout) -> TablePlan:
     for axis in range(3):
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
     stamp, kind, exponent = _choose_stamp(layout)
+    packets = _find_packet_counter(layout) if stamp is None else None
+    if packets is not None:
+        stamp, kind = packets, NUMERIC_TIME
     if stamp is not None:
         targets[stamp] = STAMP
     return TablePlan(
@@ -47,6 +52,7 @@ def plan_table(layout: TextLayout) -> TablePlan:
         exponent,
         acc_scale_g(layout.columns[acc[0]].unit) or 1.0,
         gyr_scale_dps(layout.columns[gyr[0]].unit) or 1.0,
+        counts_packets=packets is not None,
     )
 
 
@@ -71,6 +77,24 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, int, int]:
         if exponent is not None and _are_numbers(fields, layout.decimal):
             return place, NUMERIC_TIME, exponent
     return None, COUNTER, 0
+
+
+def _find_packet_counter(layout: TextLayout) -> int | None:
+    """Place of Xsens' packet counter where it counts up: in a table without time it tells of lost packets."""
+    for place, column in enumerate(layout.columns):
+        if column.channel == "counter" and column.name.strip().lower() == "packetcounter":
+            fields = [row[place] for row in layout.sample_rows if len(row) > place]
+            steps = (
+                [(int(b) - int(a)) % PACKET_NUMBERS for a, b in pairwise(fields)]
+                if _are_whole(fields)
+                else []
+            )
+            return place if steps and median(steps) == 1 else None
+    return None
+
+
+def _are_whole(fields: Sequence[str]) -> bool:
+    return all(field.isascii() and field.isdigit() for field in fields)
 
 
 def _are_numbers(fields: Sequence[str], decimal: str) -> bool:

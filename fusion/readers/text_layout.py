@@ -130,10 +130,12 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
 
 
 def _find_header(lines: Sequence[str], first_row: int, delimiter: str) -> int | None:
+    width = len(split_fields(lines[first_row], delimiter))
     for k in range(first_row - 1, max(-1, first_row - 4), -1):
         fields = split_fields(lines[k], delimiter)
         named = sum(understand_column(field).channel != "other" for field in fields)
-        if len(fields) >= 3 and named >= 3:
+        is_foreign = named > 0 and len(fields) == width and not any(map(is_value, fields))
+        if len(fields) >= 3 and (named >= 3 or is_foreign):
             return k
     return None
 

@@ -11,7 +11,7 @@ from fusion.errors import UnknownFormat
 from fusion.readers.source import Source, read_chunks
 from fusion.readers.text_words import LEAD_BYTES, NEWLINE, TRAIL_BYTES
 
-TEXT_CHUNK_BYTES = 1 << 19
+TEXT_CHUNK_BYTES = 1 << 20
 """Small enough that a piece and its field ends stay in the processor's cache."""
 MAX_LINE_BYTES = 1 << 16
 UTF8_MARK = codecs.BOM_UTF8

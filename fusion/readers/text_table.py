@@ -42,6 +42,7 @@ class TablePlan:
 
     ``targets``: for each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
     ``stamp_kind``, ``stamp_exponent``: as in ``text_kernel``; ``scales``: factors to g and deg/s.
+    ``counts_packets``: the stamp is the 16-bit number of a packet, not a time.
     """
 
     targets: tuple[int, ...]
@@ -49,6 +50,7 @@ class TablePlan:
     stamp_exponent: int = 0
     acc_scale: float = 1.0
     gyr_scale: float = 1.0
+    counts_packets: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

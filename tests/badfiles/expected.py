@@ -171,6 +171,7 @@ INFO_AND_TIME = (
     ),
 )
 
+XML = '<?xml version="1.0"?>'
 ROW_LOST = (59.99, 0.01, 0.0)
 TABLES = (
     refused("59", "shift.csv", given(HEADER + "\n"), "E-SHORT"),
@@ -267,9 +268,9 @@ TABLES = (
             )
         ),
     ),
-    refused(
-        "84 DTD", "shift.mvnx", given(b'<?xml version="1.0"?><!DOCTYPE m [<!ENTITY a "b">]><mvnx/>'), "E-XML"
-    ),
+    refused("84 DTD", "shift.mvnx", given(f"{XML}<!DOCTYPE m [<!ENTITY a 'b'>]><mvnx/>"), "E-XML"),
+    refused("84 entity", "shift.mvnx", given(f"{XML}<!DOCTYPE m SYSTEM 'http://[::1]/'><mvnx/>"), "E-XML"),
+    refused("84 cut", "shift.mvnx", given(f"{XML}<mvnx version='4'><subject><frames>"), "E-XML"),
 )
 
 SIGNALS = (

@@ -1,6 +1,5 @@
 """Every bad file of RELIABILITY.md §1.3 A to E, through `fusion`, the command line and the API."""
 
-import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,10 +14,8 @@ from app.report.messages import describe_problem
 from app.report.wording import LANGUAGES, Language
 from app.settings import Settings
 from fusion.errors import FusionError
-from fusion.pipeline import analyse
-from fusion.readers import read_recording
 from tests.badfiles.expected import ALWAYS, BAD_FILES, BadFile
-from tests.badfiles.ways_in import Server, codes_in, content_of
+from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_of
 
 REFUSED = [bad for bad in BAD_FILES if bad.code]
 ONE_OF_EACH = list({bad.code: bad for bad in REFUSED}.values())
@@ -40,14 +37,14 @@ def test_no_row_is_named_twice() -> None:
 @pytest.mark.parametrize("bad", REFUSED, ids=name_row)
 def test_it_is_refused_with_its_code(bad: BadFile) -> None:
     with pytest.raises(FusionError) as refusal:
-        analyse(read_recording(io.BytesIO(content_of(bad)), file_name=bad.name))
+        analyse_by_fusion(bad)
 
     assert refusal.value.code == bad.code
 
 
 @pytest.mark.parametrize("bad", READ, ids=name_row)
 def test_it_is_read_with_its_warnings_and_times(bad: BadFile) -> None:
-    analysis = analyse(read_recording(io.BytesIO(content_of(bad)), file_name=bad.name))
+    analysis = analyse_by_fusion(bad)
 
     time = analysis.time
     seen_s = [us / 1e6 for us in (time.analysed_us, time.missing_us, time.excluded_us)]

@@ -1,5 +1,6 @@
 """The ways in that a bad file is sent by."""
 
+import io
 from dataclasses import dataclass
 from functools import cache
 
@@ -8,12 +9,23 @@ from fastapi.testclient import TestClient
 from app.jobs.worker import open_bench, run_next
 from app.report.wording import Language
 from app.settings import Settings
+from fusion.angle_files import read_angle_file, tell_layout
+from fusion.pipeline import Analysis, analyse, analyse_angle_file
+from fusion.readers import read_recording
 from tests.badfiles.expected import ALWAYS, BadFile
 
 
 @cache
 def content_of(bad: BadFile) -> bytes:
     return bad.make()
+
+
+def analyse_by_fusion(bad: BadFile) -> Analysis:
+    """The one road of the app, by `fusion` alone: motion capture needs no fusion of ours."""
+    file = io.BytesIO(content_of(bad))
+    if tell_layout(file, bad.name) == "mvnx":
+        return analyse_angle_file(read_angle_file(file, bad.name))
+    return analyse(read_recording(file, file_name=bad.name))
 
 
 @dataclass(frozen=True, slots=True)

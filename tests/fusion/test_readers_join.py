@@ -77,6 +77,32 @@ def test_caveats_keep_their_place_in_the_later_file() -> None:
     ]
 
 
+def test_three_files_with_a_gap_and_an_overlap_account_for_every_second() -> None:
+    joined = read_recordings([part(50, 80), part(0, 20), part(79, 100)])
+
+    assert [(s.start_s, len(s)) for s in joined.segments] == [(0.0, 2000), (50.0, 3000), (80.0, 2000)]
+    assert [(flag.code, flag.seconds) for flag in joined.flags] == [("W-GAP", 30.0), ("W-DUP", 1.0)]
+    assert joined.duration_us == 100_000_000
+
+
+def utc_part(first_unix_s: int) -> io.BytesIO:
+    """Twenty seconds of a CentrePoint file: stamps count UTC, the zone is named."""
+    zone = '{"UsedUtc":true,"UtcOffset":"-05:00:00","Name":"(UTC-05:00) Eastern Time (US & Canada)"}'
+    log = record(24, first_unix_s, schema()) + record(6, first_unix_s, zone.encode())
+    return pack(log + b"".join(second(first_unix_s + k) for k in range(20)))
+
+
+@pytest.mark.parametrize(("change", "step_s"), [(1_793_512_800, -3600), (1_805_007_600, 3600)])
+def test_a_change_of_the_clock_between_two_files_costs_no_time(change: int, step_s: int) -> None:
+    """America/Toronto, 2026-11-01 06:00 UTC and 2027-03-14 07:00 UTC."""
+    joined = read_recordings([utc_part(change - 30), utc_part(change + 10)])
+
+    told = {flag.code: flag for flag in joined.flags}
+    assert joined.duration_us == 60_000_000
+    assert (told["W-GAP"].seconds, told["W-DST"].first_s) == (20.0, 40.0)
+    assert told["W-DST"].facts == {"step_s": step_s}
+
+
 @pytest.mark.parametrize(
     ("files", "why"),
     [

@@ -19,6 +19,7 @@ READ = {
     "lsm9ds1/noise1.dat": ("lsm9ds1", 14.54, 276.1),
     "lsm9ds1/stationary1.dat": ("lsm9ds1", 14.54, 287.3),
     "lsm9ds1/stroke1.dat": ("lsm9ds1", 14.54, 7.0),
+    "xsens/MT_012005D6_031-000_00B421AF.txt": ("other", 100.0, 33.69),
     "other_layouts/xio3_microseconds.csv": ("other", 49.91, 10.0),
     "other_layouts/xio_seconds_dps_g.csv": ("other", 100.0, 135.3),
 }
@@ -30,13 +31,15 @@ REFUSED = {
     "refuse/actilife_raw_accelerometer_only.csv": "E-NO-GYRO",
     "upper_arm/full_body_example_data.mat": "E-TYPE",
     "xsens/MT2022_ACC_00B42D4B.txt": "E-NO-GYRO",
+    "xsens/MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt": "E-ROW",
+    "xsens/dot_pelvis.csv": "E-COLS",
     "xsens/test_mocap.mvnx": "E-TYPE",
 }
 
 
-def refuse(path: Path) -> FusionError:
+def refuse(path: Path, rate_hz: float | None = None) -> FusionError:
     with path.open("rb") as file, pytest.raises(FusionError) as refusal:
-        read_recording(file)
+        read_recording(file, rate_hz=rate_hz)
     return refusal.value
 
 
@@ -56,6 +59,17 @@ def test_a_recording_is_read(name: str, shared_data: SharedData) -> None:
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_recording_is_refused_for_its_reason(name: str, shared_data: SharedData) -> None:
     assert refuse(shared_data(name)).code == REFUSED[name]
+
+
+@pytest.mark.real_recordings
+@pytest.mark.parametrize(("rate_hz", "code"), [(None, "E-RATE"), (100.0, "E-SHORT")])
+@pytest.mark.parametrize(
+    "form", ["ALL_TAB_NAN_00B42D4B", "EULER_TAB_00B42D4F", "MAT_COMMA_00B42D4B", "MAT_SEMICOLON_00B42D4B"]
+)
+def test_five_packets_of_mt_manager_want_a_rate_and_then_are_too_short(
+    form: str, rate_hz: float | None, code: str, shared_data: SharedData
+) -> None:
+    assert refuse(shared_data(f"xsens/MT2022_ACC_GYRO_ROT_{form}.txt"), rate_hz).code == code
 
 
 @pytest.mark.real_recordings

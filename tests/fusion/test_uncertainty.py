@@ -1,5 +1,7 @@
 """How uncertain the angle is said to be, and whether that is true."""
 
+import io
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,12 @@ from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.orientation.smoothed import SmoothedNodes
 from fusion.orientation.uncertainty import UncertaintySettings, estimate_sigma
+from fusion.pipeline import AnalysisSettings, analyse
+from fusion.readers import read_recording
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
 from fusion.simulation import simulate_shift
 from fusion.simulation.parts import Device
+from tests.badfiles.person_files import swing
 from tests.factories import hold, record
 
 
@@ -75,3 +80,15 @@ def cover(device: Device, seed: int) -> float:
     assert segment.sigma_deg is not None
     sigma_deg = segment.sigma_deg[(np.arange(len(segment)) / made.rate_hz).astype(int)]
     return float((np.abs(segment.elevation_deg - made.elevation_deg) < 1.96 * sigma_deg).mean())
+
+
+def test_where_nobody_held_a_pose_the_ranges_are_wider() -> None:
+    recording = read_recording(io.BytesIO(swing(3.0)()), file_name="shift.csv")
+    named = AnalysisSettings(calibration_windows_s=((28.5, 30.5),))
+
+    found, told = (analyse(recording, settings).exposure for settings in (None, named))
+
+    wide, narrow = (exposure.time_above[0].interval for exposure in (found, told))
+    assert wide is not None
+    assert narrow is not None
+    assert wide.high - wide.low > 1.5 * (narrow.high - narrow.low)

@@ -1,0 +1,1 @@
+"""Bad inputs, by every way in, against what must become of them."""
