@@ -58,6 +58,26 @@ def test_put_back_as_it_was_it_raises_no_alarm() -> None:
     assert calibrate(recording, "n-pose").remounts == ()
 
 
+def test_a_hole_and_other_work_after_it_raise_no_alarm() -> None:
+    # Of this hour the commonest directions before and after the hole differ by 20.5 deg.
+    made = simulate_shift("gt9x", 1.0, 3).in_arrays()
+    acc, gyr, rate_hz = made.acc_g, made.gyr_dps, made.rate_hz
+    before, after = round(1080 * rate_hz), round(1620 * rate_hz)
+    parts = (
+        Segment(0, rate_hz, acc[:before], gyr[:before]),
+        Segment(1_620_000_000, rate_hz, acc[after:], gyr[after:]),
+    )
+    whole = record(acc.astype(float), gyr.astype(float), rate_hz)
+
+    assert calibrate(replace(whole, segments=parts), "n-pose").remounts == ()
+
+
+def test_put_back_turned_a_little_it_is_left_out_rather_than_carried_over() -> None:
+    recording, _ = take_off_half_way(tilt(32.0))
+
+    assert [part.arm_axis for part in calibrate(recording, "n-pose").remounts] == [None]
+
+
 @pytest.mark.parametrize("degrees", [40.0, 90.0, 180.0])
 def test_put_back_turned_it_is_noticed_and_timed(degrees: float) -> None:
     # 45 minutes of work, then the desk from 2700 s to 3420 s: cut in the middle of it, at 3060 s.
