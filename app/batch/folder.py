@@ -9,15 +9,16 @@ import errno
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from app.batch.plan import MARKER, Task
 from app.request import Language, ReportRequest
 from app.version import software_revision, software_version
 
+_FIGURES = ("results.json", "findings.json", "elevation.parquet", "pair.json", "comparison.json")
 _TOLD = ("answer.txt", "report.html", "report.pdf")
 
 
@@ -31,6 +32,8 @@ class Marker:
     version: int = 1
     changes: tuple[str, ...] = ()
     language: Language = "en"
+    figures: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of figures, by its name."""
 
     def list_digests(self) -> tuple[str, ...]:
         """Give the SHA-256 of the log and of each file joined to it."""
@@ -50,8 +53,12 @@ def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
     """Read what a finished folder was made from; None where it is not finished, or no longer whole."""
     if not all((folder / name).exists() for name in (MARKER, figures, "answer.txt")):
         return None
-    values = json.loads((folder / MARKER).read_text("utf-8"))
-    return Marker(**{**values, "changes": tuple(values.get("changes", ()))})
+    try:
+        values = json.loads((folder / MARKER).read_text("utf-8"))
+        marker = Marker(**{**values, "changes": tuple(values.get("changes", ()))})
+    except (ValueError, TypeError):
+        return None
+    return marker if _hash_figures(folder) == marker.figures else None
 
 
 def is_up_to_date(task: Task) -> bool:
@@ -62,7 +69,14 @@ def is_up_to_date(task: Task) -> bool:
 
 def write_marker(folder: Path, marker: Marker) -> None:
     """Declare the folder complete."""
-    (folder / MARKER).write_text(json.dumps(asdict(marker)), "utf-8")
+    whole = replace(marker, figures=_hash_figures(folder))
+    (folder / MARKER).write_text(json.dumps(asdict(whole)), "utf-8")
+
+
+def _hash_figures(folder: Path) -> dict[str, str]:
+    """Hash what a later run relies on; reports are told anew from it."""
+    there = (folder / name for name in _FIGURES)
+    return {path.name: _hash_file(path) for path in there if path.exists()}
 
 
 def list_changes(before: Marker, after: Marker) -> tuple[str, ...]:
@@ -88,7 +102,8 @@ def use_plain_names(folder: Path, language: Language) -> None:
 def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
     """Tell whether the report stands there in the language and the forms asked."""
     mark = "" if request.languages[0] == marker.language else f".{request.languages[0]}"
-    return all((folder / f"report{mark}.{kind}").exists() for kind in request.kinds)
+    reports = (folder / f"report{mark}.{kind}" for kind in request.kinds)
+    return all(path.exists() and path.stat().st_size > 0 for path in reports)
 
 
 def switch_language(folder: Path, marker: Marker, language: Language) -> None:

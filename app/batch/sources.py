@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.batch.plan import MARKER
 from app.errors import UnusableList
 
 SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".zip", ".parquet", ".bin", ".mvnx")
@@ -35,8 +36,14 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
 
 
 def _list_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return [path for path in files if not _lies_in(path, out) and path.resolve() not in without]
+    """List the files, but for results: those of this run, and of any other (it holds ``run.json``)."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    results = (out, *(path.parent for path in files if path.name in {"run.json", MARKER}))
+    return [
+        path
+        for path in files
+        if path.resolve() not in without and not any(_lies_in(path, place) for place in results)
+    ]
 
 
 def read_list(content: str, folder: Path) -> list[Path]:

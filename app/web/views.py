@@ -30,7 +30,11 @@ class ProblemBox:
 
 @dataclass(frozen=True, slots=True)
 class JobRow:
-    """One recording in the list. ``version`` changes whenever anything shown changes."""
+    """One recording in the list.
+
+    ``version`` changes whenever anything shown changes; ``report`` is the address of what can be opened,
+    without its ending.
+    """
 
     id: str
     name: str
@@ -44,6 +48,7 @@ class JobRow:
     problem: ProblemBox | None
     announcement: str
     version: str
+    report: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +79,14 @@ def show_row(job: Job, language: Language, now: datetime) -> JobRow:
         problem=show_problem(job, language),
         announcement=fill(words["row"]["announce"], {"name": job.file_name, "state": state_word}),
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
+        report=_find_report(job),
     )
+
+
+def _find_report(job: Job) -> str:
+    if job.request.reference is not None:
+        return f"/api/v1/validations/{job.id}/validation"
+    return f"/api/v1/analyses/{job.id}/report"
 
 
 def show_problem(job: Job, language: Language) -> ProblemBox | None:

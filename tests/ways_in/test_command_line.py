@@ -422,3 +422,28 @@ def test_a_pose_of_the_list_that_lacks_its_windows_is_a_usage_error(shift_gt3x: 
     result = run("run", shift_gt3x, "-o", tmp_path / "out", "--participants", tmp_path / "p.csv")
 
     assert result.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [("results.json", b'{"schema'), ("elevation.parquet", b""), ("done.json", b"{"), ("report.html", b"")],
+)
+def test_what_is_damaged_is_made_again(shift_gt3x: Path, tmp_path: Path, name: str, damage: bytes) -> None:
+    run("run", shift_gt3x, "-o", tmp_path, "--report", "html")
+    file = tmp_path / shift_gt3x.stem / name
+    whole = file.read_bytes()
+    file.write_bytes(damage)
+
+    result = run("run", shift_gt3x, "-o", tmp_path, "--report", "html")
+
+    assert result.exit_code == 0
+    assert file.read_bytes() == whole
+
+
+def test_the_results_of_another_run_are_no_recordings(done: Path, shift_gt3x: Path, tmp_path: Path) -> None:
+    shutil.copytree(done, tmp_path / "earlier")
+    shutil.copy(shift_gt3x, tmp_path)
+
+    result = run("run", tmp_path, "-o", tmp_path / "out", "--dry-run")
+
+    assert result.stdout.count("would do") == 1
