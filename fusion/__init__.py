@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fusion.errors import FusionError as FusionError
     from fusion.frames import tabulate_elevation as tabulate_elevation
     from fusion.frames import tabulate_exposure as tabulate_exposure
+    from fusion.live import LiveElevation as LiveElevation
     from fusion.orientation import estimate_vertical as estimate_vertical
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import AnalysisSettings as AnalysisSettings
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from fusion.recording import Recording as Recording
 
 _HOMES = {
+    "LiveElevation": "fusion.live",
     "Analysis": "fusion.pipeline",
     "AnalysisSettings": "fusion.pipeline",
     "FusionError": "fusion.errors",
@@ -40,6 +42,7 @@ __all__ = [
     "Analysis",
     "AnalysisSettings",
     "FusionError",
+    "LiveElevation",
     "Recording",
     "analyse",
     "estimate_vertical",
