@@ -13,6 +13,7 @@ from app.web.clock_times import DayClock, place_rows
 from app.web.forms import Form, first
 from fusion.choices import Pose, Side
 from fusion.diary import DiaryEntry, read_diary
+from fusion.errors import UnusableCalibration
 
 COLUMNS = ("start", "end", "kind", "label")
 BOM = "\ufeff"
@@ -25,7 +26,7 @@ def correct_request(before: ReportRequest, form: Form, clock: DayClock) -> Repor
 
     Raises
     ------
-    BadParameter, fusion.errors.UnusableDiary
+    BadParameter, fusion.errors.UnusableDiary, fusion.errors.UnusableCalibration
     """
     pose = _choose_pose(first(form, "pose"))
     windows = tuple(_read_windows(form, clock))
@@ -71,7 +72,13 @@ def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
     starts, ends = form.get("window_start", []), form.get("window_end", [])
     for start, end in zip_longest(starts, ends, fillvalue=""):
         if start.strip() or end.strip():
-            yield clock.read(start.strip(), "calibration"), clock.read(end.strip(), "calibration")
+            yield _check_order(*(clock.read(moment.strip(), "calibration") for moment in (start, end)))
+
+
+def _check_order(start_s: float, end_s: float) -> tuple[float, float]:
+    if end_s <= start_s:
+        raise UnusableCalibration(why="end first", start_s=start_s, end_s=end_s)
+    return start_s, end_s
 
 
 def _read_subject(text: str) -> str:

@@ -11,6 +11,7 @@ from app.request import ReportRequest
 from app.web.clock_times import DayClock, place_rows
 from app.web.corrections import correct_request, read_rows, write_csv
 from fusion.diary import read_diary
+from fusion.errors import UnusableCalibration
 
 START = datetime(2026, 3, 2, 22, tzinfo=timezone(timedelta(hours=-5)))
 NIGHT = DayClock(START, 8 * 3600 * 1_000_000)
@@ -65,6 +66,15 @@ def test_a_form_becomes_the_request_of_the_next_analysis() -> None:
 def test_what_cannot_be_is_refused(wrong: dict[str, list[str]]) -> None:
     with pytest.raises(BadParameter):
         correct_request(ReportRequest("a.gt3x"), FORM | wrong, NIGHT)
+
+
+def test_a_window_that_ends_before_it_begins_is_refused() -> None:
+    form = FORM | {"window_start": ["22:30:00"], "window_end": ["22:20:00"]}
+
+    with pytest.raises(UnusableCalibration) as refusal:
+        correct_request(ReportRequest("a.gt3x"), form, NIGHT)
+
+    assert refusal.value.facts == {"why": "end first", "start_s": 1800.0, "end_s": 1200.0}
 
 
 def test_rows_that_were_exported_are_imported_alike() -> None:
