@@ -50,11 +50,21 @@ def report_progress(tasks: Sequence[Task], workers: int, tell: Tell | None = Non
     tell = tell or tell_outcome
     outcomes: list[Outcome] = []
     start_s = time.monotonic()
-    for outcome in run_tasks(tasks, workers, _show_stage if tell is tell_outcome else _show_nothing):
-        outcomes.append(outcome)
-        left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
-        tell(outcome, Progress(len(outcomes), len(tasks), left_s))
+    try:
+        for outcome in run_tasks(tasks, workers, _show_stage if tell is tell_outcome else _show_nothing):
+            outcomes.append(outcome)
+            left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
+            tell(outcome, Progress(len(outcomes), len(tasks), left_s))
+    except KeyboardInterrupt:
+        _tell_interruption(len(outcomes), tasks)
+        raise typer.Exit(Exit.INTERRUPTED) from None
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
+
+
+def _tell_interruption(done: int, tasks: Sequence[Task]) -> None:
+    """Say that nothing finished is lost; what was under way has left nothing behind."""
+    words = load_wording(tasks[0].request.languages[0], "run")["outcome"]
+    typer.echo(fill(words["interrupted"], {"done": str(done), "all": str(len(tasks))}), err=True)
 
 
 def _guess_left_s(outcomes: Sequence[Outcome], total: int, elapsed_s: float) -> float | None:
