@@ -211,7 +211,7 @@ class UnusableComparison(FusionError):
 
 
 class NotAligned(UnusableComparison):
-    """No shift of the clocks makes the two move alike. Facts: r, least."""
+    """No shift of the clocks surely fits. Facts: r, least; or motion_s, least_s; or best, rival."""
 
     code = "E-ALIGN"
 

@@ -90,6 +90,33 @@ def test_motions_that_are_not_alike_are_refused() -> None:
         align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, noise),))
 
 
+def test_a_few_seconds_of_like_motion_tell_no_shift() -> None:
+    piece = see(60, 0.0, 0, 0, 2)[0].values[320 * 60 : 328 * 60]
+
+    with pytest.raises(NotAligned) as refusal:
+        align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, piece),))
+
+    assert refusal.value.facts["motion_s"] < 8.1
+
+
+def test_a_shift_given_by_hand_needs_no_length_of_motion() -> None:
+    piece = see(60, 0.0, 0, 0, 2)[0].values[320 * 60 : 328 * 60]
+
+    found = align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, piece),), ClockWishes(offset_s=-320.0))
+
+    assert found.offset_s == -320.0
+
+
+def test_a_short_motion_that_fits_in_two_places_is_refused() -> None:
+    # A burst of 20 s that comes twice: nothing tells which of them the reference saw.
+    burst = np.concatenate([np.full(600, 60.0), see(10, 0.0, 0, 0, 2)[0].values[300:500], np.full(600, 60.0)])
+
+    with pytest.raises(NotAligned) as refusal:
+        align((Run(0.0, 10.0, np.tile(burst, 2)),), (Run(0.0, 10.0, burst[500:900]),))
+
+    assert refusal.value.facts["rival"] == pytest.approx(1.0, abs=0.02)
+
+
 def test_a_hole_of_either_side_stays_a_hole() -> None:
     ours = (Run(0.0, 10.0, np.arange(100.0)),)
     reference = (Run(0.0, 20.0, np.arange(60.0)), Run(5.0, 20.0, np.arange(100.0)))
