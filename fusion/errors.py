@@ -222,6 +222,12 @@ class NothingInCommon(UnusableComparison):
     code = "E-OVERLAP"
 
 
+class NoReference(UnusableComparison):
+    """A recording of a study with nothing beside it to compare it with."""
+
+    code = "E-REFERENCE"
+
+
 class UnusableTasks(FusionError):
     """A list of tasks that cannot be used. Facts: line, why."""
 

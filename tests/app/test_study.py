@@ -15,10 +15,16 @@ from fusion.agreement import StudyEntry, measure_agreement, summarise_study
 from fusion.errors import UnusableStudy
 from tests.fusion.test_agreement_statistics import OURS, REFERENCE
 
+FAILED = {
+    ("P02/broken.csv", "E-TYPE"),
+    ("P03/gt9x.gt3x", "E-REFERENCE"),
+    ("P04/gt9x.gt3x", "E-TASKS"),
+}
+
 
 @pytest.fixture(scope="module")
 def study(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two people with one recording each, and a file that is none."""
+    """Two people with one recording each; a file that is none, one without reference, a task reversed."""
     folder = tmp_path_factory.mktemp("study")
     for person in ("P01", "P02"):
         (folder / person).mkdir()
@@ -26,6 +32,10 @@ def study(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(shift_gt3x.with_name("truth.parquet"), folder / person / "reference.parquet")
         (folder / person / "tasks.csv").write_text("name,start_s,end_s,paper_task\nwork,30,150,4\n")
     (folder / "P02" / "broken.csv").write_text("a,b\n1,2\n")
+    shutil.copytree(folder / "P01", folder / "P03")
+    (folder / "P03" / "reference.parquet").unlink()
+    shutil.copytree(folder / "P01", folder / "P04")
+    (folder / "P04" / "tasks.csv").write_text("name,start_s,end_s\nwork,150,30\n")
     return folder
 
 
@@ -45,7 +55,19 @@ def test_what_failed_is_listed_with_its_place(done: tuple[int, Path]) -> None:
     with (done[1] / "problems.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
 
-    assert [(row["file"], row["code"]) for row in rows] == [("P02/broken.csv", "E-TYPE")]
+    assert {(row["file"], row["code"]) for row in rows} == FAILED
+
+
+def test_the_json_lists_what_failed(done: tuple[int, Path]) -> None:
+    study: dict[str, Any] = json.loads((done[1] / "study.json").read_text())
+
+    assert {(problem["file"], problem["code"]) for problem in study["problems"]} == FAILED
+
+
+def test_the_sheet_lists_what_failed_with_its_code(done: tuple[int, Path]) -> None:
+    page = (done[1] / "study.html").read_text()
+
+    assert all(text in page for row in FAILED for text in row)
 
 
 def test_the_table_counts_people_and_holds_the_paper(done: tuple[int, Path]) -> None:
