@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.agreement.alignment import ClockWishes, align
-from fusion.agreement.clocks import Alignment
+from fusion.agreement.clocks import Alignment, WindowLag
 from fusion.agreement.pairing import pair
 from fusion.agreement.runs import Run, Runs, interpolate
 from fusion.errors import NotAligned, NothingInCommon
@@ -115,6 +115,14 @@ def test_a_short_motion_that_fits_in_two_places_is_refused() -> None:
         align((Run(0.0, 10.0, np.tile(burst, 2)),), (Run(0.0, 10.0, burst[500:900]),))
 
     assert refusal.value.facts["rival"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_margin_of_a_drift_is_10_ms_over_the_span_of_its_stretches() -> None:
+    windows = tuple(WindowLag(start_s, 0.0, 0.9) for start_s in (10.0, 250.0, 410.0))
+
+    found = Alignment(0.0, 40.0, is_drift_fitted=True, windows=windows)
+
+    assert found.drift_margin_ppm == pytest.approx(25.0)
 
 
 def test_a_hole_of_either_side_stays_a_hole() -> None:
