@@ -7,12 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
 from app.cli import app
+from app.report.html import render_html
+from app.report.study_content import StudyFacts, build_study
+from app.report.subject import Software
 from app.study import find_study_files
 from fusion.agreement import StudyEntry, measure_agreement, summarise_study
 from fusion.errors import UnusableStudy
+from fusion.source_paper import TITLES
 from tests.fusion.test_agreement_statistics import OURS, REFERENCE
 
 FAILED = {
@@ -136,3 +141,30 @@ def test_r_is_not_given_where_it_is_quasi_static_for_most() -> None:
     cell = summarise_study([StudyEntry(person, "gt9x", "hold", None, one) for person, one in people])[0]
 
     assert (cell.r.mean != cell.r.mean, cell.r.people, cell.rmse_deg.people) == (True, 1, 3)
+
+
+def test_the_table_of_two_devices_fits_the_page(browser: Browser, study_of_two_devices: Path) -> None:
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.goto(study_of_two_devices.as_uri())
+    box = page.locator(".scroll").first
+
+    widths = (box.evaluate("box => box.scrollWidth"), box.evaluate("box => box.clientWidth"))
+
+    page.close()
+    assert widths[0] == widths[1]
+
+
+@pytest.fixture
+def study_of_two_devices(tmp_path: Path) -> Path:
+    """The page of ten of the paper's tasks with both devices."""
+    agreement = measure_agreement(OURS, REFERENCE, 1.0)
+    entries = [
+        StudyEntry(person, device, TITLES[task], task, agreement)
+        for person in ("P1", "P2")
+        for device in ("gt9x", "lsm9ds1")
+        for task in TITLES
+    ]
+    facts = StudyFacts("smoothed", "n-pose", Software("1", "a"), "id")
+    report = build_study(entries, summarise_study(entries), [], facts, "en")
+    (tmp_path / "study.html").write_bytes(render_html(report))
+    return tmp_path / "study.html"
