@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from app.request import Reference, ReportRequest
-from fusion.errors import Fact, FusionError, UnusableStudy
+from fusion.errors import Fact, FusionError, NoReference, UnusableStudy
 from fusion.task_windows import TaskWindow, read_tasks
 
 RECORDINGS = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".mvnx", ".parquet")
@@ -55,6 +55,8 @@ class StudyProblem:
 def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
     """List the recordings that have a reference beside them, in a stable order.
 
+    Those that have none: :func:`find_lonely_recordings`.
+
     Raises
     ------
     UnusableStudy
@@ -67,6 +69,19 @@ def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
     if not files:
         raise UnusableStudy(why="study-empty")
     return files
+
+
+def find_lonely_recordings(study: Path, out: Path) -> tuple[StudyProblem, ...]:
+    """List the recordings of people without a reference in their folder, in a stable order."""
+    return tuple(
+        describe_failure(path.relative_to(study).as_posix(), NoReference())
+        for path in sorted(study.glob("*/**/*"))
+        if path.is_file() and _is_recording(path) and not _is_in(path, out) and not _has_reference(path)
+    )
+
+
+def _has_reference(log: Path) -> bool:
+    return any(path.is_file() for path in log.parent.glob("reference.*"))
 
 
 def _is_in(path: Path, folder: Path) -> bool:

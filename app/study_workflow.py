@@ -15,7 +15,7 @@ from app.report.study_tables import build_study_json, encode_cells, encode_entri
 from app.report.subject import Software
 from app.report.tables import Row, encode_table
 from app.request import ReportRequest
-from app.study import StudyFile, StudyProblem, ask, describe_failure, find_study_files
+from app.study import StudyFile, StudyProblem, ask, describe_failure, find_lonely_recordings, find_study_files
 from app.version import software_revision, software_version
 from app.workflow import ignore_stage
 from fusion.agreement import Comparison, StudyEntry, summarise_study
@@ -48,7 +48,7 @@ def make_study(
         No recording beside a reference, or none that could be compared.
     """
     entries: list[StudyEntry] = []
-    problems: list[StudyProblem] = []
+    problems = list(find_lonely_recordings(study, out))
     compared = 0
     for file in find_study_files(study, out):
         on_file(file.name(study))
@@ -91,16 +91,15 @@ def _write_study(
 ) -> None:
     cells = summarise_study(entries)
     software = Software(software_version(), software_revision())
-    encoded = build_study_json(entries, cells, request.method, software)
+    encoded = build_study_json(entries, cells, problems, request.method, software)
     (out / "study.json").write_bytes(encoded)
     (out / "table.csv").write_bytes(encode_cells(cells))
     (out / "comparisons.csv").write_bytes(encode_entries(entries))
     facts = StudyFacts(request.method, request.pose, software, json.loads(encoded)["id"])
     for language in request.languages:
-        told = [(p.name, describe_problem(p.code, p.facts, language)) for p in problems]
-        report = build_study(
-            entries, cells, [(name, problem.title) for name, problem in told], facts, language
-        )
+        told = [(p.name, p.code, describe_problem(p.code, p.facts, language)) for p in problems]
+        failed = [(name, f"{problem.title}. {problem.detail}", code) for name, code, problem in told]
+        report = build_study(entries, cells, failed, facts, language)
         (out / f"study.{language}.html").write_bytes(render_html(report))
         (out / f"study.{language}.pdf").write_bytes(render_pdf(report, {"study.json": encoded}))
 

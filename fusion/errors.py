@@ -211,7 +211,7 @@ class UnusableComparison(FusionError):
 
 
 class NotAligned(UnusableComparison):
-    """No shift of the clocks makes the two move alike. Facts: r, least."""
+    """No shift of the clocks surely fits. Facts: r, least; or motion_s, least_s; or best, rival."""
 
     code = "E-ALIGN"
 
@@ -220,6 +220,12 @@ class NothingInCommon(UnusableComparison):
     """Under this shift of the clocks the two have no time in common. Facts: s."""
 
     code = "E-OVERLAP"
+
+
+class NoReference(UnusableComparison):
+    """A recording of a study with nothing beside it to compare it with."""
+
+    code = "E-REFERENCE"
 
 
 class UnusableTasks(FusionError):

@@ -1,6 +1,7 @@
 """The answer of a comparison in a few lines of plain text."""
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 from app.report.numbers import NONE, format_angle, format_duration, format_number
@@ -25,12 +26,21 @@ def list_sentences(validation: Mapping[str, Any], language: Language) -> tuple[s
         "r": tell_r(overall["r"], language),
         "duration": format_duration(overall["duration_s"], language),
         "offset": format_number(alignment["offset_s"], 3, language),
-        "drift": format_number(alignment["drift_ppm"], 1, language),
+        "drift": tell_drift(alignment["drift_ppm"], alignment["drift_margin_ppm"], language),
     }
     clocks = (
         words["clocks"] if alignment["drift_fitted"] or alignment["drift_given"] else words["clocks_no_drift"]
     )
     return tuple(fill(text, facts) for text in (words["error"], words["bias"], words["r"], clocks))
+
+
+def tell_drift(drift_ppm: float, margin_ppm: float | None, language: Language) -> str:
+    """Write a drift with its margin, to what that bears: whole from 1 ppm on; one set by hand has none."""
+    if margin_ppm is None or not isfinite(margin_ppm):
+        return format_number(drift_ppm, 1, language)
+    decimals = 0 if margin_ppm >= 1.0 else 1
+    drift, margin = (format_number(value, decimals, language) for value in (drift_ppm, margin_ppm))
+    return f"{drift}\u00a0±\u00a0{margin}"
 
 
 def tell_r(r: float | None, language: Language) -> str:

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from app.report.agreement_answer import list_sentences
+from app.report.agreement_answer import list_sentences, tell_drift
 from app.report.agreement_figures import draw_bland_altman, draw_error_over_time, draw_overlay
 from app.report.agreement_tables import (
     tabulate_exposure,
@@ -107,11 +107,12 @@ def _build_sections(
 
 def _list_clocks(comparison: Comparison, words: Words, language: Language) -> tuple[Pair, ...]:
     alignment, entry = comparison.alignment, words["clocks"]
-    drift = "given" if alignment.is_drift_given else "found" if alignment.is_drift_fitted else "too_short"
+    drift = "given" if alignment.is_drift_given else "found" if alignment.is_drift_fitted else "untold"
+    told_drift = tell_drift(alignment.drift_ppm, alignment.drift_margin_ppm, language)
     return (
         Pair(entry["offset"], f"{format_number(alignment.offset_s, 4, language)} s"),
         Pair(entry["offset_source"], entry["given" if alignment.is_offset_given else "found"]),
-        Pair(entry["drift"], f"{format_number(alignment.drift_ppm, 2, language)} ppm"),
+        Pair(entry["drift"], f"{told_drift} ppm"),
         Pair(entry["drift_source"], entry[drift]),
         Pair(entry["r"], format_number(alignment.r, 3, language)),
         Pair(entry["rate"], f"{format_number(comparison.pairs.rate_hz, 2, language)} Hz"),

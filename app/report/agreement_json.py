@@ -83,6 +83,7 @@ def _describe_alignment(alignment: Alignment) -> dict[str, Any]:
     return {
         "offset_s": alignment.offset_s,
         "drift_ppm": alignment.drift_ppm,
+        "drift_margin_ppm": alignment.drift_margin_ppm,
         "r": alignment.r,
         "offset_given": alignment.is_offset_given,
         "drift_given": alignment.is_drift_given,

@@ -36,11 +36,11 @@ class StudyFacts:
 def build_study(
     entries: Sequence[StudyEntry],
     cells: Sequence[StudyCell],
-    problems: Sequence[tuple[str, str]],
+    problems: Sequence[tuple[str, str, str]],
     facts: StudyFacts,
     language: Language,
 ) -> AgreementReport:
-    """Turn a study into all that a template may use; ``problems`` are (file, what was wrong)."""
+    """Turn a study into all that a template may use; ``problems`` are (file, what was wrong, code)."""
     words, common = load_wording(language, "agreement"), load_wording(language)
     entry, devices = words["study"], list(dict.fromkeys(cell.device for cell in cells))
     told = {"version": facts.software.version, "id": facts.report_id}
@@ -131,7 +131,7 @@ def tell_spread(spread: Spread, decimals: int, language: Language) -> str:
 def _build_sections(
     entries: Sequence[StudyEntry],
     cells: Sequence[StudyCell],
-    problems: Sequence[tuple[str, str]],
+    problems: Sequence[tuple[str, str, str]],
     words: Words,
     language: Language,
 ) -> tuple[Section, ...]:

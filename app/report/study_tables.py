@@ -15,6 +15,7 @@ from app.report.tables import Row, encode_table
 from fusion.source_paper import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
+    from app.study import StudyProblem
     from fusion.agreement import StudyCell, StudyEntry
 
 SCHEMA = "acromion.study/1"
@@ -22,7 +23,11 @@ SPREADS = ("r", "rmse_deg", "mean_absolute_error_deg", "bias_deg")
 
 
 def build_study_json(
-    entries: Sequence[StudyEntry], cells: Sequence[StudyCell], method: str, software: Software
+    entries: Sequence[StudyEntry],
+    cells: Sequence[StudyCell],
+    problems: Sequence[StudyProblem],
+    method: str,
+    software: Software,
 ) -> bytes:
     """Write every figure of the study; ``id`` is a hash of them all."""
     study: dict[str, Any] = round_all(
@@ -31,6 +36,9 @@ def build_study_json(
             "method": method,
             "table": [_describe_cell(cell) for cell in cells],
             "comparisons": [_describe_entry(entry) for entry in entries],
+            "problems": [
+                {"file": clean_text(p.name), "code": p.code, "facts": dict(p.facts)} for p in problems
+            ],
             "software": asdict(software),
         }
     )

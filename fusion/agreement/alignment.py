@@ -33,6 +33,15 @@ LEAST_R = 0.5
 LEAST_ENERGY = 0.2
 """Of the lesser side's motion that must lie in the common time of a shift, lest an edge matches by chance."""
 
+LEAST_MOTION_S, MOVING_DPS = 10.0, 5.0
+"""So long must the common time hold motion of both, each faster than this, for a shift to be searched for."""
+
+SURE_MOTION_S, SURE_R = 30.0, 0.7
+"""So much motion, so alike, is no chance: of 3e5 shifts of 60 independent values the best has r 0.65."""
+
+MOST_RIVAL = 0.95
+"""Short of that, what another shift more than ``REACH_S`` away may be worth beside the best."""
+
 OVERLAP_WORTH = 0.25
 FASTEST_DPS = 150.0
 """Faster motion counts no more than this, lest one throw decide."""
@@ -62,7 +71,8 @@ def align(ours: Runs, reference: Runs, wishes: ClockWishes | None = None) -> Ali
     Raises
     ------
     NotAligned
-        The rates of change correlate by less than 0.5 at the best shift (unless the offset is given).
+        Unless the offset is given: the rates of change correlate by less than 0.5 at the best shift, the
+        common time holds less than 10 s of motion there, or another shift is worth nearly as much.
     NothingInCommon
         A side without any valid row.
     """
@@ -78,6 +88,8 @@ def align_roughly(ours: Runs, reference: Runs, wishes: ClockWishes) -> Alignment
 
     Raises
     ------
+    NotAligned
+        The offset is not given, and the motion does not tell it.
     NothingInCommon
         A side without any valid row.
     """
@@ -117,14 +129,41 @@ def sample_rates(runs: Runs, start_s: float, count: int) -> Vector:
 
 
 def find_shift(ours: Runs, reference: Runs) -> Alignment:
-    """Find the shift at which the rates of change of both match best; to about 0.05 s, drift taken as 0."""
+    """Find the shift at which the rates of change of both match best; to about 0.05 s, drift taken as 0.
+
+    Raises
+    ------
+    NotAligned
+        Too little motion in common there, or another shift is worth nearly as much.
+    """
     own_start_s, other_start_s = ours[0].start_s, reference[0].start_s
     own = sample_rates(ours, own_start_s, _count_steps(ours))
     other = sample_rates(reference, other_start_s, _count_steps(reference))
     correlation, worth = _score_shifts(own, other)
     best = int(np.argmax(worth))
+    motion_s = _measure_motion_s(own, other, best - (len(own) - 1))
+    if motion_s < SURE_MOTION_S or correlation[best] < SURE_R:
+        _check_chance(worth, best, motion_s)
     lag_s = (best - (len(own) - 1)) / GRID_HZ
     return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(correlation[best]))
+
+
+def _measure_motion_s(own: Vector, other: Vector, lag: int) -> float:
+    """How long both move in their common time, ``other`` standing ``lag`` steps to the right."""
+    first, stop = max(0, -lag), min(len(own), len(other) - lag)
+    moving = (np.abs(own[first:stop]) > MOVING_DPS) & (np.abs(other[first + lag : stop + lag]) > MOVING_DPS)
+    return float(np.count_nonzero(moving)) / GRID_HZ
+
+
+def _check_chance(worth: Vector, best: int, motion_s: float) -> None:
+    """Refuse a best shift under which both hardly move, or beside which another is worth nearly as much."""
+    if motion_s < LEAST_MOTION_S:
+        raise NotAligned(motion_s=round(motion_s, 1), least_s=LEAST_MOTION_S)
+    reach = int(REACH_S * GRID_HZ)
+    elsewhere = np.concatenate([worth[: max(0, best - reach)], worth[best + reach + 1 :]])
+    rival = float(elsewhere.max(initial=0.0))
+    if rival > MOST_RIVAL * worth[best]:
+        raise NotAligned(best=round(float(worth[best]), 2), rival=round(rival, 2))
 
 
 def _count_steps(runs: Runs) -> int:

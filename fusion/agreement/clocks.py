@@ -1,8 +1,12 @@
 """How the clock of the reference runs beside that of the recording."""
 
 from dataclasses import dataclass
+from math import nan
 
 from fusion.agreement.runs import Vector
+
+TIMING_S = 0.01
+"""What a time base of whole-second stamps (GT9X) leaves open between two moments of a recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,17 +23,25 @@ class Alignment:
     """reference clock = ``offset_s`` + recording clock x (1 + ``drift_ppm`` / 1e6).
 
     ``r`` is the correlation of the speeds under this alignment. ``is_offset_given`` and ``is_drift_given``
-    say what a person set by hand; ``is_drift_fitted`` is False where the common time is too short to tell a
-    drift, which is then 0.
+    say what a person set by hand; ``is_drift_fitted`` is False where the motion does not tell a drift,
+    which is then 0.
     """
 
     offset_s: float
     drift_ppm: float
-    r: float = float("nan")
+    r: float = nan
     is_offset_given: bool = False
     is_drift_given: bool = False
     is_drift_fitted: bool = False
     windows: tuple[WindowLag, ...] = ()
+
+    @property
+    def drift_margin_ppm(self) -> float:
+        """How far a fitted drift may be off: 10 ms over the span of the stretches; nan where none is."""
+        if not self.is_drift_fitted:
+            return nan
+        starts_s = [window.start_s for window in self.windows]
+        return TIMING_S / (max(starts_s) - min(starts_s)) * 1e6
 
     @property
     def pace(self) -> float:

@@ -7,18 +7,29 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
 from app.cli import app
+from app.report.html import render_html
+from app.report.study_content import StudyFacts, build_study
+from app.report.subject import Software
 from app.study import find_study_files
 from fusion.agreement import StudyEntry, measure_agreement, summarise_study
 from fusion.errors import UnusableStudy
+from fusion.source_paper import TITLES
 from tests.fusion.test_agreement_statistics import OURS, REFERENCE
+
+FAILED = {
+    ("P02/broken.csv", "E-TYPE"),
+    ("P03/gt9x.gt3x", "E-REFERENCE"),
+    ("P04/gt9x.gt3x", "E-TASKS"),
+}
 
 
 @pytest.fixture(scope="module")
 def study(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two people with one recording each, and a file that is none."""
+    """Two people with one recording each; a file that is none, one without reference, a task reversed."""
     folder = tmp_path_factory.mktemp("study")
     for person in ("P01", "P02"):
         (folder / person).mkdir()
@@ -26,6 +37,10 @@ def study(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(shift_gt3x.with_name("truth.parquet"), folder / person / "reference.parquet")
         (folder / person / "tasks.csv").write_text("name,start_s,end_s,paper_task\nwork,30,150,4\n")
     (folder / "P02" / "broken.csv").write_text("a,b\n1,2\n")
+    shutil.copytree(folder / "P01", folder / "P03")
+    (folder / "P03" / "reference.parquet").unlink()
+    shutil.copytree(folder / "P01", folder / "P04")
+    (folder / "P04" / "tasks.csv").write_text("name,start_s,end_s\nwork,150,30\n")
     return folder
 
 
@@ -45,7 +60,19 @@ def test_what_failed_is_listed_with_its_place(done: tuple[int, Path]) -> None:
     with (done[1] / "problems.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
 
-    assert [(row["file"], row["code"]) for row in rows] == [("P02/broken.csv", "E-TYPE")]
+    assert {(row["file"], row["code"]) for row in rows} == FAILED
+
+
+def test_the_json_lists_what_failed(done: tuple[int, Path]) -> None:
+    study: dict[str, Any] = json.loads((done[1] / "study.json").read_text())
+
+    assert {(problem["file"], problem["code"]) for problem in study["problems"]} == FAILED
+
+
+def test_the_sheet_lists_what_failed_with_its_code(done: tuple[int, Path]) -> None:
+    page = (done[1] / "study.html").read_text()
+
+    assert all(text in page for row in FAILED for text in row)
 
 
 def test_the_table_counts_people_and_holds_the_paper(done: tuple[int, Path]) -> None:
@@ -114,3 +141,30 @@ def test_r_is_not_given_where_it_is_quasi_static_for_most() -> None:
     cell = summarise_study([StudyEntry(person, "gt9x", "hold", None, one) for person, one in people])[0]
 
     assert (cell.r.mean != cell.r.mean, cell.r.people, cell.rmse_deg.people) == (True, 1, 3)
+
+
+def test_the_table_of_two_devices_fits_the_page(browser: Browser, study_of_two_devices: Path) -> None:
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.goto(study_of_two_devices.as_uri())
+    box = page.locator(".scroll").first
+
+    widths = (box.evaluate("box => box.scrollWidth"), box.evaluate("box => box.clientWidth"))
+
+    page.close()
+    assert widths[0] == widths[1]
+
+
+@pytest.fixture
+def study_of_two_devices(tmp_path: Path) -> Path:
+    """The page of ten of the paper's tasks with both devices."""
+    agreement = measure_agreement(OURS, REFERENCE, 1.0)
+    entries = [
+        StudyEntry(person, device, TITLES[task], task, agreement)
+        for person in ("P1", "P2")
+        for device in ("gt9x", "lsm9ds1")
+        for task in TITLES
+    ]
+    facts = StudyFacts("smoothed", "n-pose", Software("1", "a"), "id")
+    report = build_study(entries, summarise_study(entries), [], facts, "en")
+    (tmp_path / "study.html").write_bytes(render_html(report))
+    return tmp_path / "study.html"

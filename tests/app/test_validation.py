@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from app.agreement_workflow import make_validation
 from app.cli import app
+from app.report.agreement_answer import tell_drift
 from app.report.wording import LANGUAGES, load_wording
 from app.request import Reference, ReportRequest
 from fusion.simulation.write_mvnx import write_mvnx
@@ -54,6 +55,22 @@ def validation(compared: Path) -> dict[str, Any]:
 
 def test_the_clock_of_the_reference_is_found(validation: dict[str, Any]) -> None:
     assert validation["alignment"]["offset_s"] == pytest.approx(20.0, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("drift_ppm", "margin_ppm", "told"),
+    [(58.23, 29.4, "58\u00a0±\u00a029"), (41.26, 0.36, "41.3\u00a0±\u00a00.4"), (40.0, None, "40.0")],
+)
+def test_a_drift_is_told_to_what_its_margin_bears(
+    drift_ppm: float, margin_ppm: float | None, told: str
+) -> None:
+    assert tell_drift(drift_ppm, margin_ppm, "en") == told
+
+
+def test_a_drift_that_was_not_told_has_no_reason_that_may_be_wrong() -> None:
+    sentence = load_wording("en", "agreement")["sentence"]["clocks_no_drift"]
+
+    assert "short" not in sentence
 
 
 def test_overall_and_every_task_hold_the_names_of_the_contract(validation: dict[str, Any]) -> None:

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.agreement.alignment import ClockWishes, align
-from fusion.agreement.clocks import Alignment
+from fusion.agreement.clocks import Alignment, WindowLag
 from fusion.agreement.pairing import pair
 from fusion.agreement.runs import Run, Runs, interpolate
 from fusion.errors import NotAligned, NothingInCommon
@@ -88,6 +88,41 @@ def test_motions_that_are_not_alike_are_refused() -> None:
 
     with pytest.raises(NotAligned):
         align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, noise),))
+
+
+def test_a_few_seconds_of_like_motion_tell_no_shift() -> None:
+    piece = see(60, 0.0, 0, 0, 2)[0].values[320 * 60 : 328 * 60]
+
+    with pytest.raises(NotAligned) as refusal:
+        align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, piece),))
+
+    assert refusal.value.facts["motion_s"] < 8.1
+
+
+def test_a_shift_given_by_hand_needs_no_length_of_motion() -> None:
+    piece = see(60, 0.0, 0, 0, 2)[0].values[320 * 60 : 328 * 60]
+
+    found = align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, piece),), ClockWishes(offset_s=-320.0))
+
+    assert found.offset_s == -320.0
+
+
+def test_a_short_motion_that_fits_in_two_places_is_refused() -> None:
+    # A burst of 20 s that comes twice: nothing tells which of them the reference saw.
+    burst = np.concatenate([np.full(600, 60.0), see(10, 0.0, 0, 0, 2)[0].values[300:500], np.full(600, 60.0)])
+
+    with pytest.raises(NotAligned) as refusal:
+        align((Run(0.0, 10.0, np.tile(burst, 2)),), (Run(0.0, 10.0, burst[500:900]),))
+
+    assert refusal.value.facts["rival"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_margin_of_a_drift_is_10_ms_over_the_span_of_its_stretches() -> None:
+    windows = tuple(WindowLag(start_s, 0.0, 0.9) for start_s in (10.0, 250.0, 410.0))
+
+    found = Alignment(0.0, 40.0, is_drift_fitted=True, windows=windows)
+
+    assert found.drift_margin_ppm == pytest.approx(25.0)
 
 
 def test_a_hole_of_either_side_stays_a_hole() -> None:
