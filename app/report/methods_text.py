@@ -50,9 +50,10 @@ def _count(every: Iterable[Results], part: str, name: str) -> Counter[str]:
 
 
 def _list_methods(every: Iterable[Results]) -> list[tuple[str, str]]:
-    """Give each method and its version once; a file of ready angles has none."""
+    """Give each method and its version once; a file of ready angles has none, which stands last."""
     found = (results["method"] for results in every)
-    return sorted({(m["name"], str(m["version"])) if m else ("none", "") for m in found})
+    named = {(m["name"], str(m["version"])) if m else ("none", "") for m in found}
+    return sorted(named, key=lambda method: (method[0] == "none", method))
 
 
 def _tell_method(method: tuple[str, str], words: Words) -> str:
