@@ -6,22 +6,26 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from app.report.messages import describe_flag
 from app.report.numbers import format_exact, format_long_duration, format_number
 from app.report.subject import clean_text
 from app.report.wording import Language, Words, fill, load_wording
 from app.request import OnStage, ReportRequest
+from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
 from fusion.calibration import propose_still_periods
 from fusion.quality import propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.head import inspect_head
-from fusion.readers.inspection import inspect_recording
+from fusion.readers.inspection import LISTED_GAPS, inspect_recording
 from fusion.readers.profile_proposal import propose_profile
 from fusion.readers.source import open_source
 from fusion.readers.unpacking import unpack
 from fusion.recording import MICROSECONDS, QualityFlag
 
 _MOST_LINES = 10
+MOST_ROUNDING_US = 2
 
 
 def inspect_file(
@@ -38,6 +42,8 @@ def inspect_file(
     """
     name = file_name or path.name
     with path.open("rb") as file:
+        if tell_layout(file, name) == "mvnx":
+            return {"file": name} | _inspect_capture(read_angle_file(file, name))
         columns = parse_profile(profile) if profile else None
         recording = read_recording(file, file_name=name, rate_hz=rate_hz, profile=columns)
     proposals = [
@@ -55,6 +61,33 @@ def inspect_file(
     ]
     proposed = {"calibration_proposals": proposals, "nonwear_proposals": nonwear}
     return {"file": name} | understood | proposed
+
+
+def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
+    """Say what a motion capture is, under the names of a recording; it holds angles, and no samples."""
+    recording, angles = lay_file(capture, np.zeros(len(capture.time_s)))
+    runs = [
+        (run.start_us, run.start_us + round(len(run) / run.rate_hz * MICROSECONDS)) for run in angles.segments
+    ]
+    ends_us, starts_us = (
+        [0, *(end for _, end in runs)],
+        [*(start for start, _ in runs), recording.duration_us],
+    )
+    gaps = [
+        {"start_s": end / MICROSECONDS, "length_s": (start - end) / MICROSECONDS}
+        for end, start in zip(ends_us, starts_us, strict=True)
+        if start - end > MOST_ROUNDING_US
+    ]
+    missing_s = sum(gap["length_s"] for gap in gaps)
+    told: dict[str, Any] = inspect_recording(recording)
+    return told | {
+        "present_s": told["recorded_s"] - missing_s,
+        "missing_s": missing_s,
+        "gap_count": len(gaps),
+        "gaps": gaps[:LISTED_GAPS],
+        "calibration_proposals": [],
+        "nonwear_proposals": [],
+    }
 
 
 def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

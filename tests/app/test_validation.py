@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -207,6 +208,28 @@ def test_both_languages_of_a_comparison_hold_the_same_texts() -> None:
     keys = {name: {path for path, _ in walk_texts(load_wording(name, "agreement"))} for name in LANGUAGES}
 
     assert keys["en"] == keys["fr"]
+
+
+def test_a_motion_capture_is_told_for_what_it_is(shift_mvnx: Path) -> None:
+    done = CliRunner().invoke(app, ["inspect", str(shift_mvnx), "--json"])
+
+    found = json.loads(done.stdout)
+    assert (done.exit_code, found["device"], found["rate_hz"], found["gaps"]) == (0, "mvn", 60.0, [])
+    assert found["understood"]["segment"] == "RightUpperArm"
+    assert found["present_s"] == found["recorded_s"]
+
+
+def test_a_hole_of_a_motion_capture_is_told(tmp_path: Path) -> None:
+    # Frames 120 to 179 of 300 are left out: a second from 2 s on.
+    whole = write_mvnx(tmp_path / "whole.mvnx", np.full(300, 30.0), 60.0)
+    frames = re.split(r"(?=<frame )", whole.read_text())
+    first = next(k for k, text in enumerate(frames) if 'index="120"' in text)
+    (tmp_path / "holed.mvnx").write_text("".join(frames[:first] + frames[first + 60 :]))
+
+    done = CliRunner().invoke(app, ["inspect", str(tmp_path / "holed.mvnx"), "--json"])
+
+    gap = json.loads(done.stdout)["gaps"][0]
+    assert (gap["start_s"], gap["length_s"]) == pytest.approx((2.0, 1.0), abs=1e-4)
 
 
 @pytest.mark.real_recordings
