@@ -110,7 +110,7 @@ def test_the_whole_way_is_gone_by_the_keyboard(
     page.keyboard.type("S500")
     press_until(page, "document.activeElement.id === 'files'")
     with page.expect_file_chooser() as chooser:
-        page.keyboard.press("Enter")
+        page.keyboard.press("Space")
     chooser.value.set_files(file)
     wait_for_end(page, "keys.csv", "failed")
 
