@@ -87,6 +87,7 @@ PAGES = (
 )
 MAX_HEADER_BYTES = 64 * 1024
 GRACE_S = 3
+BACKLOG = 2048
 FULL_DISK = ("disk is full", "No space left")  # SQLite's words, and PostgreSQL's
 SQLITE_AWAY = ("database is locked", "unable to open", "disk I/O error")
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -251,6 +252,7 @@ def _listen(settings: Settings) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((settings.host, settings.port))
+        listener.listen(BACKLOG)  # so that whoever reads our address may connect at once
     except OSError as error:
         listener.close()
         raise PortTaken(host=settings.host, port=settings.port) from error
