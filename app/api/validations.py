@@ -13,8 +13,9 @@ from starlette.datastructures import FormData, UploadFile
 
 from app.api.guard import REPORT_POLICY
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
+from app.api.results import check_succeeded
 from app.api.services import Services, UsedLanguage, UsedServices
-from app.errors import BadParameter, NoSuchFile, NotFinished, NotHere
+from app.errors import BadParameter, NotHere
 from app.jobs.job import Job, JobState
 from app.report.wording import Language
 from app.request import (
@@ -117,15 +118,12 @@ def get_validation_file(
 ) -> Response:
     """Every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
     job = find_validation(services, validation_id)
-    if not job.is_over:
-        raise NotFinished(state=job.state.value)
-    if job.state is not JobState.SUCCEEDED or job.token is None:
-        raise NoSuchFile(name=name)
+    token = check_succeeded(job, name)
     stem, _, kind = name.partition(".")
     stored = f"{stem}.{lang or language}.{kind}" if kind in {"html", "pdf"} else name
     headers = {"Content-Security-Policy": REPORT_POLICY} if kind == "html" else {}
     disposition = "inline" if kind == "html" else "attachment"
-    path = services.storage.fetch_result(job.id, job.token, stored)
+    path = services.storage.fetch_result(job.id, token, stored)
     return FileResponse(
         path,
         background=BackgroundTask(services.storage.give_back, path),

@@ -13,10 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from app.api.results import check_succeeded
 from app.api.services import Services
-from app.errors import Crashed, NoSuchFile, NotFinished, RecordedProblem
+from app.errors import Crashed, RecordedProblem
 from app.jobs.attempt import Attempt, Finished, Refused, choose_limits, run_attempt
-from app.jobs.job import Job, JobState
+from app.jobs.job import Job
 from app.report.wording import Language
 from app.request import OnStage, ReportRequest
 from app.storage import borrow_result
@@ -104,12 +105,9 @@ def _make(services: Services, asked: BesideRequest, folders: tuple[Path, Path], 
 @contextmanager
 def _borrow_folder(services: Services, job: Job) -> Iterator[Path]:
     """Lend what a report of two is made from, as it stands in a folder that ``acromion run`` made."""
-    if not job.is_over:
-        raise NotFinished(state=job.state.value)
-    if job.state is not JobState.SUCCEEDED or job.token is None:
-        raise NoSuchFile(name=NEEDED[0])
+    token = check_succeeded(job, NEEDED[0])
     with tempfile.TemporaryDirectory(dir=services.settings.data_dir / "cache") as folder:
         for name in NEEDED:
-            with borrow_result(services.storage, job.id, job.token, name) as path:
+            with borrow_result(services.storage, job.id, token, name) as path:
                 shutil.copyfile(path, Path(folder) / name)
         yield Path(folder)
