@@ -57,7 +57,7 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
     words, compared = load_beside_words(language)["compare"], _compare(before, after)
     sides = (Beside(words["before"], before), Beside(words["after"], after))
     report_id = identify(describe_comparison(before, after))
-    limits, use = build_limits(language)
+    limits, use = build_limits(sides, language)
     header = _build_header(sides, language)
     footer = fill(words["footer"], {"version": after.subject.software.version, "id": report_id})
     return Report(
@@ -68,6 +68,7 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         verdict=_tell_verdict(compared, words),
         sentences=_tell_changes(compared, words, language),
         pose_caution=f"{fill(words['caution'], {'source': SOURCE})} {tell_poses(sides, language)}".strip(),
+        range_note="",
         figures=(build_two_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
         references=(),

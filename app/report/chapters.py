@@ -8,6 +8,7 @@ from app.report.charts import build_parts, is_drawable
 from app.report.clock import Clock
 from app.report.day import name_reason
 from app.report.findings import Findings, StillFacts
+from app.report.limits import choose_ranges
 from app.report.measures import list_measures
 from app.report.messages import describe_flag
 from app.report.numbers import (
@@ -48,6 +49,7 @@ def build_sections(
         Section(
             "figures",
             words["section"]["figures"],
+            paragraphs=(words["ranges"]["every"][choose_ranges(findings)],),
             tables=list_measures(findings.exposure, clock, words),
         ),
         _build_quality(findings, clock, words),

@@ -73,6 +73,11 @@ def format_angle_range(interval: "Interval | None", language: Language, decimals
     return f"{low}–{format_angle(interval.high, language, decimals)}"
 
 
+def format_duration_range(interval: "Interval", language: Language) -> str:
+    """Write a range of lengths: "40 s–1 min 5 s"."""
+    return f"{format_duration(interval.low, language)}–{format_duration(interval.high, language)}"
+
+
 def format_rate(value: float | None, language: Language) -> str:
     """Per hour: whole from 10 on, one decimal below."""
     decimals = 0 if value is None or value >= 9.95 else 1

@@ -133,9 +133,7 @@ def test_changes_of_direction_are_counted_one_by_one(series: NDArray[np.float64]
     assert counts[0] == slow
 
 
-def count_cycles(
-    angle: MetricAngle, edges_us: NDArray[np.int64], *errors_deg: float
-) -> NDArray[np.float64]:
+def count_cycles(angle: MetricAngle, edges_us: NDArray[np.int64], *errors_deg: float) -> NDArray[np.float64]:
     tally = start_cycles(np.array(errors_deg or (0.0,)), edges_us)
     tally.add(angle)
     return tally.counts if errors_deg else tally.counts[0]
