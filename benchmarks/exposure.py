@@ -84,7 +84,7 @@ def main() -> None:
     if sys.argv[1:] == ["--oracles"]:
         raise SystemExit(print_oracles())
     if sys.argv[1:2] == ["--truth"]:
-        raise SystemExit(print_truth(*(int(told) for told in sys.argv[2:3])))
+        raise SystemExit(print_truth(int(sys.argv[2])) if sys.argv[2:] else print_truth())
     if len(sys.argv) == 3:
         print(json.dumps(asdict(measure(float(sys.argv[1]), float(sys.argv[2])))))
         return

@@ -107,7 +107,7 @@ def name_ascii(name: str) -> str:
 
 
 def name_download(services: Services, job: Job, name: str) -> str:
-    """Name a download by the one rule for all files that leave: whose, when, which arm, what, which version."""
+    """Name a download by the one rule for all files that leave."""
     asked = job.request
     origin = Origin(asked.subject, job.file_name, _find_start(services, job), asked.side or "", asked.version)
     return name_file(origin, name)

@@ -1,5 +1,5 @@
-"""What limits the figures, for the first page: the verdict with every grave reason, what was not analysed, what
-the ranges hold, and how accurate the method is.
+"""What limits the figures, for the first page: the verdict with every grave reason, what was not analysed,
+what the ranges hold, and how accurate the method is.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ _LONGEST = 60
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a file is of. ``start`` is the recording's first sample in ISO 8601; what is not known is empty."""
+    """What a file is of. ``start`` is the first sample in ISO 8601; what is not known is empty."""
 
     subject: str
     file_name: str

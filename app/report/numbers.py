@@ -74,8 +74,12 @@ def format_angle_range(interval: "Interval | None", language: Language, decimals
 
 
 def format_duration_range(interval: "Interval", language: Language) -> str:
-    """Write a range of lengths: "40 s–1 min 5 s"."""
-    return f"{format_duration(interval.low, language)}–{format_duration(interval.high, language)}"
+    """Write a range of lengths: "40 s–1 min 5 s"; short ones that round to one length with a decimal more."""
+    low, high = format_duration(interval.low, language), format_duration(interval.high, language)
+    if low != high or interval.high >= SHORT_S:
+        return f"{low}–{high}"
+    ends = (format_number(end, 1, language) for end in (interval.low, interval.high))
+    return f"{'–'.join(ends)}{NARROW}s"
 
 
 def format_rate(value: float | None, language: Language) -> str:

@@ -11,6 +11,7 @@ from app.report.parts import Section, Table
 from app.report.wording import LANGUAGES, Language
 from fusion.exposure import Entries, Episodes, Exposure, Interval, PartExposure, PeakWindow, Velocity
 from fusion.quality import Quality, TimeAccount
+from fusion.recording import QualityFlag
 from tests.app.analysis_factory import (
     make_analysis,
     make_exposure,

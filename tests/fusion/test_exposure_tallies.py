@@ -172,7 +172,7 @@ def test_cycles_with_an_error_are_those_of_the_angle_without_it(
     series: NDArray[np.float64], gaps: list[int], error_deg: float
 ) -> None:
     error_deg = round(error_deg, 3)
-    corrected = make_angle(np.round(np.clip(series - error_deg, 0.0, 180.0), 6), gaps)
+    corrected = make_angle(np.asarray(np.round(np.clip(series - error_deg, 0.0, 180.0), 6), np.float64), gaps)
 
     counts = count_cycles(make_angle(series, gaps), BLOCKS_US, -error_deg, 0.0, error_deg)
     assert counts[2].sum(axis=0) == pytest.approx(count_cycles(corrected, BLOCKS_US).sum(axis=0))
