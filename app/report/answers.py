@@ -9,6 +9,7 @@ from app.report.clock import Clock
 from app.report.day import WORST_WINDOW_S
 from app.report.numbers import (
     NARROW,
+    SHORTEST_RATED_S,
     format_clock,
     format_duration,
     format_duration_range,
@@ -23,8 +24,6 @@ from fusion.exposure.types import Entries, Episodes, Exposure, Interval
 
 MAIN_THRESHOLD_DEG = 60
 WORST_RANGE = f"worst_{WORST_WINDOW_S // 60}_min_above_60_percent"
-SHORTEST_RATED_S = 600
-"""Below ten minutes a rate per hour would only be a small count multiplied."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,6 +97,7 @@ def _take_day(kept: Kept) -> ComparedDay:
         pose=calibration.pose if calibration else "",
         side=kept.subject.side,
         verdict=findings.quality.verdict,
+        sha256=findings.recording.sha256,
     )
 
 
@@ -119,6 +120,11 @@ def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     """Say first whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
+    for name in ("recording", "side"):
+        if name in compared.differences:
+            return VerdictLine(
+                "poor", words["no_two_days"][name]["label"], words["no_two_days"][name]["reason"]
+            )
     told = ", ".join(words["difference"][name] for name in compared.differences)
     level = "poor" if "poor" in compared.differences else "caution"
     entry = words["unlike"]

@@ -14,6 +14,8 @@ from app.report.parts import VerdictLine
 from app.report.wording import Language, Words, fill
 from fusion.recording import MICROSECONDS, QualityFlag
 
+SHORTEST_DRAWN_S = 1800.0
+"""Six blocks of 5 minutes; as :data:`fusion.exposure.resampling.LEAST_BLOCKS`."""
 LEAST_SHARE = 0.01
 """Of the recording: less that was not analysed, and less than a minute, is left to the table."""
 
@@ -44,9 +46,11 @@ def tell_accuracy(findings: Findings, words: Words) -> str:
 
 
 def choose_ranges(findings: Findings) -> str:
-    """Give the key of what the ranges hold: ``known`` or ``ready``, ``none`` where there are none."""
+    """Give the key of what the ranges hold: ``known``, ``short`` (little of the day) or ``ready`` (none of the
+    angle's error), ``none`` where there are none.
+    """
     if findings.method is not None and findings.calibration is not None:
-        return "known"
+        return "known" if findings.exposure.analysed_s >= SHORTEST_DRAWN_S else "short"
     return "ready" if findings.exposure.intervals else "none"
 
 

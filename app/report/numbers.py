@@ -18,6 +18,8 @@ NONE = "–"
 MINUTE_S = 60
 HOUR_S = 3600
 SHORT_S = 600
+SHORTEST_RATED_S = 600
+"""Below ten minutes a rate per hour would only be a small count multiplied."""
 
 
 def format_number(value: float | None, decimals: int, language: Language) -> str:
