@@ -46,8 +46,8 @@ def tell_accuracy(findings: Findings, words: Words) -> str:
 
 
 def choose_ranges(findings: Findings) -> str:
-    """Give the key of what the ranges hold: ``known``, ``short`` (little of the day) or ``ready`` (no error of
-    the angle); ``none`` where there are none.
+    """Give the key of what the ranges hold: ``known``, ``short`` (little of the day) or ``ready`` (no error
+    of the angle); ``none`` where there are none.
     """
     if findings.method is not None and findings.calibration is not None:
         return "known" if findings.exposure.analysed_s >= SHORTEST_DRAWN_S else "short"

@@ -16,8 +16,8 @@ NOTE, CAUTION, POOR = range(3)
 NOTES = frozenset(
     {
         "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-UPLOAD", "W-ENCODING",
-        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-ORDER", "W-PRECISION", "W-SEC-COUNT",
-        "W-TZ",
+        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-ORDER", "W-OVERLAP", "W-PRECISION",
+        "W-SEC-COUNT", "W-TZ",
     }
 )  # fmt: skip
 GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-SHORT", "W-UPSIDE"})
