@@ -135,8 +135,9 @@ class ReportRequest:
         return {name: value for name, value in asdict(self).items() if name not in told}
 
     def list_diary(self) -> tuple[DiaryEntry, ...]:
-        """Give the rows of the diary that are for this file."""
-        return tuple(entry for entry in self.diary if entry.file in {"", self.file_name})
+        """Give the rows of the diary that are for this file, named in full, by its stem or by the subject."""
+        names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}
+        return tuple(entry for entry in self.diary if entry.file in names)
 
 
 def _read_reference(values: dict[str, Any] | None) -> Reference | None:

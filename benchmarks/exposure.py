@@ -6,10 +6,13 @@ python -m benchmarks.exposure --truth    figures of simulated shifts beside thos
                                          number: of so many seeds for each device
 """
 
+import json
 import resource
 import subprocess
 import sys
 import time
+from dataclasses import asdict, dataclass
+from statistics import median
 
 import numpy as np
 
@@ -44,16 +47,24 @@ def make_shift(rows: int, rate_hz: float) -> tuple[Elevation, Recording]:
     return Elevation((ElevationSegment(0, rate_hz, angle, valid, vertical),), None), recording
 
 
-def measure(hours: float, rate_hz: float) -> None:
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Median processor time of the rounds, and the peak of memory above the angles."""
+
+    rows: int
+    cpu_s: float
+    memory_mib: float
+
+
+def measure(hours: float, rate_hz: float) -> Cost:
+    """Measure in this process, whose peak of memory is the shift's if it measures nothing else."""
     warm, warm_recording = make_shift(5000, rate_hz)
     summarise_exposure(warm, None, warm_recording, np.zeros(3), SIGMA_DEG)
     elevation, recording = make_shift(round(hours * 3600 * rate_hz), rate_hz)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    seconds = min(measure_once(elevation, recording) for _ in range(ROUNDS))
+    cpu_s = median(measure_once(elevation, recording) for _ in range(ROUNDS))
     above = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / MEBIBYTE
-    rows = len(elevation.segments[0])
-    told = f"{seconds:6.3f} s of CPU {above:6.1f} MiB above input"
-    print(f"{hours:>4} h at {rate_hz:g} Hz {rows:>11,} rows {told}")
+    return Cost(len(elevation.segments[0]), cpu_s, above)
 
 
 def measure_once(elevation: Elevation, recording: Recording) -> float:
@@ -62,16 +73,25 @@ def measure_once(elevation: Elevation, recording: Recording) -> float:
     return time.process_time() - started
 
 
+def measure_apart(hours: float, rate_hz: float) -> Cost:
+    """Measure in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.exposure", str(hours), str(rate_hz)]
+    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return Cost(**json.loads(told))
+
+
 def main() -> None:
     if sys.argv[1:] == ["--oracles"]:
         raise SystemExit(print_oracles())
     if sys.argv[1:2] == ["--truth"]:
-        raise SystemExit(print_truth(*(int(told) for told in sys.argv[2:3])))
+        raise SystemExit(print_truth(int(sys.argv[2])) if sys.argv[2:] else print_truth())
     if len(sys.argv) == 3:
-        measure(float(sys.argv[1]), float(sys.argv[2]))
+        print(json.dumps(asdict(measure(float(sys.argv[1]), float(sys.argv[2])))))
         return
-    for hours, rate_hz in SHIFTS:  # each in a process of its own, so that the peak of memory is its own
-        subprocess.run([sys.executable, "-m", "benchmarks.exposure", str(hours), str(rate_hz)], check=True)
+    for hours, rate_hz in SHIFTS:
+        cost = measure_apart(hours, rate_hz)
+        told = f"{cost.cpu_s:6.3f} s of CPU {cost.memory_mib:6.1f} MiB above input"
+        print(f"{hours:>4} h at {rate_hz:g} Hz {cost.rows:>11,} rows {told}")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from benchmarks.exposure_oracles_table import ALL_DAY, FloatVector, Oracle, samp
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import find_percentiles, summarise_bins
-from fusion.exposure.cycles import count_cycles, count_rainflow
+from fusion.exposure.cycles import count_rainflow, start_cycles
 from fusion.exposure.episodes import find_stays, scan_stays
 from fusion.exposure.frequency import find_mean_power_frequency
 from fusion.exposure.metric_filter import filter_angle
@@ -66,7 +66,9 @@ def check_repetition() -> Iterator[Oracle]:
         yield Oracle("6", f"stay, trigger {enter:g}/{leave:g}, s", value, got, 0.001)
     frequency_hz = find_mean_power_frequency(angle.elevation_deg, 2000.0) or 0.0
     yield Oracle("7", "swing, MPF of its speed, Hz", 0.25, frequency_hz, 0.002)
-    yield Oracle("8", "rainflow cycles of 60 to 90 deg", 149.5, float(count_cycles(angle, ALL_DAY)[0, 2]), 0)
+    cycles = start_cycles(np.zeros(1), ALL_DAY)
+    cycles.add(angle)
+    yield Oracle("8", "rainflow cycles of 60 to 90 deg", 149.5, float(cycles.sum_day()[2]), 0)
     tones = sample(lambda t: 60 + 30 * np.sin(0.4 * np.pi * t) + 5 * np.sin(3 * np.pi * t), 600, 100.0)
     frequency_hz = find_mean_power_frequency(tones.elevation_deg, 100.0) or 0.0
     yield Oracle("14", "two tones, MPF of the speed, Hz", 0.992683, frequency_hz, 0.002)
@@ -142,24 +144,38 @@ def check_turning() -> Iterator[Oracle]:
     yield Oracle("23", "gap of three swings, above 60 deg", 0.3775, share_above(gap, 60), 0.0001)
 
 
-def main() -> int:
-    checks = (
-        check_swing,
-        check_repetition,
-        check_shapes,
-        check_days,
-        check_turning,
-        check_sensor,
-        check_properties,
-    )
-    oracles = sorted((oracle for check in checks for oracle in check()), key=lambda o: int(o.number))
-    print(f"{'D':>3}  {'figure':<36} {'expected':>12} {'got':>12} {'tolerance':>10}")
+CHECKS = (
+    check_swing,
+    check_repetition,
+    check_shapes,
+    check_days,
+    check_turning,
+    check_sensor,
+    check_properties,
+)
+
+
+def list_oracles() -> list[Oracle]:
+    """Give every figure in the order of the oracles."""
+    return sorted((oracle for check in CHECKS for oracle in check()), key=lambda o: int(o.number))
+
+
+def tell_oracles(oracles: list[Oracle]) -> Iterator[str]:
+    """Write the lines of a Markdown table, and how many fail."""
+    yield "| D | figure | expected | got | tolerance | |"
+    yield "|---:|---|---:|---:|---:|---|"
     for o in oracles:
-        mark = "" if o.is_met else "  <-- FAILS"
-        print(f"{o.number:>3}  {o.name:<36} {o.expected:12.6f} {o.got:12.6f} {o.tolerance:10.6f}{mark}")
+        values = f"{o.expected:.6f} | {o.got:.6f} | {o.tolerance:.6f}"
+        yield f"| {o.number} | {o.name} | {values} | {'met' if o.is_met else '**fails**'} |"
     failed = sum(not oracle.is_met for oracle in oracles)
-    print(f"{len(oracles)} figures of {len({o.number for o in oracles})} oracles, {failed} fail")
-    return 1 if failed else 0
+    yield ""
+    yield f"{len(oracles)} figures of {len({o.number for o in oracles})} oracles, {failed} fail."
+
+
+def main() -> int:
+    oracles = list_oracles()
+    print("\n".join(tell_oracles(oracles)))
+    return 0 if all(oracle.is_met for oracle in oracles) else 1
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """A ready angle series: a CSV with the columns ``time_s`` and ``elevation_deg``, empty where missing.
 
+Delimited by commas, semicolons or tabs; between the latter two, decimals may have a comma (French Excel).
+
 Nothing is filled: a hole is a step of more than 1.5 sample periods (CONTRACT.md §5 "Hole"). Up to 50 ms it is
 bridged for the filter only, and the bridge is not valid; longer, the segment ends.
 """
@@ -48,6 +50,16 @@ class _Rows:
     elevation_deg: FloatVector
     line: IntVector
     dropped: int = 0
+    has_commas: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """How the table is written."""
+
+    names: tuple[str, ...]
+    delimiter: str
+    decimal_mark: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +100,7 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
         time_zone=None,
         duration_us=0,
         segments=(),
-        flags=_flag_dropped(rows),
+        flags=_flag_rows(rows),
         understood={"layout": "angles", "columns": ", ".join(COLUMNS)},
     )
     return lay_angles(recording, series)
@@ -132,26 +144,36 @@ def _read_rows(file: BinaryIO) -> _Rows:
     if b"\0" in start:
         raise UnknownFormat(kind="binary")
     header = start.decode("utf-8-sig", "replace").splitlines()[0]
-    names = [name.strip().strip('"') for name in header.split(",")]
-    if not set(COLUMNS) <= set(names):
+    layout = _recognise(header, start)
+    if not set(COLUMNS) <= set(layout.names):
         raise UnknownColumns(list=header[:200])
-    return _parse(file, names)
+    return _parse(file, layout)
 
 
-def _parse(file: BinaryIO, names: list[str]) -> _Rows:
+def _recognise(header: str, start: bytes) -> _Layout:
+    """Tell the delimiter from the header; between other delimiters a comma is the mark of the decimals."""
+    delimiter = max((",", ";", "\t"), key=header.count)
+    names = tuple(name.strip().strip('"') for name in header.split(delimiter))
+    return _Layout(names, delimiter, "," if delimiter != "," and b"," in start else ".")
+
+
+def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
     """Read fast; where a value is no number, once more as text, and count what cannot be read."""
     try:
-        table, broken = _parse_columns(file, names, pa.float64())
+        table, broken = _parse_columns(file, layout, pa.float64())
     except pa.ArrowInvalid:
         file.seek(0)
-        table, broken = _parse_columns(file, names, pa.string())
+        table, broken = _parse_columns(file, layout, pa.string())
+        if layout.decimal_mark == ",":
+            table = pa.table({name: pc.replace_substring(table[name], ",", ".") for name in COLUMNS})
         unreadable = pc.invert(pc.match_substring_regex(table["elevation_deg"], NUMBER))
         broken += int(pc.sum(unreadable).as_py() or 0)
     time_s, elevation_deg = (_to_numbers(table[name]) for name in COLUMNS)
-    return _drop_timeless(_Rows(time_s, elevation_deg, np.arange(2, table.num_rows + 2)), broken)
+    rows = _Rows(time_s, elevation_deg, np.arange(2, table.num_rows + 2))
+    return replace(_drop_timeless(rows, broken), has_commas=layout.decimal_mark == ",")
 
 
-def _parse_columns(file: BinaryIO, names: list[str], kind: pa.DataType) -> tuple[pa.Table, int]:
+def _parse_columns(file: BinaryIO, layout: _Layout, kind: pa.DataType) -> tuple[pa.Table, int]:
     """Give the two columns and how many lines had too many or too few values."""
     broken: list[int | None] = []
 
@@ -161,13 +183,14 @@ def _parse_columns(file: BinaryIO, names: list[str], kind: pa.DataType) -> tuple
 
     table = csv.read_csv(
         file,
-        csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
-        csv.ParseOptions(invalid_row_handler=skip_row),
+        csv.ReadOptions(column_names=list(layout.names), skip_rows=1, use_threads=False),
+        csv.ParseOptions(delimiter=layout.delimiter, invalid_row_handler=skip_row),
         csv.ConvertOptions(
             column_types=dict.fromkeys(COLUMNS, kind),
             include_columns=list(COLUMNS),
             null_values=MISSING,
             strings_can_be_null=True,
+            decimal_point=layout.decimal_mark,
         ),
     )
     return table, len(broken)
@@ -269,5 +292,6 @@ def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> t
     return (QualityFlag("W-GAP", max(len(segments) - 1, 1), round(missing_s, 6)),)
 
 
-def _flag_dropped(rows: _Rows) -> tuple[QualityFlag, ...]:
-    return (QualityFlag("W-ROWS-DROPPED", rows.dropped),) if rows.dropped else ()
+def _flag_rows(rows: _Rows) -> tuple[QualityFlag, ...]:
+    dropped = (QualityFlag("W-ROWS-DROPPED", rows.dropped),) if rows.dropped else ()
+    return (*dropped, QualityFlag("W-LOCALE")) if rows.has_commas else dropped

@@ -5,14 +5,14 @@ Wahlstrom et al. 2010 (hairdressers, right arm, four days): 2.0 percentage point
 3.4 deg for the median. Another kind of work may vary more or less; that is said with the verdict.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
 
 from fusion.exposure.types import Exposure
 
-Verdict = Literal["larger", "not larger", "unknown"]
-Difference = Literal["method", "pose", "side", "metric filter", "short", "poor"]
+Verdict = Literal["larger", "not larger", "unknown", "no two days"]
+Difference = Literal["recording", "method", "pose", "side", "metric filter", "short", "poor"]
 
 SOURCE = "Wahlstrom et al. 2010"
 BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
@@ -28,6 +28,8 @@ class ComparedDay:
     pose: str
     side: str | None
     verdict: str
+    sha256: str = ""
+    """Of the recording; empty where it is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,8 @@ class FigureChange:
     """A figure of the later side less that of the earlier, and the least change that days do not make.
 
     ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
-    ``unknown`` where no between-day variation was published for the figure.
+    ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
+    one recording, or two arms: then there is no change to be judged.
     """
 
     name: str
@@ -62,10 +65,13 @@ def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
 
 
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
-    """Compare one day with another."""
+    """Compare one day with another; of one recording, or of two arms, no change is judged."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)
     changes = tuple(_compare(name, first[name], second[name]) for name in first if name in second)
-    return DayComparison(changes, _find_differences(before, after))
+    differences = _find_differences(before, after)
+    if {"recording", "side"} & set(differences):
+        changes = tuple(replace(change, detectable=None, verdict="no two days") for change in changes)
+    return DayComparison(changes, differences)
 
 
 def _list_figures(exposure: Exposure) -> dict[str, float]:
@@ -86,6 +92,7 @@ def _compare(name: str, before: float, after: float) -> FigureChange:
 
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:
     unlike: dict[Difference, bool] = {
+        "recording": before.sha256 == after.sha256 != "",
         "method": before.method != after.method,
         "pose": before.pose != after.pose,
         "side": before.side != after.side,

@@ -4,12 +4,17 @@ In the sequential form, as in the diaries of Acti4 and ActiPASS, an event lasts 
 be mixed: an empty end lasts until the next row. Comma, semicolon or tab; a header line; English or French
 names; clock times (``07:58``, ``2026-03-02 07:58:30``) or seconds from the first sample. Optional columns:
 ``left_out`` (yes or no: overrides what the kind says) and ``file`` (the row is for that recording only).
+
+The activity log of GGIR is read too: one row for each recording, its ID, then a column with the date (day
+first, or ISO 8601) followed by columns named after activities that hold when each began; further dates follow
+in the same way. An activity lasts until the next of its day, the last until midnight.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, time
+from datetime import date, datetime, time, timedelta
+from functools import partial
 from typing import Literal, get_args
 
 from fusion.errors import UnusableDiary
@@ -43,7 +48,10 @@ ENDS = ("end", "stop", "fin")
 YES_NO = {"yes": True, "y": True, "1": True, "true": True, "oui": True, "o": True,
           "no": False, "n": False, "0": False, "false": False, "non": False}  # fmt: skip
 LONGEST_LABEL = 200
+MOST_TOLD = 20
 MOST_ROWS = 10_000
+LOG_IDS = ("id", "identifiant", "participant", "subject", "sujet")
+LOG_DATE = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})")
 NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
 HOUR = re.compile(r"(\d{1,2})\s?[:hH]\s?(\d{2})(?::(\d{2}(?:\.\d{1,6})?))?")
 DAY = re.compile(r"(\d{4}-\d{2}-\d{2})[ T](.+)")
@@ -75,6 +83,10 @@ class DiaryEntry:
     file: str = ""
 
 
+Row = DiaryEntry | tuple[int, float | str]
+"""An entry, or the line and the moment of a row that only ends the one before."""
+
+
 def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     """Read a diary.
 
@@ -83,15 +95,50 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     UnusableDiary
         With the line, the reason and the cure.
     """
-    rows = _list_rows(content)
-    header = next(rows, None)
-    if header is None:
-        raise UnusableDiary(line=1, why="empty", cure="header", value="")
+    rows = list(_list_rows(content))
+    if len(rows) < 2:
+        line = rows[0][0] if rows else 1
+        raise UnusableDiary(line=line, why="empty", cure="header", value="")
+    header, *told = rows
+    if _is_activity_log(header[1]):
+        told_log = _read_each(told, partial(_read_log_row, header[1], is_alone=len(told) == 1))
+        return _drop_ends(told_log)
     columns = _name_columns(*header)
-    entries = [_read_row(line, dict(zip(columns, cells, strict=False))) for line, cells in rows]
-    if not entries:
-        raise UnusableDiary(line=header[0], why="empty", cure="header", value="")
-    return _drop_ends(entries)
+    return _drop_ends(_read_each(told, partial(_read_rows, columns)))
+
+
+def _read_each(
+    rows: list[tuple[int, list[str]]], read: Callable[[int, list[str]], Iterable[Row]]
+) -> tuple[Row, ...]:
+    """Read every row, and refuse with all that cannot be read, each with the text of its line."""
+    entries: list[Row] = []
+    slips: list[UnusableDiary] = []
+    for line, cells in rows:
+        try:
+            entries.extend(read(line, cells))
+        except UnusableDiary as slip:
+            text = ", ".join(cell for cell in cells if cell)[:LONGEST_LABEL]
+            slips.append(UnusableDiary(**{**slip.facts, "text": text}))
+    refuse_slips(slips)
+    return tuple(entries)
+
+
+def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
+    """Refuse a diary for all its slips at once: the facts of the second end in ``_2``, and so on.
+
+    Raises
+    ------
+    UnusableDiary
+        Where there is any slip; beyond twenty, ``more`` counts the others.
+    """
+    if not slips:
+        return
+    facts = dict(slips[0].facts)
+    for number, slip in enumerate(slips[1:MOST_TOLD], 2):
+        facts |= {f"{name}_{number}": value for name, value in slip.facts.items()}
+    if len(slips) > MOST_TOLD:
+        facts["more"] = len(slips) - MOST_TOLD
+    raise UnusableDiary(**facts)
 
 
 def _list_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
@@ -110,7 +157,46 @@ def _name_columns(line: int, cells: list[str]) -> list[str]:
     return names
 
 
-def _read_row(line: int, row: Mapping[str, str]) -> DiaryEntry | tuple[int, float | str]:
+def _read_rows(columns: list[str], line: int, cells: list[str]) -> Iterable[Row]:
+    return (_read_row(line, dict(zip(columns, cells, strict=False))),)
+
+
+def _is_activity_log(header: list[str]) -> bool:
+    """Tell GGIR's form by its header: an ID, then a date."""
+    names = [plain_word(cell) for cell in header]
+    return len(names) > 2 and names[0] in LOG_IDS and "date" in names[1]
+
+
+def _read_log_row(header: list[str], line: int, cells: list[str], *, is_alone: bool) -> Iterable[DiaryEntry]:
+    """Give the activities of one recording; several recordings are told apart by the ID."""
+    days: list[tuple[date, list[tuple[str, str]]]] = []
+    for name, cell in zip(header[1:], cells[1:], strict=False):
+        if "date" in plain_word(name):
+            if cell:
+                days.append((_read_date(line, cell), []))
+        elif cell and days:
+            days[-1][1].append((name, cell))
+    file = "" if is_alone else cells[0]
+    return tuple(entry for day, told in days for entry in _read_log_day(line, day, told, file))
+
+
+def _read_log_day(line: int, day: date, told: list[tuple[str, str]], file: str) -> Iterable[DiaryEntry]:
+    midnight = datetime.combine(day + timedelta(days=1), time()).isoformat()
+    begins = [str(read_moment(line, f"{day.isoformat()} {cell}")) for _, cell in told]
+    for (name, _), start, end in zip(told, begins, [*begins[1:], midnight], strict=True):
+        yield DiaryEntry(start, end, WORDS.get(plain_word(name), "task"), name, line=line, file=file)
+
+
+def _read_date(line: int, cell: str) -> date:
+    """Read a date with the day first, as GGIR writes it, or as in ISO 8601."""
+    found = LOG_DATE.fullmatch(cell)
+    try:
+        return date(int(found[3]), int(found[2]), int(found[1])) if found else date.fromisoformat(cell)
+    except ValueError:
+        raise UnusableDiary(line=line, why="time", cure="log date", value=cell[:LONGEST_LABEL]) from None
+
+
+def _read_row(line: int, row: Mapping[str, str]) -> Row:
     """Give the entry of a row, or the line and the moment of a row that only ends the one before."""
     start = read_moment(line, row.get("start", ""))
     event = row.get("event") or ("" if "kind" in row else row.get("label", ""))
@@ -170,7 +256,7 @@ def _read_hour(told: str) -> str:
     return f"{int(hour[1]):02d}:{hour[2]}:{hour[3] or '00'}" if hour else told.strip()
 
 
-def _drop_ends(rows: list[DiaryEntry | tuple[int, float | str]]) -> tuple[DiaryEntry, ...]:
+def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
     """Let each row that only ends the one before give that one its end."""
     entries: list[DiaryEntry] = []
     for row in rows:

@@ -187,7 +187,9 @@ class WrongAngle(UnusableRecording):
 
 
 class UnusableDiary(FusionError):
-    """A row of the diary cannot be used. Facts: line, why, cure, value; other (a second line)."""
+    """Rows of the diary cannot be used. Facts: line, why, cure, value, text; other (a second line). Those of
+    the second row that cannot be used end in ``_2``, and so on; ``more`` counts what is not told.
+    """
 
     code = "E-DIARY"
 

@@ -11,12 +11,15 @@ from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time, timedelta
 from itertools import pairwise
 
-from fusion.diary import KINDS, DiaryEntry, Kind
+from fusion.diary import KINDS, DiaryEntry, Kind, refuse_slips
 from fusion.errors import UnusableDiary
 from fusion.recording import MICROSECONDS, QualityFlag, Span
 
 REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "not-worn"}
 """Kinds that leave the denominator, and the reason their time is excluded for."""
+
+NAMED = ("task", "seated", "supported")
+"""Kinds whose time is counted under a name of its own."""
 
 OVERLAP_US = MICROSECONDS
 """Up to a second two rows of one kind may overlap, as they do when times are rounded; the later row wins."""
@@ -64,7 +67,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     UnusableDiary
         With the line and the reason, when a row cannot be placed.
     """
-    bounds = [_bound(entry, following, start, duration_us) for entry, following in _pair_up(entries)]
+    bounds = _bound_all(entries, start, duration_us)
     whole = [_make_period(entry, *bound) for entry, bound in zip(entries, bounds, strict=True)]
     inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
     if whole and not inside:
@@ -77,7 +80,49 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
         for period in inside
     )
     outside = len(whole) - len(inside)
-    return Placed(cut, (QualityFlag("W-DIARY", outside),) if outside else ())
+    left_aside = (QualityFlag("W-DIARY", outside),) if outside else ()
+    return Placed(cut, (*left_aside, *_flag_overlaps(cut)))
+
+
+def _bound_all(
+    entries: Sequence[DiaryEntry], start: datetime | None, duration_us: int
+) -> list[tuple[int, int]]:
+    """Bound every row, and refuse with all that cannot be placed."""
+    bounds: list[tuple[int, int]] = []
+    slips: list[UnusableDiary] = []
+    for entry, following in _pair_up(entries):
+        try:
+            bounds.append(_bound(entry, following, start, duration_us))
+        except UnusableDiary as slip:
+            slips.append(slip)
+    refuse_slips(slips)
+    return bounds
+
+
+def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
+    """Flag where time that is left out lies over time that is counted under a name: the former has it."""
+    away = sorted((p for p in periods if p.reason), key=lambda p: p.start_us)
+    named = sorted((p for p in periods if not p.reason and p.kind in NAMED), key=lambda p: p.start_us)
+    shared = [span for kind in KINDS for span in _intersect(away, [p for p in named if p.kind == kind])]
+    if not shared:
+        return ()
+    spans_s = tuple(sorted((a / MICROSECONDS, b / MICROSECONDS) for a, b in shared))
+    seconds = sum(b - a for a, b in spans_s)
+    return (QualityFlag("W-OVERLAP", len(spans_s), seconds, spans_s[0][0], spans_s[-1][1], spans_s=spans_s),)
+
+
+def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tuple[int, int]]:
+    """Give what two lists in order of time share, more than a second at a time."""
+    first = 0
+    for period in away:
+        while first < len(named) and named[first].end_us <= period.start_us:
+            first += 1
+        for other in named[first:]:
+            if other.start_us >= period.end_us:
+                break
+            start_us, end_us = max(period.start_us, other.start_us), min(period.end_us, other.end_us)
+            if end_us - start_us > OVERLAP_US:
+                yield start_us, end_us
 
 
 def _pair_up(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
@@ -152,11 +197,17 @@ def _measure_from(start: datetime, moment: datetime) -> int:
 
 def _refuse_overlap(periods: Sequence[Period]) -> None:
     """Two rows of one kind cannot both own a moment."""
+    slips = []
     for kind in KINDS:
         same = sorted((period for period in periods if period.kind == kind), key=lambda p: p.start_us)
-        for before, after in pairwise(same):
-            if before.end_us - after.start_us > OVERLAP_US:
-                raise UnusableDiary(line=after.line, why="overlap", cure="overlap", other=before.line)
+        slips += [
+            UnusableDiary(
+                line=after.line, why="overlap", cure="overlap", other=before.line, value=after.label
+            )
+            for before, after in pairwise(same)
+            if before.end_us - after.start_us > OVERLAP_US
+        ]
+    refuse_slips(slips)
 
 
 def divide_day(periods: Sequence[Period], duration_us: int) -> tuple[Piece, ...]:

@@ -39,6 +39,9 @@ POSE_SIGMA_DEG = 3.0
 UNHELD_SIGMA_DEG = 6.0
 """The same where no pose was held for 5 s (W-NO-STILL). Ours, for want of a study: twice the figure above."""
 
+UNKNOWN_SIGMA_DEG = 0.0
+"""Of ready angles, whose error nobody told: their intervals are of the sampling of the day alone."""
+
 
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
@@ -230,7 +233,9 @@ def _count_ready(
     placed = place_diary(diary, recording.start, recording.duration_us)
     on_step("counting")
     day = _divide(recording, elevation, (), placed)
-    exposure = summarise_exposure(day.counted, recording.start, division=day.division)
+    exposure = summarise_exposure(
+        day.counted, recording.start, bias_sigma_deg=UNKNOWN_SIGMA_DEG, division=day.division
+    )
     time = _account(recording, day, exposure)
     flags = (*placed.flags, *flag_upside_down(exposure))
     quality = assess_quality(recording, None, time, day.exclusions, flags)

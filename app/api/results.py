@@ -1,7 +1,7 @@
 """What a finished analysis has left: stored bytes, handed out as they are."""
 
 import hashlib
-import re
+import json
 from collections.abc import Mapping
 
 from fastapi import Request, Response
@@ -12,6 +12,7 @@ from app.api.guard import REPORT_POLICY
 from app.api.services import Services
 from app.errors import NoSuchFile, NotFinished
 from app.jobs.job import Job, JobState
+from app.report.naming import Origin, name_file
 from app.storage import borrow_result
 
 MEDIA_TYPES: Mapping[str, str] = {
@@ -50,17 +51,19 @@ def serve_file(request: Request, services: Services, job: Job, name: str) -> Res
         background=BackgroundTask(services.storage.give_back, path),
         headers=headers,
         media_type=MEDIA_TYPES[name.rpartition(".")[2]],
-        filename=name_download(job, name),
+        filename=name_download(services, job, name),
         content_disposition_type="inline" if name.endswith(".html") else "attachment",
     )
 
 
-def serve_bytes(request: Request, job: Job, name: str, body: bytes) -> Response:
+def serve_bytes(request: Request, services: Services, job: Job, name: str, body: bytes) -> Response:
     """Give bytes that were just made of stored ones; the same analysis always gives the same."""
     headers = head_file(name, hashlib.sha256(body).hexdigest())
     if _is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    headers["Content-Disposition"] = f'attachment; filename="{name_ascii(name_download(job, name))}"'
+    headers["Content-Disposition"] = (
+        f'attachment; filename="{name_ascii(name_download(services, job, name))}"'
+    )
     return Response(body, media_type=MEDIA_TYPES[name.rpartition(".")[2]], headers=headers)
 
 
@@ -103,11 +106,17 @@ def name_ascii(name: str) -> str:
     return name.encode("ascii", "replace").decode("ascii").replace("?", "_")
 
 
-def name_download(job: Job, name: str) -> str:
-    """Name a download after the recording, with signs that every file system takes."""
-    stem = job.file_name.partition(".")[0]
-    safe = re.sub(r"[^\w .-]|^[.\s]+|[.\s]+$", "_", stem)[:80] or "recording"
-    return f"{safe}_{name}"
+def name_download(services: Services, job: Job, name: str) -> str:
+    """Name a download by the one rule for all files that leave."""
+    asked = job.request
+    origin = Origin(asked.subject, job.file_name, _find_start(services, job), asked.side or "", asked.version)
+    return name_file(origin, name)
+
+
+def _find_start(services: Services, job: Job) -> str:
+    """Give when the recording began; empty where its clock was never set."""
+    recording = json.loads(read_result(services, job, "results.json")).get("recording", {})
+    return str(recording.get("start") or "")
 
 
 def _is_known(request: Request, etag: str) -> bool:

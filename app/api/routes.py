@@ -106,7 +106,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     check_succeeded(job, "bundle.zip")
     names = [name for name in services.store.list_files(job.id) if name != DAY_NAME]
     body = pack_files({name: read_result(services, job, name) for name in names})
-    return serve_bytes(request, job, "bundle.zip", body)
+    return serve_bytes(request, services, job, "bundle.zip", body)
 
 
 @router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)
@@ -114,14 +114,14 @@ def get_periods_table(analysis_id: str, request: Request, services: UsedServices
     """The main figures by clock hour and by period of the diary."""
     job = services.store.get(analysis_id)
     rows = list_periods(json.loads(read_result(services, job, "results.json")))
-    return serve_bytes(request, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
+    return serve_bytes(request, services, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
 
 
 @router.get("/analyses/{analysis_id}/settings.yaml", response_class=Response)
 def get_settings_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """What was asked, as ``acromion run --config`` takes it."""
     job = services.store.get(analysis_id)
-    return serve_bytes(request, job, "settings.yaml", encode_settings(job.request))
+    return serve_bytes(request, services, job, "settings.yaml", encode_settings(job.request))
 
 
 @router.get("/analyses/{analysis_id}/elevation.csv.gz", response_class=FileResponse)
@@ -131,7 +131,7 @@ def get_elevation_table(analysis_id: str, request: Request, services: UsedServic
     token = check_succeeded(job, "elevation.csv.gz")
     with borrow_result(services.storage, job.id, token, "elevation.parquet") as parquet:
         body = services.inspector.write_angles(parquet)
-    return serve_bytes(request, job, "elevation.csv.gz", body)
+    return serve_bytes(request, services, job, "elevation.csv.gz", body)
 
 
 def _serve_export(name: str) -> Callable[[str, Request, Services], Response]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from app.report.clock import Clock
 from app.report.day import WORST_WINDOW_S
 from app.report.numbers import (
     NARROW,
+    SHORTEST_RATED_S,
     format_clock,
     format_duration,
+    format_duration_range,
     format_elapsed,
     format_number,
     format_percent,
@@ -17,11 +20,10 @@ from app.report.numbers import (
     format_rate,
 )
 from app.report.wording import Language, Words, fill
-from fusion.exposure.types import Entries, Episodes, Exposure
+from fusion.exposure.types import Entries, Episodes, Exposure, Interval
 
 MAIN_THRESHOLD_DEG = 60
-SHORTEST_RATED_S = 600
-"""Below ten minutes a rate per hour would only be a small count multiplied."""
+WORST_RANGE = f"worst_{WORST_WINDOW_S // 60}_min_above_60_percent"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ def _tell_entries(exposure: Exposure, teller: Teller) -> str:
         "arm": teller.arm,
         "count": format_number(entries.count, 0, teller.language),
         "per_hour": format_rate(entries.per_hour, teller.language) if is_rated else "",
-        "longest": _tell_longest(episodes, teller),
+        "longest": _tell_longest(episodes, exposure.intervals, teller),
     }
     return fill(teller.words["sentence"][_choose_entries(entries)], facts)
 
@@ -72,11 +74,15 @@ def _choose_entries(entries: Entries) -> str:
     return {0: "entries_none", 1: "entries_one"}.get(entries.count, "entries_many")
 
 
-def _tell_longest(episodes: Episodes, teller: Teller) -> str:
-    """Say how long the longest stay was and, where known, when it began."""
+def _tell_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: Teller) -> str:
+    """Say how long the longest stay was, with its range, and, where known, when it began."""
     if not episodes.longest_s:
         return ""
+    interval = ranges.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
     longest = format_duration(episodes.longest_s, teller.language)
+    if interval is not None:
+        told = {"longest": longest, "range": format_duration_range(interval, teller.language)}
+        longest = fill(teller.words["sentence"]["longest_range"], told)
     if episodes.longest_start_s is None:
         return longest
     moment = teller.clock.at(episodes.longest_start_s)
@@ -95,6 +101,7 @@ def _tell_worst_window(exposure: Exposure, teller: Teller) -> str:
         "start": teller.clock.tell(window.start_s),
         "end": teller.clock.tell(window.start_s + window.length_s),
         "percent": format_percent(window.percent_above_60, teller.language),
+        "range": format_range(exposure.intervals.get(WORST_RANGE), teller.language),
     }
     key = "window_elapsed" if teller.clock.start is None else "window"
     return fill(teller.words["sentence"][key], facts).replace(" – ", f"{NARROW}–{NARROW}")

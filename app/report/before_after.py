@@ -57,7 +57,7 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
     words, compared = load_beside_words(language)["compare"], _compare(before, after)
     sides = (Beside(words["before"], before), Beside(words["after"], after))
     report_id = identify(describe_comparison(before, after))
-    limits, use = build_limits(language)
+    limits, use = build_limits(sides, language)
     header = _build_header(sides, language)
     footer = fill(words["footer"], {"version": after.subject.software.version, "id": report_id})
     return Report(
@@ -68,6 +68,7 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         verdict=_tell_verdict(compared, words),
         sentences=_tell_changes(compared, words, language),
         pose_caution=f"{fill(words['caution'], {'source': SOURCE})} {tell_poses(sides, language)}".strip(),
+        range_note="",
         figures=(build_two_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
         references=(),
@@ -96,6 +97,7 @@ def _take_day(kept: Kept) -> ComparedDay:
         pose=calibration.pose if calibration else "",
         side=kept.subject.side,
         verdict=findings.quality.verdict,
+        sha256=findings.recording.sha256,
     )
 
 
@@ -118,6 +120,11 @@ def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     """Say first whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
+    for name in ("recording", "side"):
+        if name in compared.differences:
+            return VerdictLine(
+                "poor", words["no_two_days"][name]["label"], words["no_two_days"][name]["reason"]
+            )
     told = ", ".join(words["difference"][name] for name in compared.differences)
     level = "poor" if "poor" in compared.differences else "caution"
     entry = words["unlike"]

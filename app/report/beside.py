@@ -11,6 +11,7 @@ from typing import Any
 from app.report.charts import build_parts
 from app.report.clock import Clock
 from app.report.findings import Kept
+from app.report.limits import tell_accuracy
 from app.report.numbers import NONE, format_date, format_duration, format_number
 from app.report.parts import Figure, Note, Section, Table
 from app.report.results import identify_report
@@ -86,11 +87,13 @@ def tell_poses(sides: tuple[Beside, Beside], language: Language) -> str:
     return " ".join(dict.fromkeys(cautions[pose] for pose in poses if pose in cautions))
 
 
-def build_limits(language: Language) -> tuple[Note, Note]:
-    """Give what the figures cannot say, and the intended use."""
+def build_limits(sides: tuple[Beside, Beside], language: Language) -> tuple[Note, Note]:
+    """Give what the figures cannot say, how accurate each method is, and the intended use."""
     words = load_wording(language)
     limits, use = words["limits"], words["intended_use"]
-    return Note(limits["title"], tuple(limits["paragraphs"])), Note(use["title"], (use["text"],))
+    accuracy = dict.fromkeys(tell_accuracy(side.kept.findings, words) for side in sides)
+    paragraphs = (*limits["paragraphs"], *accuracy)
+    return Note(limits["title"], paragraphs), Note(use["title"], (use["text"],))
 
 
 def build_sources(sides: tuple[Beside, ...], language: Language) -> Section:

@@ -102,7 +102,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     words = load_beside_words(language)["pair"]
     sides = (Beside(words["left"], pair.left), Beside(words["right"], pair.right))
     report_id = identify(describe_pair(pair))
-    limits, use = build_limits(language)
+    limits, use = build_limits(sides, language)
     if any(trunk.percentiles_deg for trunk in pair.trunk):
         limits = replace(limits, paragraphs=(words["limits_with_trunk"], *limits.paragraphs[1:]))
     header = _build_header(pair, words, language)
@@ -115,6 +115,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         verdict=_tell_verdict(sides, words, language),
         sentences=_tell_answers(pair, words, language),
         pose_caution=f"{_tell_clock(pair, words, language)} {tell_poses(sides, language)}".strip(),
+        range_note="",
         figures=(build_two_bars(sides, language), _build_days(pair, sides, language)),
         references=(),
         limits=limits,

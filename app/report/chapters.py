@@ -8,10 +8,12 @@ from app.report.charts import build_parts, is_drawable
 from app.report.clock import Clock
 from app.report.day import name_reason
 from app.report.findings import Findings, StillFacts
+from app.report.limits import choose_ranges
 from app.report.measures import list_measures
 from app.report.messages import describe_flag
 from app.report.numbers import (
     NONE,
+    SHORTEST_RATED_S,
     format_angle,
     format_duration,
     format_exact,
@@ -48,6 +50,7 @@ def build_sections(
         Section(
             "figures",
             words["section"]["figures"],
+            paragraphs=(words["ranges"]["every"][choose_ranges(findings)],),
             tables=list_measures(findings.exposure, clock, words),
         ),
         _build_quality(findings, clock, words),
@@ -83,7 +86,8 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
 
 
 def _name_hour(part: PartExposure, clock: Clock) -> str:
-    return f"{clock.label_tick(part.start_s)}–{clock.label_tick(part.end_s)}"
+    first, last = clock.label_tick(part.start_s), clock.label_tick(part.end_s)
+    return f"{first}–{last if last != first else clock.tell(part.end_s, with_seconds=True)}"
 
 
 def _name_period(part: PartExposure, clock: Clock, words: Words) -> str:
@@ -107,7 +111,9 @@ def _tabulate_parts(parts: list[tuple[str, PartExposure]], entry: Words, clock: 
             _tell_analysed(part, entry, language),
             *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
             *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
-            format_rate(part.entries_above_60_per_h, language),
+            format_rate(part.entries_above_60_per_h, language)
+            if part.analysed_s >= SHORTEST_RATED_S
+            else NONE,
         )
         for name, part in parts
     )

@@ -8,9 +8,9 @@ from app.report.charts import build_bar, build_day
 from app.report.clock import Clock
 from app.report.comparison import compare_with_references
 from app.report.findings import Findings
-from app.report.messages import describe_flag
+from app.report.limits import choose_ranges, tell_accuracy, tell_pose_caution, tell_verdict
 from app.report.numbers import format_clock, format_date, format_duration
-from app.report.parts import Note, Pair, Report, VerdictLine
+from app.report.parts import Note, Pair, Report
 from app.report.results import identify_report
 from app.report.subject import ReportSubject, Software, clean_text, cut_text
 from app.report.wording import Language, Words, fill, load_wording
@@ -33,12 +33,13 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         title=words["report"]["title"],
         subtitle=words["report"]["subtitle"],
         header=header,
-        verdict=_tell_verdict(findings, words, language),
+        verdict=tell_verdict(findings, words, language),
         sentences=tell_answers(findings.exposure, Teller(words, language, clock, arm)),
-        pose_caution=_tell_pose_caution(findings, words),
+        range_note=words["ranges"][choose_ranges(findings)],
+        pose_caution=tell_pose_caution(findings, words),
         figures=(build_bar(findings.exposure, words, language), build_day(findings, clock, words)),
         references=compare_with_references(findings, words, language),
-        limits=Note(words["limits"]["title"], tuple(words["limits"]["paragraphs"])),
+        limits=_build_limits(findings, words),
         intended_use=Note(words["intended_use"]["title"], (words["intended_use"]["text"],)),
         sections=build_sections(findings, subject, clock, words),
         report_id=identify_report(findings, subject),
@@ -76,29 +77,9 @@ def _tell_date(findings: Findings, clock: Clock, words: Words) -> str:
     return fill(words["report"]["from_to"], facts)
 
 
-def _tell_verdict(findings: Findings, words: Words, language: Language) -> VerdictLine:
-    """Give the verdict with its reason; a sound recording never hides what the pose does to its figures."""
-    quality = findings.quality
-    entry = words["verdict"][quality.verdict]
-    is_posed = quality.verdict == "good" and _tell_pose_caution(findings, words)
-    said = entry["posed"] if is_posed else entry["reason"]
-    return VerdictLine(quality.verdict, entry["label"], _tell_reason(findings, language) or said)
-
-
-def _tell_reason(findings: Findings, language: Language) -> str:
-    """Give the one caveat that decided the verdict, in words."""
-    for code in findings.quality.reasons[:1]:
-        for flag in findings.quality.flags:
-            if flag.code == code:
-                caveat = describe_flag(flag, language)
-                return f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
-    return ""
-
-
-def _tell_pose_caution(findings: Findings, words: Words) -> str:
-    if findings.calibration is None:
-        return ""
-    return str(words["pose_caution"].get(findings.calibration.pose, ""))
+def _build_limits(findings: Findings, words: Words) -> Note:
+    paragraphs = (*words["limits"]["paragraphs"], tell_accuracy(findings, words))
+    return Note(words["limits"]["title"], paragraphs)
 
 
 def _tell_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:

@@ -34,10 +34,12 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     """Say what a code means. A code without words (a newer server's) is told as an internal error."""
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
-    told = _tell_facts(facts, words, language)
+    first, *others = _split_rows(facts)
+    told = _tell_facts(first, words, language)
+    rows = [fill(entry["another"], _tell_facts(row, words, language)) for row in others]
     return Problem(
         title=fill(entry["title"], told),
-        detail=fill(entry["detail"], told),
+        detail=" ".join([fill(entry["detail"], told), *rows, fill(entry.get("more", ""), told)]).strip(),
         fix=fill(entry["fix"], told),
         where=_tell_where(told, words),
     )
@@ -51,6 +53,18 @@ def describe_flag(flag: QualityFlag, language: Language) -> Caveat:
         return Caveat(flag.code, "")
     told = _tell_facts(flag.facts, words, language)
     return Caveat(fill(entry["title"], told), fill(entry["detail"], told))
+
+
+def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
+    """Give the facts of the first row, and those of each further one that was refused with it."""
+    rows: dict[int, dict[str, Fact]] = {1: {}}
+    for name, value in facts.items():
+        stem, _, number = name.rpartition("_")
+        if stem and number.isdigit() and "line_2" in facts:
+            rows.setdefault(int(number), {})[stem] = value
+        else:
+            rows[1][name] = value
+    return [rows[number] for number in sorted(rows)]
 
 
 def _tell_facts(facts: Mapping[str, Fact], words: Words, language: Language) -> dict[str, str]:

@@ -1,22 +1,41 @@
-"""What a report is called outside our folders: the same name wherever it is taken from."""
+"""What a file of ours is called outside our folders: the same name wherever it is taken from."""
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 _LONGEST = 60
 
 
-def name_report(results: Mapping[str, Any], version: int, ending: str) -> str:
-    """Name a report ``subject_date_side_report_v1.pdf``; what is not known is left out.
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """What a file is of. ``start`` is the first sample in ISO 8601; what is not known is empty."""
 
-    Only signs that every file system takes are kept; without a subject code the file's stem stands first.
+    subject: str
+    file_name: str
+    start: str
+    side: str
+    version: int
+
+
+def name_file(origin: Origin, kind: str) -> str:
+    """Name a file ``subject_date_side_report_v1.fr.pdf``; ``kind`` is our own name for it, ``report.fr.pdf``.
+
+    What is not known is left out; without a subject code the file's stem stands first. Only signs that every
+    file system takes are kept.
     """
-    recording = results["recording"]
-    whose = recording["subject"] or recording["file_name"].partition(".")[0]
-    day = (recording["start"] or "")[:10]
-    parts = (_make_safe(whose) or "recording", day, recording["side"] or "", "report", f"v{version}")
+    whose = origin.subject or origin.file_name.partition(".")[0]
+    stem, _, ending = kind.partition(".")
+    parts = (_make_safe(whose) or "recording", origin.start[:10], origin.side, stem, f"v{origin.version}")
     return "_".join(part for part in parts if part) + f".{ending}"
+
+
+def name_report(results: Mapping[str, Any], version: int, ending: str) -> str:
+    """Name the report of what ``results.json`` holds."""
+    told = results["recording"]
+    origin = Origin(told["subject"], told["file_name"], told["start"] or "", told["side"] or "", version)
+    return name_file(origin, f"report.{ending}")
 
 
 def _make_safe(text: str) -> str:

@@ -18,6 +18,8 @@ NONE = "–"
 MINUTE_S = 60
 HOUR_S = 3600
 SHORT_S = 600
+SHORTEST_RATED_S = 600
+"""Below ten minutes a rate per hour would only be a small count multiplied."""
 
 
 def format_number(value: float | None, decimals: int, language: Language) -> str:
@@ -71,6 +73,15 @@ def format_angle_range(interval: "Interval | None", language: Language, decimals
         return ""
     low = format_number(interval.low, decimals, language)
     return f"{low}–{format_angle(interval.high, language, decimals)}"
+
+
+def format_duration_range(interval: "Interval", language: Language) -> str:
+    """Write a range of lengths: "40 s–1 min 5 s"; short ones that round to one length with a decimal more."""
+    low, high = format_duration(interval.low, language), format_duration(interval.high, language)
+    if low != high or interval.high >= SHORT_S:
+        return f"{low}–{high}"
+    ends = (format_number(end, 1, language) for end in (interval.low, interval.high))
+    return f"{'–'.join(ends)}{NARROW}s"
 
 
 def format_rate(value: float | None, language: Language) -> str:

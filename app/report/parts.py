@@ -101,6 +101,8 @@ class Report:
         Of the first page; a report may have no references.
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
+    range_note
+        What the ranges in the sentences hold; empty where no sentence has one.
     brief
         The last line of the answer as plain text: whose, when, which report.
     made_of
@@ -118,6 +120,7 @@ class Report:
     verdict: VerdictLine
     sentences: tuple[str, ...]
     pose_caution: str
+    range_note: str
     figures: tuple[Figure, ...]
     references: tuple[Reference, ...]
     limits: Note

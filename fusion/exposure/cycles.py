@@ -1,5 +1,6 @@
 """Rainflow cycles of elevation (EXPOSURE.md A5; ASTM E1049-85 §5.4.4)."""
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,21 +19,55 @@ USUAL_POINTS = 65536
 FloatVector = NDArray[np.float64]
 
 
-def count_cycles(angle: MetricAngle, edges_us: IntArray) -> FloatVector:
-    """Count the cycles of one segment in each part of the day and range class, shape (b, 4).
+@dataclass(frozen=True, slots=True, eq=False)
+class CycleTally:
+    """Cycles by error of the angle, 5-minute block and class of range, filled in place: shape (g, b, 4).
 
-    A half cycle counts 0.5; runs of valid rows are counted apart; ranges under 10 deg are in no class. A
-    cycle belongs to the part in which its range ends.
+    ``errors_deg`` has shape (g,), nought in the middle. A half cycle counts 0.5; runs of valid rows are
+    counted apart; ranges under 10 deg are in no class. A cycle belongs to the block in which its range ends.
     """
-    points_deg, runs, rows = find_turning_points(angle, HYSTERESIS_DEG)
+
+    errors_deg: FloatVector
+    edges_us: IntArray
+    counts: FloatVector
+
+    def add(self, angle: MetricAngle) -> None:
+        """Count a segment: with an error b each angle is b lower, but none is under 0 or over 180 deg.
+
+        Clipped turning points have the ranges of the clipped angle, but for some under the hysteresis, which
+        lie inside others and are in no class.
+        """
+        points_deg, runs, rows = find_turning_points(angle, HYSTERESIS_DEG)
+        parts = np.searchsorted(find_part_rows(angle, self.edges_us), rows, side="right") - 1
+        for error_deg, counts in zip(self.errors_deg, self.counts, strict=True):
+            _count_ranges(np.clip(points_deg - error_deg, 0.0, 180.0), runs, parts, counts)
+
+    def sum_day(self) -> FloatVector:
+        """Give the counts of the angle as it was read, shape (4,)."""
+        return np.asarray(self.counts[len(self.errors_deg) // 2].sum(axis=0))
+
+    def name_intervals(self, draws: Resampling, block_s: FloatVector) -> dict[str, Interval]:
+        """Give the intervals of the counts: of the sampling of the day, and of an error of the angle.
+
+        An error changes a range only where it brings the angle to an end of its scale.
+        """
+        share = draws.sum(block_s) / block_s.sum()
+        drawn = draws.sum_with_error(self.counts, self.errors_deg) / share[:, np.newaxis]
+        return dict(zip(_name_classes(), find_ranges(drawn), strict=True))
+
+
+def start_cycles(errors_deg: FloatVector, edges_us: IntArray) -> CycleTally:
+    """Start with nothing counted."""
+    counts = np.zeros((len(errors_deg), len(edges_us) - 1, len(RANGE_EDGES_DEG) - 1))
+    return CycleTally(errors_deg, edges_us, counts)
+
+
+def _count_ranges(points_deg: FloatVector, runs: IntArray, parts: IntArray, counts: FloatVector) -> None:
     ranges_deg, weights, ends = count_rainflow(points_deg, runs)
     # the angle is rounded to 1e-6 deg, so must be the difference of two angles
     classes = np.searchsorted(RANGE_EDGES_DEG[:-1], np.round(ranges_deg, 6), side="right") - 1
-    parts = np.searchsorted(find_part_rows(angle, edges_us), rows[ends], side="right") - 1
-    counts = np.zeros((len(edges_us) - 1, len(RANGE_EDGES_DEG) - 1))
     kept = classes >= 0
-    np.add.at(counts, (parts[kept], classes[kept]), weights[kept])
-    return counts
+    np.add.at(counts, (parts[ends[kept]], classes[kept]), weights[kept])
 
 
 def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[FloatVector, IntArray, IntArray]:
@@ -130,16 +165,6 @@ def summarise_cycles(counts: FloatVector) -> tuple[Cycles, ...]:
         Cycles(float(lower or 0.0), upper, float(count))
         for lower, upper, count in zip(RANGE_EDGES_DEG[:-1], RANGE_EDGES_DEG[1:], counts, strict=True)
     )
-
-
-def name_cycle_intervals(counts: FloatVector, draws: Resampling, block_s: FloatVector) -> dict[str, Interval]:
-    """Give the intervals of the counts, by 5-minute block of shape (b, 4): of the sampling of the day alone.
-
-    A constant error of the angle does not change a range.
-    """
-    share = draws.sum(block_s) / block_s.sum()
-    drawn = draws.sum(counts) / share[:, np.newaxis]
-    return dict(zip(_name_classes(), find_ranges(drawn), strict=True))
 
 
 def _name_classes() -> list[str]:

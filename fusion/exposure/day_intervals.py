@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.exposure.by_period import Group
-from fusion.exposure.cycles import name_cycle_intervals
 from fusion.exposure.eva import draw_eva
 from fusion.exposure.intervals import (
     add_above_intervals,
@@ -23,7 +22,7 @@ from fusion.exposure.part_draws import (
     find_part_intervals,
     name_variation_intervals,
 )
-from fusion.exposure.resampling import Resampling, draw_blocks
+from fusion.exposure.resampling import Resampling, can_draw, draw_blocks
 from fusion.exposure.shifted_stays import name_busy_intervals, name_stay_intervals
 from fusion.exposure.stretches import sum_time
 from fusion.exposure.tally import DayTally, ErrorTally
@@ -34,9 +33,16 @@ MAIN_THRESHOLD_DEG = 60
 
 
 def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Exposure:
-    """Add the intervals of the day and of its parts."""
+    """Add the intervals of the day and of its parts.
+
+    Where the error of the angle is not known (0) they are of the sampling of the day alone: the extremes of
+    a day, which only that error could move, have none, and nothing has one in less than half an hour. Speeds
+    have none in so short a time either way.
+    """
     blocks = sum_time(day.by_stretch.cell_us, day.stretches.block_of)
     block_us = blocks.sum(axis=1)
+    if not can_draw(block_us, errors.sigma_deg):
+        return exposure
     draws = draw_blocks(block_us, errors.sigma_deg)
     figures = draw_figures(blocks, draws)
     eva = draw_eva(day.eva, draws)
@@ -51,9 +57,29 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
         time_above=add_above_intervals(exposure.time_above, figures),
         conventions=add_class_intervals(exposure.conventions, figures),
         eva=replace(exposure.eva, intervals=eva.find_cells()),
-        intervals=named,
+        intervals=_leave_out_empty(named, errors.sigma_deg, block_us),
     )
     return _add_part_intervals(told, day, errors)
+
+
+def _leave_out_empty(
+    named: dict[str, Interval], sigma_deg: float, block_us: NDArray[np.int64]
+) -> dict[str, Interval]:
+    """Leave out intervals that would hold neither an error of the angle nor enough of the day."""
+    kept = named if sigma_deg > 0 else {name: i for name, i in named.items() if not is_extreme(name)}
+    if can_draw(block_us, 0.0):
+        return kept
+    return {name: interval for name, interval in kept.items() if not is_of_sampling(name)}
+
+
+def is_extreme(name: str) -> bool:
+    """Tell whether a figure is the extreme of a day, whose interval holds the error of the angle alone."""
+    return name.startswith("worst_") or "_longest_" in name
+
+
+def is_of_sampling(name: str) -> bool:
+    """Tell whether a figure knows no error of the angle: its interval holds the sampling of the day alone."""
+    return "_velocity_" in name or name.startswith("recovery_slow_")
 
 
 def _name_counts(
@@ -64,7 +90,7 @@ def _name_counts(
     named = {
         **name_stay_intervals(errors.stays, exposure.episodes, draws, block_s),
         **name_busy_intervals(errors.stays, minutes, draws),
-        **name_cycle_intervals(day.cycles, draws, block_s),
+        **day.cycles.name_intervals(draws, block_s),
         **errors.seconds.name_intervals(exposure.peak_windows, draws),
         **day.speeds.recovery.name_intervals(draws, block_s),
     }

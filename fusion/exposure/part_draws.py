@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fusion.exposure.below import sum_below
 from fusion.exposure.bins import THRESHOLDS_DEG
 from fusion.exposure.parts import PERCENTS
-from fusion.exposure.resampling import Resampling, draw_blocks, find_interval, find_ranges
+from fusion.exposure.resampling import Resampling, can_draw, draw_blocks, find_interval, find_ranges
 from fusion.exposure.stretches import Stretches, sum_groups, sum_time
 from fusion.exposure.types import HourVariation, Interval, PartExposure
 from fusion.exposure.variation import describe_values, is_compared
@@ -37,9 +37,13 @@ class PartDrawer:
     sigma_deg: float
 
     def draw(self, chosen: NDArray[np.bool_]) -> DrawnFigures:
-        """Draw the part that the chosen stretches make up; ``chosen`` has shape (s,)."""
+        """Draw the part that the chosen stretches make up; ``chosen`` has shape (s,). Empty where the error
+        of the angle is not known and the part too short to be drawn again.
+        """
         block_of = self.stretches.block_of[chosen]
         blocks = sum_time(self.cell_us[chosen], block_of)
+        if not can_draw(blocks.sum(axis=1), self.sigma_deg):
+            return {}
         draws = draw_blocks(blocks.sum(axis=1), self.sigma_deg)
         below = sum_below(blocks, draws)
         percentiles_deg = below.find_percentiles(PERCENTS)

@@ -20,6 +20,9 @@ LOW_HIGH_PERCENT = (2.5, 97.5)
 ERRORS = 11
 """Errors of the angle at which counts are made again; between them they are taken as linear."""
 
+LEAST_BLOCKS = 6
+"""Fewer blocks than these, drawn again, are no range by themselves: an error of the angle must be known."""
+
 FloatArray = NDArray[np.float64]
 
 
@@ -78,6 +81,11 @@ def draw_blocks(analysed: AnyArray, sigma_deg: float) -> Resampling:
     chosen = np.random.Generator(np.random.PCG64(SEED)).integers(0, count, (DRAWS, count))
     times = np.array([np.bincount(row, minlength=count) for row in chosen], np.float64)
     return Resampling(kept, times, sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS))
+
+
+def can_draw(analysed: AnyArray, sigma_deg: float) -> bool:
+    """Tell whether blocks, shape (b,), give a range: half an hour of them where no error is known."""
+    return sigma_deg > 0 or int((analysed > 0).sum()) >= LEAST_BLOCKS
 
 
 def find_interval(figures: FloatArray) -> Interval | None:

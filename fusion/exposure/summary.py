@@ -51,7 +51,8 @@ def summarise_exposure(  # noqa: PLR0913  each is an input of its own
     gyro_bias_dps
         Shape (3,), sensor frame: offset for the gyroscope's speed, without which that speed is None.
     bias_sigma_deg
-        Standard deviation of a constant error of the angle (fusion and pose); without it no interval.
+        Standard deviation of a constant error of the angle (fusion and pose); 0 where it is not known, then
+        the intervals are of the sampling of the day alone. Without it no interval.
     division
         The periods of the diary, for the figures by period; what they leave out must not be valid.
 
@@ -109,7 +110,7 @@ def _summarise_day(day: DayTally, metric_filter_hz: float | None) -> Exposure:
         time_above=summarise_time_above(cell_us),
         percentiles_deg=percentiles_deg,
         entries=tuple(summarise_entries(c, stays, analysed_s, minutes) for c, stays in day.stays.items()),
-        cycles=summarise_cycles(day.cycles.sum(axis=0)),
+        cycles=summarise_cycles(day.cycles.sum_day()),
         episodes=tuple(summarise_episodes(c, stays, analysed_s) for c, stays in day.stays.items()),
         velocity_dps=day.speeds.summarise(),
         elevation_p99_deg=percentiles_deg[99],

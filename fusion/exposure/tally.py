@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fusion.elevation import ElevationSegment
 from fusion.exposure.bins import CELLS, THRESHOLDS_DEG, PartHistograms
 from fusion.exposure.by_period import DayDivision
-from fusion.exposure.cycles import RANGE_EDGES_DEG, count_cycles
+from fusion.exposure.cycles import CycleTally, start_cycles
 from fusion.exposure.episodes import Stays, find_stays
 from fusion.exposure.eva import EvaTally, start_eva
 from fusion.exposure.frequency import FrequencyTally
@@ -90,7 +90,7 @@ class ErrorTally:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DayTally:
-    """All that is counted; ``cycles`` has shape (b, 4): 5-minute block and class of range."""
+    """All that is counted."""
 
     duration_us: int
     hours: DayParts
@@ -103,7 +103,7 @@ class DayTally:
     errors: ErrorTally | None
     frequency: FrequencyTally
     eva: EvaTally
-    cycles: NDArray[np.float64]
+    cycles: CycleTally
     stays: dict[int, list[Stays]] = field(default_factory=lambda: {c: [] for c in THRESHOLDS_DEG})
 
     def add(self, angle: MetricAngle) -> None:
@@ -113,7 +113,7 @@ class DayTally:
         self.by_second.add(angle)
         for threshold_deg, stays in self.stays.items():
             stays.append(find_stays(angle, threshold_deg))
-        self.cycles.__iadd__(count_cycles(angle, self.stretches.block_edges_us))
+        self.cycles.add(angle)
         self.eva.add(angle)
         self.frequency.add(angle)
         if self.errors is not None:
@@ -152,7 +152,7 @@ def start_day(
         None if bias_sigma_deg is None else _start_errors(seconds, stretches, bias_sigma_deg, errors_deg),
         FrequencyTally(block_edges_us),
         start_eva(errors_deg, block_edges_us),
-        np.zeros((len(block_edges_us) - 1, len(RANGE_EDGES_DEG) - 1)),
+        start_cycles(errors_deg, block_edges_us),
     )
 
 

@@ -33,7 +33,7 @@ class TimeAccount:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """The verdict, the codes of the flags that decided it, and all flags, the gravest first."""
+    """The verdict, the codes of the flags that count in it, and all flags; the gravest first."""
 
     verdict: Verdict
     reasons: tuple[str, ...]

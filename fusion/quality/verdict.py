@@ -16,8 +16,8 @@ NOTE, CAUTION, POOR = range(3)
 NOTES = frozenset(
     {
         "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-UPLOAD", "W-ENCODING",
-        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-ORDER", "W-PRECISION", "W-SEC-COUNT",
-        "W-TZ",
+        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-ORDER", "W-OVERLAP", "W-PRECISION",
+        "W-SEC-COUNT", "W-TZ",
     }
 )  # fmt: skip
 GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-SHORT", "W-UPSIDE"})
@@ -33,7 +33,7 @@ def assess_quality(
     exclusions: tuple[Span, ...],
     calibration_flags: tuple[QualityFlag, ...] = (),
 ) -> Quality:
-    """Collect every caveat and give the verdict with the codes that decided it.
+    """Collect every caveat and give the verdict with the codes of all that count, the gravest first.
 
     Poor: less than 2 h or half of the recording analysed, no still period, sensor upside down. Caution: less
     than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (also that the
@@ -46,7 +46,7 @@ def assess_quality(
     flags = [*given, *(flag for flag in own if flag.code not in told)]
     flags = sorted(flags, key=lambda flag: -grade_flag(flag, time))  # stable: reading order within
     worst = max((grade_flag(flag, time) for flag in flags), default=NOTE)
-    reasons = dict.fromkeys(flag.code for flag in flags if worst > NOTE and grade_flag(flag, time) == worst)
+    reasons = dict.fromkeys(flag.code for flag in flags if grade_flag(flag, time) > NOTE)
     return Quality(VERDICTS[worst], tuple(reasons), tuple(flags))
 
 

@@ -102,12 +102,14 @@ def test_the_report_may_do_nothing_in_the_browser(client: TestClient, bench: Ope
     assert "script-src" not in policy
 
 
-def test_a_download_is_named_after_the_recording(client: TestClient, bench: OpenBench) -> None:
+def test_a_download_is_named_by_file_and_version_where_nothing_else_is_known(
+    client: TestClient, bench: OpenBench
+) -> None:
     address = analyse(client, bench, stand_ins.write_report, file_name="Équipe 1.gt3x")
 
     header = client.get(f"{address}/report.pdf", params={"lang": "fr"}).headers["content-disposition"]
 
-    assert header == "attachment; filename*=utf-8''%C3%89quipe%201_report.fr.pdf"
+    assert header == "attachment; filename*=utf-8''%C3%89quipe%201_report_v1.fr.pdf"
 
 
 @pytest.mark.parametrize("name", ['a";b.gt3x', "a\r\nSet-Cookie: x.gt3x", "../../x.gt3x", "%0d%0a.gt3x"])

@@ -27,8 +27,16 @@ def kept_with(above_60_percent: float = 7.6, side: str = "right", subject: str =
     return Kept(findings, make_subject(subject, side=side))
 
 
+def another_day(kept: Kept) -> Kept:
+    recording = replace(kept.findings.recording, sha256="0" * 64)
+    return replace(kept, findings=replace(kept.findings, recording=recording))
+
+
+BEFORE = another_day(kept_with())
+
+
 def report_of(after: Kept, language: Language = "en") -> Report:
-    return build_comparison(kept_with(), after, language)
+    return build_comparison(BEFORE, after, language)
 
 
 def plain(text: str) -> str:
@@ -59,9 +67,13 @@ def test_like_is_compared_with_like() -> None:
 
 
 def test_what_differs_besides_the_work_is_named() -> None:
-    verdict = report_of(kept_with(side="left")).verdict
+    day = kept_with()
+    assert day.findings.method is not None
+    method = replace(day.findings.method, name="published")
 
-    assert (verdict.level, verdict.reason) == ("caution", "The two differ in more than the work: the arm.")
+    verdict = report_of(replace(day, findings=replace(day.findings, method=method))).verdict
+    told = "The two differ in more than the work: the method or its version."
+    assert (verdict.level, verdict.reason) == ("caution", told)
 
 
 def test_another_pose_is_named() -> None:
@@ -84,7 +96,7 @@ def test_the_known_error_of_the_pose_stands_beside_the_change_once() -> None:
 
 
 def test_the_document_holds_the_same_change_as_the_page() -> None:
-    document = describe_comparison(kept_with(), kept_with(13.2))
+    document = describe_comparison(BEFORE, kept_with(13.2))
 
     figure = next(f for f in document["figures"] if f["name"] == "time_above_60_percent")
     assert (figure["before"], figure["after"], figure["change"]) == (7.6, 13.2, 5.6)
@@ -92,7 +104,7 @@ def test_the_document_holds_the_same_change_as_the_page() -> None:
 
 
 def test_the_document_names_both_analyses_and_what_differs() -> None:
-    document = json.loads(encode_document(describe_comparison(kept_with(), kept_with(side="left"))))
+    document = json.loads(encode_document(describe_comparison(BEFORE, kept_with(side="left"))))
 
     assert (document["before"]["side"], document["after"]["side"]) == ("right", "left")
     assert document["differences"] == ["side"]
@@ -115,3 +127,23 @@ def test_a_hostile_subject_code_stays_text() -> None:
     page = render_html(report_of(kept_with(subject="<script>alert(1)</script>"))).decode()
 
     assert "<script" not in page
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_recording_beside_itself_is_said_to_be_no_change(language: Language) -> None:
+    report = build_comparison(kept_with(7.6), kept_with(20.0), language)
+
+    told = plain(f"{report.verdict.label} {report.verdict.reason} {report.sentences[0]}")
+    plainly = {
+        "en": "Not two days. Both are the same recording.",
+        "fr": "Les deux sont le même enregistrement.",
+    }
+    assert plainly[language] in told
+    assert {"en": "none is judged", "fr": "il n'est donc pas jugé"}[language] in told
+
+
+def test_the_left_arm_beside_the_right_is_said_to_be_no_change() -> None:
+    report = report_of(kept_with(20.0, side="left"))
+
+    assert report.verdict.label == "Not the same arm."
+    assert "none is judged" in report.sentences[0]

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from app.report.naming import name_report
+from app.report.naming import Origin, name_file, name_report
 
 
 def results_of(subject: str = "S012", start: str | None = "2026-03-03T07:58:12-05:00") -> dict[str, Any]:
@@ -26,3 +26,17 @@ def test_what_is_not_known_is_left_out() -> None:
 )
 def test_only_signs_that_every_file_system_takes_are_kept(subject: str, stem: str) -> None:
     assert name_report(results_of(subject, None), 1, "pdf") == f"{stem}_report_v1.pdf"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("report.fr.pdf", "S012_2026-03-03_left_report_v3.fr.pdf"),
+        ("elevation.csv.gz", "S012_2026-03-03_left_elevation_v3.csv.gz"),
+        ("bundle.zip", "S012_2026-03-03_left_bundle_v3.zip"),
+    ],
+)
+def test_every_file_is_named_by_the_same_rule(kind: str, name: str) -> None:
+    origin = Origin("S012", "shift 3.gt3x", "2026-03-03T07:58:12-05:00", "left", 3)
+
+    assert name_file(origin, kind) == name

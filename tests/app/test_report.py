@@ -11,6 +11,7 @@ from app.report.parts import Section, Table
 from app.report.wording import LANGUAGES, Language
 from fusion.exposure import Entries, Episodes, Exposure, Interval, PartExposure, PeakWindow, Velocity
 from fusion.quality import Quality, TimeAccount
+from fusion.recording import QualityFlag
 from tests.app.analysis_factory import (
     make_analysis,
     make_exposure,
@@ -63,7 +64,7 @@ def test_an_interval_is_told_where_the_exposure_carries_one() -> None:
 
     sentence = plain(report_of(exposure=exposure, language="fr").sentences[0])
 
-    assert sentence.endswith("(7,6 % ; intervalle compte tenu de l'erreur de mesure : 6,0–9,5 %).")
+    assert sentence.endswith("(7,6 % ; intervalle à 95 % : 6,0–9,5 %).")
 
 
 def test_no_interval_is_invented() -> None:
@@ -148,10 +149,57 @@ def test_the_verdict_comes_with_its_one_reason() -> None:
     assert verdict.reason.startswith("Holes in the recording.")
 
 
+def test_every_other_grave_reason_is_named_with_its_time() -> None:
+    flags = (QualityFlag("W-REMOUNT"), QualityFlag("W-GAP", 2, 1200.0), QualityFlag("W-DUP"))
+    quality = Quality("caution", ("W-REMOUNT", "W-GAP"), flags)
+
+    english, french = (
+        plain(report_of(analysis=make_analysis(quality=quality), language=language).verdict.reason)
+        for language in LANGUAGES
+    )
+    assert english.startswith("Sensor moved on the arm. ")
+    assert " Also: holes in the recording (20 min). " in english
+    assert " Aussi : trous dans l'enregistrement (20 min). " in french
+
+
+def test_what_was_not_analysed_is_told_on_the_first_page() -> None:
+    assert plain(report_of().verdict.reason).endswith(" Not analysed: break 45 min, missing 9 min.")
+
+
+def test_the_first_page_says_what_its_ranges_hold() -> None:
+    ready = make_analysis(calibrated=False)
+    drawn = replace(ready, exposure=replace(ready.exposure, intervals={"elevation_p50_deg": Interval(1, 2)}))
+
+    notes = [report_of(analysis=analysis).range_note for analysis in (make_analysis(), drawn, ready)]
+    assert "for an error of the angle alone" in notes[0]
+    assert "The error of these ready angles is not known" in notes[1]
+    assert notes[2].startswith("No range is given")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [("smoothed", "simulated"), ("published", "1.7° to 11.2°"), ("live", "1.3°")]
+)
+def test_the_accuracy_told_is_that_of_the_method_used(name: str, told: str) -> None:
+    analysis = make_analysis()
+    assert analysis.method is not None
+    used = replace(analysis, method=replace(analysis.method, name=name))
+
+    paragraphs = " ".join(report_of(analysis=used).limits.paragraphs)
+    assert told in paragraphs
+    assert paragraphs.count("Angle error") == 1
+
+
+def test_ready_angles_have_no_accuracy_of_ours() -> None:
+    paragraphs = " ".join(report_of(analysis=make_analysis(calibrated=False)).limits.paragraphs)
+
+    assert "Angle error" not in paragraphs
+    assert "their error is not known here" in paragraphs
+
+
 def test_a_good_verdict_of_a_ready_angle_series_says_that_nothing_was_found() -> None:
     report = report_of(analysis=make_analysis(quality=make_quality("good"), calibrated=False))
 
-    assert report.verdict.reason.endswith("nothing was found in it that limits these figures.")
+    assert "nothing was found in it that limits these figures." in report.verdict.reason
 
 
 def test_a_good_verdict_does_not_hide_what_the_pose_does_to_the_figures() -> None:

@@ -15,6 +15,7 @@ from app.report.results import encode_results
 from app.report.wording import LANGUAGES, Language
 from fusion.exposure import PeakWindow
 from fusion.quality import Quality
+from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 
 
@@ -71,12 +72,16 @@ def test_the_first_page_stands_alone_on_both_papers(paper: Paper, language: Lang
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_longest_first_page_still_fits(language: Language) -> None:
-    analysis = make_analysis(quality=Quality("poor", ("W-REMOUNT",), ()), start=None)
+    codes = ("W-NO-STILL", "W-LOWCOVER", "W-REMOUNT", "W-GAP", "W-NONWEAR", "W-UNTRUSTED", "W-BIAS", "W-CLIP")
+    quality = Quality("poor", codes, tuple(QualityFlag(code, 3, 1234.0) for code in codes))
     exposure = replace(make_exposure(), peak_windows=(PeakWindow(900, None, None),))
-    report = build_report(replace(analysis, exposure=exposure), make_subject(), language)
+    analysis = replace(make_analysis(quality=quality, start=None), exposure=exposure)
+    corrected = replace(make_subject(), version=2, changes=("diary", "pose"), reason="A talk with the worker")
+    report = build_report(analysis, corrected, language)
 
     document = render_pdf(report, {}, "us-letter")
 
+    assert flatten(report.verdict.reason) in text_of(document, 0)
     assert flatten(report.intended_use.paragraphs[0])[-40:] in text_of(document, 0)
 
 

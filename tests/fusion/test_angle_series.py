@@ -157,3 +157,29 @@ def test_what_is_no_angle_series_is_refused_with_its_reason(
         read(text)
 
     assert (error.value.code, error.value.facts) == (code, facts)
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_a_series_from_a_french_spreadsheet_gives_the_same_angles(delimiter: str) -> None:
+    lines = [f"{i / 10:.1f},{30 + i / 4:.2f}" for i in range(200)]
+    english = "time_s,elevation_deg\r\n" + "\r\n".join(lines) + "\r\n"
+    french = "".join(
+        delimiter.join(cell.replace(".", ",") for cell in line.split(",")) + "\r\n"
+        for line in english.split("\r\n")[:-1]
+    )
+
+    (first, laid), (second, again) = (
+        read_angle_series(io.BytesIO(text.encode("utf-8-sig"))) for text in (english, french)
+    )
+    assert np.array_equal(laid.segments[0].elevation_deg, again.segments[0].elevation_deg)
+    assert second.duration_us == first.duration_us == 20_000_000
+    assert [flag.code for flag in first.flags] == []
+    assert [flag.code for flag in second.flags] == ["W-LOCALE"]
+
+
+def test_a_french_series_with_a_word_among_its_numbers_is_still_read() -> None:
+    rows = "".join(f"{i},5;70,5\n" for i in range(40))
+    recording, elevation = read_angle_series(io.BytesIO(f"time_s;elevation_deg\n{rows}40,5;?\n".encode()))
+
+    assert {flag.code: flag.count for flag in recording.flags}["W-ROWS-DROPPED"] == 1
+    assert elevation.segments[0].elevation_deg.tolist() == [70.5] * 40

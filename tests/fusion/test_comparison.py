@@ -59,6 +59,20 @@ def test_what_the_days_differ_in_besides_the_work_is_named() -> None:
     assert compare_days(spend_above(10), after).differences == ("method", "pose", "side", "short", "poor")
 
 
+def test_one_recording_beside_itself_is_no_change() -> None:
+    day = replace(spend_above(10), sha256="0a")
+
+    compared = compare_days(day, replace(spend_above(30), sha256="0a"))
+    assert compared.differences == ("recording",)
+    assert {(change.detectable, change.verdict) for change in compared.changes} == {(None, "no two days")}
+
+
+def test_one_arm_beside_the_other_is_no_change() -> None:
+    compared = compare_days(spend_above(10), replace(spend_above(30), side="left"))
+
+    assert {change.verdict for change in compared.changes} == {"no two days"}
+
+
 def test_no_days_are_no_comparison() -> None:
     with pytest.raises(ValueError, match="0"):
         find_detectable_change(2.0, 0)

@@ -111,3 +111,49 @@ def test_a_refused_word_is_told_back() -> None:
 
 def test_a_diary_without_end_is_refused() -> None:
     assert refuse("start,end,kind\n" + "1,2,work\n" * 10_000)["why"] == "too many rows"
+
+
+LOG = """ID,date,work,travelhome,home,date,work,break
+S012,23-04-2017,07:45:30,17:00,17:30,24-04-2017,07:50:00,
+"""
+
+
+def test_the_activity_log_of_ggir_is_read() -> None:
+    entries = read_diary(LOG.encode())
+
+    assert [(e.start, e.end, e.kind, e.label) for e in entries] == [
+        ("2017-04-23T07:45:30", "2017-04-23T17:00:00", "work", "work"),
+        ("2017-04-23T17:00:00", "2017-04-23T17:30:00", "task", "travelhome"),
+        ("2017-04-23T17:30:00", "2017-04-24T00:00:00", "task", "home"),
+        ("2017-04-24T07:50:00", "2017-04-25T00:00:00", "work", "work"),
+    ]
+
+
+def test_an_activity_log_of_several_recordings_is_told_apart_by_their_ids() -> None:
+    entries = read_diary(b"ID;date;work;break\nA;2017-04-23;8:00;9:00\nB;23/04/2017;8:30;\n")
+
+    assert [(e.file, str(e.start)[-8:], str(e.end)[-8:]) for e in entries] == [
+        ("A", "08:00:00", "09:00:00"),
+        ("A", "09:00:00", "00:00:00"),
+        ("B", "08:30:00", "00:00:00"),
+    ]
+
+
+def test_a_date_of_the_activity_log_that_is_none_is_refused() -> None:
+    facts = refuse("ID,date,work\nA,04-23-2017,8:00\n")
+
+    assert (facts["line"], facts["cure"], facts["value"]) == (2, "log date", "04-23-2017")
+
+
+def test_every_line_that_cannot_be_read_is_told_with_its_text() -> None:
+    facts = refuse("start,end,kind,label\n1,2,wrk,Boxes\n3,4,work,\nnoon,5,work,\n")
+
+    assert (facts["line"], facts["text"], facts["why"]) == (2, "1, 2, wrk, Boxes", "kind")
+    assert (facts["line_2"], facts["text_2"], facts["cure_2"]) == (4, "noon, 5, work", "time")
+
+
+def test_twenty_slips_are_told_and_the_others_counted() -> None:
+    facts = refuse("start,end,kind\n" + "1,2,wrk\n" * 23)
+
+    assert (facts["line_20"], facts["more"]) == (21, 3)
+    assert "line_21" not in facts

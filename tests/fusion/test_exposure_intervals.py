@@ -84,3 +84,32 @@ def test_an_arm_that_hangs_all_day_has_an_interval_inside_the_scale() -> None:
 
     assert exposure.time_above[0].interval == Interval(0.0, 0.0)
     assert exposure.intervals["elevation_p1_deg"].low == 0.0
+
+
+def test_where_the_error_is_not_known_the_extremes_of_a_day_have_no_interval() -> None:
+    exposure = summarise(make_day(), bias_sigma_deg=0.0)
+
+    without = {"worst_15_min_above_60_percent", "episodes_above_60_longest_s", "recovery_longest_without_s"}
+    assert not without & set(exposure.intervals)
+    assert without <= set(summarise(make_day(), bias_sigma_deg=3.0).intervals)
+
+
+@pytest.mark.parametrize(("minutes", "has_interval"), [(25, False), (30, True)])
+def test_where_the_error_is_not_known_half_an_hour_is_the_least_for_an_interval(
+    minutes: int, has_interval: bool
+) -> None:
+    exposure = summarise(make_day(minutes), bias_sigma_deg=0.0)
+
+    assert bool(exposure.intervals) is has_interval
+    assert all((above.interval is not None) is has_interval for above in exposure.time_above)
+    assert bool(exposure.by_hour[0].intervals) is has_interval
+
+
+@pytest.mark.parametrize(("minutes", "has_interval"), [(20, False), (30, True)])
+def test_a_speed_has_no_interval_from_less_than_half_an_hour(minutes: int, has_interval: bool) -> None:
+    angle = 45 + 40 * np.sin(2 * np.pi * 0.25 * np.arange(minutes * 60 * 25) / 25)
+    intervals = summarise_exposure(elevate(angle, rate_hz=25.0), bias_sigma_deg=3.0).intervals
+
+    assert ("inclination_velocity_p50_dps" in intervals) is has_interval
+    assert ("recovery_slow_percent" in intervals) is has_interval
+    assert "elevation_p50_deg" in intervals

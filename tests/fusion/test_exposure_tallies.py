@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusion.exposure import summarise_exposure
 from fusion.exposure.below import sum_below
-from fusion.exposure.cycles import count_cycles
+from fusion.exposure.cycles import start_cycles
 from fusion.exposure.eva import ANGLE_EDGES_DEG, DURATION_EDGES_S, start_eva
 from fusion.exposure.frequency import FrequencyTally, count_crossings, find_mean_power_frequency
 from fusion.exposure.metric_filter import MetricAngle
@@ -133,6 +133,12 @@ def test_changes_of_direction_are_counted_one_by_one(series: NDArray[np.float64]
     assert counts[0] == slow
 
 
+def count_cycles(angle: MetricAngle, edges_us: NDArray[np.int64], *errors_deg: float) -> NDArray[np.float64]:
+    tally = start_cycles(np.array(errors_deg or (0.0,)), edges_us)
+    tally.add(angle)
+    return tally.counts if errors_deg else tally.counts[0]
+
+
 @given(SERIES, GAPS)
 @settings(deadline=None)
 def test_cycles_of_all_blocks_are_those_of_the_day(series: NDArray[np.float64], gaps: list[int]) -> None:
@@ -150,6 +156,26 @@ def test_a_cycle_belongs_to_the_block_in_which_it_ends() -> None:
 
     assert count_cycles(angle, BLOCKS_US)[:, 1].tolist() == [1.0, 0.0, 0.0]
     assert count_cycles(angle, BLOCKS_US)[:, 2].tolist() == [0.0, 0.5, 0.0]
+
+
+def test_an_error_of_the_angle_changes_a_range_only_at_an_end_of_the_scale() -> None:
+    # 5 to 70 deg and back: read 10 deg too high it was 0 to 60; 10 too low, 15 to 80; 20 too high, 0 to 50
+    angle = make_angle(np.concatenate([np.linspace(5, 70, 8), np.linspace(70, 5, 8)]), [])
+
+    counts = count_cycles(angle, np.array([0, 10**9]), -10.0, 0.0, 10.0, 20.0)[:, 0]
+    assert counts.tolist() == [[0, 0, 1, 0], [0, 0, 1, 0], [0, 0, 1, 0], [0, 1, 0, 0]]
+
+
+@given(SERIES, GAPS, st.floats(-15.0, 15.0))
+@settings(deadline=None)
+def test_cycles_with_an_error_are_those_of_the_angle_without_it(
+    series: NDArray[np.float64], gaps: list[int], error_deg: float
+) -> None:
+    error_deg = round(error_deg, 3)
+    corrected = make_angle(np.asarray(np.round(np.clip(series - error_deg, 0.0, 180.0), 6), np.float64), gaps)
+
+    counts = count_cycles(make_angle(series, gaps), BLOCKS_US, -error_deg, 0.0, error_deg)
+    assert counts[2].sum(axis=0) == pytest.approx(count_cycles(corrected, BLOCKS_US).sum(axis=0))
 
 
 def test_frequencies_of_a_run_lie_in_the_blocks_of_its_windows() -> None:
@@ -173,6 +199,7 @@ def test_frequencies_above_5_hz_are_left_out() -> None:
 @given(
     hnp.arrays(np.int32, (4, 6), elements=st.integers(0, 900)), st.sampled_from([100.0, 99.97, 238.0, 33.3])
 )
+@settings(deadline=None)
 def test_time_adds_up_to_the_rounded_whole(counts: NDArray[np.int32], rate_hz: float) -> None:
     cell_us = np.zeros((4, 6), np.int64)
     add_time(counts, rate_hz, cell_us)

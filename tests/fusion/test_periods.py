@@ -195,3 +195,30 @@ def test_the_clock_of_any_moment_leads_back_to_it(after: timedelta) -> None:
     (period,) = place(DiaryEntry(moment, None, "task"), hours=9).periods
 
     assert period.start_us == after // timedelta(microseconds=1)
+
+
+def test_a_break_over_a_task_is_flagged_with_its_time() -> None:
+    entries = (
+        DiaryEntry(0.0, 100.0, "task", "a", line=2),
+        DiaryEntry(100.0, 200.0, "task", "b", line=3),
+        DiaryEntry(90.0, 130.0, "break", line=4),
+        DiaryEntry(199.5, 210.0, "not_worn", line=5),
+    )
+
+    (flag,) = place_diary(entries, None, 300_000_000).flags
+    assert (flag.code, flag.count, flag.seconds) == ("W-OVERLAP", 2, 40.0)
+    assert (flag.first_s, flag.last_s) == (90.0, 130.0)
+    assert flag.spans_s == ((90.0, 100.0), (100.0, 130.0))
+
+
+def test_every_row_that_cannot_be_placed_is_told() -> None:
+    entries = (
+        DiaryEntry(10.0, 5.0, "task", line=2),
+        DiaryEntry(20.0, 30.0, "task", line=3),
+        DiaryEntry("08:00:00", "09:00:00", "task", line=4),
+    )
+
+    with pytest.raises(UnusableDiary) as refusal:
+        place_diary(entries, None, 300_000_000)
+    facts = refusal.value.facts
+    assert (facts["line"], facts["why"], facts["line_2"], facts["why_2"]) == (2, "end first", 4, "no clock")

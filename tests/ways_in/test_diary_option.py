@@ -74,3 +74,27 @@ def test_rows_for_another_file_are_not_for_this_one() -> None:
     mine, other = DiaryEntry(0.0, None, "task", file="a.csv"), DiaryEntry(0.0, None, "task", file="b.csv")
 
     assert ReportRequest("a.csv", diary=(mine, other)).list_diary() == (mine,)
+
+
+def test_every_line_with_a_slip_is_told_with_its_text_and_its_cure(tmp_path: Path) -> None:
+    result = expose(tmp_path, "start,end,kind\n0,60,brake\n60,90,break\nnine,100,task\n")
+
+    told = " ".join(result.output.split())
+    assert 'Line 2: the kind of period is not known ("brake"). The line reads: 0, 60, brake.' in told
+    assert 'Line 4: the time cannot be read ("nine"). The line reads: nine, 100, task.' in told
+    assert told.count("Write one of: shift") == told.count("Write 07:58, 07:58:30") == 1
+
+
+def test_a_break_over_a_task_is_warned_of(tmp_path: Path) -> None:
+    expose(tmp_path, "start,end,kind\n0,60,task\n50,90,break\n")
+
+    quality = json.loads((tmp_path / "out" / "angles" / "results.json").read_text("utf-8"))["quality"]
+    (flag,) = [flag for flag in quality["warnings"] if flag["code"] == "W-OVERLAP"]
+    assert (flag["count"], flag["seconds"]) == (1, 10.0)
+    assert "Break laid over a task" in (tmp_path / "out" / "angles" / "report.html").read_text("utf-8")
+
+
+def test_a_row_may_name_its_recording_by_stem_or_subject() -> None:
+    rows = tuple(DiaryEntry(0.0, None, "task", file=name) for name in ("shift 3", "S012", "S013"))
+
+    assert ReportRequest("shift 3.gt3x", "S012", diary=rows).list_diary() == rows[:2]
