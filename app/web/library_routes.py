@@ -36,13 +36,14 @@ TableName = Literal["summary", "summary_fr", "problems"]
 @router.get("/library/{name}.csv")
 def take_table(name: TableName, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Give the main figures, or the problems, of every recording that the list shows."""
-    jobs = [entry.job for entry in Library(services.store.reader).list_page(read_filter(request), MOST_ROWS)]
+    entries = Library(services.store.reader).list_page(read_filter(request), MOST_ROWS)
     dialect = FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL
     if name == "problems":
-        rows = [_tell_problem(job, language) for job in jobs if job.state is JobState.FAILED]
+        newest = (entry.attempt or entry.job for entry in entries)
+        rows = [_tell_problem(job, language) for job in newest if job.state is JobState.FAILED]
         body = encode_table(PROBLEM_COLUMNS, rows, dialect)
     else:
-        body = encode_summary(list(_summarise(services, jobs)), dialect)
+        body = encode_summary(list(_summarise(services, [entry.job for entry in entries])), dialect)
     headers = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
 

@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 from fastapi import Request
 
 from app.api.services import Services
-from app.jobs.job import Job
+from app.jobs.job import Job, JobState
 from app.jobs.library import GROUPS, Entry, Group, Library, LibraryFilter
 from app.report.numbers import format_percent
 from app.report.wording import Language, fill, load_wording
@@ -20,11 +20,20 @@ PER_PAGE = 50
 
 @dataclass(frozen=True, slots=True)
 class ShownEntry:
-    """A row of the list; ``told`` is what a report says at first sight, "" without one."""
+    """A row of the list; ``told`` is what a report says at first sight, "" without one.
+
+    ``attempt``: a newer analysis that runs or has failed; the report of the row stays what it was.
+    """
 
     row: JobRow
     verdict: str
     told: str
+    attempt: JobRow | None = None
+
+    @property
+    def active(self) -> JobRow | None:
+        """What goes on for the row just now."""
+        return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,17 +89,24 @@ def show_library(services: Services, request: Request, language: Language) -> di
 
 
 def show_entry(entry: Entry, language: Language) -> ShownEntry:
-    """Show a recording with its newest analysis."""
-    row = show_row(entry.job, language, now_utc())
+    """Show a recording with its report or, without one, its newest analysis."""
+    row, attempt = show_row(entry.job, language, now_utc()), _show_attempt(entry, language)
     if entry.answer is None:
-        return ShownEntry(row, "", "")
+        return ShownEntry(row, "", "", attempt)
     words = load_wording(language, "page")
     facts = {
         "verdict": str(words["verdict_short"].get(entry.answer.verdict, "")),
         "start": (entry.answer.start or "")[:16].replace("T", " "),
         "percent": format_percent(entry.answer.above_60_percent, language),
     }
-    return ShownEntry(row, entry.answer.verdict, fill(words["row"]["told"], facts))
+    return ShownEntry(row, entry.answer.verdict, fill(words["row"]["told"], facts), attempt)
+
+
+def _show_attempt(entry: Entry, language: Language) -> JobRow | None:
+    """Leave aside what a person has cancelled."""
+    if entry.attempt is None or entry.attempt.state is JobState.CANCELLED:
+        return None
+    return show_row(entry.attempt, language, now_utc())
 
 
 def find_neighbours(services: Services, request: Request, job: Job) -> dict[str, Any]:
