@@ -17,6 +17,8 @@ from app.jobs.tables import analyses, answers, recordings
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)
+Order = Literal["newest", "name", "subject", "above_60"]
+ORDERS: tuple[Order, ...] = get_args(Order)
 
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 _DOUBTFUL = ("caution", "poor")
@@ -33,6 +35,7 @@ class LibraryFilter:
     first_day: str = ""
     last_day: str = ""
     group: Group = "all"
+    order: Order = "newest"
     batch: str = ""
 
 
@@ -54,7 +57,12 @@ class Library:
     def list_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
         is_walked = wanted == LibraryFilter()
-        query = _select(wanted, is_walked=is_walked).order_by(*_newest_first()).limit(limit).offset(skip)
+        query = (
+            _select(wanted, is_walked=is_walked)
+            .order_by(*_list_order(wanted.order))
+            .limit(limit)
+            .offset(skip)
+        )
         return self._read(query)
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
@@ -80,6 +88,8 @@ class Library:
 
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         """Give the analyses shown before and after one, in the order of the list."""
+        if wanted.order != "newest":
+            return self._find_in_order(job, wanted)
         place = (analyses.c.created_at, analyses.c.id)
         moment, own_id = self._find_place(job, wanted)
         newer = or_(place[0] > moment, and_(place[0] == moment, place[1] > own_id))
@@ -89,6 +99,15 @@ class Library:
         with self._reader.connect() as connection:
             first, second = (connection.execute(query).first() for query in (before, after))
         return _name_shown(first), _name_shown(second)
+
+    def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
+        with self._reader.connect() as connection:
+            rows = connection.execute(_select(wanted).order_by(*_list_order(wanted.order))).all()
+        shown = [_name_shown(row) for row in rows]
+        here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
+        if here is None:
+            return None, None
+        return (shown[here - 1] if here else None), (shown[here + 1] if here + 1 < len(shown) else None)
 
     def _find_place(self, job: Job, wanted: LibraryFilter) -> tuple[str, str]:
         """Say where the row stands that shows a job: at the newest analysis of its recording."""
@@ -112,6 +131,17 @@ class Library:
 
 def _name_shown(row: Any) -> str | None:
     return str(row.report_id or row.id) if row else None
+
+
+def _list_order(order: Order) -> tuple[ColumnElement[Any], ...]:
+    name, subject = func.lower(recordings.c.file_name), func.lower(recordings.c.subject)
+    orders: Mapping[Order, tuple[ColumnElement[Any], ...]] = {
+        "newest": (),
+        "name": (name,),
+        "subject": (subject, name),
+        "above_60": (answers.c.above_60_percent.desc().nulls_last(),),
+    }
+    return *orders[order], *_newest_first()
 
 
 def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:

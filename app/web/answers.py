@@ -74,7 +74,7 @@ def find_clock(services: Services, history: History) -> DayClock | None:
     results = find_results(services, report) if report else None
     if results is None:
         return None
-    start = results["recording"]["start"]
+    start = results.get("recording", {}).get("start")
     duration_us = round(results["time"]["recorded_s"] * MICROSECONDS)
     return DayClock(datetime.fromisoformat(start) if start else None, duration_us)
 

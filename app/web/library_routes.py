@@ -1,7 +1,6 @@
 """The library's tables to take away, and the trash: thrown away, taken back, gone for good."""
 
 from collections.abc import Iterator
-from datetime import datetime
 from typing import Any, Literal
 
 from fastapi import APIRouter, Request, Response
@@ -20,7 +19,7 @@ from app.report.wording import Language, fill, load_wording
 from app.web.answers import find_results
 from app.web.library_views import read_filter
 from app.web.rendering import find_base, show_page
-from app.web.views import format_size, tell_time
+from app.web.views import format_size, tell_moment
 
 MOST_ROWS = 10_000
 SHOWN = 500
@@ -98,7 +97,7 @@ def _describe(services: Services, row: StoredRow, count: int, language: Language
     return {
         "recording": row,
         "size": format_size(row.size_bytes, language),
-        "added": tell_time(datetime.fromisoformat(row.created_at)),
+        "added": tell_moment(row.created_at),
         "analyses": count,
         "term": _tell_term(services, language),
         "t": load_wording(language, "page")["trash"],

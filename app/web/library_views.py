@@ -10,7 +10,7 @@ from fastapi import Request
 
 from app.api.services import Services
 from app.jobs.job import Job, JobState
-from app.jobs.library import GROUPS, Entry, Group, Library, LibraryFilter
+from app.jobs.library import GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order
 from app.report.numbers import format_percent
 from app.report.wording import Language, fill, load_wording
 from app.web.views import JobRow, now_utc, show_row
@@ -50,8 +50,10 @@ def read_filter(request: Request) -> LibraryFilter:
     """Read what was asked for; what cannot be is as if it had not been asked."""
     asked = request.query_params
     group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
+    order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
     first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
-    return LibraryFilter(asked.get("text", "").strip()[:100], first_day, last_day, group)
+    text, batch = asked.get("text", "").strip()[:100], asked.get("batch", "")[:40]
+    return LibraryFilter(text, first_day, last_day, group, order, batch)
 
 
 def write_filter(wanted: LibraryFilter, **changes: str) -> str:
@@ -61,13 +63,17 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
         "first_day": wanted.first_day,
         "last_day": wanted.last_day,
         "group": "" if wanted.group == "all" else wanted.group,
+        "order": "" if wanted.order == "newest" else wanted.order,
+        "batch": wanted.batch,
     }
     return urlencode({name: value for name, value in (told | changes).items() if value})
 
 
-def show_library(services: Services, request: Request, language: Language) -> dict[str, Any]:
-    """Give everything the list of the first page needs."""
-    library, wanted = Library(services.store.reader), read_filter(request)
+def show_library(
+    services: Services, request: Request, wanted: LibraryFilter, language: Language
+) -> dict[str, Any]:
+    """Give everything the list of the first page, or of a batch, needs."""
+    library = Library(services.store.reader)
     counts = library.count(wanted)
     pages = max(1, -(-counts[wanted.group] // PER_PAGE))
     page = min(_read_page(request.query_params.get("page", "")), pages)
@@ -113,7 +119,8 @@ def find_neighbours(services: Services, request: Request, job: Job) -> dict[str,
     """Give what was shown before and after an analysis in the list it was opened from."""
     wanted = read_filter(request)
     before, after = Library(services.store.reader).find_neighbours(job, wanted)
-    return {"previous_id": before, "next_id": after, "query": write_filter(wanted)}
+    back = f"/batches/{wanted.batch}" if wanted.batch else "/"
+    return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
 
 
 def _list_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Language) -> list[Chip]:

@@ -14,7 +14,7 @@ from app.outcomes import find_outcome_of_code
 from app.report.messages import describe_problem
 from app.report.wording import load_wording
 from app.web.answers import find_clock, read_answer, show_changes
-from app.web.library_views import find_neighbours, show_entry, show_library
+from app.web.library_views import find_neighbours, read_filter, show_entry, show_library
 from app.web.rendering import find_base, show_page
 from app.web.versions import History, list_versions, show_failed
 from app.web.views import format_size, now_utc, show_row, show_settings
@@ -37,10 +37,11 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 def home(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show the place to drop files, and the recordings."""
     limit_bytes = services.settings.max_upload_bytes
-    values = show_library(services, request, language)
+    values = show_library(services, request, read_filter(request), language)
     values |= {"max_bytes": limit_bytes, "max_size": format_size(limit_bytes, language)}
     values |= {
         "devices": dict(load_wording(language)["device"]),
+        "has_batches": bool(services.batches.list_newest(1)),
         "address": str(request.base_url).rstrip("/"),
     }
     return show_page(request, "home.html", language, values)
@@ -51,9 +52,9 @@ def rows(request: Request, services: UsedServices, language: UsedLanguage, only:
     """Give the list alone, for a page that is open already; ``only`` one analysis if named."""
     if only:
         entries = [show_entry(Entry(services.store.get(only), None), language)]
-        values = {"entries": entries, "is_empty": False, "count": ""}
+        values = {"entries": entries, "is_empty": False, "count": "", "query": ""}
     else:
-        values = show_library(services, request, language)
+        values = show_library(services, request, read_filter(request), language)
     return show_page(request, "rows.html", language, values)
 
 

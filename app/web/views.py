@@ -177,6 +177,11 @@ def tell_time(moment: datetime) -> str:
     return moment.astimezone().strftime("%Y-%m-%d %H:%M")
 
 
+def tell_moment(text: str) -> str:
+    """Write a time that a row holds."""
+    return tell_time(datetime.fromisoformat(text))
+
+
 def read_results(body: bytes) -> Mapping[str, Any]:
     """Read a stored ``results.json``."""
     results: Mapping[str, Any] = json.loads(body)

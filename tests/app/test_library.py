@@ -6,8 +6,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.answers import Answer
+from app.jobs.batches import BatchStore
 from app.jobs.job import Claimer, Job
 from app.jobs.library import Library, LibraryFilter
+from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import ReportRequest
@@ -180,3 +182,24 @@ def test_a_report_whose_repetition_runs_is_offered_to_be_compared(
     (other,) = library.list_others(store.get(ids[0]))
 
     assert other.job.id == ids[1]
+
+
+def test_a_batch_shows_its_own_analyses_and_no_other(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    add_job(b"alone")
+    row = RecordingStore(store.engine, store.reader).get(add_job(b"in it").recording_id)
+    batch = BatchStore(store.engine, store.reader).add("spring", [(row, ReportRequest("shift.gt3x"))])
+
+    (entry,) = library.list_page(LibraryFilter(batch=batch.id), 10)
+
+    assert entry.job.batch_id == batch.id
+
+
+def test_recordings_are_sorted_by_name_whatever_the_case(library: Library, add_job: AddJob) -> None:
+    jobs = [add_job(name.encode(), file_name=name) for name in ("b.csv", "A.csv", "c.csv")]
+
+    wanted = LibraryFilter(order="name")
+
+    assert list_ids(library, wanted) == [jobs[1].id, jobs[0].id, jobs[2].id]
+    assert library.find_neighbours(jobs[0], wanted) == (jobs[1].id, jobs[2].id)
