@@ -35,6 +35,14 @@ def shifts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.fixture(scope="session")
+def trunk(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a finished analysis: S012, neither arm, the same day."""
+    folder = tmp_path_factory.mktemp("trunk")
+    file = write_recordings(folder, "gt9x", HOURS, 3)[0].rename(folder / "trunk.gt3x")
+    return finish(server, file, subject="S012")
+
+
+@pytest.fixture(scope="session")
 def right(server: RunningServer, shifts: tuple[Path, Path]) -> str:
     """The id of a finished analysis: S012, right arm."""
     return finish(server, shifts[0], subject="S012", side="right")

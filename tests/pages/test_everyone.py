@@ -25,6 +25,7 @@ PAGES = {
     "trash": "trash",
     "delete": "recordings/{recording}/delete",
     "pair": "beside/pair?first={left}&second={right}",
+    "trunk": "beside/pair?first={left}&second={right}&trunk={trunk}",
     "compare": "beside/compare?first={left}&second={right}",
     "columns": "analyses/{unknown}/columns",
     "failed": "analyses/{unknown}",
@@ -34,7 +35,7 @@ PAGES = {
     "attempt": "analyses/{right}?attempt={repeated}",
     "absent": "analyses/an_none",
 }
-SHOWN = ("right", "left", "unknown", "repeated", "batch")
+SHOWN = ("right", "left", "unknown", "repeated", "batch", "trunk")
 
 
 FIND_SMALL = """

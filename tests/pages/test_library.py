@@ -1,6 +1,7 @@
 """The library: found, filtered, taken away as tables, opened one after the other, deleted for good."""
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -112,7 +113,7 @@ def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(
     page.get_by_role("link", name="Pair with the other arm").first.click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Both arms of one shift")
     expect(page.get_by_text("By the clocks of the devices: 0.0 s.")).to_be_visible()
-    page.locator("[name=offset_s]").fill("12,5")
+    page.get_by_label("Right after left, in seconds").fill("12,5")
     page.get_by_role("button", name="Apply").click()
 
     expect(page.get_by_text("As set here: 12.5 s.")).to_be_visible()
@@ -187,3 +188,23 @@ def test_recordings_are_sorted_as_a_person_chooses(page: Page, server: RunningSe
 
     names = page.locator("#rows .name").all_inner_texts()
     assert names == sorted(names, key=str.lower)
+
+
+def test_a_trunk_sensor_is_set_beside_both_arms_with_an_offset_of_its_own(
+    page: Page, server: RunningServer, right: str, left: str, trunk: str
+) -> None:
+    page.goto(f"{server.address}beside/pair?first={left}&second={right}&lang=en")
+
+    page.get_by_label("Trunk sensor").select_option("trunk.gt3x")
+    page.get_by_role("button", name="Apply").click()
+    expect(page.get_by_role("heading", name="Arm relative to the trunk")).to_be_visible()
+    expect(
+        page.get_by_text(re.compile("trunk.s recording began after the left. By the clocks"))
+    ).to_be_visible()
+    page.get_by_label("Trunk after left, in seconds").fill("-2.5")
+    page.get_by_role("button", name="Apply").click()
+
+    expect(page.get_by_text("began after the left. As set here: −2.5 s.")).to_be_visible()
+    expect(page.get_by_role("row", name="Time shared with the trunk")).to_be_visible()
+    page.get_by_role("link", name="Read").click()
+    expect(page.get_by_text("Arm relative to the trunk").first).to_be_visible()
