@@ -53,6 +53,7 @@ from app.stores import load_extra
 from app.version import software_version
 from app.web.assets import FOLDER, Assets, find_assets
 from app.web.assets import router as asset_routes
+from app.web.batch_routes import router as batch_pages
 from app.web.beside_routes import router as beside_routes
 from app.web.column_routes import router as column_routes
 from app.web.day_routes import router as day_routes
@@ -77,6 +78,7 @@ ROUTES = (
 )
 PAGES = (
     page_routes,
+    batch_pages,
     day_routes,
     library_routes,
     beside_routes,

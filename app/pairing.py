@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from app.errors import CannotPair
 from app.report.before_after import build_comparison, describe_comparison
 from app.report.beside import encode_document
-from app.report.both_arms import ArmPair, build_pair, describe_pair
+from app.report.both_arms import ArmPair, TrunkClock, build_pair, describe_pair
 from app.report.findings import Kept
 from app.report.parts import Report
 from app.report.writing import read_kept, write_report
@@ -37,11 +37,13 @@ class PairRequest:
     """What a report of two is asked with.
 
     ``trunk`` is the folder of a third analysis, of the trunk; ``offset_s`` tells when the right recording
-    began, seconds after the left, where the clocks do not or are wrong.
+    began, seconds after the left, where the clocks do not or are wrong; ``trunk_offset_s`` likewise when the
+    trunk's began, after the left.
     """
 
     trunk: Path | None = None
     offset_s: float | None = None
+    trunk_offset_s: float | None = None
     languages: tuple[Language, ...] = ("en", "fr")
     kinds: tuple[ReportKind, ...] = ("html", "pdf")
 
@@ -66,7 +68,7 @@ def make_pair_report(left: Path, right: Path, request: PairRequest, out: Path) -
         offset_s,
         "clocks" if request.offset_s is None else "person",
         _share(*angles, offset_s),
-        _relate(angles, request.trunk, (first, second)),
+        *_relate(angles, request, (first, second), offset_s),
     )
     reports = [build_pair(pair, language) for language in request.languages]
     _write(reports, (PAIR, describe_pair(pair)), request.kinds, out)
@@ -144,10 +146,14 @@ def _read(folder: Path) -> Kept:
 
 def _refuse_strangers(left: Kept, right: Kept) -> None:
     """Two recordings of one arm, or one recording twice, would look like a perfectly even worker."""
-    if left.findings.recording.sha256 == right.findings.recording.sha256:
-        raise CannotPair(why="same")
+    _refuse_same(left, right)
     if left.subject.side == "right" or right.subject.side == "left":
         raise CannotPair(why="side")
+
+
+def _refuse_same(one: Kept, other: Kept) -> None:
+    if one.findings.recording.sha256 == other.findings.recording.sha256:
+        raise CannotPair(why="same")
 
 
 def _share(left: Elevation, right: Elevation, offset_s: float) -> PairedArms:
@@ -158,21 +164,25 @@ def _share(left: Elevation, right: Elevation, offset_s: float) -> PairedArms:
 
 
 def _relate(
-    angles: tuple[Elevation, Elevation], trunk: Path | None, kept: tuple[Kept, Kept]
-) -> tuple[TrunkRelative, TrunkRelative]:
-    """Give each arm beside the trunk, on the clocks of the devices."""
-    if trunk is None:
-        return relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)
-    found = _read(trunk)
-    body = read_analysed(trunk, found)
+    angles: tuple[Elevation, Elevation], request: PairRequest, arms: tuple[Kept, Kept], offset_s: float
+) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock | None]:
+    """Give each arm beside the trunk, all three on the clock of the left recording."""
+    if request.trunk is None:
+        return (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
+    found = _read(request.trunk)
+    for arm in arms:
+        _refuse_same(arm, found)
+    body, told_s = read_analysed(request.trunk, found), request.trunk_offset_s
+    if told_s is None:
+        clock = TrunkClock(find_offset_s(arms[0], found), "clocks")
+    else:
+        clock = TrunkClock(told_s, "person")
     try:
-        left, right = (
-            relate_to_trunk(angle, body, find_offset_s(arm, found))
-            for angle, arm in zip(angles, kept, strict=True)
-        )
+        left = relate_to_trunk(angles[0], body, clock.offset_s)
+        right = relate_to_trunk(angles[1], body, clock.offset_s - offset_s)
     except TooShort:
         raise CannotPair(why="apart") from None
-    return left, right
+    return (left, right), clock
 
 
 def _write(

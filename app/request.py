@@ -6,7 +6,7 @@ It knows nothing of the science, so that a process which only takes requests sta
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
@@ -91,7 +91,8 @@ class ReportRequest:
     ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
     of the same shift, which only the command line can name. ``version`` counts the reports of one recording
-    and ``changes`` names what is different from the one before (a setting, "input" or "engine").
+    and ``changes`` names what is different from the one before (a setting, "input" or "engine");
+    ``reason`` is what a person said of it.
     With a ``reference``, a comparison is asked for instead of a report.
     """
 
@@ -110,6 +111,7 @@ class ReportRequest:
     joined: tuple[str, ...] = ()
     version: int = 1
     changes: tuple[str, ...] = ()
+    reason: str = ""
     reference: Reference | None = None
 
     def to_json(self) -> str:
@@ -131,13 +133,18 @@ class ReportRequest:
 
     def name_settings(self) -> dict[str, object]:
         """Give what the figures depend on; in which languages and forms they are told is left out."""
-        told = {"file_name", "languages", "kinds", "joined", "version", "changes"}
+        told = {"file_name", "languages", "kinds", "joined", "version", "changes", "reason"}
         return {name: value for name, value in asdict(self).items() if name not in told}
 
     def list_diary(self) -> tuple[DiaryEntry, ...]:
         """Give the rows of the diary that are for this file, named in full, by its stem or by the subject."""
         names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}
         return tuple(entry for entry in self.diary if entry.file in names)
+
+
+def compare_settings(before: Mapping[str, object], after: Mapping[str, object]) -> tuple[str, ...]:
+    """Name the settings that differ, of two as :meth:`ReportRequest.name_settings` gives them."""
+    return tuple(name for name in after if name in before and before[name] != after[name])
 
 
 def _read_reference(values: dict[str, Any] | None) -> Reference | None:

@@ -109,6 +109,7 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
         software=software,
         version=request.version,
         changes=request.changes,
+        reason=request.reason,
     )
 
 

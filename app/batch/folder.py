@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from app.batch.plan import MARKER, Task
-from app.request import Language, ReportRequest
+from app.request import Language, ReportRequest, compare_settings
 from app.version import software_revision, software_version
 
 _FIGURES = ("results.json", "findings.json", "elevation.parquet", "pair.json", "comparison.json")
@@ -82,9 +82,8 @@ def _hash_figures(folder: Path) -> dict[str, str]:
 def list_changes(before: Marker, after: Marker) -> tuple[str, ...]:
     """Name what is different: "input", the settings, or else the "engine"."""
     old, new = json.loads(before.settings), json.loads(after.settings)
-    settings = tuple(name for name in new if name in old and old[name] != new[name])
     other_input = ("input",) if before.input and before.input != after.input else ()
-    return (*other_input, *settings) or ("engine",)
+    return (*other_input, *compare_settings(old, new)) or ("engine",)
 
 
 def refuse_foreign_folder(folder: Path) -> None:

@@ -28,6 +28,9 @@ def pair(
     offset_s: Annotated[
         float | None, typer.Option(help="When the right recording began, seconds after the left.")
     ] = None,
+    trunk_offset_s: Annotated[
+        float | None, typer.Option(help="When the trunk's recording began, seconds after the left arm's.")
+    ] = None,
     subject: SubjectOption = "",
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
@@ -40,7 +43,7 @@ def pair(
     first = _finish_first(left, out / "left", replace(asked, side="left"))
     second = _finish_first(right, out / "right", replace(asked, side="right"))
     body = _finish_first(trunk, out / "trunk", asked) if trunk else None
-    request = PairRequest(body, offset_s, (lang,), kinds)
+    request = PairRequest(body, offset_s, trunk_offset_s, (lang,), kinds)
     _keep(out / "both-arms", PAIR, lang, partial(make_pair_report, first, second, request))
 
 

@@ -67,6 +67,13 @@ class BatchStore:
         counts = {state: found.get(state, 0) for state in JobState}
         return Batch(row.id, row.name, row.item_count, row.created_at, counts)
 
+    def list_newest(self, limit: int) -> tuple[Batch, ...]:
+        """Give the batches asked for last, the newest first."""
+        newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(limit)
+        with self._reader.connect() as connection:
+            ids = connection.execute(newest).scalars().all()
+        return tuple(self.get(batch_id) for batch_id in ids)
+
     def list_jobs(self, batch_id: str) -> tuple[Job, ...]:
         """Give the analyses that count, in the order in which they were asked for."""
         query = select_jobs().where(analyses.c.batch_id == batch_id, analyses.c.replaced_by.is_(None))

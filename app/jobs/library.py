@@ -1,18 +1,24 @@
-"""The library: every recording with its newest analysis, searched, filtered, counted and paged in SQL."""
+"""The library: every recording with the report that counts, searched, filtered, counted and paged in SQL.
+
+What counts is the newest analysis, unless it has no report and an earlier one has: a repetition that fails
+takes nothing away. A batch shows each analysis that it asked for.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
-from sqlalchemy import ColumnElement, Engine, Select, and_, func, or_, select
+from sqlalchemy import ColumnElement, Engine, Select, and_, case, func, or_, select
 
 from app.jobs.answers import Answer
 from app.jobs.job import Job, JobState
-from app.jobs.reading import STORED, read_job
+from app.jobs.reading import STORED, read_job, select_jobs
 from app.jobs.tables import analyses, answers, recordings
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)
+Order = Literal["newest", "name", "subject", "above_60"]
+ORDERS: tuple[Order, ...] = get_args(Order)
 
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 _DOUBTFUL = ("caution", "poor")
@@ -20,20 +26,26 @@ _DOUBTFUL = ("caution", "poor")
 
 @dataclass(frozen=True, slots=True)
 class LibraryFilter:
-    """Which recordings are shown; "" asks for any. ``first_day`` and ``last_day`` are ISO dates."""
+    """Which recordings are shown; "" asks for any. ``first_day`` and ``last_day`` are ISO dates.
+
+    With ``batch`` the analyses of that batch are shown instead of what counts of each recording.
+    """
 
     text: str = ""
     first_day: str = ""
     last_day: str = ""
     group: Group = "all"
+    order: Order = "newest"
+    batch: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A recording's newest analysis, and its answer once it has one."""
+    """What counts of a recording, its answer once it has one, and a newer ``attempt`` without a report."""
 
     job: Job
     answer: Answer | None
+    attempt: Job | None = None
 
 
 class Library:
@@ -45,18 +57,23 @@ class Library:
     def list_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
         is_walked = wanted == LibraryFilter()
-        query = _select(wanted, is_walked=is_walked).order_by(*_newest_first()).limit(limit).offset(skip)
-        with self._reader.connect() as connection:
-            return tuple(_read_entry(row) for row in connection.execute(query))
+        query = (
+            _select(wanted, is_walked=is_walked)
+            .order_by(*_list_order(wanted.order))
+            .limit(limit)
+            .offset(skip)
+        )
+        return self._read(query)
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
         """Count the recordings of each group, among those that text and days ask for."""
         parts = _select(replace(wanted, group="all")).subquery()
-        kinds = select(parts.c.state, parts.c.verdict, func.count()).group_by(parts.c.state, parts.c.verdict)
+        told = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None))
+        kinds = select(*told, func.count()).group_by(*told)
         counts = dict.fromkeys(GROUPS, 0)
         with self._reader.connect() as connection:
-            for state, verdict, number in connection.execute(kinds):
-                for group in _name_groups(JobState(state), verdict):
+            for state, verdict, has_report, number in connection.execute(kinds):
+                for group in _name_groups(JobState(state), verdict, has_report=bool(has_report)):
                     counts[group] += number
         return counts
 
@@ -65,22 +82,66 @@ class Library:
         if not job.request.subject:
             return ()
         same = recordings.c.subject == job.request.subject
-        other = (analyses.c.recording_id != job.recording_id, analyses.c.state == JobState.SUCCEEDED)
+        other = (analyses.c.recording_id != job.recording_id, _find_report().is_not(None))
         query = _select(LibraryFilter()).where(same, *other).order_by(*_newest_first()).limit(limit)
-        with self._reader.connect() as connection:
-            return tuple(_read_entry(row) for row in connection.execute(query))
+        return self._read(query)
 
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         """Give the analyses shown before and after one, in the order of the list."""
-        moment = job.created_at.isoformat(timespec="microseconds")
+        if wanted.order != "newest":
+            return self._find_in_order(job, wanted)
         place = (analyses.c.created_at, analyses.c.id)
-        newer = or_(place[0] > moment, and_(place[0] == moment, place[1] > job.id))
-        older = or_(place[0] < moment, and_(place[0] == moment, place[1] < job.id))
+        moment, own_id = self._find_place(job, wanted)
+        newer = or_(place[0] > moment, and_(place[0] == moment, place[1] > own_id))
+        older = or_(place[0] < moment, and_(place[0] == moment, place[1] < own_id))
         before = _select(wanted).where(newer).order_by(place[0].asc(), place[1].asc()).limit(1)
         after = _select(wanted).where(older).order_by(*_newest_first()).limit(1)
         with self._reader.connect() as connection:
             first, second = (connection.execute(query).first() for query in (before, after))
-        return (first.id if first else None), (second.id if second else None)
+        return _name_shown(first), _name_shown(second)
+
+    def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
+        with self._reader.connect() as connection:
+            rows = connection.execute(_select(wanted).order_by(*_list_order(wanted.order))).all()
+        shown = [_name_shown(row) for row in rows]
+        here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
+        if here is None:
+            return None, None
+        return (shown[here - 1] if here else None), (shown[here + 1] if here + 1 < len(shown) else None)
+
+    def _find_place(self, job: Job, wanted: LibraryFilter) -> tuple[str, str]:
+        """Say where the row stands that shows a job: at the newest analysis of its recording."""
+        if wanted.batch:
+            return job.created_at.isoformat(timespec="microseconds"), job.id
+        newest = select(analyses.c.created_at, analyses.c.id).where(
+            analyses.c.recording_id == job.recording_id
+        )
+        with self._reader.connect() as connection:
+            row = connection.execute(newest.order_by(*_newest_first()).limit(1)).one()
+        return row.created_at, row.id
+
+    def _read(self, query: Select[Any]) -> tuple[Entry, ...]:
+        with self._reader.connect() as connection:
+            rows = connection.execute(query).all()
+            others = [row.report_id for row in rows if row.report_id not in (None, row.id)]
+            found = connection.execute(select_jobs().where(analyses.c.id.in_(others))) if others else ()
+            reports = {row.id: read_job(row) for row in found}
+        return tuple(_read_entry(row, reports.get(row.report_id)) for row in rows)
+
+
+def _name_shown(row: Any) -> str | None:
+    return str(row.report_id or row.id) if row else None
+
+
+def _list_order(order: Order) -> tuple[ColumnElement[Any], ...]:
+    name, subject = func.lower(recordings.c.file_name), func.lower(recordings.c.subject)
+    orders: Mapping[Order, tuple[ColumnElement[Any], ...]] = {
+        "newest": (),
+        "name": (name,),
+        "subject": (subject, name),
+        "above_60": (answers.c.above_60_percent.desc().nulls_last(),),
+    }
+    return *orders[order], *_newest_first()
 
 
 def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
@@ -90,11 +151,15 @@ def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
 def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
     about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256)
     told = (answers.c.verdict, answers.c.start, answers.c.recorded_s, answers.c.above_60_percent)
+    is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(),)
+    if wanted.batch:
+        is_shown = (analyses.c.batch_id == wanted.batch, analyses.c.replaced_by.is_(None))
+    report_id = _find_own_report() if wanted.batch else _find_report()
     query = (
-        select(analyses, *about, *told)
+        select(analyses, *about, *told, report_id.label("report_id"))
         .join(recordings, analyses.c.recording_id == recordings.c.id)
-        .outerjoin(answers, answers.c.analysis_id == analyses.c.id)
-        .where(_is_stored(is_walked=is_walked), analyses.c.id == _select_newest())
+        .outerjoin(answers, answers.c.analysis_id == report_id)
+        .where(_is_stored(is_walked=is_walked), *is_shown)
     )
     return query.where(*_list_conditions(wanted))
 
@@ -111,8 +176,21 @@ def _select_newest() -> Any:
     return newest.order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1).scalar_subquery()
 
 
+def _find_own_report() -> ColumnElement[Any]:
+    return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id))
+
+
+def _find_report() -> ColumnElement[Any]:
+    """Find the analysis whose report counts for the recording: this one, or the newest that succeeded."""
+    other = analyses.alias()
+    good = (other.c.recording_id == analyses.c.recording_id, other.c.state == JobState.SUCCEEDED)
+    newest = select(other.c.id).where(*good).order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1)
+    return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest.scalar_subquery())
+
+
 def _list_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
-    conditions = [_ask_group(wanted.group)] if wanted.group != "all" else []
+    report_id = _find_own_report() if wanted.batch else _find_report()
+    conditions = [_ask_group(wanted.group, report_id)] if wanted.group != "all" else []
     day = func.coalesce(answers.c.start, analyses.c.created_at)
     if wanted.text:
         text = wanted.text.lower()
@@ -125,31 +203,31 @@ def _list_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
     return conditions
 
 
-def _ask_group(group: Group) -> ColumnElement[bool]:
+def _ask_group(group: Group, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
     failed = analyses.c.state == JobState.FAILED
     states: Mapping[str, ColumnElement[bool]] = {
         "active": analyses.c.state.in_(_ACTIVE),
-        "failed": failed,
-        "cancelled": analyses.c.state == JobState.CANCELLED,
+        "failed": and_(failed, report_id.is_(None)),
+        "cancelled": and_(analyses.c.state == JobState.CANCELLED, report_id.is_(None)),
         "attention": or_(failed, answers.c.verdict.in_(_DOUBTFUL)),
     }
     return states.get(group, answers.c.verdict == group)
 
 
-def _name_groups(state: JobState, verdict: str | None) -> list[Group]:
+def _name_groups(state: JobState, verdict: str | None, *, has_report: bool) -> list[Group]:
     groups: list[Group] = ["all"]
     if state in _ACTIVE:
         groups.append("active")
-    if state is JobState.CANCELLED:
+    if state is JobState.CANCELLED and not has_report:
         groups.append("cancelled")
-    if state is JobState.FAILED:
-        groups += ["failed", "attention"]
-    if verdict in _DOUBTFUL:
+    if state is JobState.FAILED and not has_report:
+        groups.append("failed")
+    if state is JobState.FAILED or verdict in _DOUBTFUL:
         groups.append("attention")
     groups += [group for group in GROUPS if group == verdict]
     return groups
 
 
-def _read_entry(row: Any) -> Entry:
+def _read_entry(row: Any, report: Job | None) -> Entry:
     told = Answer(row.verdict, row.start, row.recorded_s, row.above_60_percent) if row.verdict else None
-    return Entry(read_job(row), told)
+    return Entry(read_job(row), told) if report is None else Entry(report, told, read_job(row))

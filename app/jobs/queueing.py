@@ -6,7 +6,6 @@ that the flows take turns. A new flow begins at the lowest number that waits, ne
 others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 """
 
-import hashlib
 import secrets
 from collections.abc import Sequence
 from typing import Literal
@@ -16,17 +15,11 @@ from sqlalchemy import Connection, func, insert, select
 from app.jobs.job import JobState
 from app.jobs.reading import tell_now
 from app.jobs.tables import analyses
+from app.jobs.versions import identify_work, number_versions
 from app.request import ReportRequest
-from app.version import software_revision, software_version
 
 WayIn = Literal["web", "api"]
 AT_ONCE, IN_TURN = 0, 1
-
-
-def identify_work(sha256: str, request: ReportRequest) -> str:
-    """Hash input, settings and engine: the same three give the same report."""
-    parts = (sha256, request.to_json(), software_version(), software_revision())
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def enqueue(
@@ -48,6 +41,7 @@ def enqueue_all(
     batch_id: str | None = None,
 ) -> list[str]:
     """Write the rows of several jobs (recording, its SHA-256, request); gives their ids in order."""
+    requests = number_versions(connection, items)
     first = 0 if way_in == "web" else _find_turn(connection, batch_id)
     rows = [
         {
@@ -65,7 +59,7 @@ def enqueue_all(
             "turn": first + place,
             "batch_id": batch_id,
         }
-        for place, (recording_id, sha256, request) in enumerate(items)
+        for place, ((recording_id, sha256, _), request) in enumerate(zip(items, requests, strict=True))
     ]
     if rows:
         connection.execute(insert(analyses), rows)

@@ -13,10 +13,11 @@ from app.jobs.answers import Answer, insert_answer
 from app.jobs.database import READ_ONLY, lock_tables, open_database
 from app.jobs.job import Claim, Claimer, Job, JobState
 from app.jobs.moves import is_changed, move_job, start_job
-from app.jobs.queueing import WayIn, enqueue, identify_work
+from app.jobs.queueing import WayIn, enqueue
 from app.jobs.reading import read_job, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.tables import analyses, facts, recordings, result_files
+from app.jobs.versions import identify_work
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact

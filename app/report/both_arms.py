@@ -45,11 +45,20 @@ _LONGEST_CODE = 24
 
 
 @dataclass(frozen=True, slots=True)
+class TrunkClock:
+    """When the trunk's first sample was taken, seconds after the left arm's, and who tells so."""
+
+    offset_s: float
+    offset_from: Literal["clocks", "person"]
+
+
+@dataclass(frozen=True, slots=True)
 class ArmPair:
     """Two arms on one clock.
 
     ``offset_s``: when the right recording's first sample was taken, seconds after the left's; ``offset_from``
-    says whether the devices' clocks or a person tell so. ``trunk``: each arm beside the trunk.
+    says whether the devices' clocks or a person tell so. ``trunk``: each arm beside the trunk, whose clock is
+    ``trunk_clock``, None without one.
     """
 
     left: Kept
@@ -58,6 +67,7 @@ class ArmPair:
     offset_from: Literal["clocks", "person"]
     shared: PairedArms
     trunk: tuple[TrunkRelative, TrunkRelative]
+    trunk_clock: TrunkClock | None = None
 
 
 def describe_pair(pair: ArmPair) -> dict[str, Any]:
@@ -69,6 +79,7 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             "left": describe_source(pair.left),
             "right": describe_source(pair.right),
             "clock": {"offset_s": pair.offset_s, "from": pair.offset_from},
+            "trunk_clock": _describe_clock(pair.trunk_clock),
             "shared_s": shared.shared_s,
             "arms": {
                 side: {
@@ -86,6 +97,10 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
         }
     )
     return document
+
+
+def _describe_clock(clock: TrunkClock | None) -> dict[str, object] | None:
+    return {"offset_s": clock.offset_s, "from": clock.offset_from} if clock else None
 
 
 def _describe_trunk(trunk: TrunkRelative) -> dict[str, object]:

@@ -2,17 +2,22 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from app.api.services import Services
-from app.errors import NoSuchFile, NotHere
+from app.errors import NoSuchFile
 from app.jobs.job import Job, JobState
 from app.report.wording import Language
+from app.request import ReportRequest
 from app.storage import borrow_result
+from app.web.clock_times import DayClock
 from app.web.day_routes import find_day
 from app.web.day_views import DayView, show_day, show_hours
 from app.web.others import list_offers
+from app.web.versions import History
 from app.web.views import Fact, read_results, show_answer, show_figures, show_settings
+from fusion.recording import MICROSECONDS
 
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
 
@@ -24,12 +29,14 @@ class Changes:
     """Figures and settings before and after a correction; no figures until both are there."""
 
     id: str
+    versions: tuple[int, int]
+    reason: str
     figures: tuple[Row, ...]
     settings: tuple[Row, ...]
 
 
-def read_answer(services: Services, job: Job, language: Language) -> dict[str, Any]:
-    """Give answer, hours and day of a finished analysis, or none of them."""
+def read_answer(services: Services, job: Job, wish: ReportRequest, language: Language) -> dict[str, Any]:
+    """Give answer, hours and day of a finished analysis, or none; its form shows what is wished of it."""
     results = find_results(services, job)
     if results is None:
         return {"answer": None, "hours": [], "day": None, "offers": ()}
@@ -37,25 +44,39 @@ def read_answer(services: Services, job: Job, language: Language) -> dict[str, A
     return {
         "answer": show_answer(results, brief, language),
         "hours": show_hours(results, language),
-        "day": _show_day(services, job, language),
+        "day": _show_day(services, job, wish, language),
         "offers": list_offers(services, job, results.get("recording", {}).get("start") or "", language),
     }
 
 
-def show_changes(services: Services, job: Job, before_id: str, language: Language) -> Changes | None:
-    """Set an analysis beside the one that it corrects."""
-    try:
-        before = services.store.get(before_id) if before_id else None
-    except NotHere:
-        before = None
-    if before is None or before.recording_id != job.recording_id:
+def show_changes(
+    services: Services, history: History, job: Job, before_id: str, language: Language
+) -> Changes | None:
+    """Set an analysis beside the one that it corrects, or else beside the version before it."""
+    asked = (other for other in history.jobs if other.id == before_id)
+    before = next(asked, history.find_before(job))
+    if before is None or job.state is JobState.FAILED:
         return None
+    clock = find_clock(services, history)
     first, second = (find_results(services, each) for each in (before, job))
     figures: tuple[Row, ...] = ()
     if first is not None and second is not None:
         figures = _pair(show_figures(first, language), show_figures(second, language))
-    settings = _pair(show_settings(before, language), show_settings(job, language))
-    return Changes(before.id, figures, tuple(row for row in settings if row[1] != row[2]))
+    settings = _pair(show_settings(before, clock, language), show_settings(job, clock, language))
+    versions = (before.request.version, job.request.version)
+    differ = tuple(row for row in settings if row[1] != row[2])
+    return Changes(before.id, versions, job.request.reason, figures, differ)
+
+
+def find_clock(services: Services, history: History) -> DayClock | None:
+    """Give the clock of the recording, as its newest report tells it."""
+    report = history.find_report()
+    results = find_results(services, report) if report else None
+    if results is None:
+        return None
+    start = results.get("recording", {}).get("start")
+    duration_us = round(results["time"]["recorded_s"] * MICROSECONDS)
+    return DayClock(datetime.fromisoformat(start) if start else None, duration_us)
 
 
 def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
@@ -73,10 +94,10 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
     )
 
 
-def _show_day(services: Services, job: Job, language: Language) -> DayView | None:
+def _show_day(services: Services, job: Job, wish: ReportRequest, language: Language) -> DayView | None:
     """Leave the day out, and nothing else, where an older version has written none."""
     try:
-        return show_day(find_day(services, job), job, language)
+        return show_day(find_day(services, job), wish, language)
     except NoSuchFile:
         return None
 

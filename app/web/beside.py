@@ -7,7 +7,7 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,22 +30,32 @@ FIGURES: Mapping[Kind, str] = {"pair": "pair.json", "compare": "comparison.json"
 
 @dataclass(frozen=True, slots=True)
 class BesideRequest:
-    """Which two, in which order; ``offset_s`` as a person corrected it, None as the clocks say."""
+    """Which two, in which order, and the trunk of a pair; offsets, seconds after the first, as a person
+    corrected them, None as the clocks say.
+    """
 
     kind: Kind
     first: Job
     second: Job
     offset_s: float | None = None
+    trunk: Job | None = None
+    trunk_offset_s: float | None = None
+
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """Every analysis that it is made of."""
+        return tuple(filter(None, (self.first, self.second, self.trunk)))
 
     def key(self) -> str:
         """Name what comes of it: the same two attempts and the same software give the same report."""
-        parts = (self.kind, self.first.token, self.second.token, self.offset_s, software_revision())
+        tokens = tuple(job.token for job in self.jobs)
+        parts = (self.kind, tokens, self.offset_s, self.trunk_offset_s, software_revision())
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
 def load_and_set_beside(
-    folders: tuple[Path, Path],
-    offset_s: float | None,
+    folders: tuple[Path, ...],
+    offsets_s: tuple[float | None, float | None],
     kind: Kind,
     _log: Path,
     request: ReportRequest,
@@ -55,7 +65,10 @@ def load_and_set_beside(
     """Be the child's part: both roads start from the folders of finished analyses."""
     pairing = importlib.import_module("app.pairing")
     make = pairing.make_pair_report if kind == "pair" else pairing.make_comparison_report
-    make(*folders, pairing.PairRequest(offset_s=offset_s, languages=request.languages), out)
+    first, second, *trunk = folders
+    offset_s, trunk_offset_s = offsets_s
+    asked = pairing.PairRequest(trunk[0] if trunk else None, offset_s, trunk_offset_s, request.languages)
+    make(first, second, asked, out)
 
 
 def set_beside(services: Services, asked: BesideRequest) -> Path:
@@ -71,8 +84,9 @@ def set_beside(services: Services, asked: BesideRequest) -> Path:
     staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
     staging.mkdir(parents=True)
     try:
-        with _borrow_folder(services, asked.first) as first, _borrow_folder(services, asked.second) as second:
-            _make(services, asked, (first, second), staging)
+        with ExitStack() as lent:
+            folders = tuple(lent.enter_context(_borrow_folder(services, job)) for job in asked.jobs)
+            _make(services, asked, folders, staging)
         if not kept.exists():
             staging.rename(kept)
     finally:
@@ -91,9 +105,9 @@ def read_sentences(folder: Path, language: Language) -> list[str]:
     return (folder / f"answer.{language}.txt").read_text("utf-8").splitlines()
 
 
-def _make(services: Services, asked: BesideRequest, folders: tuple[Path, Path], out: Path) -> None:
-    make = partial(load_and_set_beside, folders, asked.offset_s, asked.kind)
-    limits = choose_limits(services.settings, asked.first.size_bytes + asked.second.size_bytes)
+def _make(services: Services, asked: BesideRequest, folders: tuple[Path, ...], out: Path) -> None:
+    make = partial(load_and_set_beside, folders, (asked.offset_s, asked.trunk_offset_s), asked.kind)
+    limits = choose_limits(services.settings, sum(job.size_bytes for job in asked.jobs))
     attempt = Attempt(folders[0], ReportRequest(""), out, make, limits)
     outcome: Finished | Refused | Any = run_attempt(attempt, lambda *_: True)
     if isinstance(outcome, Refused):

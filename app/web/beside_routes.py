@@ -1,31 +1,44 @@
 """Pages of two: both arms of one shift, one visit beside another."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import FileResponse, RedirectResponse
+from pydantic import BaseModel, Field
 
 from app.api.guard import REPORT_POLICY
-from app.api.services import UsedLanguage, UsedServices
+from app.api.services import Services, UsedLanguage, UsedServices
+from app.jobs.job import Job
 from app.report.beside import load_beside_words
 from app.report.wording import Language, load_wording
 from app.web.beside import BesideRequest, Kind, read_figures, read_sentences, set_beside
+from app.web.others import list_trunks
 from app.web.rendering import find_base, show_page
 
 router = APIRouter(include_in_schema=False)
 SETTINGS = frozenset({"method", "pose", "metric filter"})
 
 
+class TrunkWish(BaseModel):
+    """Offsets as people type them, and the analysis of the trunk."""
+
+    offset_s: Annotated[str, Field(max_length=20)] = ""
+    trunk: Annotated[str, Field(max_length=40)] = ""
+    trunk_offset_s: Annotated[str, Field(max_length=20)] = ""
+
+
 def read_asked(
-    kind: Kind,
-    first: str,
-    second: str,
-    services: UsedServices,
-    offset_s: Annotated[str, Query(max_length=20)] = "",
+    kind: Kind, first: str, second: str, services: UsedServices, wish: Annotated[TrunkWish, Query()]
 ) -> BesideRequest:
-    """Read which two are asked for."""
-    return BesideRequest(kind, services.store.get(first), services.store.get(second), read_offset(offset_s))
+    """Read which are asked for; a comparison has neither trunk nor offset."""
+    pair = services.store.get(first), services.store.get(second)
+    if kind != "pair":
+        return BesideRequest(kind, *pair)
+    trunk = services.store.get(wish.trunk) if wish.trunk else None
+    trunk_offset_s = read_offset(wish.trunk_offset_s) if trunk else None
+    return BesideRequest(kind, *pair, read_offset(wish.offset_s), trunk, trunk_offset_s)
 
 
 Asked = Annotated[BesideRequest, Depends(read_asked)]
@@ -40,10 +53,14 @@ def show_beside(asked: Asked, request: Request, services: UsedServices, language
         "kind": asked.kind,
         "first": asked.first,
         "second": asked.second,
+        "trunk": asked.trunk,
+        "trunks": _list_trunks(services, asked, figures),
         "figures": figures,
         "sentences": read_sentences(folder, language),
         "differences": [b["difference"][name] for name in figures.get("differences", ()) if name in SETTINGS],
-        "offset": "" if asked.offset_s is None else f"{asked.offset_s:g}",
+        "offset": _write_offset(asked.offset_s),
+        "trunk_offset": _write_offset(asked.trunk_offset_s),
+        "trunk_limit": load_beside_words(language)["pair"]["trunk"]["limit"],
         "names": load_beside_words(language)["compare"]["table"]["figure"],
         "b": b,
     }
@@ -79,6 +96,19 @@ def read_offset(text: str) -> float | None:
     except ValueError:
         return None
     return seconds if abs(seconds) <= 172_800 else None
+
+
+def _list_trunks(services: Services, asked: BesideRequest, figures: Mapping[str, Any]) -> tuple[Job, ...]:
+    """Offer what may be of the trunk; what was chosen is always among it."""
+    if asked.kind != "pair":
+        return ()
+    found = list_trunks(services, asked.first, asked.second, figures["left"].get("start") or "")
+    chosen = (asked.trunk,) if asked.trunk and asked.trunk.id not in {job.id for job in found} else ()
+    return (*chosen, *found)
+
+
+def _write_offset(seconds: float | None) -> str:
+    return "" if seconds is None else f"{seconds:g}"
 
 
 def _name(asked: BesideRequest, language: Language) -> str:

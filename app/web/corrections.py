@@ -8,6 +8,7 @@ from itertools import zip_longest
 from typing import TypeVar, get_args
 
 from app.errors import BadParameter
+from app.report.subject import MAX_TEXT
 from app.request import SUBJECT_ALLOWED, ReportRequest, check_subject, list_window_counts
 from app.web.clock_times import DayClock, place_rows
 from app.web.forms import Form, first
@@ -42,6 +43,7 @@ def correct_request(before: ReportRequest, form: Form, clock: DayClock) -> Repor
         pose=pose,
         calibration_windows_s=windows,
         diary=diary,
+        reason=first(form, "reason").strip()[:MAX_TEXT],
     )
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.day_file import DayFile
-from app.jobs.job import Job
 from app.report.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.wording import Language, Words, fill, load_wording
+from app.request import ReportRequest
 from app.web.clock_times import DayClock, place_rows
 from fusion.diary import KINDS
 
@@ -48,7 +48,7 @@ class DayView:
     has_samples: bool
 
 
-def show_day(day: DayFile, job: Job, language: Language) -> DayView:
+def show_day(day: DayFile, wish: ReportRequest, language: Language) -> DayView:
     """Lay out what was found and what was asked."""
     clock, words = DayClock.of(day.facts), load_wording(language, "day")
     names = words["kind_name"]
@@ -56,16 +56,16 @@ def show_day(day: DayFile, job: Job, language: Language) -> DayView:
         start=str(day.facts["start"] or ""),
         duration_s=clock.duration_s,
         needs_date=clock.needs_date,
-        rows=place_rows(job.request.list_diary(), clock),
-        windows=(_show_window(0, day, job, clock), _show_window(1, day, job, clock)),
+        rows=place_rows(wish.list_diary(), clock),
+        windows=(_show_window(0, day, wish, clock), _show_window(1, day, wish, clock)),
         proposals=_list_proposals(day.facts, clock, words, language),
         kinds=tuple((kind, str(names[kind])) for kind in KINDS),
         has_samples=bool(day.facts["calibration"]),
     )
 
 
-def _show_window(place: int, day: DayFile, job: Job, clock: DayClock) -> Window:
-    asked, used = job.request.calibration_windows_s, day.facts["calibration"]
+def _show_window(place: int, day: DayFile, wish: ReportRequest, clock: DayClock) -> Window:
+    asked, used = wish.calibration_windows_s, day.facts["calibration"]
     start, end = map(clock.tell, asked[place]) if place < len(asked) else ("", "")
     used_start, used_end = map(clock.tell, used[place][:2]) if place < len(used) else ("", "")
     return Window(start, end, used_start, used_end)

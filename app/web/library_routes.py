@@ -1,7 +1,6 @@
 """The library's tables to take away, and the trash: thrown away, taken back, gone for good."""
 
 from collections.abc import Iterator
-from datetime import datetime
 from typing import Any, Literal
 
 from fastapi import APIRouter, Request, Response
@@ -20,7 +19,7 @@ from app.report.wording import Language, fill, load_wording
 from app.web.answers import find_results
 from app.web.library_views import read_filter
 from app.web.rendering import find_base, show_page
-from app.web.views import format_size, tell_time
+from app.web.views import format_size, tell_moment
 
 MOST_ROWS = 10_000
 SHOWN = 500
@@ -36,13 +35,14 @@ TableName = Literal["summary", "summary_fr", "problems"]
 @router.get("/library/{name}.csv")
 def take_table(name: TableName, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Give the main figures, or the problems, of every recording that the list shows."""
-    jobs = [entry.job for entry in Library(services.store.reader).list_page(read_filter(request), MOST_ROWS)]
+    entries = Library(services.store.reader).list_page(read_filter(request), MOST_ROWS)
     dialect = FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL
     if name == "problems":
-        rows = [_tell_problem(job, language) for job in jobs if job.state is JobState.FAILED]
+        newest = (entry.attempt or entry.job for entry in entries)
+        rows = [_tell_problem(job, language) for job in newest if job.state is JobState.FAILED]
         body = encode_table(PROBLEM_COLUMNS, rows, dialect)
     else:
-        body = encode_summary(list(_summarise(services, jobs)), dialect)
+        body = encode_summary(list(_summarise(services, [entry.job for entry in entries])), dialect)
     headers = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
 
@@ -97,7 +97,7 @@ def _describe(services: Services, row: StoredRow, count: int, language: Language
     return {
         "recording": row,
         "size": format_size(row.size_bytes, language),
-        "added": tell_time(datetime.fromisoformat(row.created_at)),
+        "added": tell_moment(row.created_at),
         "analyses": count,
         "term": _tell_term(services, language),
         "t": load_wording(language, "page")["trash"],

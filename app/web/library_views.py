@@ -9,8 +9,8 @@ from urllib.parse import urlencode
 from fastapi import Request
 
 from app.api.services import Services
-from app.jobs.job import Job
-from app.jobs.library import GROUPS, Entry, Group, Library, LibraryFilter
+from app.jobs.job import Job, JobState
+from app.jobs.library import GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order
 from app.report.numbers import format_percent
 from app.report.wording import Language, fill, load_wording
 from app.web.views import JobRow, now_utc, show_row
@@ -20,11 +20,20 @@ PER_PAGE = 50
 
 @dataclass(frozen=True, slots=True)
 class ShownEntry:
-    """A row of the list; ``told`` is what a report says at first sight, "" without one."""
+    """A row of the list; ``told`` is what a report says at first sight, "" without one.
+
+    ``attempt``: a newer analysis that runs or has failed; the report of the row stays what it was.
+    """
 
     row: JobRow
     verdict: str
     told: str
+    attempt: JobRow | None = None
+
+    @property
+    def active(self) -> JobRow | None:
+        """What goes on for the row just now."""
+        return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +50,10 @@ def read_filter(request: Request) -> LibraryFilter:
     """Read what was asked for; what cannot be is as if it had not been asked."""
     asked = request.query_params
     group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
+    order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
     first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
-    return LibraryFilter(asked.get("text", "").strip()[:100], first_day, last_day, group)
+    text, batch = asked.get("text", "").strip()[:100], asked.get("batch", "")[:40]
+    return LibraryFilter(text, first_day, last_day, group, order, batch)
 
 
 def write_filter(wanted: LibraryFilter, **changes: str) -> str:
@@ -52,13 +63,17 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
         "first_day": wanted.first_day,
         "last_day": wanted.last_day,
         "group": "" if wanted.group == "all" else wanted.group,
+        "order": "" if wanted.order == "newest" else wanted.order,
+        "batch": wanted.batch,
     }
     return urlencode({name: value for name, value in (told | changes).items() if value})
 
 
-def show_library(services: Services, request: Request, language: Language) -> dict[str, Any]:
-    """Give everything the list of the first page needs."""
-    library, wanted = Library(services.store.reader), read_filter(request)
+def show_library(
+    services: Services, request: Request, wanted: LibraryFilter, language: Language
+) -> dict[str, Any]:
+    """Give everything the list of the first page, or of a batch, needs."""
+    library = Library(services.store.reader)
     counts = library.count(wanted)
     pages = max(1, -(-counts[wanted.group] // PER_PAGE))
     page = min(_read_page(request.query_params.get("page", "")), pages)
@@ -80,24 +95,32 @@ def show_library(services: Services, request: Request, language: Language) -> di
 
 
 def show_entry(entry: Entry, language: Language) -> ShownEntry:
-    """Show a recording with its newest analysis."""
-    row = show_row(entry.job, language, now_utc())
+    """Show a recording with its report or, without one, its newest analysis."""
+    row, attempt = show_row(entry.job, language, now_utc()), _show_attempt(entry, language)
     if entry.answer is None:
-        return ShownEntry(row, "", "")
+        return ShownEntry(row, "", "", attempt)
     words = load_wording(language, "page")
     facts = {
         "verdict": str(words["verdict_short"].get(entry.answer.verdict, "")),
         "start": (entry.answer.start or "")[:16].replace("T", " "),
         "percent": format_percent(entry.answer.above_60_percent, language),
     }
-    return ShownEntry(row, entry.answer.verdict, fill(words["row"]["told"], facts))
+    return ShownEntry(row, entry.answer.verdict, fill(words["row"]["told"], facts), attempt)
+
+
+def _show_attempt(entry: Entry, language: Language) -> JobRow | None:
+    """Leave aside what a person has cancelled."""
+    if entry.attempt is None or entry.attempt.state is JobState.CANCELLED:
+        return None
+    return show_row(entry.attempt, language, now_utc())
 
 
 def find_neighbours(services: Services, request: Request, job: Job) -> dict[str, Any]:
     """Give what was shown before and after an analysis in the list it was opened from."""
     wanted = read_filter(request)
     before, after = Library(services.store.reader).find_neighbours(job, wanted)
-    return {"previous_id": before, "next_id": after, "query": write_filter(wanted)}
+    back = f"/batches/{wanted.batch}" if wanted.batch else "/"
+    return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
 
 
 def _list_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Language) -> list[Chip]:

@@ -8,6 +8,7 @@ from app.jobs.library import Entry, Library
 from app.report.wording import Language, fill, load_wording
 
 DAY = 10  # characters of an ISO date
+MOST_TRUNKS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,18 @@ def list_offers(services: Services, job: Job, start: str, language: Language) ->
     """Offer a pair where arm and day fit, else a comparison, the earlier first."""
     others = Library(services.store.reader).list_others(job)
     return tuple(_offer(job, start, other, language) for other in others)
+
+
+def list_trunks(services: Services, first: Job, second: Job, start: str) -> tuple[Job, ...]:
+    """Give the recordings that may be of the trunk: same person, same day, neither arm stated."""
+    others = Library(services.store.reader).list_others(first, MOST_TRUNKS)
+    return tuple(
+        other.job
+        for other in others
+        if other.job.request.side is None
+        and other.job.recording_id != second.recording_id
+        and ((other.answer.start if other.answer else None) or "")[:DAY] == start[:DAY]
+    )
 
 
 def _offer(job: Job, start: str, other: Entry, language: Language) -> Offer:

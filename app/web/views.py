@@ -15,8 +15,11 @@ from app.report.numbers import (
     format_percent,
 )
 from app.report.wording import Language, Words, fill, load_wording
+from app.web.clock_times import DayClock, place_rows
+from fusion.errors import UnusableDiary
 
 SENTENCES = 3
+MOST_PERIODS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +36,11 @@ class JobRow:
     """One recording in the list.
 
     ``version`` changes whenever anything shown changes; ``report`` is the address of what can be opened,
-    without its ending.
+    without its ending; ``key`` stays the same while the recording's analyses follow one another.
     """
 
     id: str
+    key: str
     name: str
     meta: tuple[str, ...]
     state: str
@@ -68,6 +72,7 @@ def show_row(job: Job, language: Language, now: datetime) -> JobRow:
     duration = _tell_duration(job, words, language, now)
     return JobRow(
         id=job.id,
+        key=f"of-{job.recording_id}",
         name=job.file_name,
         meta=_tell_meta(job, words, language),
         state=job.state.value,
@@ -139,8 +144,8 @@ def show_answer(results: Mapping[str, Any], brief: str, language: Language) -> A
     return Answer(show_figures(results, language), verdict, word, sentences, brief)
 
 
-def show_settings(job: Job, language: Language) -> tuple[Fact, ...]:
-    """List what was asked and of which file."""
+def show_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
+    """List what was asked and of which file; moments by the clock of the recording, where it is known."""
     words = load_wording(language, "page")["analysis"]
     request = job.request
     sides = load_wording(language, "page")["drop"]
@@ -149,8 +154,8 @@ def show_settings(job: Job, language: Language) -> tuple[Fact, ...]:
         "subject": request.subject or words["none"],
         "method": words["method_name"][request.method],
         "pose": words["pose_name"][request.pose],
-        "windows": _tell_windows(job, words, language),
-        "periods": str(len(request.list_diary()) or words["none"]),
+        "windows": _tell_windows(job, clock, words, language),
+        "periods": _tell_periods(job, clock, language) or words["none"],
         "added": tell_time(job.created_at),
         "size": format_size(job.size_bytes, language),
         "sha256": job.sha256,
@@ -172,6 +177,11 @@ def tell_time(moment: datetime) -> str:
     return moment.astimezone().strftime("%Y-%m-%d %H:%M")
 
 
+def tell_moment(text: str) -> str:
+    """Write a time that a row holds."""
+    return tell_time(datetime.fromisoformat(text))
+
+
 def read_results(body: bytes) -> Mapping[str, Any]:
     """Read a stored ``results.json``."""
     results: Mapping[str, Any] = json.loads(body)
@@ -182,7 +192,8 @@ def _tell_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
     request = job.request
     subject = fill(words["row"]["subject"], {"subject": request.subject}) if request.subject else ""
     side = str(words["row"][request.side]) if request.side else ""
-    meta = (subject, side, format_size(job.size_bytes, language), tell_time(job.created_at))
+    version = fill(words["row"]["version"], {"n": str(request.version)}) if request.version > 1 else ""
+    meta = (version, subject, side, format_size(job.size_bytes, language), tell_time(job.created_at))
     return tuple(filter(None, meta))
 
 
@@ -195,15 +206,32 @@ def _tell_duration(job: Job, words: Words, language: Language, now: datetime) ->
     return fill(words["row"][key], {"duration": format_duration(shown, language)})
 
 
-def _tell_windows(job: Job, words: Words, language: Language) -> str:
+def _tell_windows(job: Job, clock: DayClock | None, words: Words, language: Language) -> str:
     windows = job.request.calibration_windows_s
     if not windows:
         return str(words["windows_proposed"])
+    if clock is not None and clock.start is not None:
+        return "; ".join(f"{clock.tell(start_s)} – {clock.tell(end_s)}" for start_s, end_s in windows)
     pairs = (
         {"start": format_number(start_s, 1, language), "end": format_number(end_s, 1, language)}
         for start_s, end_s in windows
     )
     return "; ".join(fill(words["window"], pair) for pair in pairs)
+
+
+def _tell_periods(job: Job, clock: DayClock | None, language: Language) -> str:
+    """Name each period with its times; only how many there are where the clock is not known."""
+    diary, kinds = job.request.list_diary(), load_wording(language, "day")["kind_name"]
+    try:
+        rows = place_rows(diary, clock) if clock else []
+    except UnusableDiary:
+        rows = []
+    told = [
+        f"{row['label'] or kinds[row['kind']]} {row['start']} – {row['end']}" for row in rows[:MOST_PERIODS]
+    ]
+    if len(diary) > len(told):
+        told.append(f"+ {len(diary) - len(told)}" if told else str(len(diary)))
+    return "; ".join(told)
 
 
 def now_utc() -> datetime:

@@ -83,10 +83,10 @@ def store(settings: Settings) -> Iterator[JobStore]:
 def add_job(store: JobStore, storage: Storage) -> AddJob:
     """Store a recording and queue its analysis."""
 
-    def add(content: bytes = b"recording", file_name: str = "shift.gt3x") -> Job:
+    def add(content: bytes = b"recording", file_name: str = "shift.gt3x", subject: str = "") -> Job:
         upload = storage.open_upload(1_000_000)
         upload.write(content)
-        return store.add(upload.keep(), ReportRequest(file_name))
+        return store.add(upload.keep(), ReportRequest(file_name, subject))
 
     return add
 

@@ -1,6 +1,7 @@
 """Both arms of one shift on one clock: the figures over the shared time, and what is not known."""
 
 import io
+import json
 import re
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -205,6 +206,38 @@ def test_the_trunk_is_taken_off_each_arm(tmp_path: Path) -> None:
     page = (tmp_path / "report.en.html").read_text("utf-8")
     assert "25.0°" in page
     assert "55.0°" in page
+
+
+def test_the_clock_of_the_trunk_is_set_by_the_devices_or_by_a_person(tmp_path: Path) -> None:
+    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
+    trunk = keep(tmp_path / "t", "unknown", 15.0, start=START + timedelta(seconds=20))
+    clocks = []
+
+    for trunk_offset_s in (None, 5.0):
+        request = PairRequest(trunk, None, trunk_offset_s, ("en",), ())
+        make_pair_report(left, right, request, tmp_path)
+        clocks.append(json.loads((tmp_path / "pair.json").read_bytes())["trunk_clock"])
+
+    assert clocks == [{"offset_s": 20.0, "from": "clocks"}, {"offset_s": 5.0, "from": "person"}]
+
+
+def test_a_corrected_offset_of_the_right_arm_moves_it_against_the_trunk_too(tmp_path: Path) -> None:
+    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
+    trunk = keep(tmp_path / "t", "unknown", 15.0)
+
+    make_pair_report(left, right, PairRequest(trunk, 20.0, None, ("en",), ()), tmp_path)
+
+    relative = json.loads((tmp_path / "pair.json").read_bytes())["trunk_relative"]
+    assert relative["left"]["shared_s"] - relative["right"]["shared_s"] == pytest.approx(20.0)
+
+
+def test_an_arm_is_not_taken_for_the_trunk(tmp_path: Path) -> None:
+    left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
+
+    with pytest.raises(CannotPair) as refused:
+        make_pair_report(left, right, PairRequest(right, languages=("en",), kinds=()), tmp_path)
+
+    assert refused.value.facts == {"why": "same"}
 
 
 def test_what_a_report_leaves_out_is_not_paired(tmp_path: Path) -> None:

@@ -6,8 +6,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.answers import Answer
+from app.jobs.batches import BatchStore
 from app.jobs.job import Claimer, Job
 from app.jobs.library import Library, LibraryFilter
+from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import ReportRequest
@@ -111,3 +113,93 @@ def test_behind_a_path_every_address_begins_with_it(settings: Settings) -> None:
     addresses = [part.split('"')[0] for part in page.replace("action=", "href=").split('href="')[1:]]
     assert all(a.startswith(("/acromion/", "#", "?", '/acromion"')) for a in addresses if a), addresses
     assert 'data-api="/acromion/api/v1"' in page
+
+
+def fail_again(store: JobStore, job: Job, code: str = "E-CALIB") -> Job:
+    """Analyse the same recording once more, in vain."""
+    again = store.add_analysis((job.recording_id, job.sha256), ReportRequest("shift.gt3x", pose="side-lean"))
+    claimed = store.claim(ME)
+    assert claimed is not None
+    assert store.fail(again.id, str(claimed.token), code, {})
+    return store.get(again.id)
+
+
+def test_a_failed_repetition_leaves_the_earlier_report_in_the_list(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    add_job()
+    good = finish(store, "good")
+    failed = fail_again(store, good)
+
+    (entry,) = library.list_page(LibraryFilter(), 10)
+
+    assert (entry.job.id, entry.answer and entry.answer.verdict) == (good.id, "good")
+    assert entry.attempt is not None
+    assert (entry.attempt.id, entry.attempt.problem_code) == (failed.id, "E-CALIB")
+
+
+def test_a_failed_repetition_needs_attention_but_is_not_without_a_report(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    add_job()
+    good = finish(store, "good")
+    fail_again(store, good)
+
+    counts = library.count(LibraryFilter())
+
+    assert {group: number for group, number in counts.items() if number} == {
+        "all": 1,
+        "attention": 1,
+        "good": 1,
+    }
+    assert list_ids(library, LibraryFilter(group="failed")) == []
+    assert list_ids(library, LibraryFilter(group="attention")) == [good.id]
+
+
+def test_neighbours_of_a_report_with_a_failed_repetition_are_those_of_its_row(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    first = add_job(b"1")
+    good = finish(store, "good")
+    second = add_job(b"2")
+    finish(store, "good")
+    fail_again(store, good)
+
+    assert first.id == good.id
+    assert library.find_neighbours(good, LibraryFilter()) == (None, second.id)
+    assert library.find_neighbours(second, LibraryFilter()) == (good.id, None)
+
+
+def test_a_report_whose_repetition_runs_is_offered_to_be_compared(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    ids = []
+    for content in (b"1", b"2"):
+        job = add_job(content, subject="S1")
+        ids.append(finish(store, "good").id)
+    store.add_analysis((job.recording_id, job.sha256), ReportRequest("shift.gt3x", "S1", pose="side-lean"))
+
+    (other,) = library.list_others(store.get(ids[0]))
+
+    assert other.job.id == ids[1]
+
+
+def test_a_batch_shows_its_own_analyses_and_no_other(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    add_job(b"alone")
+    row = RecordingStore(store.engine, store.reader).get(add_job(b"in it").recording_id)
+    batch = BatchStore(store.engine, store.reader).add("spring", [(row, ReportRequest("shift.gt3x"))])
+
+    (entry,) = library.list_page(LibraryFilter(batch=batch.id), 10)
+
+    assert entry.job.batch_id == batch.id
+
+
+def test_recordings_are_sorted_by_name_whatever_the_case(library: Library, add_job: AddJob) -> None:
+    jobs = [add_job(name.encode(), file_name=name) for name in ("b.csv", "A.csv", "c.csv")]
+
+    wanted = LibraryFilter(order="name")
+
+    assert list_ids(library, wanted) == [jobs[1].id, jobs[0].id, jobs[2].id]
+    assert library.find_neighbours(jobs[0], wanted) == (jobs[1].id, jobs[2].id)

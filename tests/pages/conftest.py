@@ -35,6 +35,14 @@ def shifts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.fixture(scope="session")
+def trunk(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a finished analysis: S012, neither arm, the same day."""
+    folder = tmp_path_factory.mktemp("trunk")
+    file = write_recordings(folder, "gt9x", HOURS, 3)[0].rename(folder / "trunk.gt3x")
+    return finish(server, file, subject="S012")
+
+
+@pytest.fixture(scope="session")
 def right(server: RunningServer, shifts: tuple[Path, Path]) -> str:
     """The id of a finished analysis: S012, right arm."""
     return finish(server, shifts[0], subject="S012", side="right")
@@ -44,6 +52,37 @@ def right(server: RunningServer, shifts: tuple[Path, Path]) -> str:
 def left(server: RunningServer, shifts: tuple[Path, Path]) -> str:
     """The id of a finished analysis: S012, left arm."""
     return finish(server, shifts[1], subject="S012", side="left")
+
+
+@pytest.fixture(scope="session")
+def repeated(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of an analysis that failed where the one before it had a report: all of the shift is a break."""
+    folder = tmp_path_factory.mktemp("repeated")
+    file = write_recordings(folder, "gt9x", 0.02, 51)[0].rename(folder / "repeated.gt3x")
+    first = finish(server, file, subject="S051", side="right")
+    return repeat(
+        server, first, "failed", periods=[{"start": "07:00:00", "end": "07:02:00", "kind": "break"}]
+    )
+
+
+@pytest.fixture(scope="session")
+def batch(server: RunningServer, right: str, unknown: str) -> str:
+    """The id of a batch that is over: one recording with a report, one without."""
+    items = [{"recording_id": server.see(job)["recording_id"]} for job in (right, unknown)]
+    told = server.client.post("/api/v1/batches", json={"name": "spring", "items": items}).json()
+    for item in server.client.get(told["links"]["analyses"]).json()["items"]:
+        server.see(item["id"], wait=60)
+    return str(told["id"])
+
+
+@pytest.fixture(scope="session")
+def unknown(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a failed analysis: a table whose columns nobody knows."""
+    table = tmp_path_factory.mktemp("unknown") / "unknown.csv"
+    table.write_text("".join(f"{10 * k};0.0{k % 9};0.0;1.0;0.1;0.2;0.3\n" for k in range(300)))
+    job = server.send(table)
+    assert server.see(job["id"], wait=60)["state"] == "failed"
+    return str(job["id"])
 
 
 @pytest.fixture
@@ -81,3 +120,11 @@ def finish(server: RunningServer, recording: Path, **wishes: str) -> str:
     job = server.send(recording, **wishes)
     assert server.see(job["id"], wait=60)["state"] == "succeeded"
     return str(job["id"])
+
+
+def repeat(server: RunningServer, analysis_id: str, state: str, **settings: object) -> str:
+    """Analyse a recording again by other settings; gives the analysis."""
+    wish = {"recording_ids": [server.see(analysis_id)["recording_id"]], "settings": settings}
+    again = server.client.post("/api/v1/analyses", json=wish).json()["id"]
+    assert server.see(again, wait=60)["state"] == state
+    return str(again)

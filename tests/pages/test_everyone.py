@@ -25,11 +25,17 @@ PAGES = {
     "trash": "trash",
     "delete": "recordings/{recording}/delete",
     "pair": "beside/pair?first={left}&second={right}",
+    "trunk": "beside/pair?first={left}&second={right}&trunk={trunk}",
     "compare": "beside/compare?first={left}&second={right}",
     "columns": "analyses/{unknown}/columns",
     "failed": "analyses/{unknown}",
+    "batches": "batches",
+    "batch": "batches/{batch}",
+    "repeated": "analyses/{repeated}",
+    "attempt": "analyses/{right}?attempt={repeated}",
     "absent": "analyses/an_none",
 }
+SHOWN = ("right", "left", "unknown", "repeated", "batch", "trunk")
 
 
 FIND_SMALL = """
@@ -56,20 +62,10 @@ LOOKS = [
 
 
 @pytest.fixture(scope="session")
-def unknown(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The id of a failed analysis: a table whose columns nobody knows."""
-    table = tmp_path_factory.mktemp("unknown") / "unknown.csv"
-    table.write_text("".join(f"{10 * k};0.0{k % 9};0.0;1.0;0.1;0.2;0.3\n" for k in range(300)))
-    job = server.send(table)
-    assert server.see(job["id"], wait=60)["state"] == "failed"
-    return str(job["id"])
-
-
-@pytest.fixture(scope="session")
-def addresses(server: RunningServer, right: str, left: str, unknown: str) -> dict[str, str]:
+def addresses(server: RunningServer, request: pytest.FixtureRequest) -> dict[str, str]:
     """Every page by its name."""
-    recording = server.see(right)["recording_id"]
-    found = {"right": right, "left": left, "recording": recording, "unknown": unknown}
+    found = {name: request.getfixturevalue(name) for name in SHOWN}
+    found["recording"] = server.see(found["right"])["recording_id"]
     return {name: server.address + path.format_map(found) for name, path in PAGES.items()}
 
 
@@ -98,26 +94,28 @@ def test_every_page_fits_and_has_no_barrier(
     assert {name: problems for name, problems in found.items() if problems} == {}
 
 
+@pytest.mark.parametrize("key", ["Enter", "Space"])
 def test_the_whole_way_is_gone_by_the_keyboard(
-    page: Page, server: RunningServer, shifts: tuple[Path, Path], tmp_path: Path
+    page: Page, server: RunningServer, tmp_path: Path, key: str
 ) -> None:
-    file = tmp_path / "keys.csv"
-    file.write_text("by the keyboard alone\n")
+    name = f"keys_{key}.csv"
+    file = tmp_path / name
+    file.write_text(f"by the keyboard alone: {key}\n")
     open_home(page, server)
     press_until(page, "document.activeElement.name === 'side'")
     page.keyboard.press("ArrowRight")
     press_until(page, "document.activeElement.id === 'subject'")
     page.keyboard.type("S500")
-    press_until(page, "document.activeElement.id === 'files'")
+    press_until(page, "document.activeElement.dataset.opens === 'files'")
     with page.expect_file_chooser() as chooser:
-        page.keyboard.press("Space")
+        page.keyboard.press(key)
     chooser.value.set_files(file)
-    wait_for_end(page, "keys.csv", "failed")
+    wait_for_end(page, name, "failed")
 
-    press_until(page, "document.activeElement.textContent === 'keys.csv'")
+    press_until(page, f"document.activeElement.textContent === '{name}'")
     page.keyboard.press("Enter")
 
-    expect(page.get_by_role("heading", level=1)).to_have_text("keys.csv")
+    expect(page.get_by_role("heading", level=1)).to_have_text(name)
     expect(find_fact(page, "Subject")).to_have_text("S500")
 
 
@@ -196,3 +194,17 @@ def test_a_decimal_comma_is_understood_as_is_a_point(page: Page, server: Running
     moments = [page.evaluate("text => acromionDay.clock.read(text)", text) for text in typed]
 
     assert moments == [2.5, 2.5, 2.5, 2.5]
+
+
+@pytest.mark.parametrize("key", ["Enter", "Space"])
+@pytest.mark.parametrize("name", ["Choose a folder", "Choose recordings"])
+def test_a_button_opens_the_chooser_by_either_key(
+    page: Page, server: RunningServer, name: str, key: str
+) -> None:
+    open_home(page, server)
+    page.get_by_role("button", name=name).focus()
+
+    with page.expect_file_chooser() as chooser:
+        page.keyboard.press(key)
+
+    assert chooser.value.is_multiple()

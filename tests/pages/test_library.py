@@ -1,6 +1,7 @@
 """The library: found, filtered, taken away as tables, opened one after the other, deleted for good."""
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -75,7 +76,7 @@ def test_one_is_opened_after_the_other(page: Page, server: RunningServer, right:
     page.get_by_role("link", name="Details and files").first.click()
     first = page.url
 
-    page.goto(f"{page.url}?text=S012")
+    assert "text=S012" in first
     page.get_by_role("link", name="Next").click()
     page.get_by_role("link", name="Previous").click()
 
@@ -112,7 +113,7 @@ def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(
     page.get_by_role("link", name="Pair with the other arm").first.click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Both arms of one shift")
     expect(page.get_by_text("By the clocks of the devices: 0.0 s.")).to_be_visible()
-    page.locator("[name=offset_s]").fill("12,5")
+    page.get_by_label("Right after left, in seconds").fill("12,5")
     page.get_by_role("button", name="Apply").click()
 
     expect(page.get_by_text("As set here: 12.5 s.")).to_be_visible()
@@ -134,3 +135,76 @@ def test_two_visits_are_compared_and_unlike_settings_are_told(
     page.get_by_role("button", name="Analyse the earlier one with the settings").click()
 
     expect(page.get_by_role("row", name="Method published smoothed")).to_be_visible()
+
+
+def test_a_batch_of_the_api_has_a_page_with_counts_and_tables(
+    page: Page, server: RunningServer, batch: str
+) -> None:
+    open_home(page, server)
+    page.get_by_role("link", name="Batches").click()
+
+    page.get_by_role("link", name="spring").click()
+
+    expect(page.get_by_text("2 recordings · 1 with a report · 1 failed")).to_be_visible()
+    expect(page.locator("#rows .row")).to_have_count(2)
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Problems with their cures").click()
+    (row,) = csv.DictReader(download.value.path().read_text("utf-8-sig").splitlines())
+    assert row["code"] == "E-COLS"
+
+
+def test_of_a_batch_only_what_needs_attention_is_shown_and_tried_again(
+    page: Page, server: RunningServer, batch: str
+) -> None:
+    page.goto(f"{server.address}batches/{batch}?lang=en")
+
+    page.get_by_role("link", name="No report").click()
+    expect(page.locator("#rows .row")).to_have_count(1)
+    page.get_by_role("button", name="Try all failed again").click()
+
+    expect(page.get_by_text("1 failed")).to_be_hidden()
+
+
+def test_the_next_and_the_previous_of_a_batch_are_its_own(
+    page: Page, server: RunningServer, batch: str
+) -> None:
+    page.goto(f"{server.address}batches/{batch}?order=name&lang=en")
+
+    page.locator("#rows .name a").first.click()
+    expect(page.get_by_role("link", name="Previous")).to_have_count(0)
+    page.get_by_role("link", name="Next").click()
+
+    expect(page.get_by_role("heading", level=1)).to_have_text("unknown.csv")
+    expect(page.get_by_role("link", name="Next")).to_have_count(0)
+    page.get_by_role("link", name="Back to the batch").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("spring")
+
+
+def test_recordings_are_sorted_as_a_person_chooses(page: Page, server: RunningServer, batch: str) -> None:
+    page.goto(f"{server.address}batches/{batch}?lang=en")
+
+    page.get_by_label("Sort by").select_option("file name")
+    page.get_by_role("button", name="Search").click()
+
+    names = page.locator("#rows .name").all_inner_texts()
+    assert names == sorted(names, key=str.lower)
+
+
+def test_a_trunk_sensor_is_set_beside_both_arms_with_an_offset_of_its_own(
+    page: Page, server: RunningServer, right: str, left: str, trunk: str
+) -> None:
+    page.goto(f"{server.address}beside/pair?first={left}&second={right}&lang=en")
+
+    page.get_by_label("Trunk sensor").select_option("trunk.gt3x")
+    page.get_by_role("button", name="Apply").click()
+    expect(page.get_by_role("heading", name="Arm relative to the trunk")).to_be_visible()
+    expect(
+        page.get_by_text(re.compile("trunk.s recording began after the left. By the clocks"))
+    ).to_be_visible()
+    page.get_by_label("Trunk after left, in seconds").fill("-2.5")
+    page.get_by_role("button", name="Apply").click()
+
+    expect(page.get_by_text("began after the left. As set here: −2.5 s.")).to_be_visible()
+    expect(page.get_by_role("row", name="Time shared with the trunk")).to_be_visible()
+    page.get_by_role("link", name="Read").click()
+    expect(page.get_by_text("Arm relative to the trunk").first).to_be_visible()

@@ -35,6 +35,7 @@ function take({ files, ignored }) {
 function listen() {
   const zone = document.querySelector(".zone");
   document.querySelector("[data-needs-script]").hidden = false;
+  zone.addEventListener("click", (event) => event.target.closest("a, button, input") || $("files").click());
   form.addEventListener("submit", (event) => event.preventDefault());
   $("files").addEventListener("change", () => {
     take({ files: [...$("files").files], ignored: 0 });

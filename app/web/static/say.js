@@ -1,4 +1,4 @@
-// Small things that every page shares: telling a screen reader, copying a text.
+// Small things that every page shares: telling a screen reader, copying a text, opening a chooser of files.
 
 export const $ = (id) => document.getElementById(id);
 
@@ -24,6 +24,7 @@ export async function copy(button) {
 }
 
 document.addEventListener("click", (event) => {
-  const button = event.target.closest("[data-copy]");
-  if (button) copy(button);
+  const button = event.target.closest("[data-copy], [data-opens]");
+  if (button?.dataset.opens) $(button.dataset.opens).click();
+  else if (button) copy(button);
 });

@@ -1,0 +1,68 @@
+"""Which version of a recording's report an analysis makes: other settings, or another engine, make the next.
+
+The number stands in the request, so that the report itself can say it. What failed or was cancelled has no
+version: its number goes to the next.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from sqlalchemy import Connection, select
+
+from app.jobs.job import JobState
+from app.jobs.tables import analyses
+from app.request import ReportRequest, compare_settings
+from app.version import software_revision, software_version
+
+AT_ONCE = 500
+_COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
+
+Item = tuple[str, str, ReportRequest]
+"""A recording, its SHA-256 and what is asked."""
+
+
+def identify_work(sha256: str, request: ReportRequest) -> str:
+    """Hash input, settings and engine: the same three give the same report, whichever version it is."""
+    plain = replace(request, version=1, changes=(), reason="")
+    parts = (sha256, plain.to_json(), software_version(), software_revision())
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:
+    """Give each request the version that its report will be, and what is different from the one before."""
+    earlier: dict[str, list[tuple[str, ReportRequest]]] = {}
+    for recording_id, key, request in _list_earlier(connection, {item[0] for item in items}):
+        earlier.setdefault(recording_id, []).append((key, request))
+    numbered = []
+    for recording_id, sha256, request in items:
+        known = earlier.setdefault(recording_id, [])
+        asked = request if request.reference else _number(known, sha256, request)
+        known.append((identify_work(sha256, asked), asked))
+        numbered.append(asked)
+    return numbered
+
+
+def _list_earlier(connection: Connection, recordings: set[str]) -> Iterator[tuple[str, str, ReportRequest]]:
+    """Give every report that is there or on its way: recording, key, request; the oldest first."""
+    columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
+    ordered = sorted(recordings)
+    for first in range(0, len(ordered), AT_ONCE):
+        some = ordered[first : first + AT_ONCE]
+        query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(_COUNTED))
+        for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
+            yield row.recording_id, row.key or "", ReportRequest.from_json(row.request)
+
+
+def _number(known: Sequence[tuple[str, ReportRequest]], sha256: str, request: ReportRequest) -> ReportRequest:
+    reports = [(key, old) for key, old in known if old.reference is None]
+    if not reports:
+        return replace(request, version=1, changes=())
+    key = identify_work(sha256, request)
+    for old_key, old in reports:
+        if old_key == key:
+            reason = request.reason or old.reason
+            return replace(request, version=old.version, changes=old.changes, reason=reason)
+    _, last = max(reports, key=lambda report: report[1].version)
+    changes = compare_settings(last.name_settings(), request.name_settings())
+    return replace(request, version=last.version + 1, changes=changes or ("engine",))

@@ -1,0 +1,92 @@
+"""Versions of a recording's report, numbered as they are asked for."""
+
+from dataclasses import replace
+
+from app.jobs.job import Claimer, Job
+from app.jobs.store import JobStore
+from app.jobs.versions import identify_work
+from app.request import ReportRequest
+from app.storage import ResultFile
+from tests.app.conftest import AddJob
+
+ME = Claimer("here", 1, "")
+MOVED = ReportRequest("shift.gt3x", calibration_windows_s=((3.0, 9.0),))
+
+
+def again(store: JobStore, job: Job, request: ReportRequest) -> ReportRequest:
+    """Ask for another analysis of the same recording."""
+    return store.add_analysis((job.recording_id, job.sha256), request).request
+
+
+def fail_next(store: JobStore) -> None:
+    job = store.claim(ME)
+    assert job is not None
+    assert store.fail(job.id, str(job.token), "E-CALIB", {})
+
+
+def finish_next(store: JobStore) -> None:
+    job = store.claim(ME)
+    assert job is not None
+    assert store.finish(job.id, str(job.token), [ResultFile("results.json", "0" * 64, 2)])
+
+
+def test_the_first_report_of_a_recording_is_version_1(add_job: AddJob) -> None:
+    request = add_job().request
+
+    assert (request.version, request.changes) == (1, ())
+
+
+def test_other_settings_make_the_next_version_which_names_them(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+
+    second = again(store, first, MOVED)
+    third = again(store, first, replace(MOVED, side="left", method="published"))
+
+    assert (second.version, second.changes) == (2, ("calibration_windows_s",))
+    assert (third.version, third.changes) == (3, ("side", "method"))
+
+
+def test_the_same_settings_again_are_the_same_version(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    again(store, first, MOVED)
+
+    assert again(store, first, first.request).version == 1
+    assert again(store, first, MOVED).version == 2
+
+
+def test_what_failed_leaves_its_version_to_the_next(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    finish_next(store)
+    again(store, first, MOVED)
+    fail_next(store)
+
+    request = again(store, first, replace(MOVED, side="left"))
+
+    assert (request.version, request.changes) == (2, ("side", "calibration_windows_s"))
+
+
+def test_a_reason_is_kept_and_changes_no_figure(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+
+    told = again(store, first, replace(MOVED, reason="the arm was moving"))
+
+    assert told.reason == "the arm was moving"
+    assert identify_work(first.sha256, told) == identify_work(first.sha256, MOVED)
+
+
+def test_an_analysis_of_a_later_version_is_found_again_by_its_settings(
+    store: JobStore, add_job: AddJob
+) -> None:
+    first = add_job()
+    second = store.add_analysis((first.recording_id, first.sha256), MOVED)
+
+    found = store.find_same(first.sha256, MOVED)
+
+    assert found is not None
+    assert found.id == second.id
+
+
+def test_another_recording_begins_at_version_1(store: JobStore, add_job: AddJob) -> None:
+    again(store, add_job(b"one"), MOVED)
+
+    assert add_job(b"two").request.version == 1

@@ -1,0 +1,80 @@
+"""Repeating an analysis: versions of the report, and an attempt that fails takes no report away."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from fusion.simulation import write_recordings
+from tests.pages.conftest import finish, repeat
+from tests.pages.steps import END_MS, find_row, open_analysis, open_home
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+
+def test_a_failed_repetition_leaves_the_report_in_the_list_and_says_why(
+    page: Page, server: RunningServer, repeated: str
+) -> None:
+    open_home(page, server)
+
+    row = find_row(page, "repeated.gt3x")
+
+    expect(row.get_by_role("link", name="Open the report")).to_be_visible()
+    expect(row).to_contain_text("The last attempt failed")
+    expect(row).to_contain_text("What to do")
+    expect(row.get_by_role("button", name="Try again")).to_be_visible()
+
+
+def test_what_was_asked_in_vain_is_corrected_and_tried_again(
+    page: Page, server: RunningServer, repeated: str
+) -> None:
+    open_home(page, server)
+
+    find_row(page, "repeated.gt3x").get_by_role("link", name="Correct and try again").click()
+    expect(page.get_by_text("These are the settings of the attempt that failed.")).to_be_visible()
+    row = page.locator("#periods tr").first
+    expect(row.locator("[name=label]")).to_have_value("")
+    row.locator("[name=end]").fill("07:00:20")
+    page.get_by_label("Reason").fill("the break was short")
+    page.get_by_role("button", name="Analyse again").click()
+
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+    expect(page.locator(".meta").first).to_contain_text("version 2")
+    expect(page.get_by_text("Reason: the break was short").first).to_be_visible()
+    expect(page.get_by_role("row", name="Periods not stated Break 07:00:00 – 07:00:20")).to_be_visible()
+
+
+def test_earlier_versions_stay_within_reach_with_what_each_changed(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = write_recordings(tmp_path, "gt9x", 0.02, 52)[0]
+    analysis_id = finish(server, file, subject="S052", side="right")
+    repeat(server, analysis_id, "succeeded", side="left")
+    newest = repeat(server, analysis_id, "succeeded", side="left", calibration=["3,9"])
+
+    open_analysis(page, server, newest)
+
+    versions = page.locator("section", has=page.get_by_role("heading", name="Versions of this report"))
+    told = versions.get_by_role("listitem")
+    expect(told).to_have_count(3)
+    expect(told.nth(0)).to_have_text(re.compile(r"version 3 \(shown here\) · .* different: the calibration"))
+    expect(told.nth(1)).to_have_text(re.compile(r"version 2 · .* What is different: the arm"))
+    expect(told.nth(2)).to_have_text(re.compile(r"version 1 · .* first version"))
+    expect(page.get_by_role("columnheader", name="Before (version 2)").first).to_be_visible()
+    versions.get_by_role("link", name="version 1").click()
+    expect(page).to_have_url(re.compile(analysis_id))
+
+
+def test_the_report_of_a_correction_names_its_version_and_what_is_different(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = write_recordings(tmp_path, "gt9x", 0.02, 53)[0]
+    newest = repeat(server, finish(server, file), "succeeded", side="left")
+    open_analysis(page, server, newest)
+
+    page.get_by_role("link", name="Read in English").click()
+
+    expect(page.get_by_text("Version 2 of this report; it replaces version 1.")).to_be_visible()
+    expect(page.get_by_text("What is different: the arm.")).to_be_visible()
