@@ -7,7 +7,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
 from app.api.paging import cut_page, read_cursor
-from app.api.periods import PeriodList, PeriodView, read_periods, view_periods, write_periods
+from app.api.periods import PeriodList, PeriodView, check_periods, read_periods, view_periods, write_periods
 from app.api.problems import PROBLEM_RESPONSES, take_json, take_model
 from app.api.recording_views import (
     RecordingList,
@@ -20,7 +20,7 @@ from app.api.recording_views import (
 from app.api.services import Services, UsedServices
 from app.api.tus_body import finish_upload
 from app.api.upload import receive_recording
-from app.errors import NotFinished, StaleVersion
+from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
 from app.storage import borrow_recording, too_large
@@ -116,7 +116,10 @@ def get_inspection(
     rate_hz: Annotated[float | None, Query(ge=1, le=10_000, description="For logs without time.")] = None,
 ) -> dict[str, Any]:
     """Say what the file is: device, rate, clock, gaps, calibration proposals, warnings."""
-    row = services.recordings.get(recording_id)
+    return _inspect(services, services.recordings.get(recording_id), rate_hz)
+
+
+def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -> dict[str, Any]:
     if row.inspection is not None and rate_hz is None:
         return dict(row.inspection)
     wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
@@ -146,10 +149,26 @@ async def put_periods(
     body = await _read_small_body(request)
     is_csv = request.headers.get("content-type", "").startswith("text/csv")
     diary = read_diary(body) if is_csv else parse_periods(body)
-    row = await run_in_threadpool(services.recordings.get, recording_id)
-    row = await run_in_threadpool(services.recordings.put_diary, _match(row, if_match), diary)
+    row = await run_in_threadpool(_keep_periods, services, recording_id, if_match, diary)
     periods = [period.model_dump() for period in view_periods(row.diary)]
     return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
+
+
+def _keep_periods(
+    services: Services, recording_id: str, if_match: str, diary: tuple[DiaryEntry, ...]
+) -> StoredRow:
+    row = _match(services.recordings.get(recording_id), if_match)
+    if diary:
+        check_periods(diary, _try_to_inspect(services, row))
+    return services.recordings.put_diary(row, diary)
+
+
+def _try_to_inspect(services: Services, row: StoredRow) -> dict[str, Any] | None:
+    """Inspect; None for what needs to be told more (a rate, a profile) before it can be read."""
+    try:
+        return _inspect(services, row)
+    except (RecordedProblem, Crashed):
+        return None
 
 
 def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:

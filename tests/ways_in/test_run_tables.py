@@ -85,7 +85,18 @@ def cut(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int
     folder = tmp_path_factory.mktemp("cut")
     for name in ("a", "b", "c"):
         shutil.copy(shift_gt3x, folder / f"{name}.gt3x")
-    command = [sys.executable, "-c", START, "run", folder, "-o", folder / "out", "-j", "1", "--json-log"]
+    command = [
+        sys.executable,
+        "-c",
+        START,
+        "run",
+        str(folder),
+        "-o",
+        str(folder / "out"),
+        "-j",
+        "1",
+        "--json-log",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
         assert run.stdout is not None
         run.stdout.readline()
