@@ -5,7 +5,6 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
-from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel, StrictBool, StrictFloat
@@ -86,6 +85,6 @@ def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) 
     start = datetime.fromisoformat(found["start"]) if found["start"] else None
     duration_us = round(found["recorded_s"] * MICROSECONDS)
     if place_diary(diary, start, duration_us).flags:
-        for entry, following in pairwise([*diary, None]):
+        for entry, following in zip(diary, [*diary[1:], None], strict=True):
             end = following.start if entry.end is None and following else entry.end
             place_diary((replace(entry, end=end),), start, duration_us)
