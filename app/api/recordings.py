@@ -6,6 +6,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from app.api.form_body import RecordingForm
 from app.api.paging import cut_page, read_cursor
 from app.api.periods import PeriodList, PeriodView, check_periods, read_periods, view_periods, write_periods
 from app.api.problems import PROBLEM_RESPONSES, take_json, take_model
@@ -19,17 +20,22 @@ from app.api.recording_views import (
 )
 from app.api.services import Services, UsedServices
 from app.api.tus_body import finish_upload
-from app.api.upload import receive_recording
+from app.api.upload import receive_recording, store_recording
 from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
-from app.storage import borrow_recording, too_large
+from app.storage import StoredRecording, borrow_recording, too_large
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
 IfMatch = Annotated[str, Header(description='The ETag that was read, as "3"; else no check is made.')]
 MOST_DIARY_BYTES = 4 << 20
-RAW: dict[str, Any] = {"content": {"application/octet-stream": {}, "application/json": {}}}
+FORM_BODY: dict[str, Any] = {
+    "schema": {"type": "object", "properties": {"file": {"type": "string", "format": "binary"}}}
+}
+RAW: dict[str, Any] = {
+    "content": {"application/octet-stream": {}, "application/json": {}, "multipart/form-data": FORM_BODY}
+}
 DIARY_KINDS: dict[str, Any] = {
     "application/json": {"schema": {"type": "array", "items": {"$ref": "#/components/schemas/PeriodView"}}},
     "text/csv": {"schema": {"type": "string"}},
@@ -46,8 +52,11 @@ class UploadedRecording(RecordingWords):
 async def create_recording(
     request: Request, services: UsedServices, words: Annotated[RecordingWords, Query()]
 ) -> RecordingView:
-    """Store a recording: the raw file, or ``{"upload_id": ...}`` for one that came by ``/uploads``."""
-    if request.headers.get("content-type", "").startswith("application/json"):
+    """Store a recording: the raw file, a form with it, or ``{"upload_id": ...}`` of one that came before."""
+    kind = request.headers.get("content-type", "")
+    if kind.startswith("multipart/form-data"):
+        row = await _receive_form(request, services, words)
+    elif kind.startswith("application/json"):
         row = await run_in_threadpool(_take_uploaded, services, await _read_small_body(request))
     else:
         about = words.describe()
@@ -188,6 +197,18 @@ def purge_recording(services: Services, recording_id: str) -> None:
         services.storage.drop_analysis(analysis_id)
     for stored_id in purged.recordings:
         services.storage.drop_recording(stored_id)
+
+
+async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:
+    """Take the one file of a form; its other fields say what the query may say, and go before it."""
+    form = RecordingForm(request.headers["content-type"])
+
+    def commit(stored: StoredRecording) -> StoredRow:
+        told = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
+        told |= {name: word for name, word in form.words.items() if word}
+        return services.recordings.add(stored, take_model(RecordingWords, told).describe())
+
+    return await store_recording(request, services, form.copy_file, commit)
 
 
 def _take_uploaded(services: Services, body: bytes) -> StoredRow:
