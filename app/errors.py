@@ -19,7 +19,7 @@
                        NotInstalled, NotEmpty, BackupRefused
       DatabaseAway     the database does not answer (503); StoreAway: the bucket does not
       StoreDamaged     the stored bytes are no longer those that came (500)
-      AttemptFailed    the analysis was stopped: Crashed, OutOfMemory, OutOfTime, InternalError
+      AttemptFailed    the analysis was stopped: Interrupted, Crashed, OutOfMemory, OutOfTime, InternalError
 
 As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
 """
@@ -306,6 +306,12 @@ class AttemptFailed(AppError):
     """The analysis was stopped."""
 
     code = "E-STOPPED"
+
+
+class Interrupted(AttemptFailed):
+    """The run was ended before this recording was done."""
+
+    code = "E-INTERRUPTED"
 
 
 class Crashed(AttemptFailed):

@@ -4,7 +4,7 @@ import hashlib
 import os
 import secrets
 import shutil
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,6 +156,13 @@ class FolderStorage:
             When less is free than ``min_free_bytes`` or three times the announced length.
         """
         check_free(self.root, max(min_free_bytes, 3 * expected_bytes))
+
+    def list_names(self) -> Iterator[str]:
+        """Name every recording and every result that is kept."""
+        for kind in ("recordings", "analyses"):
+            for path in (self.root / kind).rglob("*"):
+                if path.is_file():
+                    yield path.relative_to(self.root).as_posix()
 
     def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
         """Remove what a crash left: half uploads, files without a row, attempts that do not count.

@@ -190,7 +190,9 @@ def check_loopback(host: str) -> None:
 
 def answer_error(request: Request, error: Exception) -> Response:
     """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
-    refusal = _name_trouble(error) if isinstance(error, OperationalError) else name_refusal(error)
+    refusal = (
+        _name_trouble(request, error) if isinstance(error, OperationalError) else name_refusal(request, error)
+    )
     if isinstance(refusal, WrongVerb):
         refusal = WrongVerb(method=request.method, allowed=", ".join(_list_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
@@ -207,13 +209,13 @@ def _list_methods(request: Request) -> list[str]:
     return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 
 
-def _name_trouble(error: OperationalError) -> FusionError | AppError | RecordedProblem:
+def _name_trouble(request: Request, error: OperationalError) -> FusionError | AppError | RecordedProblem:
     """Tell a full disk, a database that does not answer, and a bug from each other."""
     words = str(error.orig)
     if any(sign in words for sign in FULL_DISK):
         return DiskFull()
     if isinstance(error.orig, sqlite3.Error) and not any(sign in words for sign in SQLITE_AWAY):
-        return name_refusal(error)
+        return name_refusal(request, error)
     logger.error("the database does not answer: %s", words)
     return DatabaseAway()
 

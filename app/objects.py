@@ -157,6 +157,13 @@ class BucketStorage:
         """
         check_free(self.root, min_free_bytes)
 
+    def list_names(self) -> Iterator[str]:
+        """Name every recording and every result that is kept."""
+        with name_store_trouble():
+            for kind in ("recordings", "analyses"):
+                for objects in obstore.list(self.bucket, kind):
+                    yield from (found["path"] for found in objects)
+
     def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
         """Remove what a crash left on this machine.
 

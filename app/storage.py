@@ -116,6 +116,9 @@ class Storage(Protocol):
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
         """Refuse before the first byte what would fill the disk. Raises DiskFull."""
 
+    def list_names(self) -> Iterator[str]:
+        """Name every recording and every result that is kept, as :meth:`put` takes them."""
+
     def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
         """Remove what a crash left on this machine; says how many files and folders."""
 

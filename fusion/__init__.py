@@ -4,9 +4,11 @@ The public names are loaded when first asked for, so that a program which only n
 value types does not pay for the compiler.
 """
 
+import contextlib
 import hashlib
 import importlib
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -98,9 +100,30 @@ def _is_ours(folder: Path) -> bool:
 
 
 def _place_compiled_code() -> None:
-    """Point numba at a writable folder, so that a read-only installation works and stays fast."""
-    if "NUMBA_CACHE_DIR" not in os.environ and (folder := _writable_cache()):
+    """Point numba at a writable folder, so that a read-only installation works and stays fast.
+
+    numba takes no folder that it cannot write, not even to read what is compiled; such a one (of a container
+    whose disk is read-only) is copied to where it can.
+    """
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given and (not Path(given).is_dir() or os.access(given, os.W_OK)):
+        return
+    if folder := _writable_cache():
+        if given:
+            _copy_compiled(Path(given), folder)
         os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+def _copy_compiled(given: Path, folder: Path) -> None:
+    """Fill an empty folder; of processes that start together one does it, and nobody sees the half."""
+    if any(folder.iterdir()):
+        return
+    copy = Path(tempfile.mkdtemp(dir=folder.parent))
+    shutil.copytree(given, copy, dirs_exist_ok=True)
+    copy.chmod(0o700)
+    with contextlib.suppress(OSError):
+        copy.replace(folder)
+    shutil.rmtree(copy, ignore_errors=True)
 
 
 _place_compiled_code()

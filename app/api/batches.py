@@ -15,6 +15,7 @@ from app.api.services import Services, UsedLanguage, UsedServices
 from app.errors import NotFinished
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
+from app.report.origin import Origin, add_origin
 from app.report.problem_rows import PROBLEM_COLUMNS, tell_problem
 from app.report.summary import encode_summary, summarise_failure, summarise_results
 from app.report.tables import Row, encode_table
@@ -140,12 +141,24 @@ def _list_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
 
 def _summarise(services: Services, job: Job) -> Row:
     if job.state is JobState.SUCCEEDED:
-        return summarise_results(json.loads(read_result(services, job, "results.json")))
-    return summarise_failure(job.file_name, job.request.subject, job.problem_code or CANCELLED)
+        results = json.loads(read_result(services, job, "results.json"))
+        return summarise_results(add_origin(results, _tell_origin(job)))
+    return summarise_failure(_tell_origin(job), job.problem_code or CANCELLED)
 
 
 def _tell_problem(job: Job, language: Language) -> Row:
-    return tell_problem(job.file_name, job.problem_code or CANCELLED, job.problem_facts, language)
+    return tell_problem(_tell_origin(job), job.problem_code or CANCELLED, job.problem_facts, language)
+
+
+def _tell_origin(job: Job) -> Origin:
+    """Tell two recordings of one name apart by their addresses."""
+    return Origin(
+        job.file_name,
+        job.request.subject,
+        job.request.side,
+        path=f"/api/v1/recordings/{job.recording_id}",
+        folder=f"/api/v1/analyses/{job.id}",
+    )
 
 
 def _answer_table(body: bytes) -> Response:

@@ -2,16 +2,20 @@
 
 import csv
 import io
-from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Annotated, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from datetime import datetime
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel, StrictBool, StrictFloat
 
 from app.report.tables import encode_table
 from fusion.diary import DiaryEntry, read_diary
+from fusion.periods import place_diary
+from fusion.recording import MICROSECONDS
 
 COLUMNS = ["start", "end", "kind", "label", "left_out", "file"]
+LONGEST_US = 366 * 86_400 * MICROSECONDS
 _YES_NO: Mapping[bool | None, str] = {None: "", True: "yes", False: "no"}
 
 
@@ -62,3 +66,25 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
             [row.start, "" if row.end is None else row.end, row.kind, label, _YES_NO[row.left_out]]
         )
     return read_diary(text.getvalue().encode())
+
+
+def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) -> None:
+    """Place the periods on the recording as its analysis will; ``found`` is what an inspection told of it.
+
+    Where nothing could be told (None), rows in seconds are compared with one another.
+
+    Raises
+    ------
+    fusion.errors.UnusableDiary
+        When a row ends before it begins, overlaps another or lies outside of the recording.
+    """
+    if found is None:
+        numbered = [e for e in diary if isinstance(e.start, float) and isinstance(e.end, float)]
+        place_diary(numbered, None, LONGEST_US)
+        return
+    start = datetime.fromisoformat(found["start"]) if found["start"] else None
+    duration_us = round(found["recorded_s"] * MICROSECONDS)
+    if place_diary(diary, start, duration_us).flags:
+        for entry, following in zip(diary, [*diary[1:], None], strict=True):
+            end = following.start if entry.end is None and following else entry.end
+            place_diary((replace(entry, end=end),), start, duration_us)

@@ -3,7 +3,8 @@
 import json
 import logging
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 from fastapi import Request
@@ -12,7 +13,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
-from app.api.parameters import AnalyzeParameters
+from app.api.allowed import Place, say_allowed_of, say_allowed_to
 from app.api.services import choose_language
 from app.errors import AppError, BadParameter, InternalError, NotHere, RecordedProblem, WrongVerb
 from app.outcomes import find_outcome_of_code
@@ -86,12 +87,12 @@ def answer_refusal(request: Request, error: Refusal) -> JSONResponse:
     )
 
 
-def name_refusal(error: Exception) -> Refusal:
+def name_refusal(request: Request, error: Exception) -> Refusal:
     """Give the framework's own errors, and bugs, one of our codes."""
     if isinstance(error, Refusal):
         return error
     if isinstance(error, RequestValidationError):
-        return _name_bad_parameter(error.errors()[0])
+        return _name_bad_parameter(error.errors()[0], partial(say_allowed_to, request))
     if isinstance(error, HTTPException) and error.status_code == 405:
         return WrongVerb(allowed=(error.headers or {}).get("Allow", ""))
     if isinstance(error, HTTPException) and error.status_code == 400:  # while a body was being read
@@ -114,7 +115,7 @@ def take_model(model: type[Model], values: object) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        raise _name_bad_parameter(error.errors()[0]) from None
+        raise _name_bad_parameter(error.errors()[0], partial(say_allowed_of, model)) from None
 
 
 def take_json(body: bytes) -> Any:
@@ -130,18 +131,18 @@ def take_json(body: bytes) -> Any:
         raise BadParameter(name="body", value=repr(body[:40]), allowed="JSON") from None
 
 
-def _name_bad_parameter(error: Mapping[str, Any]) -> BadParameter:
+def _name_bad_parameter(error: Mapping[str, Any], say_allowed: Callable[[Place], str]) -> BadParameter:
     name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
-    return BadParameter(name=name[:60], value=str(error.get("input", ""))[:60], allowed=_say_allowed(error))
+    known = _say_known(error) or say_allowed(error["loc"])
+    return BadParameter(name=name[:60], value=str(error.get("input", ""))[:60], allowed=known)
 
 
-def _say_allowed(error: Mapping[str, Any]) -> str:
-    """Say what would be right, in signs that need no language."""
+def _say_known(error: Mapping[str, Any]) -> str:
+    """Say what the refusal itself tells of what would be right, in signs that need no language."""
+    if error["type"] == "json_invalid":
+        return "JSON"
     limits = error.get("ctx") or {}
-    if error["type"] == "extra_forbidden":
-        return ", ".join(AnalyzeParameters.model_fields)
     if "expected" in limits:
         return str(limits["expected"]).replace("'", "").replace(" or ", ", ")
-    signs = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<", "max_length": "≤"}
-    bounds = [f"{sign} {limits[name]}" for name, sign in signs.items() if name in limits]
-    return ", ".join(bounds) or {"float_parsing": "0.0", "int_parsing": "0"}.get(str(error["type"]), "")
+    lengths = {"max_length": "≤", "min_length": "≥"}
+    return ", ".join(f"{sign} {limits[name]}" for name, sign in lengths.items() if name in limits)

@@ -12,6 +12,7 @@ from app.request import clean_file_name
 from fusion.choices import Side
 
 Text = Annotated[str, Field(max_length=200), AfterValidator(take_subject)]
+SENT_BEFORE = "W-DUP-UPLOAD"
 Note = Annotated[str, Field(max_length=2000)]
 
 
@@ -65,6 +66,7 @@ class RecordingView(BaseModel):
     sha256: str
     size_bytes: int
     duplicate_of: str | None
+    warnings: list[str]
     start: str | None
     period_count: int
     version: int
@@ -113,6 +115,7 @@ def view_recording(row: StoredRow) -> RecordingView:
         sha256=row.sha256,
         size_bytes=row.size_bytes,
         duplicate_of=row.duplicate_of,
+        warnings=[SENT_BEFORE] if row.duplicate_of else [],
         start=row.start,
         period_count=len(row.diary),
         version=row.version,

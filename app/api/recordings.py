@@ -6,8 +6,9 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from app.api.form_body import RecordingForm
 from app.api.paging import cut_page, read_cursor
-from app.api.periods import PeriodList, PeriodView, read_periods, view_periods, write_periods
+from app.api.periods import PeriodList, PeriodView, check_periods, read_periods, view_periods, write_periods
 from app.api.problems import PROBLEM_RESPONSES, take_json, take_model
 from app.api.recording_views import (
     RecordingList,
@@ -19,17 +20,22 @@ from app.api.recording_views import (
 )
 from app.api.services import Services, UsedServices
 from app.api.tus_body import finish_upload
-from app.api.upload import receive_recording
-from app.errors import NotFinished, StaleVersion
+from app.api.upload import receive_recording, store_recording
+from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
-from app.storage import borrow_recording, too_large
+from app.storage import StoredRecording, borrow_recording, too_large
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
 IfMatch = Annotated[str, Header(description='The ETag that was read, as "3"; else no check is made.')]
 MOST_DIARY_BYTES = 4 << 20
-RAW: dict[str, Any] = {"content": {"application/octet-stream": {}, "application/json": {}}}
+FORM_BODY: dict[str, Any] = {
+    "schema": {"type": "object", "properties": {"file": {"type": "string", "format": "binary"}}}
+}
+RAW: dict[str, Any] = {
+    "content": {"application/octet-stream": {}, "application/json": {}, "multipart/form-data": FORM_BODY}
+}
 DIARY_KINDS: dict[str, Any] = {
     "application/json": {"schema": {"type": "array", "items": {"$ref": "#/components/schemas/PeriodView"}}},
     "text/csv": {"schema": {"type": "string"}},
@@ -46,8 +52,11 @@ class UploadedRecording(RecordingWords):
 async def create_recording(
     request: Request, services: UsedServices, words: Annotated[RecordingWords, Query()]
 ) -> RecordingView:
-    """Store a recording: the raw file, or ``{"upload_id": ...}`` for one that came by ``/uploads``."""
-    if request.headers.get("content-type", "").startswith("application/json"):
+    """Store a recording: the raw file, a form with it, or ``{"upload_id": ...}`` of one that came before."""
+    kind = request.headers.get("content-type", "")
+    if kind.startswith("multipart/form-data"):
+        row = await _receive_form(request, services, words)
+    elif kind.startswith("application/json"):
         row = await run_in_threadpool(_take_uploaded, services, await _read_small_body(request))
     else:
         about = words.describe()
@@ -116,7 +125,10 @@ def get_inspection(
     rate_hz: Annotated[float | None, Query(ge=1, le=10_000, description="For logs without time.")] = None,
 ) -> dict[str, Any]:
     """Say what the file is: device, rate, clock, gaps, calibration proposals, warnings."""
-    row = services.recordings.get(recording_id)
+    return _inspect(services, services.recordings.get(recording_id), rate_hz)
+
+
+def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -> dict[str, Any]:
     if row.inspection is not None and rate_hz is None:
         return dict(row.inspection)
     wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
@@ -146,10 +158,26 @@ async def put_periods(
     body = await _read_small_body(request)
     is_csv = request.headers.get("content-type", "").startswith("text/csv")
     diary = read_diary(body) if is_csv else parse_periods(body)
-    row = await run_in_threadpool(services.recordings.get, recording_id)
-    row = await run_in_threadpool(services.recordings.put_diary, _match(row, if_match), diary)
+    row = await run_in_threadpool(_keep_periods, services, recording_id, if_match, diary)
     periods = [period.model_dump() for period in view_periods(row.diary)]
     return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
+
+
+def _keep_periods(
+    services: Services, recording_id: str, if_match: str, diary: tuple[DiaryEntry, ...]
+) -> StoredRow:
+    row = _match(services.recordings.get(recording_id), if_match)
+    if diary:
+        check_periods(diary, _try_to_inspect(services, row))
+    return services.recordings.put_diary(row, diary)
+
+
+def _try_to_inspect(services: Services, row: StoredRow) -> dict[str, Any] | None:
+    """Inspect; None for what needs to be told more (a rate, a profile) before it can be read."""
+    try:
+        return _inspect(services, row)
+    except (RecordedProblem, Crashed):
+        return None
 
 
 def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
@@ -169,6 +197,18 @@ def purge_recording(services: Services, recording_id: str) -> None:
         services.storage.drop_analysis(analysis_id)
     for stored_id in purged.recordings:
         services.storage.drop_recording(stored_id)
+
+
+async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:
+    """Take the one file of a form; its other fields say what the query may say, and go before it."""
+    form = RecordingForm(request.headers["content-type"])
+
+    def commit(stored: StoredRecording) -> StoredRow:
+        told = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
+        told |= {name: word for name, word in form.words.items() if word}
+        return services.recordings.add(stored, take_model(RecordingWords, told).describe())
+
+    return await store_recording(request, services, form.copy_file, commit)
 
 
 def _take_uploaded(services: Services, body: bytes) -> StoredRow:

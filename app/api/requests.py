@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.parameters import AnalysisSettings, AnalyzeParameters
-from app.api.periods import read_periods
+from app.api.periods import check_periods, read_periods
 from app.api.problems import PROBLEM_RESPONSES
 from app.api.schemas import AnalysisView, StartedAnalyses, view_analysis
 from app.api.services import Services, UsedLanguage, UsedServices, UsedWayIn
@@ -145,7 +145,10 @@ def build_request(row: StoredRow, settings: AnalysisSettings, language: Language
     told = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
     whole = AnalysisSettings.model_validate(told)
     request = whole.ask(row.about.file_name, language)
-    diary = row.diary if settings.periods is None else read_periods(settings.periods)
+    diary = row.diary
+    if settings.periods is not None:
+        diary = read_periods(settings.periods)
+        check_periods(diary, row.inspection)
     profile = json.dumps(settings.profile, sort_keys=True) if settings.profile else ""
     return replace(request, diary=diary, source=settings.source, profile=profile)
 

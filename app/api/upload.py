@@ -1,6 +1,8 @@
 """Bytes from the network to the disk, hashed on the way; acknowledged only when they cannot be lost."""
 
-from collections.abc import Callable
+import base64
+import hashlib
+from collections.abc import Awaitable, Callable, Mapping
 from typing import TypeVar
 
 from fastapi import Request
@@ -8,11 +10,12 @@ from fastapi.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
 from app.api.services import Services
-from app.errors import BadParameter, BrokenUpload
+from app.errors import BadChecksum, BadParameter, BrokenUpload, WrongDigest
 from app.storage import COPY_BYTES, StoredRecording, Upload, too_large
 from fusion.errors import EmptyFile
 
 T = TypeVar("T")
+Copy = Callable[[Request, Callable[[bytes], None]], Awaitable[None]]
 
 
 async def receive_recording(
@@ -22,22 +25,66 @@ async def receive_recording(
 
     Raises
     ------
+    FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter, WrongDigest
+    """
+    refuse_form(request)
+    digest = read_digest(request.headers)
+
+    def check_and_commit(stored: StoredRecording) -> T:
+        if digest not in ("", stored.sha256):
+            raise WrongDigest
+        return commit(stored)
+
+    return await store_recording(request, services, copy_body, check_and_commit)
+
+
+async def store_recording(
+    request: Request, services: Services, copy: Copy, commit: Callable[[StoredRecording], T]
+) -> T:
+    """Write what ``copy`` takes from the request to the disk, then let ``commit`` write its row.
+
+    Raises
+    ------
     FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter
     """
     check_announcement(request, services)
     upload = await run_in_threadpool(services.storage.open_upload, services.settings.max_upload_bytes)
     try:
-        await copy_body(request, upload.write)
+        await copy(request, upload.write)
         return await run_in_threadpool(_acknowledge, upload, services, commit)
     finally:
         await run_in_threadpool(upload.discard)
 
 
-def check_announcement(request: Request, services: Services) -> None:
-    """Refuse before the first byte what can be refused then."""
+def refuse_form(request: Request) -> None:
+    """Refuse a form where the body is the recording itself."""
     kind = request.headers.get("content-type", "")
     if kind.startswith("multipart/"):
         raise BadParameter(name="Content-Type", value=kind[:60], allowed="application/octet-stream")
+
+
+def read_digest(headers: Mapping[str, str]) -> str:
+    """Give the SHA-256 that the client has told (RFC 9530), in hex; "" where it told none.
+
+    Raises
+    ------
+    BadChecksum
+    """
+    told = f"{headers.get('content-digest', '')}, {headers.get('repr-digest', '')}"
+    member = next((m.strip() for m in told.split(",") if m.strip().lower().startswith("sha-256=")), "")
+    if not member:
+        return ""
+    try:
+        digest = base64.b64decode(member[len("sha-256=") :].strip(":"), validate=True)
+    except ValueError:
+        digest = b""
+    if len(digest) != hashlib.sha256().digest_size:
+        raise BadChecksum(value=member[:60], allowed="sha-256=:…:")
+    return digest.hex()
+
+
+def check_announcement(request: Request, services: Services) -> None:
+    """Refuse before the first byte what can be refused then."""
     announced = request.headers.get("content-length", "")
     check_room(services, int(announced) if announced.isdecimal() else 0)
 

@@ -1,10 +1,11 @@
 """Which recordings are to be done, and where the products of each go."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from app.report.origin import Origin
 from app.report.subject import clean_text
 from app.request import ReportRequest
 
@@ -30,27 +31,59 @@ _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One recording to do: where it is, what is asked of it, where its products go."""
+    """One recording to do: where it is, what is asked of it, where its products go.
+
+    ``path`` is where it lies, from the folder that was named.
+    """
 
     log: Path
     request: ReportRequest
     folder: Path
     force: bool = False
+    path: str = ""
+
+    @property
+    def name(self) -> str:
+        """Tell it apart from every other of the run."""
+        return self.path or self.log.name
+
+    @property
+    def origin(self) -> Origin:
+        """Say in the tables which recording it is."""
+        who = self.request
+        return Origin(self.log.name, who.subject, who.side, self.name, self.folder.name)
 
 
-def plan_tasks(logs: Iterable[Path], out: Path, request: ReportRequest, *, force: bool) -> list[Task]:
+TellPath = Callable[[Path], str]
+
+
+def _tell_name(log: Path) -> str:
+    return log.name
+
+
+def plan_tasks(
+    logs: Iterable[Path], out: Path, request: ReportRequest, tell_path: TellPath = _tell_name, *, force: bool
+) -> list[Task]:
     """Give each recording a folder named after its stem; equal stems get a number."""
     taken = {name.casefold() for name in TABLES}
     return [
-        Task(log, replace(request, file_name=log.name), out / _free_name(name_folder(log), taken), force)
+        Task(
+            log,
+            replace(request, file_name=log.name),
+            out / _free_name(name_folder(log), taken),
+            force,
+            tell_path(log),
+        )
         for log in logs
     ]
 
 
-def plan_joined(logs: Sequence[Path], out: Path, request: ReportRequest, *, force: bool) -> list[Task]:
+def plan_joined(
+    logs: Sequence[Path], out: Path, request: ReportRequest, tell_path: TellPath = _tell_name, *, force: bool
+) -> list[Task]:
     """Make one task of the files of one shift; its folder is named after the first."""
     others = tuple(str(log.resolve()) for log in logs[1:])
-    return plan_tasks(logs[:1], out, replace(request, joined=others), force=force)
+    return plan_tasks(logs[:1], out, replace(request, joined=others), tell_path, force=force)
 
 
 def name_folder(log: Path) -> str:

@@ -1,7 +1,8 @@
 """Where the recordings of a run are named: one by one, by a folder, by a pattern, in a list."""
 
 import glob
-from collections.abc import Collection, Iterable, Iterator
+import os
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,10 +15,19 @@ _UNUSUAL = frozenset("*?[")
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The recordings, each once, in a stable order, and how many other files lay in the folders named."""
+    """The recordings, each once, in a stable order, and how many other files lay in the folders named.
+
+    ``base`` is the folder that was named; of several the one that holds them all.
+    """
 
     logs: tuple[Path, ...]
     others: int = 0
+    base: Path = Path()
+
+    def tell_path(self, log: Path) -> str:
+        """Say where a recording lies, from the folder that was named; with no part of the way to that."""
+        way = _lay_out(log)
+        return (way.relative_to(self.base) if way.is_relative_to(self.base) else way).as_posix()
 
 
 def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
@@ -27,12 +37,27 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
     """
     logs: dict[Path, None] = {}
     others = 0
+    bases: list[Path] = []
     for path in _expand(paths):
+        bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
         inside = _list_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
         found = [p for p in inside if p is path or p.name.lower().endswith(SUFFIXES)]
         logs.update(dict.fromkeys(found))
         others += len(inside) - len(found)
-    return Found(tuple(logs), others)
+    return Found(tuple(logs), others, _find_base(bases))
+
+
+def _lay_out(path: Path) -> Path:
+    """Give the whole path without following links: a recording is where it was named."""
+    return Path(os.path.normpath(path.absolute()))
+
+
+def _find_base(folders: Sequence[Path]) -> Path:
+    """Give the folder that holds all; the root of nothing where they lie on several drives."""
+    try:
+        return Path(os.path.commonpath(folders))
+    except ValueError:
+        return Path()
 
 
 def _list_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:

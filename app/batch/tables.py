@@ -15,6 +15,7 @@ from app.report.dictionary import encode_dictionary
 from app.report.index import IndexRow, render_index
 from app.report.messages import describe_problem
 from app.report.methods_text import write_methods
+from app.report.origin import add_origin
 from app.report.problem_rows import PROBLEM_COLUMNS, tell_problem
 from app.report.summary import (
     PERIOD_COLUMNS,
@@ -67,6 +68,7 @@ def _record(outcome: Outcome) -> dict[str, str | None]:
     task = outcome.task
     return {
         "file": task.log.name,
+        "path": task.name,
         "folder": task.folder.name,
         "code": outcome.code,
         "sha256": None if outcome.code else _read_results(outcome)["recording"]["sha256"],
@@ -82,13 +84,13 @@ def _write_methods(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes
 
 def _summarise(outcome: Outcome) -> Row:
     if outcome.code:
-        return summarise_failure(outcome.task.log.name, outcome.task.request.subject, outcome.code)
+        return summarise_failure(outcome.task.origin, outcome.code)
     return summarise_results(_read_results(outcome))
 
 
 def _read_results(outcome: Outcome) -> dict[str, Any]:
-    results: dict[str, Any] = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
-    return results
+    results = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    return add_origin(results, outcome.task.origin)
 
 
 def _list_periods(outcomes: Sequence[Outcome]) -> list[Row]:
@@ -102,7 +104,7 @@ def _render_index(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes:
 
 
 def _show_row(outcome: Outcome, request: ReportRequest) -> IndexRow:
-    name, language = outcome.task.log.name, request.languages[0]
+    name, language = outcome.task.name, request.languages[0]
     if outcome.code:
         problem = describe_problem(outcome.code, outcome.facts, language)
         return IndexRow(name, None, None, None, f"{outcome.code}. {problem.title}. {problem.fix}")
@@ -118,4 +120,4 @@ def _number(cell: Cell) -> float | None:
 
 def _list_problems(outcomes: Sequence[Outcome], request: ReportRequest) -> list[Row]:
     language = request.languages[0]
-    return [tell_problem(o.task.log.name, o.code, o.facts, language) for o in outcomes if o.code]
+    return [tell_problem(o.task.origin, o.code, o.facts, language) for o in outcomes if o.code]

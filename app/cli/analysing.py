@@ -168,7 +168,7 @@ def _plan(
         raise typer.Exit(Exit.NOTHING_DONE if paths else Exit.USAGE)
     if found.others:
         _note("others", language, n=str(found.others))
-    return (plan_joined if join else plan_tasks)(found.logs, out, request, force=force)
+    return (plan_joined if join else plan_tasks)(found.logs, out, request, found.tell_path, force=force)
 
 
 def _choose_workers(tasks: Sequence[Task], capacity: Capacity, language: Language) -> int:

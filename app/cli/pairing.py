@@ -11,7 +11,7 @@ import typer
 from app.batch.folder import keep_versions
 from app.batch.plan import plan_tasks
 from app.cli.options import LanguageOption, Out, SubjectOption, parse_kinds, take_subject
-from app.cli.said import Exit, print_problem, report_progress
+from app.cli.said import Exit, choose_exit, print_problem, report_progress
 from app.errors import AppError
 from app.request import Language, ReportRequest
 from fusion.choices import Side
@@ -72,8 +72,8 @@ def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
     if path.is_dir():
         return path
     tasks = plan_tasks([path], out, request, force=False)
-    if any(outcome.code for outcome in report_progress(tasks, 1)):
-        raise typer.Exit(Exit.NOTHING_DONE)
+    if code := choose_exit(report_progress(tasks, 1)):
+        raise typer.Exit(code)
     return tasks[0].folder
 
 

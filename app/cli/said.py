@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import IntEnum
@@ -15,6 +15,7 @@ import typer
 from app.batch.plan import Task
 from app.batch.run import Outcome, run_tasks
 from app.batch.tables import write_tables
+from app.errors import Interrupted
 from app.jobs.attempt import warm_up
 from app.report.messages import describe_problem
 from app.report.numbers import format_duration
@@ -45,7 +46,10 @@ Tell = Callable[[Outcome, Progress], None]
 
 
 def report_progress(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> list[Outcome]:
-    """Do the tasks, telling each outcome as it comes; give them in the order of the tasks."""
+    """Do the tasks, telling each outcome as it comes; give them in the order of the tasks.
+
+    Ctrl-C ends the run: what was not reached is an outcome, too (E-INTERRUPTED).
+    """
     warm_up()
     tell = tell or tell_outcome
     outcomes: list[Outcome] = []
@@ -56,15 +60,9 @@ def report_progress(tasks: Sequence[Task], workers: int, tell: Tell | None = Non
             left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
             tell(outcome, Progress(len(outcomes), len(tasks), left_s))
     except KeyboardInterrupt:
-        _tell_interruption(len(outcomes), tasks)
-        raise typer.Exit(Exit.INTERRUPTED) from None
+        done = [outcome.task for outcome in outcomes]
+        outcomes += [Outcome(task, code=Interrupted.code) for task in tasks if task not in done]
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
-
-
-def _tell_interruption(done: int, tasks: Sequence[Task]) -> None:
-    """Say that nothing finished is lost; what was under way has left nothing behind."""
-    words = load_wording(tasks[0].request.languages[0], "run")["outcome"]
-    typer.echo(fill(words["interrupted"], {"done": str(done), "all": str(len(tasks))}), err=True)
 
 
 def _guess_left_s(outcomes: Sequence[Outcome], total: int, elapsed_s: float) -> float | None:
@@ -80,7 +78,7 @@ def _show_nothing(_task: Task, _stage: str | None, _fraction: float) -> None:
 def _show_stage(task: Task, stage: str | None, fraction: float) -> None:
     """Keep one line on a terminal up to date; a log file gets none of it."""
     if sys.stderr.isatty():
-        typer.echo(f"\r\x1b[K{task.log.name}: {stage or 'waiting'} {fraction:.0%}", nl=False, err=True)
+        typer.echo(f"\r\x1b[K{task.name}: {stage or 'waiting'} {fraction:.0%}", nl=False, err=True)
 
 
 def tell_outcome(outcome: Outcome, progress: Progress) -> None:
@@ -90,9 +88,9 @@ def tell_outcome(outcome: Outcome, progress: Progress) -> None:
         typer.echo("\r\x1b[K", nl=False, err=True)
     counter = _count(progress, request.languages[0])
     if outcome.code:
-        print_problem(counter + outcome.task.log.name, outcome.code, outcome.facts, request.languages[0])
+        print_problem(counter + outcome.task.name, outcome.code, outcome.facts, request.languages[0])
         return
-    typer.echo(f"{counter}{outcome.task.log.name} -> {outcome.task.folder}{_tell_version(outcome)}")
+    typer.echo(f"{counter}{outcome.task.name} -> {outcome.task.folder}{_tell_version(outcome)}")
     for line in outcome.answer:
         typer.echo(f"  {line}")
 
@@ -110,7 +108,7 @@ def tell_problem(outcome: Outcome, _progress: Progress) -> None:
     """Say only what went wrong."""
     if outcome.code:
         language = outcome.task.request.languages[0]
-        print_problem(outcome.task.log.name, outcome.code, outcome.facts, language)
+        print_problem(outcome.task.name, outcome.code, outcome.facts, language)
 
 
 def tell_as_json(outcome: Outcome, progress: Progress) -> None:
@@ -155,9 +153,9 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
         except OSError as error:
             print_problem(str(out), "E-FILE", {"why": error.strerror or ""}, language)
             raise typer.Exit(Exit.NOTHING_DONE) from None
-    if len(outcomes) > 1:
+    if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
         typer.echo(_tell_total(outcomes, language), err=True)
-    raise typer.Exit(_exit_code(outcomes))
+    raise typer.Exit(choose_exit(outcomes))
 
 
 def _tell_total(outcomes: Sequence[Outcome], language: Language) -> str:
@@ -165,13 +163,18 @@ def _tell_total(outcomes: Sequence[Outcome], language: Language) -> str:
         "all": len(outcomes),
         "good": sum(outcome.code is None for outcome in outcomes),
         "repeated": sum(outcome.repeated for outcome in outcomes),
-        "failed": sum(outcome.code is not None for outcome in outcomes),
+        "failed": sum(outcome.code not in (None, Interrupted.code) for outcome in outcomes),
+        "left": sum(outcome.code == Interrupted.code for outcome in outcomes),
     }
     told = {name: str(n) if n or name in {"all", "good"} else "" for name, n in counts.items()}
-    return fill(load_wording(language, "run")["outcome"]["total"], told)
+    words = load_wording(language, "run")["outcome"]
+    return fill(words["interrupted" if counts["left"] else "total"], told)
 
 
-def _exit_code(outcomes: Iterable[Outcome]) -> Exit:
+def choose_exit(outcomes: Sequence[Outcome]) -> Exit:
+    """Choose the exit code from the list that the tables are made of."""
+    if any(outcome.code == Interrupted.code for outcome in outcomes):
+        return Exit.INTERRUPTED
     good = [outcome.code is None for outcome in outcomes]
     if not any(good):
         return Exit.NOTHING_DONE

@@ -7,7 +7,7 @@ import typer
 
 from app.batch.plan import plan_tasks
 from app.cli.options import LanguageOption
-from app.cli.said import finish, report_progress
+from app.cli.said import choose_exit, finish, report_progress
 from app.request import ReportRequest
 
 
@@ -26,11 +26,16 @@ def demo(
     request = ReportRequest(log.name, "DEMO", "right", languages=(lang,))
     tasks = plan_tasks([log], out, request, force=False)
     outcomes = report_progress(tasks, 1)
-    page = (tasks[0].folder / "report.html").resolve()
+    if not choose_exit(outcomes):
+        _show_report(tasks[0].folder, open_=open_)
+    finish(outcomes, out, request)
+
+
+def _show_report(folder: Path, *, open_: bool) -> None:
+    page = (folder / "report.html").resolve()
     typer.echo(f"Report: {page}\n        {page.with_suffix('.pdf')}")
     if open_:
         typer.launch(page.as_uri())
-    finish(outcomes, out, request)
 
 
 def simulate(

@@ -44,4 +44,8 @@ def worker(
     from app.jobs.worker import choose_engine  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
-    choose_engine(Settings(data_dir=data))()
+    try:
+        choose_engine(Settings(data_dir=data))()
+    except ServerRefused as refusal:
+        print_problem("worker", refusal.code, refusal.facts, "en")
+        raise typer.Exit(Exit.USAGE) from None

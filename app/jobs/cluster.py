@@ -66,8 +66,8 @@ def run_cluster_worker(
     settings: Settings, make: MakeReport = load_and_make_report, parent_pid: int | None = None
 ) -> None:
     """Do jobs until asked to stop (SIGTERM, SIGINT) or until the parent is gone."""
-    install(settings.database_url)
     bench = open_bench(settings, make)
+    install(settings.database_url)
     warm_up()
     address = make_url(settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))

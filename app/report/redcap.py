@@ -8,7 +8,7 @@ twice gives one record.
 from collections.abc import Iterable, Mapping
 
 from app.report.dictionary import name_unit
-from app.report.summary import COLUMNS, Column, Results, summarise_results
+from app.report.summary import COLUMNS, NOT_OF_ONE, Column, Results, summarise_results
 from app.report.tables import Cell, Row, encode_table
 
 FORM = "arm_elevation"
@@ -23,7 +23,7 @@ _CHOICES: Mapping[str, str] = {
     "side": "left, Left | right, Right",
     "verdict": "good, Good | caution, Use with care | poor, Poor",
 }
-_SHOWN = tuple(column for column in COLUMNS if column.name != "error_code")
+_SHOWN = tuple(column for column in COLUMNS if column.name not in NOT_OF_ONE)
 
 
 def encode_redcap_dictionary() -> bytes:

@@ -1,10 +1,11 @@
 """One row for each recording: the table researchers open first, and one for each hour and period."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
+from app.report.origin import Origin, find_place
 from app.report.tables import INTERNATIONAL, Cell, CellKind, Dialect, Row, encode_table
 
 Results = Mapping[str, Any]
@@ -194,7 +195,23 @@ COLUMNS: tuple[Column, ...] = (
         "text",
     ),
     *_range_columns(),
+    Column(
+        "path",
+        lambda r: find_place(r, "path"),
+        "where the recording is: from the folder that was named, or its address in the API",
+        "emplacement de l'enregistrement : depuis le dossier indiqué, ou son adresse dans l'API",
+        "text",
+    ),
+    Column(
+        "folder",
+        lambda r: find_place(r, "folder"),
+        "where its results are: the folder in that of the run, or their address in the API",
+        "emplacement de ses résultats : dossier dans celui du traitement, ou leur adresse dans l'API",
+        "text",
+    ),
 )
+NOT_OF_ONE = frozenset({"error_code", "path", "folder"})
+"""Columns that say something only in a table of many recordings."""
 
 
 def summarise_results(results: Results) -> Row:
@@ -202,10 +219,10 @@ def summarise_results(results: Results) -> Row:
     return {column.name: column.find(results) for column in COLUMNS}
 
 
-def summarise_failure(file_name: str, subject: str, code: str) -> Row:
+def summarise_failure(origin: Origin, code: str) -> Row:
     """Give the row of a recording without result: only what is known."""
     empty: Row = dict.fromkeys(column.name for column in COLUMNS)
-    return empty | {"file_name": file_name, "subject": subject, "error_code": code}
+    return empty | asdict(origin) | {"folder": None, "error_code": code}
 
 
 PERIOD_FIELDS: tuple[tuple[str, CellKind, str, str], ...] = (
@@ -237,6 +254,8 @@ PERIOD_FIELDS: tuple[tuple[str, CellKind, str, str], ...] = (
     ("recorded_s", "number", "recorded time of the period", "temps enregistré de la période"),
     ("excluded_as", "text", "why it was left out; empty: analysed", "raison de l'exclusion ; vide : analysé"),
     ("periods", "number", "rows of the diary pooled into a task", "lignes du journal réunies en une tâche"),
+    ("path", "text", "where the recording is, as in summary.csv", "emplacement, comme dans summary.csv"),
+    ("side", "text", "left or right arm", "bras gauche ou droit"),
 )
 """Of ``periods.csv``: a row for each clock hour, period and task of the diary; name, kind, both meanings."""
 
@@ -245,7 +264,8 @@ PERIOD_COLUMNS = [name for name, *_ in PERIOD_FIELDS]
 
 def list_periods(results: Results) -> list[Row]:
     """Give the rows of ``periods.csv`` for one recording."""
-    who = {"file_name": results["recording"]["file_name"], "subject": results["recording"]["subject"]}
+    who = {name: results["recording"][name] for name in ("file_name", "subject", "side")}
+    who["path"] = find_place(results, "path")
     kinds = (("hour", "by_hour"), ("period", "by_period"), ("task", "by_task"))
     return [
         {**part, **who, "kind": kind, "period_kind": part.get("kind")}

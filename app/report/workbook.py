@@ -8,13 +8,15 @@ from typing import Any
 import xlsxwriter
 
 from app.report.dictionary import DICTIONARY_COLUMNS, list_dictionary
+from app.report.origin import find_place
 from app.report.summary import COLUMNS, PERIOD_COLUMNS, Results, list_periods, summarise_results
 from app.report.tables import Row
 
 _NO_TIME = datetime(2000, 1, 1, tzinfo=UTC).replace(tzinfo=None)
 """A workbook must name a time of its making; ours is always the same, so that its bytes are, too."""
 
-_WARNINGS = ["file_name", "subject", "code", "count", "seconds", "first", "last"]
+_FLAG = ["code", "count", "seconds", "first", "last"]
+_WARNINGS = ["file_name", "subject", *_FLAG, "path"]
 _OPTIONS = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
 
 
@@ -39,7 +41,7 @@ def encode_workbook(every: Sequence[Results]) -> bytes:
     return body.getvalue()
 
 
-_BINS = ["file_name", "subject", "lower_deg", "upper_deg", "duration_s", "percent", "low", "high"]
+_BINS = ["file_name", "subject", "lower_deg", "upper_deg", "duration_s", "percent", "low", "high", "path"]
 
 
 def _list_bins(results: Results) -> list[Row]:
@@ -48,13 +50,18 @@ def _list_bins(results: Results) -> list[Row]:
 
 def _list_warnings(results: Results) -> list[Row]:
     return [
-        _name(results) | {key: flag[key] for key in _WARNINGS[2:]} for flag in results["quality"]["warnings"]
+        _name(results) | {key: flag[key] for key in _WARNINGS[2:-1]}
+        for flag in results["quality"]["warnings"]
     ]
 
 
 def _name(results: Results) -> Row:
     recording = results["recording"]
-    return {"file_name": recording["file_name"], "subject": recording["subject"]}
+    return {
+        "file_name": recording["file_name"],
+        "subject": recording["subject"],
+        "path": find_place(results, "path"),
+    }
 
 
 def _fill_sheet(sheet: Any, columns: Sequence[str], rows: Iterable[Row], head: Any) -> None:

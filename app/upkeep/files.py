@@ -31,10 +31,10 @@ class KeptFile:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One file that is not as its row says."""
+    """One file that is not as its row says, or that has none."""
 
     name: str
-    finding: Literal["missing", "damaged"]
+    finding: Literal["missing", "damaged", "orphan"]
 
 
 def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:

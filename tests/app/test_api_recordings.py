@@ -52,6 +52,7 @@ def test_a_raw_body_becomes_a_recording(client: TestClient) -> None:
 def test_the_same_bytes_again_are_flagged_as_a_duplicate(client: TestClient) -> None:
     first, second = keep(client), keep(client)
 
+    assert (first["warnings"], second["warnings"]) == ([], ["W-DUP-UPLOAD"])
     assert second["duplicate_of"] == first["id"]
     assert second["id"] != first["id"]
 

@@ -7,9 +7,11 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.report.origin import Origin
 from app.report.summary import COLUMNS, encode_summary, summarise_failure
 from app.report.tables import FRENCH_EXCEL, encode_table
 
+FAILED = Origin("left.gt3x", "S012", "left", "p1/left.gt3x", "left")
 NAMES = [column.name for column in COLUMNS]
 
 
@@ -18,13 +20,13 @@ def read_rows(encoded: bytes) -> list[dict[str, str]]:
 
 
 def test_a_failed_recording_keeps_its_row_and_its_code() -> None:
-    row = summarise_failure("left.gt3x", "S012", "E-EMPTY")
+    row = summarise_failure(FAILED, "E-EMPTY")
 
     assert read_rows(encode_summary([row]))[0]["error_code"] == "E-EMPTY"
 
 
 def test_what_cannot_be_computed_is_empty() -> None:
-    row = summarise_failure("left.gt3x", "S012", "E-EMPTY")
+    row = summarise_failure(FAILED, "E-EMPTY")
 
     assert read_rows(encode_summary([row]))[0]["time_above_60_percent"] == ""
 

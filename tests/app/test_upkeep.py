@@ -100,6 +100,32 @@ def test_verify_names_a_damaged_recording(finished: Job, settings: Settings, acr
     assert f"ENDOMMAGÉ recordings/{finished.recording_id}" in result.output
 
 
+@on_both_set_ups
+@pytest.mark.parametrize("name", ["recordings/rec_stray", "analyses/an_gone/t1/results.json"])
+def test_verify_names_a_file_without_a_row(
+    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "stray").write_bytes(b"left over")
+    storage.put(tmp_path / "stray", name)
+
+    result = acromion("verify")
+
+    assert result.exit_code == 1
+    assert f"ORPHAN {name}" in result.stdout
+
+
+def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
+    store: JobStore, storage: Storage, add_job: AddJob, acromion: Acromion
+) -> None:
+    add_job(b"the recording")
+    job = store.claim(identify_self())
+    assert job is not None
+    assert job.token is not None
+    (storage.open_attempt(job.id, job.token) / "results.json").write_text("{}")
+
+    assert acromion("verify").exit_code == 0
+
+
 def test_verify_reads_a_backup(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
     acromion("backup", tmp_path / "b.zip")
 

@@ -72,6 +72,7 @@ SHELL_CODES = [
     "E-CANCELLED",
     "E-TIMEOUT",
     "E-MEMORY",
+    "E-INTERRUPTED",
     "E-CRASHED",
     "E-LANGUAGE",
     "E-PARAMETER",

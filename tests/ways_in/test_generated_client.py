@@ -55,14 +55,16 @@ def test_the_generated_client_stores_analyses_and_reads_a_recording(
     server: RunningServer, recording: Path
 ) -> None:
     kept = server.client.post("/api/v1/recordings", content=recording.read_bytes()).json()["id"]
-    client = importlib.import_module("acromion_client").Client(base_url=server.address.rstrip("/"))
+    made = importlib.import_module("acromion_client").Client(base_url=server.address.rstrip("/"))
     models = importlib.import_module("acromion_client.models")
     create = importlib.import_module("acromion_client.api.analyses.create_analyses").sync
     get = importlib.import_module("acromion_client.api.analyses.get_analysis").sync
-
     settings = models.AnalysisSettings(side=models.AnalysisSettingsSideType0.RIGHT)
-    started = create(client=client, body=models.AnalysisWish(recording_ids=[kept], settings=settings))
-    ended = wait_for(lambda: find_ended(get(started.id, client=client, wait=20)), patience_s=180)
+    wish = models.AnalysisWish(recording_ids=[kept], settings=settings)
+
+    with made as client:
+        started = create(client=client, body=wish)
+        ended = wait_for(lambda: find_ended(get(started.id, client=client, wait=20)), patience_s=180)
 
     assert ended.state == "succeeded"
     assert ended.settings.additional_properties["side"] == "right"

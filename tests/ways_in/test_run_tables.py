@@ -1,0 +1,125 @@
+"""The tables of a run: every row says which recording it is about, also after a run that was cut."""
+
+import csv
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import openpyxl
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import app
+
+START = "from app.cli import main; main()"
+Rows = list[dict[str, str]]
+
+
+def read_table(path: Path) -> Rows:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def twins(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a folder with four recordings of one name, one of them empty."""
+    folder = tmp_path_factory.mktemp("twins")
+    for place in ("p1", "p2", "p3/week 2"):
+        (folder / place).mkdir(parents=True)
+        shutil.copy(shift_gt3x, folder / place / "arm.gt3x")
+    (folder / "p4").mkdir()
+    (folder / "p4" / "arm.gt3x").touch()
+    (folder / "people.csv").write_text("file,subject,side\np4/arm.gt3x,S04,left\n")
+    options = ["--participants", str(folder / "people.csv"), "--report", "html", "-j", "2"]
+    CliRunner().invoke(app, ["run", str(folder), "-o", str(folder / "out"), *options])
+    return folder / "out"
+
+
+def test_recordings_of_one_name_are_told_apart_in_the_summary(twins: Path) -> None:
+    rows = read_table(twins / "summary.csv")
+
+    assert [(row["path"], row["folder"]) for row in rows] == [
+        ("p1/arm.gt3x", "arm"),
+        ("p2/arm.gt3x", "arm-2"),
+        ("p3/week 2/arm.gt3x", "arm-3"),
+        ("p4/arm.gt3x", ""),
+    ]
+
+
+def test_a_failed_recording_keeps_the_person_and_the_arm(twins: Path) -> None:
+    failed = read_table(twins / "summary.csv")[3]
+
+    assert (failed["subject"], failed["side"], failed["error_code"]) == ("S04", "left", "E-EMPTY")
+
+
+def test_the_problems_say_which_recording_and_whose(twins: Path) -> None:
+    (row,) = read_table(twins / "problems.csv")
+
+    assert (row["path"], row["subject"], row["side"]) == ("p4/arm.gt3x", "S04", "left")
+
+
+def test_the_periods_say_which_recording(twins: Path) -> None:
+    rows = read_table(twins / "periods.csv")
+
+    assert {row["path"] for row in rows} == {"p1/arm.gt3x", "p2/arm.gt3x", "p3/week 2/arm.gt3x"}
+
+
+@pytest.mark.parametrize("sheet", ["summary", "bins", "periods", "warnings"])
+def test_the_workbook_says_which_recording(twins: Path, sheet: str) -> None:
+    head, *rows = openpyxl.load_workbook(twins / "summary.xlsx")[sheet].values
+
+    assert "p2/arm.gt3x" in [row[head.index("path")] for row in rows]
+
+
+def test_the_page_lists_the_recordings_by_where_they_lie(twins: Path) -> None:
+    page = (twins / "index.html").read_text("utf-8")
+
+    assert '<a href="arm-2/report.html">p2/arm.gt3x</a>' in page
+
+
+@pytest.fixture(scope="module")
+def cut(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
+    """A run of three that got Ctrl-C after the first: its exit code and its results."""
+    folder = tmp_path_factory.mktemp("cut")
+    for name in ("a", "b", "c"):
+        shutil.copy(shift_gt3x, folder / f"{name}.gt3x")
+    command = [
+        sys.executable,
+        "-c",
+        START,
+        "run",
+        str(folder),
+        "-o",
+        str(folder / "out"),
+        "-j",
+        "1",
+        "--json-log",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
+        assert run.stdout is not None
+        run.stdout.readline()
+        run.send_signal(signal.SIGINT)
+        run.stdout.read()
+    return run.returncode, folder / "out"
+
+
+def test_a_run_that_was_cut_says_so_by_its_exit_code(cut: tuple[int, Path]) -> None:
+    assert cut[0] == 130
+
+
+def test_a_run_that_was_cut_leaves_the_summary_so_far(cut: tuple[int, Path]) -> None:
+    codes = [row["error_code"] for row in read_table(cut[1] / "summary.csv")]
+
+    assert codes == ["", "E-INTERRUPTED", "E-INTERRUPTED"]
+
+
+def test_a_run_that_was_cut_leaves_nothing_half_made(cut: tuple[int, Path]) -> None:
+    assert [path.name for path in cut[1].iterdir() if path.is_dir()] == ["a"]
+
+
+def test_the_problems_of_a_run_that_was_cut_say_how_to_go_on(cut: tuple[int, Path]) -> None:
+    fixes = {row["fix"] for row in read_table(cut[1] / "problems.csv")}
+
+    assert fixes == {"Give the same command again: it goes on from here, and what is done is not done twice."}
