@@ -20,7 +20,7 @@ NOTES = frozenset(
         "W-TZ",
     }
 )  # fmt: skip
-GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-SHORT", "W-UPSIDE"})
+GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-POSE-DOUBT", "W-SHORT", "W-UPSIDE"})
 SIGNAL_REASONS = frozenset({"docked", "asleep", "clipped", "short-segment", "spikes", "stuck"})
 # Caveats that count from a share of the recorded time on.
 SHARES = {"W-GAP": 0.01, "W-UNTRUSTED": 0.01, "W-CLIP": 0.001}
@@ -35,7 +35,8 @@ def assess_quality(
 ) -> Quality:
     """Collect every caveat and give the verdict with the codes that decided it.
 
-    Poor: less than 2 h or half of the recording analysed, no still period, sensor upside down. Caution: less
+    Poor: less than 2 h or half of the recording analysed, no still period, a calibration in a
+    stretch that is not trusted, sensor upside down. Caution: less
     than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (also that the
     sensor may not have been worn). A note (a
     duplicate second, the N-pose) leaves the verdict good.
