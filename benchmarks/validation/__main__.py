@@ -2,9 +2,9 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--broad DIR] [--output FILE]
 
-Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors, slips. With ``--only`` the others stay as
-they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is
-deterministic.
+Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors, slips. With ``--only`` the others
+stay as they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section
+is deterministic.
 """
 
 import argparse
