@@ -35,8 +35,8 @@ def assess_quality(
 ) -> Quality:
     """Collect every caveat and give the verdict with the codes that decided it.
 
-    Poor: less than 2 h or half of the recording analysed, no still period, a calibration in a
-    stretch that is not trusted, a sensor that sat otherwise for half of the recording, sensor upside down. Caution: less
+    Poor: less than 2 h or half of the recording analysed, no still period, a calibration in a stretch that is
+    not trusted, a sensor that sat otherwise for half of the recording, sensor upside down. Caution: less
     than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (also that the
     sensor may not have been worn). A note (a
     duplicate second, the N-pose) leaves the verdict good.
