@@ -9,7 +9,7 @@ from fusion.calibration_rules import OTHER_RULES, CalibrationRules, rules_for, s
 from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
-from fusion.remount import AxisPart, find_remounts, flag_remounts
+from fusion.remount import AxisPart, WornParts, find_remounts, flag_remounts, part_recording
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.gyro_scale import GyroScale, leave_gyro_scale
@@ -67,6 +67,11 @@ class Calibration:
     arm_axis: Vector
     second: StillPeriod | None = None
 
+    @property
+    def windows(self) -> tuple[StillPeriod, ...]:
+        """The one window, or for `two-point` both."""
+        return (self.still,) if self.second is None else (self.still, self.second)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedSamples:
@@ -75,7 +80,8 @@ class CalibratedSamples:
 
     The samples are not copied. ``bias`` is the gyroscope's bias through the whole recording, shared by all
     segments, as are ``accelerometer`` and ``gyro_scale``; ``flags`` holds the caveats of calibrating
-    (W-NO-STILL). ``runs`` are the segments as the estimators take them, so that no sample is reduced twice;
+    (W-NO-STILL, W-POSE-SHORT). ``runs`` are the segments as the estimators take them, so that no sample is
+    reduced twice;
     ``remounts`` the parts in which the sensor sat otherwise.
     """
 
@@ -125,15 +131,17 @@ def calibrate(
     views = [view_segment(segment) for segment in recording.segments]
     sensor, runs = calibrate_sensor(views, blocks, stills, recording.acc_range_g, recording.gyr_range_dps)
     correction = sensor.accelerometer
+    worn = part_recording(blocks, stills, correction)
     if pose == "two-point":
         hanging, level = _measure_pair(recording, windows_s)
         axis = share_between(_correct(hanging, correction), _correct(level, correction))
         calibration = Calibration(pose, hanging, axis, level)
     else:
-        still = _choose_still(recording, windows_s, blocks)
+        still = _choose_still(recording, windows_s, blocks, worn)
         flags = () if windows_s else (*flag_unquiet(still), *_flag_unseen_lean(pose, still))
         calibration = Calibration(pose, still, _unit(_correct(still, correction)))
-    remounts = find_remounts(blocks, stills, correction, (calibration.still.start_s, calibration.arm_axis))
+    flags += flag_short_windows(calibration) if windows_s else ()
+    remounts = find_remounts(worn, (calibration.still.start_s, calibration.arm_axis))
     flags += flag_remounts(remounts, recording.duration_us / MICROSECONDS)
     return CalibratedSamples(
         recording, calibration, sensor.bias, correction, flags, sensor.gyro_scale, runs, remounts
@@ -197,16 +205,38 @@ def flag_unquiet(still: StillPeriod) -> tuple[QualityFlag, ...]:
     return (QualityFlag("W-NO-STILL", 1, still.duration_s, still.start_s, end_s, {"score": still.score}),)
 
 
+def flag_short_windows(calibration: Calibration) -> tuple[QualityFlag, ...]:
+    """W-POSE-SHORT for each window that a person asked for and that is shorter than 5 s."""
+    return tuple(
+        QualityFlag("W-POSE-SHORT", 1, still.duration_s, still.start_s, still.start_s + still.duration_s)
+        for still in calibration.windows
+        if still.duration_s < OTHER_RULES.length_s - 1e-6
+    )
+
+
 def _reduce(recording: Recording) -> list[QuarterSeconds]:
     return [reduce_run(view_segment(segment)) for segment in recording.segments]
 
 
 def _choose_still(
-    recording: Recording, windows_s: tuple[tuple[float, float], ...], blocks: list[QuarterSeconds]
+    recording: Recording,
+    windows_s: tuple[tuple[float, float], ...],
+    blocks: list[QuarterSeconds],
+    worn: WornParts,
 ) -> StillPeriod:
+    """Take the window asked for, or the best proposal; of a day on which the sensor slipped, one before that.
+
+    A pose is held when the sensor has just been strapped on; after a slip its direction is that of a few
+    moments only, and would be outvoted by all that came later.
+    """
     if len(windows_s) > 1:
         raise UnusableCalibration(why="count", start_s=windows_s[0][0], end_s=windows_s[-1][1])
-    return _measure_asked(recording, windows_s[0]) if windows_s else _find_still(recording, blocks)
+    if windows_s:
+        return _measure_asked(recording, windows_s[0])
+    found = _find_still(recording, blocks)
+    before_s = worn.find_before_slip(found.start_s)
+    early = _propose(recording, blocks, most=1, within_s=before_s) if before_s else ()
+    return early[0] if early else found
 
 
 def _find_still(recording: Recording, blocks: list[QuarterSeconds]) -> StillPeriod:
@@ -214,9 +244,17 @@ def _find_still(recording: Recording, blocks: list[QuarterSeconds]) -> StillPeri
     return proposals[0] if proposals else _find_best_moment(recording, blocks)
 
 
-def _propose(recording: Recording, blocks: list[QuarterSeconds], most: int) -> tuple[StillPeriod, ...]:
+def _propose(
+    recording: Recording,
+    blocks: list[QuarterSeconds],
+    most: int,
+    within_s: tuple[float, float] = (-np.inf, np.inf),
+) -> tuple[StillPeriod, ...]:
     rules = rules_for(recording.device)
     quiet = find_quiet_windows(blocks, rules)
+    quiet = quiet.select(
+        (quiet.start_s >= within_s[0]) & (quiet.start_s + rules.longest_proposal_s <= within_s[1])
+    )
     if len(quiet) == 0:
         return ()
     first, end_s = join_stretches(quiet, rules)

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fusion.calibration import Vector
 from fusion.elevation import measure_elevation
+from fusion.orientation.arrays import check_gravity
 from fusion.orientation.live import LiveVertical
 
 
@@ -23,6 +24,9 @@ class LiveElevation:
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
         """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.
 
+        A chunk may be empty. At the first still moment the acceleration must be about 1 g long, as in no
+        other unit.
+
         Raises
         ------
         fusion.orientation.arrays.UnusableArrays
@@ -38,6 +42,7 @@ class LiveElevation:
         for row in range(len(acc)):
             up = self._vertical.update(acc[row], gyr[row])
             if self._vertical.has_rested:
+                check_gravity(np.asarray(acc[row : row + 1], dtype=np.float64))
                 self._arm_axis = up[0]
                 waiting[row] = 0.0
                 waiting[row + 1 :] = self.update(acc[row + 1 :], gyr[row + 1 :]) if row + 1 < len(acc) else []

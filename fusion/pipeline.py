@@ -21,8 +21,10 @@ from fusion.quality import (
     assess_quality,
     find_exclusions,
     flag_gyro_drift,
+    flag_published,
     flag_spans,
     flag_untrusted,
+    flag_untrusted_pose,
     flag_upside_down,
     leave_out,
     make_disjoint,
@@ -38,6 +40,7 @@ POSE_SIGMA_DEG = 3.0
 """How well a held pose ties the sensor to the arm, one standard deviation."""
 UNHELD_SIGMA_DEG = 6.0
 """The same where no pose was held for 5 s (W-NO-STILL). Ours, for want of a study: twice the figure above."""
+HELD_S = 5.0
 
 UNKNOWN_SIGMA_DEG = 0.0
 """Of ready angles, whose error nobody told: their intervals are of the sampling of the day alone."""
@@ -127,7 +130,7 @@ def analyse(
         *samples.flags,
         *placed.flags,
         *_doubt(recording, of.fused, day.exclusions),
-        *flag_gyro_drift(samples.bias),
+        *_doubt_method(samples, of.fused, settings.method),
         *flag_upside_down(exposure),
     )
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
@@ -137,8 +140,23 @@ def analyse(
 
 
 def _doubt_pose(samples: CalibratedSamples) -> float:
-    is_held = all(flag.code != "W-NO-STILL" for flag in samples.flags)
-    return POSE_SIGMA_DEG if is_held else UNHELD_SIGMA_DEG
+    """Standard deviation of the pose: it grows as a window falls short of 5 s, up to that of none held."""
+    if any(flag.code == "W-NO-STILL" for flag in samples.flags):
+        return UNHELD_SIGMA_DEG
+    held_s = min(still.duration_s for still in samples.calibration.windows)
+    return min(UNHELD_SIGMA_DEG, POSE_SIGMA_DEG * math.sqrt(max(1.0, HELD_S / held_s)))
+
+
+def _doubt_method(
+    samples: CalibratedSamples, fused: Elevation, method: MethodName
+) -> tuple[QualityFlag, ...]:
+    """Flag what all angles rest on: the calibration, the gyroscope's offset, the method."""
+    static_dps = samples.calibration.still.gyro_bias_dps
+    return (
+        *flag_untrusted_pose(samples.calibration, fused),
+        *(flag_published(samples.bias, static_dps) if method == "published" else ()),
+        *flag_gyro_drift(samples.bias),
+    )
 
 
 def fuse_recording(

@@ -2,9 +2,9 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--broad DIR] [--output FILE]
 
-Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors. With ``--only`` the others stay as
-they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section is
-deterministic.
+Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors, slips. With ``--only`` the others
+stay as they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section
+is deterministic.
 """
 
 import argparse
@@ -19,12 +19,13 @@ from benchmarks.validation.good_sensors import compare_good_sensors
 from benchmarks.validation.invariance import compare_changes
 from benchmarks.validation.recorded import compare_on_broad, stress
 from benchmarks.validation.shifts import compare_on_shifts
+from benchmarks.validation.slips import compare_slips
 from benchmarks.validation.speed import compare_speed
 from benchmarks.validation.tasks import compare_on_tasks
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
-SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance", "good_sensors")
+SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance", "good_sensors", "slips")
 TITLE = "# Validation of arm elevation"
 PREFACE = """\
 This document is written by `python -m benchmarks.validation`; nothing in it is typed by hand. Every figure
@@ -116,6 +117,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
         "speed": compare_speed,
         "invariance": compare_changes,
         "good_sensors": lambda: compare_good_sensors(arguments.broad.parent),
+        "slips": compare_slips,
     }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusion.choices import MethodName
-from fusion.orientation.arrays import UnusableArrays, check_arrays
+from fusion.orientation.arrays import UnusableArrays, check_arrays, check_gravity
 from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
 from fusion.orientation.smoothed import smooth_nodes
@@ -42,11 +42,13 @@ def estimate_vertical(
     ------
     fusion.orientation.arrays.UnusableArrays
         A ValueError: wrong shapes, no sample, values that are not finite, a rate that is not positive, an
-        unknown method.
+        acceleration whose median length is more than 0.4 from 1 (m/s2, mg, counts; all zeros), an unknown
+        method.
     """
     if method not in get_args(MethodName):
         raise UnusableArrays(why="method")
     acc, gyr = check_arrays(acc_g, gyr_dps, rate_hz)
+    check_gravity(acc)
     if method == "live":
         return LiveVertical(float(rate_hz)).update(acc, gyr)
     run = SensorRun(0.0, float(rate_hz), acc, gyr)

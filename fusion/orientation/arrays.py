@@ -10,9 +10,16 @@ from fusion.recording import FloatArray
 
 
 class UnusableArrays(UnusableRecording, ValueError):
-    """The arrays cannot be fused. Facts: why ("shape", "finite", "rate", "empty", "method")."""
+    """The arrays cannot be fused.
+
+    Facts: why ("shape", "numbers", "finite", "rate", "empty", "method", or "unit" with the length ``g``).
+    """
 
     code = "E-ARRAYS"
+
+
+REST_WITHIN_G = 0.4
+"""How far from 1 g the median length may lie: an arm that moves hard stays within, no other unit does."""
 
 
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
@@ -21,18 +28,41 @@ def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatA
     Raises
     ------
     UnusableArrays
-        Other shapes, unequal lengths, no sample, values that are not finite, or a rate that is not positive.
+        Other shapes, unequal lengths, values that are not finite, or a rate that is not positive.
     """
     acc, gyr = _as_floats(acc_g), _as_floats(gyr_dps)
     if acc.ndim != 2 or acc.shape[1] != 3 or acc.shape != gyr.shape:
         raise UnusableArrays(why="shape", acc=str(acc.shape), gyr=str(gyr.shape))
-    if len(acc) == 0:
-        raise UnusableArrays(why="empty")
-    if not (isfinite(rate_hz) and rate_hz > 0.0):
-        raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
+    check_rate(rate_hz)
     if not (np.isfinite(acc).all() and np.isfinite(gyr).all()):
         raise UnusableArrays(why="finite")
     return acc, gyr
+
+
+def check_rate(rate_hz: float) -> None:
+    """Refuse a rate that is not positive.
+
+    Raises
+    ------
+    UnusableArrays
+    """
+    if not (isfinite(rate_hz) and rate_hz > 0.0):
+        raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
+
+
+def check_gravity(acc_g: FloatArray) -> None:
+    """Refuse no sample at all, and an acceleration that is not in g: its median length is far from 1.
+
+    Raises
+    ------
+    UnusableArrays
+    """
+    if len(acc_g) == 0:
+        raise UnusableArrays(why="empty")
+    few = acc_g[:: -(-len(acc_g) // 10_000)].astype(np.float64)
+    length_g = float(np.median(np.linalg.norm(few, axis=1)))
+    if abs(length_g - 1.0) > REST_WITHIN_G:
+        raise UnusableArrays(why="unit", g=round(length_g, 3))
 
 
 def _as_floats(values: object) -> FloatArray:

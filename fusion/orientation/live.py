@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusion.numba_kernels import inner, kernel
-from fusion.orientation.arrays import check_arrays
+from fusion.orientation.arrays import check_arrays, check_rate
 from fusion.sensor_errors.rotation import RADIANS, bend, carry, turn_factors
 from fusion.sensor_errors.stillness import StillRules
 
@@ -41,6 +41,8 @@ class LiveVertical:
         bias_dps: NDArray[np.float64] | None = None,
         parameters: LiveParameters | None = None,
     ) -> None:
+        """Start afresh; raises UnusableArrays for a rate that is not positive."""
+        check_rate(rate_hz)
         parameters, rules = parameters or LiveParameters(), StillRules()
         self._rate_hz = rate_hz
         self._state = np.zeros(SIZE)
@@ -55,6 +57,8 @@ class LiveVertical:
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float64]:
         """Take the next samples, shapes (n, 3) or (3,), and give the unit vectors to the zenith, (n, 3).
+
+        Where nothing was felt yet (all samples nil) there is no direction, and the rows are NaN.
 
         Raises
         ------
@@ -93,7 +97,7 @@ def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  
             factors = turn_factors(turn)
             real, imaginary = carry(real, turn, factors), carry(imaginary, turn, factors)
         state[SAMPLES] = 1.0
-        square = 1e-30
+        square = 0.0
         for i in range(3):
             state[RATE + i] = rate[i]
             state[REAL + i] = keep * real[i] - mix * imaginary[i] + acc[k, i]
@@ -101,7 +105,7 @@ def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  
             out[k, i] = freshness * state[REAL + i] - state[IMAGINARY + i]
             square += out[k, i] * out[k, i]
         for i in range(3):
-            out[k, i] /= np.sqrt(square)
+            out[k, i] = out[k, i] / np.sqrt(square) if square > 1e-12 else np.nan
 
 
 @inner

@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from fusion.quality.exclusions import refuse_short as refuse_short
     from fusion.quality.nonwear import propose_nonwear as propose_nonwear
     from fusion.quality.plausibility import flag_gyro_drift as flag_gyro_drift
+    from fusion.quality.plausibility import flag_published as flag_published
     from fusion.quality.plausibility import flag_upside_down as flag_upside_down
     from fusion.quality.spans import flag_spans as flag_spans
     from fusion.quality.time_account import account_time as account_time
     from fusion.quality.time_account import name_parts as name_parts
     from fusion.quality.untrusted import flag_untrusted as flag_untrusted
+    from fusion.quality.untrusted import flag_untrusted_pose as flag_untrusted_pose
     from fusion.quality.verdict import assess_quality as assess_quality
 
 _HOMES = {
@@ -28,8 +30,10 @@ _HOMES = {
     "assess_quality": "fusion.quality.verdict",
     "find_exclusions": "fusion.quality.exclusions",
     "flag_gyro_drift": "fusion.quality.plausibility",
+    "flag_published": "fusion.quality.plausibility",
     "flag_spans": "fusion.quality.spans",
     "flag_untrusted": "fusion.quality.untrusted",
+    "flag_untrusted_pose": "fusion.quality.untrusted",
     "flag_upside_down": "fusion.quality.plausibility",
     "leave_out": "fusion.quality.exclusions",
     "make_disjoint": "fusion.quality.exclusions",
@@ -47,8 +51,10 @@ __all__ = [
     "assess_quality",
     "find_exclusions",
     "flag_gyro_drift",
+    "flag_published",
     "flag_spans",
     "flag_untrusted",
+    "flag_untrusted_pose",
     "flag_upside_down",
     "leave_out",
     "make_disjoint",

@@ -1,6 +1,9 @@
-"""What the figures themselves make doubtful: a gyroscope that wandered, an arm raised most of the day."""
+"""What makes the figures doubtful: a gyroscope that wandered, a method that cannot follow it, an arm raised
+most of the day.
+"""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusion.exposure.types import Exposure
 from fusion.recording import QualityFlag
@@ -26,6 +29,15 @@ def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
     first_s, last_s = sorted(float(bias.time_s[place]) for place in places)
     facts = {"dps": round(float(spread_dps[axis]), 2)}
     return (QualityFlag("W-GYRO-DRIFT", 1, last_s - first_s, first_s, last_s, facts),)
+
+
+def flag_published(bias: GyroBias, static_dps: NDArray[np.float64]) -> tuple[QualityFlag, ...]:
+    """W-PUBLISHED: `published` takes the offset once (``static_dps``, (3,)) and loses slow rotation.
+
+    Fact ``dps``: how far the offset of this recording got from that one, as `smoothed` follows it.
+    """
+    farthest_dps = float(np.linalg.norm(bias.bias_dps - static_dps, axis=1).max())
+    return (QualityFlag("W-PUBLISHED", facts={"dps": round(farthest_dps, 2)}),)
 
 
 def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:

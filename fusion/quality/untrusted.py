@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fusion.calibration import Calibration
 from fusion.elevation import Elevation
 from fusion.exposure.rows import find_runs, find_touched_rows
 from fusion.quality.spans import flag_spans
@@ -31,3 +32,23 @@ def flag_untrusted(
     if sum(span.duration_us for span in spans) < MICROSECONDS:
         return ()
     return flag_spans("W-UNTRUSTED", spans)
+
+
+def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
+    """W-POSE-DOUBT where half or more of a calibration window is not trusted: all angles rest on it."""
+    return tuple(
+        QualityFlag("W-POSE-DOUBT", 1, still.duration_s, still.start_s, still.start_s + still.duration_s)
+        for still in calibration.windows
+        if 2.0 * _trust(elevation, still.start_s, still.start_s + still.duration_s) <= 1.0
+    )
+
+
+def _trust(elevation: Elevation, first_s: float, end_s: float) -> float:
+    """Share of the rows between two times that are valid; 1 where there is none."""
+    valid = []
+    for segment in elevation.segments:
+        from_start = (MICROSECONDS * np.array([first_s, end_s]) - segment.start_us) / segment.period_us
+        first, stop = np.clip(np.rint(from_start), 0, len(segment)).astype(np.int64)
+        valid.append(segment.valid[first:stop])
+    rows = np.concatenate(valid)
+    return float(rows.mean()) if len(rows) else 1.0

@@ -20,7 +20,7 @@ NOTES = frozenset(
         "W-SEC-COUNT", "W-TZ",
     }
 )  # fmt: skip
-GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-SHORT", "W-UPSIDE"})
+GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-POSE-DOUBT", "W-SHORT", "W-UPSIDE"})
 SIGNAL_REASONS = frozenset({"docked", "asleep", "clipped", "short-segment", "spikes", "stuck"})
 # Caveats that count from a share of the recorded time on.
 SHARES = {"W-GAP": 0.01, "W-UNTRUSTED": 0.01, "W-CLIP": 0.001}
@@ -35,7 +35,8 @@ def assess_quality(
 ) -> Quality:
     """Collect every caveat and give the verdict with the codes of all that count, the gravest first.
 
-    Poor: less than 2 h or half of the recording analysed, no still period, sensor upside down. Caution: less
+    Poor: less than 2 h or half of the recording analysed, no still period, a calibration in a stretch that is
+    not trusted, a sensor that sat otherwise for half of the recording, sensor upside down. Caution: less
     than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (also that the
     sensor may not have been worn). A note (a
     duplicate second, the N-pose) leaves the verdict good.
@@ -56,6 +57,8 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> int:
         return CAUTION if flag.seconds * MICROSECONDS >= SHARES[flag.code] * time.recorded_us else NOTE
     if flag.code == "W-FEW-HOURS":
         return POOR if flag.seconds < 2 * HOUR_S else CAUTION
+    if flag.code == "W-REMOUNT":
+        return POOR if 2 * flag.seconds * MICROSECONDS >= time.recorded_us else CAUTION
     if flag.code in GRAVE:
         return POOR
     return NOTE if flag.code in NOTES else CAUTION

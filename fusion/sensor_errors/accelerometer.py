@@ -150,7 +150,7 @@ def _average_cells(stills: QuietTable, settings: AccelerometerSettings) -> _Cell
     time_s, length_g = stills.middle_s, np.linalg.norm(stills.gravity_g, axis=1)
     pieces = max(1, round((time_s[-1] - time_s[0]) / settings.knot_s))
     knots_s = np.linspace(time_s[0], max(time_s[-1], time_s[0] + 1.0), pieces + 1)
-    direction = _tell_directions(stills.gravity_g / np.maximum(length_g, 1e-9)[:, None], settings.cell_deg)
+    direction = tell_directions(stills.gravity_g / np.maximum(length_g, 1e-9)[:, None], settings.cell_deg)
     cell = direction * pieces + np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, pieces - 1)
     order = np.lexsort((length_g, cell))
     first = np.flatnonzero(np.diff(cell[order], prepend=-1))
@@ -164,7 +164,7 @@ def _average_cells(stills: QuietTable, settings: AccelerometerSettings) -> _Cell
     return _Cells(knots_s, reading_g, variance, int(direction.max()) + 1, Hats(knots_s, middle_s))
 
 
-def _tell_directions(unit: Table, near_deg: float) -> NDArray[np.intp]:
+def tell_directions(unit: Table, near_deg: float) -> NDArray[np.intp]:
     """Number the directions: each moment belongs to the first, in order of time, that is near it."""
     number, found = np.full(len(unit), -1, dtype=np.intp), 0
     left = np.arange(len(unit))

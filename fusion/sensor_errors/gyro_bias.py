@@ -3,6 +3,8 @@
 The bias is a straight line between knots one minute apart, held together by a random walk. Two kinds of
 observation pull at it: the mean angular rate of still moments, and the window equations of
 :mod:`fusion.sensor_errors.motion_windows`. All are solved together by robust least squares (Cauchy weights).
+Where the still moments show that it jumped, the line is broken there: a part that was switched off and on, or
+another sensor from there on, has another offset, and one walk through both would be wrong on one side.
 Still moments are told by how little the rate varies, never by its level, so an offset of tens of deg/s does
 not hide them; a steady turn mistaken for rest is outvoted by the motion windows.
 """
@@ -11,11 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from fusion.sensor_errors.bias_track import GyroBias, hold_bias
-from fusion.sensor_errors.knots import Hats, hold_together
+from fusion.sensor_errors.knots import JUMP_S, Hats, hold_together
 from fusion.sensor_errors.motion_windows import WindowEquations, form_equations
 from fusion.sensor_errors.nodes import Nodes, reduce_to_nodes
 from fusion.sensor_errors.rotation import RADIANS
@@ -34,7 +37,8 @@ class BiasSettings:
     ``window_s`` is the length of the motion windows, placed every ``window_every_s`` in files up to
     ``dense_up_to_s`` and every ``window_apart_s`` in longer ones; ``wander_dps_per_root_min`` is the random
     walk; ``still_floor_dps`` the error of a still moment however quiet. With fewer than ``least_stills``
-    still moments the search starts from nil, with windows that grow.
+    still moments the search starts from nil, with windows that grow. A change of ``jump_dps`` from the median
+    of ``jump_stills`` still moments to that of the next is a jump.
     """
 
     window_s: float = 12.0
@@ -46,6 +50,8 @@ class BiasSettings:
     still_floor_dps: float = 0.05
     least_stills: int = 3
     rounds: int = 2
+    jump_dps: float = 5.0
+    jump_stills: int = 7
 
 
 def estimate_gyro_bias(
@@ -69,7 +75,7 @@ def follow_gyro_bias(
     """The same from nodes that have a bias near the true one taken off."""
     settings = settings or BiasSettings()
     bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
-    knots_s = _place_knots(nodes, settings)
+    knots_s = _break_at(_place_knots(nodes, settings), find_jumps(stills, settings))
     dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= settings.dense_up_to_s
     every_s = settings.window_every_s if dense else settings.window_apart_s
     for _ in range(settings.rounds):
@@ -106,6 +112,29 @@ def _place_knots(nodes: Sequence[Nodes], settings: BiasSettings) -> Table:
     last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
     pieces = max(1, round((last_s - first_s) / settings.knot_s))
     return np.linspace(first_s, last_s, pieces + 1)
+
+
+def find_jumps(stills: QuietTable, settings: BiasSettings) -> list[float]:
+    """Times, s, at which the offset jumped: between two still moments."""
+    count = settings.jump_stills
+    if len(stills) < 2 * count:
+        return []
+    medians = np.median(sliding_window_view(stills.gyro_dps, count, axis=0), axis=2)
+    change_dps = np.linalg.norm(medians[count:] - medians[:-count], axis=1)
+    jumps: list[float] = []
+    while len(change_dps) and change_dps.max() > settings.jump_dps:
+        at = int(np.argmax(change_dps))
+        jumps.append(float(stills.middle_s[at + count - 1 : at + count + 1].mean()))
+        change_dps[max(0, at - count) : at + count + 1] = 0.0
+    return sorted(jumps)
+
+
+def _break_at(knots_s: Table, jumps_s: list[float]) -> Table:
+    """Two knots at each jump in place of those within a second of it."""
+    for jump_s in jumps_s:
+        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
+        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
+    return knots_s
 
 
 def _weigh(residual: Table) -> Table:

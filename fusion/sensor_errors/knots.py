@@ -8,10 +8,16 @@ BAND = 6
 """Three unknowns at each knot, and neighbours touch."""
 
 
+JUMP_S = 0.02
+"""Two knots so near each other stand for a jump, and are not held together."""
+
+
 def hold_together(knots_s: Table, sd_per_root_min: float) -> Table:
     """Lower band of a random walk from knot to knot, the same for each of the three unknowns."""
     band = np.zeros((BAND, 3 * len(knots_s)))
-    stiffness = 1.0 / (sd_per_root_min**2 * np.maximum(np.diff(knots_s), 1.0) / 60.0)
+    apart_s = np.diff(knots_s)
+    stiffness = 1.0 / (sd_per_root_min**2 * np.maximum(apart_s, 1.0) / 60.0)
+    stiffness[apart_s < 1.5 * JUMP_S] = 0.0
     per_axis = np.repeat(stiffness, 3)
     band[0, :-3] += per_axis
     band[0, 3:] += per_axis

@@ -1,10 +1,11 @@
 """The bias of the gyroscope through a recording, from rest and from motion."""
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from fusion.sensor_errors.bias_track import GyroBias
-from fusion.sensor_errors.gyro_bias import estimate_gyro_bias
+from fusion.sensor_errors.gyro_bias import BiasSettings, estimate_gyro_bias, find_jumps
 from fusion.sensor_errors.runs import SensorRun
 from fusion.sensor_errors.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
@@ -107,3 +108,29 @@ def test_a_bias_that_wanders_by_half_a_degree_per_second_over_a_shift_is_followe
     every_minute = slice(0, None, round(60.0 * made.rate_hz))
     error_dps = bias.at(3600.0 * hours[every_minute]) - 10.0 - wander[every_minute]
     assert np.sqrt(np.mean(error_dps**2)) < 0.02
+
+
+def rest_with_jump(jump_s: float, to_dps: NDArray[np.float64]) -> SensorRun:
+    """Work whose gyroscope's offset is another from one sample to the next."""
+    made = simulate_shift("gt9x", 0.5, 1, 50.0, perfect=True).in_arrays()
+    gyr = made.gyr_dps.astype(np.float64)
+    gyr[round(jump_s * 50.0) :] += to_dps
+    return SensorRun(0.0, made.rate_hz, made.acc_g, gyr)
+
+
+@pytest.mark.parametrize("jump_s", [300.0, 900.0, 1500.0])
+def test_an_offset_that_jumps_is_followed_on_both_sides(jump_s: float) -> None:
+    bias = estimate_gyro_bias([rest_with_jump(jump_s, OFFSET)])
+
+    before_dps, after_dps = bias.at(np.array([jump_s - 30.0, jump_s + 30.0]))
+    assert np.abs(before_dps).max() < 0.1
+    assert np.abs(after_dps - OFFSET).max() < 0.1
+
+
+@pytest.mark.parametrize("size_dps", [0.0, 2.0])
+def test_an_offset_that_changes_by_little_is_one_line(size_dps: float) -> None:
+    run = rest_with_jump(900.0, np.array([size_dps, 0.0, 0.0]))
+
+    jumps_s = find_jumps(find_still_moments([reduce_run(run)]), BiasSettings())
+
+    assert jumps_s == []

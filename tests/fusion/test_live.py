@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from fusion.live import LiveElevation
 from fusion.orientation.arrays import UnusableArrays
@@ -83,3 +84,39 @@ def test_a_bias_given_beforehand_is_used_from_the_first_sample() -> None:
 def test_samples_that_are_not_numbers_are_refused() -> None:
     with pytest.raises(UnusableArrays):
         LiveElevation(100.0).update([np.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -5.0, np.nan, np.inf])
+def test_a_rate_that_is_not_positive_is_refused_at_once(rate_hz: float) -> None:
+    with pytest.raises(UnusableArrays) as refused:
+        LiveElevation(rate_hz)
+
+    assert refused.value.facts["why"] == "rate"
+
+
+@pytest.mark.parametrize("axis", [None, np.array([0.0, 0.0, 1.0])])
+def test_an_empty_chunk_gives_no_row_and_changes_nothing(axis: NDArray[np.float64] | None) -> None:
+    made = hold((0.0, 5.0), rate_hz=100.0).recording.segments[0]
+    nothing = np.zeros((0, 3))
+    live, other = LiveElevation(100.0, axis), LiveElevation(100.0, axis)
+
+    empty = live.update(nothing, nothing)
+
+    assert empty.shape == (0,)
+    expected = other.update(made.acc_g, made.gyr_dps)
+    assert np.array_equal(live.update(made.acc_g, made.gyr_dps), expected, equal_nan=True)
+
+
+def test_where_nothing_was_felt_there_is_no_direction() -> None:
+    up = LiveVertical(100.0).update(np.zeros((3, 3)), np.zeros((3, 3)))
+
+    assert np.isnan(up).all()
+
+
+def test_an_arm_at_rest_in_metres_per_second_squared_is_refused() -> None:
+    made = hold((0.0, 5.0), rate_hz=100.0).recording.segments[0]
+
+    with pytest.raises(UnusableArrays) as refused:
+        LiveElevation(100.0).update(made.acc_g * 9.80665, made.gyr_dps)
+
+    assert refused.value.facts == {"why": "unit", "g": 9.807}

@@ -202,7 +202,7 @@ def test_any_memory_layout_is_taken_and_nothing_is_modified(method: MethodName) 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("rows", [1, 2, 3, 7, 50])
 def test_a_handful_of_samples_at_rest_gives_their_own_direction(method: MethodName, rows: int) -> None:
-    up = estimate_vertical(np.tile([0.0, 2.0, 0.0], (rows, 1)), np.zeros((rows, 3)), 100.0, method)
+    up = estimate_vertical(np.tile([0.0, 1.3, 0.0], (rows, 1)), np.zeros((rows, 3)), 100.0, method)
 
     assert np.abs(up - [0.0, 1.0, 0.0]).max() < 1e-9
 
@@ -254,3 +254,16 @@ def test_an_unknown_method_is_refused_not_replaced() -> None:
 
     with pytest.raises(ValueError, match="E-ARRAYS"):
         estimate_vertical(still, np.zeros((100, 3)), 100.0, method="madgwick")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("factor", "length_g"), [(9.80665, 9.807), (1000.0, 1000.0), (0.0, 0.0)])
+@pytest.mark.parametrize("method", METHODS)
+def test_an_acceleration_that_is_not_in_g_is_refused(
+    method: MethodName, factor: float, length_g: float
+) -> None:
+    still = np.tile([0.0, 0.0, factor], (300, 1))
+
+    with pytest.raises(UnusableArrays) as refused:
+        estimate_vertical(still, np.zeros((300, 3)), 100.0, method)
+
+    assert refused.value.facts == {"why": "unit", "g": length_g}

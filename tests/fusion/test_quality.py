@@ -233,6 +233,11 @@ def test_less_than_half_analysed_is_poor() -> None:
         ("W-DUP", 1.0, "good"),
         ("W-BIAS", 0.0, "caution"),
         ("W-NO-STILL", 0.0, "poor"),
+        ("W-POSE-DOUBT", 10.0, "poor"),
+        ("W-POSE-SHORT", 1.0, "caution"),
+        ("W-PUBLISHED", 0.0, "caution"),
+        ("W-REMOUNT", 14399.0, "caution"),
+        ("W-REMOUNT", 14400.0, "poor"),
     ],
 )
 def test_a_caveat_weighs_what_it_costs_in_8_hours(code: str, seconds: float, verdict: str) -> None:

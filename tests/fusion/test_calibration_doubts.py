@@ -1,0 +1,77 @@
+"""What is said of a calibration, or of a method, that the figures cannot rest on as usual."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusion.calibration import calibrate
+from fusion.choices import MethodName
+from fusion.elevation import Elevation, estimate_elevation
+from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.quality import flag_published, flag_untrusted_pose
+from fusion.recording import QualityFlag, Recording
+from fusion.sensor_errors.bias_track import GyroBias
+from tests.factories import hold
+
+
+def hang_and_raise() -> Recording:
+    return hold((0.0, 30.0), (60.0, 30.0), (0.0, 30.0)).recording
+
+
+def analyse_asked(*windows_s: tuple[float, float], method: MethodName = "smoothed") -> Analysis:
+    return analyse(hang_and_raise(), AnalysisSettings(method, "n-pose", windows_s))
+
+
+def find(analysis: Analysis, code: str) -> list[QualityFlag]:
+    return [flag for flag in analysis.quality.flags if flag.code == code]
+
+
+def range_of_median_deg(analysis: Analysis) -> float:
+    interval = analysis.exposure.intervals["elevation_p50_deg"]
+    assert interval is not None
+    return interval.high - interval.low
+
+
+@pytest.mark.parametrize(("end_s", "told"), [(3.0, 1), (6.9, 1), (7.0, 0), (12.0, 0)])
+def test_a_window_asked_for_that_is_shorter_than_5_s_is_told(end_s: float, told: int) -> None:
+    flags = find(analyse_asked((2.0, end_s)), "W-POSE-SHORT")
+
+    assert [(flag.first_s, flag.last_s) for flag in flags] == [(2.0, end_s)] * told
+
+
+def test_a_short_window_widens_the_range_of_the_figures() -> None:
+    # 3 deg for 5 s or more, 3 x sqrt(5 / 2) = 4.7 deg for 2 s, 6 deg for 1 s.
+    widths = [range_of_median_deg(analyse_asked((2.0, end_s))) for end_s in (12.0, 4.0, 3.0)]
+
+    assert widths[0] < widths[1] < widths[2]
+
+
+def lose(elevation: Elevation, first_s: float, end_s: float) -> Elevation:
+    """The same elevation with a stretch that is not trusted."""
+    (segment,) = elevation.segments
+    valid = segment.valid.copy()
+    valid[round(first_s * segment.rate_hz) : round(end_s * segment.rate_hz)] = False
+    return replace(elevation, segments=(replace(segment, valid=valid),))
+
+
+@pytest.mark.parametrize(("end_s", "told"), [(6.9, 0), (7.1, 1), (30.0, 1)])
+def test_a_calibration_of_which_half_is_not_trusted_is_in_doubt(end_s: float, told: int) -> None:
+    samples = calibrate(hang_and_raise(), "n-pose", ((2.0, 12.0),))
+
+    flags = flag_untrusted_pose(samples.calibration, lose(estimate_elevation(samples), 0.0, end_s))
+
+    assert [(flag.code, flag.first_s, flag.last_s) for flag in flags] == [("W-POSE-DOUBT", 2.0, 12.0)] * told
+
+
+def test_published_tells_how_far_the_offset_went_from_the_one_it_takes() -> None:
+    bias = GyroBias(np.array([0.0, 60.0]), np.array([[1.0, 0.0, 0.0], [1.0, 0.3, 0.4]]))
+
+    (flag,) = flag_published(bias, np.array([1.0, 0.0, 0.0]))
+
+    assert flag.facts == {"dps": 0.5}
+
+
+@pytest.mark.parametrize(("method", "told"), [("published", 1), ("smoothed", 0), ("live", 0)])
+def test_only_published_warns_of_its_weaknesses(method: MethodName, told: int) -> None:
+    assert len(find(analyse_asked((2.0, 12.0), method=method), "W-PUBLISHED")) == told
