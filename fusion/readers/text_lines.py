@@ -3,9 +3,9 @@
 # (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.readers.text_kernel import (
     BLANKS,
     COUNTER,
@@ -32,7 +32,7 @@ SHORTEST_RUN, LONGEST_RUN = 1, 1024
 """Lines that are tried together on the plain path; few enough that they stay in the processor's cache."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def parse_line(
     line: tuple[NDArray[np.uint8], int], row: int, rules: Rules, values: Values, tally: NDArray[np.int64]
 ) -> tuple[int, int]:
@@ -60,7 +60,16 @@ def parse_line(
     return next_line(buffer, at), int(kind == NUMBER)
 
 
-@njit(cache=True, nogil=True)
+@inner
+def has_all_columns(columns: NDArray[np.int64]) -> bool:
+    """Whether the six readings have a column each."""
+    for target in range(1, 7):  # noqa: SIM110 (numba compiles no generator expressions)
+        if columns[target] < 0:
+            return False
+    return True
+
+
+@kernel
 def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDArray[np.int64]) -> int:
     """Read all lines of a piece into the columns from ``row`` on; return the first row not filled.
 
@@ -69,8 +78,9 @@ def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDA
     linear where few lines are plain.
     """
     buffer, at, stop, marks, ends = piece
-    may_be_plain = rules[3][0] != SPACE and rules[2][1:].min() >= 0
-    n_lines, end_bytes = find_marks(buffer, (at, stop), rules[3][0], marks, ends) if may_be_plain else (0, 0)
+    n_lines, end_bytes = 0, 0
+    if rules[3][0] != SPACE and has_all_columns(rules[2]):
+        n_lines, end_bytes = find_marks(buffer, (at, stop), rules[3][0], marks, ends)
     line = 0
     run = SHORTEST_RUN
     while at < stop:
