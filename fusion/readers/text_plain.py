@@ -120,7 +120,7 @@ def take_values(
     return len(values)
 
 
-@inner
+@kernel
 def take_stamps(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -162,7 +162,7 @@ def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
     return scale_stamp(mantissa, 6 - decimals)
 
 
-@inner
+@kernel
 def take_calendars(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -204,22 +204,22 @@ def take_plain_stamps(
 
 
 @inner
-def take_plain_rows(
+def take_readings(
     buffer: NDArray[np.uint8],
     lines: tuple[Marks, Marks, int],
     rules: Rules,
     values: Values,
-    reach: tuple[int, int, int],
+    reach: tuple[int, int],
 ) -> int:
-    """Read the plain lines at the first mark; return how many.
+    """Read the six readings of the plain lines at the first mark; return how many lines.
 
     ``lines``: marks and ends as of :func:`fusion.readers.text_marks.find_marks`, from the line on, and how
-    many bytes end a line; ``reach``: first row to fill, how many lines at most, number of the first sample.
+    many bytes end a line; ``reach``: first row to fill, how many lines at most.
     """
     marks, ends, end_bytes = lines
     _, targets, columns, signs, scales = rules
-    acc, gyr, stamps = values
-    row, most, number = reach
+    acc, gyr, _ = values
+    row, most = reach
     n_columns = len(targets)
     rows = count_regular(ends, n_columns, most)
     dots = spread_mark(signs[1])
@@ -228,10 +228,30 @@ def take_plain_rows(
         step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
         taken = (acc if target < 4 else gyr)[row : row + rows, (target - 1) % 3]
         rows = take_values(buffer, marks[column:], step, (dots, scales[target]), taken)
+    return rows
+
+
+@inner
+def take_plain_rows(
+    buffer: NDArray[np.uint8],
+    lines: tuple[Marks, Marks, int],
+    rules: Rules,
+    values: Values,
+    reach: tuple[int, int, int],
+) -> int:
+    """Read the plain lines at the first mark as :func:`take_readings`, with their stamps; return how many.
+
+    ``reach``: as there, and the number of the first sample.
+    """
+    marks, _, end_bytes = lines
+    _, targets, columns, signs, _ = rules
+    _, _, stamps = values
+    row, most, number = reach
+    rows = take_readings(buffer, lines, rules, values, (row, most))
     if signs[2] == COUNTER:
         for k in range(rows):
             stamps[row + k] = number + k
         return rows
-    column = columns[STAMP]
+    n_columns, column = len(targets), columns[STAMP]
     step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
     return take_plain_stamps(buffer, marks[column:], step, rules, stamps[row : row + rows])

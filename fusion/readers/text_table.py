@@ -24,7 +24,7 @@ from fusion.readers.text_kernel import (
     Rules,
 )
 from fusion.readers.text_layout import TextLayout
-from fusion.readers.text_lines import parse_lines
+from fusion.readers.text_lines import parse_lines, parse_plain_lines
 from fusion.readers.text_marks import SPARE_MARKS
 from fusion.readers.text_stream import TextForm, drop_lines, read_line_pieces, read_text_pieces
 from fusion.recording import QualityFlag
@@ -113,7 +113,10 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
         columns.make_room(len(piece) // row_bytes + 1)
         values = (columns.acc, columns.gyr, columns.stamps)
         lines = (piece.buffer, piece.first, piece.stop, marks, ends)
-        columns.rows = parse_lines(lines, rules, values, columns.rows, tally)
+        columns.rows, at = parse_plain_lines(lines, rules, values, columns.rows, tally)
+        if at < piece.stop:
+            lines = (piece.buffer, at, piece.stop, marks, ends)
+            columns.rows = parse_lines(lines, rules, values, columns.rows, tally)
         done_bytes += len(piece)
         if not has_reserved and done_bytes > FORECAST_BYTES:
             has_reserved = True
