@@ -21,7 +21,8 @@ from app.cli import app
 from app.main import create_app
 from app.settings import Settings
 from fusion.errors import FusionError
-from tests.badfiles.expected import ALWAYS, BAD_FILES, PARTS, BadFile
+from tests.badfiles.expected import ALWAYS, BAD_FILES, PARTS
+from tests.badfiles.outcomes import BadFile
 from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_of
 
 HEAD = """# Bad inputs: expected and seen

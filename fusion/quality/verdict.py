@@ -15,9 +15,9 @@ NOTE, CAUTION, POOR = range(3)
 # Caveats that say how a file was read, or stand in words beside the figures; they do not lower the verdict.
 NOTES = frozenset(
     {
-        "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-UPLOAD", "W-ENCODING",
-        "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NPOSE", "W-ORDER", "W-OVERLAP", "W-PRECISION",
-        "W-SEC-COUNT", "W-TZ",
+        "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-FILE", "W-DUP-UPLOAD",
+        "W-ENCODING", "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NO-DATE", "W-NPOSE", "W-ORDER",
+        "W-OVERLAP", "W-PRECISION", "W-SEC-COUNT", "W-TZ", "W-UTC",
     }
 )  # fmt: skip
 GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-POSE-DOUBT", "W-SHORT", "W-UPSIDE"})

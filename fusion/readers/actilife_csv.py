@@ -17,13 +17,13 @@ from fusion.readers.gt3x_info import parse_offset_s
 from fusion.readers.held_rows import drop_held_rows
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
-from fusion.readers.stamp_repair import undo_daylight_saving
+from fusion.readers.table_clock import judge_clock, settle_changes, tell_clock
 from fusion.readers.text_evidence import flag_text, read_layout
 from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, IGNORED, STAMP
 from fusion.readers.text_layout import CALENDAR, TextLayout
 from fusion.readers.text_stream import decode_head, find_form
 from fusion.readers.text_table import TablePlan, read_table
-from fusion.readers.timing import datetime_at_us, hash_serial, trust_clock
+from fusion.readers.timing import hash_serial
 from fusion.recording import QualityFlag, Recording
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
@@ -58,26 +58,25 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     if plan.stamp_kind == CALENDAR_TIME:
-        start: datetime | None = datetime_at_us(int(rows.columns.stamps[0]))
-        changes = undo_daylight_saving(rows.columns.stamps)
+        clock = tell_clock(layout, plan, int(rows.columns.stamps[0]))
+        changes = settle_changes(rows, layout, plan)
         held = drop_held_rows(rows.columns)
         grid = cut_stamped(rows.columns)
     else:
-        start, changes = parse_start(header), ()
+        clock, changes = judge_clock(parse_start(header)), ()
         held = drop_held_rows(rows.columns)
         grid = cut_counted(rows.columns, header_rate_hz(header))
-    start, unset = trust_clock(start)
     flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, form, layout))
     if held:
         flags += (QualityFlag("W-STUCK-PART", held),)
     return Recording(
         device="gt9x",
         sha256="",
-        start=start,
-        time_zone=None,
+        start=clock.start,
+        time_zone=clock.time_zone,
         duration_us=grid.duration_us,
         segments=grid.segments,
-        flags=(*flags, *unset),
+        flags=(*flags, *clock.flags),
         understood=_describe(header, layout, rows.columns.rows),
         serial_hash=hash_serial(header.get("Serial Number", "")),
         acc_range_g=DEVICE_RANGES[0],

@@ -1,11 +1,12 @@
 """What a column's name says: which channel, which axis, which unit.
 
 The alias table was gathered from the layouts seen in the wild (libraries of Arduino, SparkFun, Adafruit,
-x-io, ActiLife, Xsens, phone loggers).
+x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
 """
 
 import math
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -14,10 +15,12 @@ Channel = Literal["acc", "gyr", "time", "counter", "other"]
 
 ACC_STEMS = frozenset(
     {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
+    | {"accelerometre"}
 )
 GYR_STEMS = frozenset(
     {"g", "gy", "gyr", "gyro", "gyroscope", "w", "omega", "rot", "rate", "rotation", "rotationrate"}
     | {"angularrate", "angularvelocity", "angvel", "angrate", "av"}
+    | {"gyrometre", "vitesseangulaire", "vitesserotation", "vitessederotation", "tauxderotation"}
 )
 TIME_STEMS = frozenset(
     {
@@ -38,6 +41,15 @@ TIME_STEMS = frozenset(
         "microseconds",
         "nanoseconds",
         "temps",
+        "horodatage",
+        "horodate",
+        "heure",
+        "dateheure",
+        "dateetheure",
+        "horloge",
+        "secondes",
+        "millisecondes",
+        "microsecondes",
         "epochtime",
         "systemtime",
         "devicetime",
@@ -50,7 +62,9 @@ TIME_STEMS = frozenset(
 COUNTER_STEMS = frozenset(
     {"index", "sample", "samples", "nsamples", "samplenumber", "packetcounter", "counter", "packet"}
     | {"row", "n", "samplecount", "count", "sequence", "seq"}
+    | {"compteur", "echantillon", "numero", "ligne", "paquet"}
 )
+AXIS_WORDS = ("axis", "axe")
 PREFIXES = ("lsm9ds1", "imu", "sensor", "raw", "cal", "calib", "calibrated")
 
 GRAVITY = 9.80665
@@ -61,16 +75,19 @@ ACC_UNITS_G = {
     "mm/s2": 1e-3 / GRAVITY,
 }
 DEG_PER_RAD = math.degrees(1.0)
-DEGREE_WORDS = ("dps", "deg/s", "degs", "deg/sec", "degrees/s", "degrees/sec", "degps", "degs-1")
+DEGREE_WORDS = (
+    *("dps", "deg/s", "degs", "deg/sec", "degrees/s", "degrees/sec", "degps", "degs-1"),
+    *("deg.s-1", "degres/s", "degre/s", "degres/sec"),
+)
 GYR_UNITS_DPS = {
     **dict.fromkeys(DEGREE_WORDS, 1.0),
     **dict.fromkeys(("mdps", "mdeg/s"), 1e-3),
     **dict.fromkeys(("rad/s", "rads", "rps", "rad/sec", "radps", "rads-1"), DEG_PER_RAD),
 }
 TIME_UNITS_EXPONENT = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 6),
-    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 3),
-    **dict.fromkeys(("us", "usec", "micros", "microseconds"), 0),
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "secondes"), 6),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds", "millisecondes"), 3),
+    **dict.fromkeys(("us", "usec", "micros", "microseconds", "microsecondes"), 0),
     **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), -3),
 }
 
@@ -104,7 +121,7 @@ def _tidy(name: str) -> str:
     text = name.strip().strip('"').strip().lower()
     for old, new in (("µ", "u"), ("μ", "u"), ("²", "2"), ("^", ""), ("°", "deg"), ("**", ""), ("·", ".")):
         text = text.replace(old, new)
-    return text
+    return "".join(sign for sign in unicodedata.normalize("NFD", text) if not unicodedata.combining(sign))
 
 
 def _split_bracketed(text: str) -> tuple[str, str | None]:
@@ -124,6 +141,8 @@ def _match_vector(name: str, plain: str, unit: str | None) -> Column | None:
     word = re.sub(r"[ _.\-]", "", stem)
     for prefix in PREFIXES:
         word = word.removeprefix(prefix) or word
+    for axis_word in AXIS_WORDS:
+        word = word.removesuffix(axis_word) or word
     channel: Channel = "acc" if word in ACC_STEMS else "gyr" if word in GYR_STEMS else "other"
     if channel == "other":
         return Column(name, "other") if word else None

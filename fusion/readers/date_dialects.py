@@ -1,96 +1,141 @@
 """Stamps written as people write them: `14/03/2026 08:00:00.01`, date and time apart, a zone behind.
 
-They are rewritten to the ISO form of the other tables before the rows are read, line by line.
+Here they are recognised; :mod:`fusion.readers.stamp_writing` rewrites them to the ISO form of the other
+tables before the rows are read.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from fusion.errors import UnusableTime
 
 DateOrder = Literal["ymd", "dmy", "mdy"]
-DAY = r"(?<![\d:/.\-])(\d{1,4})([/.\-])(\d{1,2})\2(\d{1,4})"
-BETWEEN = r"(T| +| *\"?[,;\t|]\"? *)"
-CLOCK = r"(\d{1,2}):(\d{2}):(\d{2}(?:[%s]\d+)?)( ?[AaPp][Mm])?(?:Z|[+\-]\d{2}:?\d{2})?(?![\d:])"
-NO_SECONDS = re.compile(DAY + BETWEEN + r"\d{1,2}:\d{2}(?: ?[AaPp][Mm])?(?![\d:])")
+FIELD_END = r"(?=[\" ]*(?:[,;\t|\r\n]|$))"
+ZONE = (
+    r"(?P<zone>Z(?![A-Za-z])|[+\-]\d{2}:?\d{2}(?!\d)|[+\-]\d{2}" + FIELD_END
+    + r"| [+\-]\d{2}:?\d{2}" + FIELD_END + r"| ?[A-Za-z]{1,5}" + FIELD_END + r")?(?:\[[\w/+\-]+\])?"
+)  # fmt: skip
+HALF = r"(?P<half> ?[AaPp]\.?[Mm]\.?(?![A-Za-z]))?"
+DATED = (
+    r"(?<![\d:/.\-])(?P<first>\d{1,4})(?P<mark>[/.\-])(?P<second>\d{1,2})(?P=mark)(?P<third>\d{1,4})"
+    r"(?P<between>T| +| *\"?[,;\t|]\"? *)(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<seconds>\d{2}(?:[%s]\d+)?)"
+    + HALF + ZONE + r"(?![\d:])"
+)  # fmt: skip
+COMPACT = (
+    r"(?<![\w.])(?P<first>\d{4})(?P<second>\d{2})(?P<third>\d{2})(?P<between>T)"
+    r"(?P<hour>\d{2})(?P<minute>\d{2})(?P<seconds>\d{2}(?:[%s]\d+)?)(?P<half>(?!))?" + ZONE + r"(?![\d:])"
+)
+UNDATED = (
+    r"^(?P<before>(?:[^:\n]*[,;\t|])?[\" ]*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
+    r":(?P<seconds>\d{2}(?:[%s]\d+)?)" + HALF + ZONE + r"(?=[\" ]*[,;\t| ])"
+)  # fmt: skip
+NO_SECONDS = re.compile(
+    r"(?<![\d:/.\-])\d{1,4}([/.\-])\d{1,2}\1\d{1,4}(?:T| +| *\"?[,;\t|]\"? *)"
+    r"\d{1,2}:\d{2}(?: ?[AaPp][Mm])?(?![\d:])"
+)
 MINUTES_ONLY = re.compile(r"(?<![\d:])\d{1,2}:\d{2}[.,]\d(?![\d:])")
 """What Excel shows of a time of day with a fraction: `58:00.1`, the hour left out."""
-PLAIN = re.compile(r"\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?+Z?(?![\d:+\- ]|[AaPp][Mm])")
-ZONE = re.compile(r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?(?:([+\-]\d{2}):?(\d{2}))")
+PLAIN = re.compile(r"\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d++)?+(Z?)(?![\w:+\- \[])")
+STAMP_LIKE = re.compile(r"\d:\d\d|\dT\d|\d{1,4}([/.\-])\d{1,2}\1\d{1,4}")
+NAMED_ZONES_H = {
+    **dict.fromkeys(("Z", "UT", "UTC", "GMT"), 0),
+    **dict.fromkeys(("PST",), -8),
+    **dict.fromkeys(("MST", "PDT"), -7),
+    **dict.fromkeys(("CST", "MDT"), -6),
+    **dict.fromkeys(("EST", "CDT", "HNE"), -5),
+    **dict.fromkeys(("EDT", "HAE"), -4),
+    **dict.fromkeys(("CET",), 1),
+    **dict.fromkeys(("CEST",), 2),
+}
+"""Hours east of UTC: RFC 5322 §4.3, the French names of Eastern time, Central European time."""
+LARGEST_OFFSET_S = 14 * 3600
 FORMAT_WORDS = re.compile(r"date[ _]format[ :=]+([Mdy])", re.IGNORECASE)
 SNIFFED_LINES = 400
 FIELDS_OF_A_ROW = 5
-NOON = 12
 
 
 @dataclass(frozen=True, slots=True)
 class DateDialect:
     """How stamps are written: a pattern over lines, and the order of day, month and year.
 
-    ``offset_s``: seconds east of UTC, where the first row tells them.
+    ``offset_s``: seconds east of UTC, where the first row tells them; ``has_date``: false where the stamps
+    are a time of day only; ``is_iso``: they are as the kernels read them, nothing is to be rewritten.
     """
 
     pattern: re.Pattern[str]
     order: DateOrder
     offset_s: int | None = None
-
-    def rewrite(self, text: str) -> str:
-        """Write every stamp as `2026-03-14T08:00:00.010`; a time column of its own is left empty."""
-        return self.pattern.sub(self._write, text)
-
-    def _write(self, found: re.Match[str]) -> str:
-        first, _, second, third, between, hour, minute, seconds, half = found.groups()
-        year, month, day = _sort_date((first, second, third), self.order)
-        kept = re.sub(r"[T \"]", "", between)
-        return f"{year}-{month:0>2}-{day:0>2}T{_count_hour(hour, half):02d}:{minute}:{seconds}{kept}"
-
-
-def _sort_date(parts: tuple[str, str, str], order: DateOrder) -> tuple[str, str, str]:
-    first, second, third = parts
-    return {"ymd": (first, second, third), "dmy": (third, second, first), "mdy": (third, first, second)}[
-        order
-    ]
-
-
-def _count_hour(hour: str, half: str | None) -> int:
-    if half is None:
-        return int(hour)
-    return int(hour) % NOON + (NOON if half.strip().lower() == "pm" else 0)
+    has_date: bool = True
+    is_iso: bool = False
 
 
 def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
-    """Tell how the rows of a table's head write date and time; None where they need no rewriting.
+    """Tell how the rows of a table's head write date and time; None where they are ISO without an offset.
 
     ``order`` is what a person said of day, month and year.
 
     Raises
     ------
     UnusableTime
-        Day and month cannot be told apart, or a spreadsheet has cut the seconds off.
+        Day and month cannot be told apart, a spreadsheet has cut the seconds off, a zone's name does not tell
+        its offset, or the stamps have a form that is not known.
     """
-    lines = [line for line in head.split("\n")[:SNIFFED_LINES] if _is_wide(line)]
-    if not any(":" in line for line in lines):
+    lines = {k: line for k, line in enumerate(head.split("\n")[:SNIFFED_LINES], 1) if _is_wide(line)}
+    if not any(STAMP_LIKE.search(line) for line in lines.values()):
         return None
-    mark = ".," if any(";" in line or "\t" in line for line in lines) else "."
-    pattern = re.compile(DAY + BETWEEN + CLOCK % mark)
-    found = [match for line in lines if (match := pattern.search(line))]
-    if not found:
-        _refuse_cut_times(lines)
-        return None
-    if all(PLAIN.search(line) for line in lines if pattern.search(line)):
-        return None
-    parts = [match.groups() for match in found]
-    return DateDialect(pattern, _find_order(parts, head, order), _find_offset_s(found[0].group()))
+    mark = ".," if any(";" in line or "\t" in line for line in lines.values()) else "."
+    for form in (DATED, COMPACT):
+        pattern = re.compile(form % mark)
+        found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
+        if found:
+            return _describe(pattern, found, (lines, head), order)
+    _refuse_cut_times(list(lines.values()))
+    pattern = re.compile(UNDATED % mark, re.MULTILINE)
+    found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
+    if 2 * len(found) > len(lines):
+        return DateDialect(pattern, "ymd", _find_offset_s(found), has_date=False)
+    _refuse_strange_stamps(lines)
+    return None
 
 
-def _find_offset_s(stamp: str) -> int | None:
-    zone = ZONE.search(stamp)
-    if zone is None:
+def _describe(
+    pattern: re.Pattern[str],
+    found: dict[int, re.Match[str]],
+    text: tuple[dict[int, str], str],
+    order: DateOrder | None,
+) -> DateDialect | None:
+    lines, head = text
+    plain = [PLAIN.search(lines[k]) for k in found]
+    if all(plain):
+        is_utc = all(match is not None and match.group(1) for match in plain)
+        return DateDialect(pattern, "ymd", 0, is_iso=True) if is_utc else None
+    parts = [(match["first"], match["second"], match["third"]) for match in found.values()]
+    return DateDialect(pattern, _find_order(parts, head, order), _find_offset_s(found))
+
+
+def _find_offset_s(found: dict[int, re.Match[str]]) -> int | None:
+    """The offset of the first row that tells one."""
+    for line, match in found.items():
+        if match["zone"]:
+            offset_s = parse_zone_s(match["zone"])
+            if offset_s is None:
+                raise UnusableTime(why="zone name", line=line)
+            return offset_s
+    return None
+
+
+def parse_zone_s(text: str) -> int | None:
+    """Seconds east of UTC of `-04:00`, `+0530`, `Z`, `EDT`; None for a name of more than one meaning."""
+    zone = text.strip().upper()
+    if zone in NAMED_ZONES_H:
+        return 3600 * NAMED_ZONES_H[zone]
+    if zone[0] not in "+-":
         return None
-    hours, minutes = int(zone.group(1)), int(zone.group(2))
-    return 3600 * hours + (-60 if zone.group(1).startswith("-") else 60) * minutes
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    offset_s = 3600 * int(digits[:2]) + 60 * int(digits[2:])
+    return None if offset_s > LARGEST_OFFSET_S else -offset_s if zone[0] == "-" else offset_s
 
 
 def _is_wide(line: str) -> bool:
@@ -103,30 +148,22 @@ def _refuse_cut_times(lines: Sequence[str]) -> None:
         raise UnusableTime(why="seconds")
 
 
+def _refuse_strange_stamps(lines: dict[int, str]) -> None:
+    """Refuse rows that hold a clock's time or a date which nothing here understands."""
+    strange = [k for k, line in lines.items() if re.search(r"\d:\d\d(?!\d)", line)]
+    if 2 * len(strange) > len(lines):
+        raise UnusableTime(why="form", line=strange[0])
+
+
 def _find_order(parts: Sequence[tuple[str, ...]], head: str, order: DateOrder | None) -> DateOrder:
     if all(len(part[0]) == 4 for part in parts):
         return "ymd"
     if max(int(part[0]) for part in parts) > 12:
         return "dmy"
-    if max(int(part[2]) for part in parts) > 12:
+    if max(int(part[1]) for part in parts) > 12:
         return "mdy"
     word = FORMAT_WORDS.search(head)
     told = order or ({"M": "mdy", "d": "dmy"}.get(word.group(1)) if word else None)
     if told not in ("dmy", "mdy"):
         raise UnusableTime(why="date-order")
     return "dmy" if told == "dmy" else "mdy"
-
-
-def rewrite_pieces(pieces: Iterable[bytes], dialect: DateDialect | None) -> Iterator[bytes]:
-    """Rewrite the stamps of pieces of any length, whole lines at a time."""
-    if dialect is None:
-        yield from pieces
-        return
-    carried = b""
-    for piece in pieces:
-        cut = piece.rfind(b"\n") + 1
-        if cut:
-            yield dialect.rewrite((carried + piece[:cut]).decode("latin-1")).encode("latin-1")
-            carried = b""
-        carried += piece[cut:]
-    yield dialect.rewrite(carried.decode("latin-1")).encode("latin-1")

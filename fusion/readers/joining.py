@@ -18,9 +18,9 @@ LONGEST_SPAN_US = 31 * 86_400 * MICROSECONDS
 def join_recordings(recordings: Sequence[Recording]) -> Recording:
     """Put recordings of one device one after the other by its clock.
 
-    Their order does not matter. The same file given twice counts once. At a seam up to 2 s of the later file
-    are dropped where the earlier one still runs (W-DUP). What lies between is missing (W-GAP). Where the
-    offset to UTC changed between two files, hours are told in that of the first (W-DST).
+    Their order does not matter. The same file given twice counts once (W-DUP-FILE). At a seam up to 2 s of
+    the later file are dropped where the earlier one still runs (W-DUP). What lies between is missing (W-GAP).
+    Where the offset to UTC changed between two files, hours are told in that of the first (W-DST).
 
     Raises
     ------
@@ -34,6 +34,9 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
         offset_us = round((start - starts[0]) / timedelta(microseconds=1))
         joined = _append(joined, recording, offset_us)
         joined = replace(joined, flags=(*joined.flags, *_flag_change(starts[0], start, offset_us)))
+    repeated = len(recordings) - len(ordered)
+    if repeated:
+        joined = replace(joined, flags=(*joined.flags, QualityFlag("W-DUP-FILE", repeated)))
     hashes = "\n".join(recording.sha256 for recording in ordered)
     return flag_days(
         replace(

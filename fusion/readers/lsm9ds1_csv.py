@@ -6,25 +6,23 @@ does not (:mod:`fusion.physics`). A preamble of `# key: value` lines may tell de
 
 import re
 from dataclasses import replace
-from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
 from fusion.errors import TooShort, UnknownColumns, UnknownRate
 from fusion.readers.columns import choose_vector
 from fusion.readers.grid import FASTEST_HZ, SLOWEST_HZ, Grid
-from fusion.readers.gt3x_info import name_offset
 from fusion.readers.profile import ColumnProfile, apply_profile
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
-from fusion.readers.stamp_repair import undo_daylight_saving
+from fusion.readers.table_clock import counts_since_1970, settle_changes, tell_clock
 from fusion.readers.table_plan import PACKET_NUMBERS, plan_table, wrap_us
 from fusion.readers.text_evidence import flag_text, read_layout
-from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, PAUSE
+from fusion.readers.text_kernel import COUNTER, PAUSE
 from fusion.readers.text_layout import TextLayout, find_layout
 from fusion.readers.text_stream import TextForm, decode_head, find_form
 from fusion.readers.text_table import TablePlan, TableRows, read_table
-from fusion.readers.timing import LARGEST_DRIFT, datetime_at_us, hash_serial, trust_clock
+from fusion.readers.timing import LARGEST_DRIFT, hash_serial
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 ARDUINO_BURST_ROWS = 119
@@ -88,7 +86,7 @@ def _read_planned(
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     first_stamp = int(rows.columns.stamps[0])
-    changes = undo_daylight_saving(rows.columns.stamps) if plan.stamp_kind == CALENDAR_TIME else ()
+    changes = settle_changes(rows, layout, plan)
     grid = _cut_rows(rows, plan, choose_rate_hz(layout, rate_hz))
     flags = (*changes, *grid.flags, *flag_text(source, form, layout), *flag_drift(layout, grid))
     return _build(layout, plan, rows, (grid, flags), first_stamp)
@@ -98,7 +96,8 @@ def _cut_rows(rows: TableRows, plan: TablePlan, rate_hz: float | None) -> Grid:
     if plan.counts_packets:
         return _cut_packets(rows, rate_hz)
     if plan.stamp_kind != COUNTER:
-        return cut_stamped(rows.columns, wrap_us(plan))
+        is_epoch = counts_since_1970(plan, int(rows.columns.stamps[0]))
+        return cut_stamped(rows.columns, 0 if is_epoch else wrap_us(plan))
     return cut_counted(rows.columns, rate_hz or find_burst_rate_hz(rows))
 
 
@@ -147,22 +146,19 @@ def _build(
 ) -> Recording:
     grid, caveats = timed
     facts = layout.facts()
-    start = find_start(facts, plan, first_stamp)
-    if start is not None and start.tzinfo is None and layout.dates and layout.dates.offset_s is not None:
-        start = start.replace(tzinfo=timezone(timedelta(seconds=layout.dates.offset_s)))
-    start, unset = trust_clock(start)
-    flags = (*rows.flags, *caveats, *unset)
+    clock = tell_clock(layout, plan, first_stamp)
+    flags = (*rows.flags, *caveats, *clock.flags)
     if plan.stamp_kind == COUNTER or plan.counts_packets:
         flags += (QualityFlag("W-RATE", facts={"rate_hz": round(1e6 / grid.period_us, 3)}),)
     return Recording(
         device=find_device(facts, layout),
         sha256="",
-        start=start,
-        time_zone=_name_zone(start) if start else None,
+        start=clock.start,
+        time_zone=clock.time_zone,
         duration_us=grid.duration_us,
         segments=grid.segments,
         flags=flags,
-        understood=_describe(layout, plan, grid, rows.columns.rows),
+        understood=_describe(layout, plan, (grid, rows.columns.rows), first_stamp),
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
         acc_range_g=_positive(facts.get("acc_range_g")),
         gyr_range_dps=_positive(facts.get("gyr_range_dps")),
@@ -186,19 +182,6 @@ def find_stated_hz(layout: TextLayout) -> float:
     return float(found.group()) if found else 0.0
 
 
-def find_start(facts: dict[str, str], plan: TablePlan, first_stamp_us: int) -> datetime | None:
-    """The clock at the first row: from the preamble, from a calendar column, or from an epoch; else None."""
-    text = facts.get("start", "")
-    if text:
-        try:
-            return datetime.fromisoformat(text)
-        except ValueError:
-            return None
-    if plan.stamp_kind == CALENDAR_TIME:
-        return datetime_at_us(first_stamp_us)
-    return None
-
-
 def find_device(facts: dict[str, str], layout: TextLayout) -> str:
     """Give "lsm9ds1" where the file says so or is in our own form for such loggers, "dot" for a Xsens DOT."""
     named = facts.get("device", "").lower()
@@ -206,11 +189,6 @@ def find_device(facts: dict[str, str], layout: TextLayout) -> str:
         return "lsm9ds1"
     is_dot = "devicetag" in facts and "sampletimefine" in (layout.header or "").lower()
     return "dot" if is_dot else "other"
-
-
-def _name_zone(start: datetime | None) -> str | None:
-    offset = start.utcoffset() if start else None
-    return None if offset is None else name_offset(round(offset.total_seconds()))
 
 
 def _positive(text: str | None) -> float | None:
@@ -221,12 +199,14 @@ def _positive(text: str | None) -> float | None:
     return value if 0 < value < 1e6 else None
 
 
-def _describe(layout: TextLayout, plan: TablePlan, grid: Grid, n_rows: int) -> dict[str, str]:
+def _describe(
+    layout: TextLayout, plan: TablePlan, timed: tuple[Grid, int], first_stamp: int
+) -> dict[str, str]:
+    grid, n_rows = timed
     acc, gyr = choose_vector(layout.columns, "acc"), choose_vector(layout.columns, "gyr")
     assert acc is not None
     assert gyr is not None
     used = {*acc, *gyr}
-    kinds = {0: "row number", 1: "number", 2: "calendar"}
     return {
         "layout": "table with header",
         "columns": ", ".join(column.name for column in layout.columns)[:400],
@@ -237,9 +217,25 @@ def _describe(layout: TextLayout, plan: TablePlan, grid: Grid, n_rows: int) -> d
         )[:400],
         "acceleration_unit": layout.columns[acc[0]].unit or "",
         "angular_rate_unit": layout.columns[gyr[0]].unit or "",
-        "time": "packet counter" if plan.counts_packets else kinds[plan.stamp_kind],
+        "time": _name_time(layout, plan, first_stamp),
         "time_exponent": str(plan.stamp_exponent),
-        "delimiter": {"\t": "tab", " ": "space"}.get(layout.delimiter, layout.delimiter),
+        "delimiter": _name_delimiter(layout),
         "jitter_us": f"{grid.jitter_us:.1f}",
         "samples": str(n_rows),
     }
+
+
+def _name_time(layout: TextLayout, plan: TablePlan, first_stamp: int) -> str:
+    """What the stamps are, in a word or two."""
+    if plan.counts_packets:
+        return "packet counter"
+    if counts_since_1970(plan, first_stamp):
+        return "number since 1970"
+    if layout.dates is not None and not layout.dates.has_date:
+        return "time of day"
+    return {0: "row number", 1: "number", 2: "calendar"}[plan.stamp_kind]
+
+
+def _name_delimiter(layout: TextLayout) -> str:
+    sign = " " if layout.is_single_spaced else layout.delimiter
+    return {"\t": "tab", " ": "space"}.get(sign, sign)

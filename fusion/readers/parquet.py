@@ -1,6 +1,7 @@
 """Parquet tables with columns named as in our CSV: `time_us` or `time_s`, `acc_x_g`, ..., `gyr_z_dps`."""
 
 from collections.abc import Iterator, Sequence
+from datetime import UTC
 
 import numpy as np
 import pyarrow as pa
@@ -19,8 +20,10 @@ from fusion.readers.columns import (
 from fusion.readers.samples import SampleColumns
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
+from fusion.readers.stamp_repair import undo_daylight_saving
+from fusion.readers.table_clock import TableClock, judge_clock, read_epoch
 from fusion.readers.text_kernel import LARGEST_VALUE
-from fusion.readers.timing import datetime_at_us, trust_clock
+from fusion.readers.timing import datetime_at_us
 from fusion.recording import QualityFlag, Recording
 
 MAGIC = b"PAR1"
@@ -54,7 +57,9 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
         raise DamagedFile from error
     if columns.rows == 0:
         raise TooShort(s=0.0)
-    return _build(columns, chosen, absent, rate_hz)
+    kinds = dict(zip(table.schema_arrow.names, table.schema_arrow.types, strict=True))
+    stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
+    return _build(columns, chosen, stamp_kind, (absent, rate_hz))
 
 
 def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
@@ -120,23 +125,40 @@ def _to_microseconds(stamps: pa.Array, column: Column) -> NDArray[np.int64]:
     return rounded
 
 
-def _build(columns: SampleColumns, chosen: Sequence[Column], absent: int, rate_hz: float | None) -> Recording:
-    has_time = len(chosen) == 7
+def _tell_clock(stamp_kind: pa.DataType | None, first_us: int) -> TableClock:
+    """Read the first stamp: Parquet keeps stamps with a zone in UTC, those without are a wall clock's."""
+    if stamp_kind is None or not pa.types.is_timestamp(stamp_kind):
+        return judge_clock(read_epoch(first_us) if stamp_kind is not None else None)
+    moment = datetime_at_us(first_us)
+    return judge_clock(moment.replace(tzinfo=UTC) if moment and stamp_kind.tz else moment)
+
+
+def _build(
+    columns: SampleColumns,
+    chosen: Sequence[Column],
+    stamp_kind: pa.DataType | None,
+    told: tuple[int, float | None],
+) -> Recording:
+    absent, rate_hz = told
+    has_time = stamp_kind is not None
     n_rows, first_us = columns.rows, int(columns.stamps[0])
     if not has_time and rate_hz is None:
         raise UnknownRate(h="-", m="-")
+    clock = _tell_clock(stamp_kind, first_us)
+    is_wall = has_time and clock.start is not None and clock.start.tzinfo is None
+    changes = undo_daylight_saving(columns.stamps) if is_wall else ()
     grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
-    is_calendar = has_time and chosen[0].unit is None
-    start, unset = trust_clock(datetime_at_us(first_us) if is_calendar else None)
-    flags = grid.flags if absent == 0 else (QualityFlag("W-NAN", absent), *grid.flags)
+    flags = (*changes, *grid.flags)
+    if absent:
+        flags = (QualityFlag("W-NAN", absent), *flags)
     return Recording(
         device="other",
         sha256="",
-        start=start,
-        time_zone=None,
+        start=clock.start,
+        time_zone=clock.time_zone,
         duration_us=grid.duration_us,
         segments=grid.segments,
-        flags=(*flags, *unset),
+        flags=(*flags, *clock.flags),
         understood={
             "layout": "Parquet",
             "columns": ", ".join(column.name for column in chosen),

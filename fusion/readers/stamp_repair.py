@@ -152,7 +152,8 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     missing, is taken for that. The stamps go on by the clock of the first row.
     """
     first_steps = np.diff(stamps[:FIRST_ROWS])
-    usual = float(np.median(first_steps)) if len(first_steps) else 0.0
+    advances = first_steps[first_steps > 0]  # many rows share a coarse stamp
+    usual = float(np.median(advances)) if len(advances) else 0.0
     flags: tuple[QualityFlag, ...] = ()
     for place in _find_long_steps(stamps, HOUR_US // 2):
         step_us = int(stamps[place + 1] - stamps[place])

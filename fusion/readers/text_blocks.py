@@ -9,9 +9,9 @@ any other form is left to :func:`fusion.readers.text_words.take_plain`.
 # (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import kernel
 from fusion.readers.text_marks import Marks
 from fusion.readers.text_words import (
     ALL_BITS,
@@ -37,7 +37,7 @@ Words = NDArray[np.uint64]
 """Shape (4, block): the first bytes of each field, its last eight, those before its decimals, its length."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather_words(
     buffer: NDArray[np.uint8], fields: Marks, step: tuple[int, int], decimals: int, words: Words
 ) -> None:
@@ -58,7 +58,7 @@ def gather_words(
         at += np.uintp(stride)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fold_words(
     words: Words, decimals: int, form: tuple[int, float, float], values: NDArray[np.float64]
 ) -> bool:

@@ -9,6 +9,7 @@ from functools import lru_cache
 from fusion.errors import AmbiguousDecimal, UnknownColumns
 from fusion.readers.columns import Column, understand_column
 from fusion.readers.date_dialects import DateDialect, DateOrder, find_dates
+from fusion.readers.stamp_writing import StampWriter
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 NUMBER = re.compile(r"\s*\"?\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*\"?\s*")
@@ -24,7 +25,9 @@ class TextLayout:
 
     ``header`` is the header line as it stands, None where there is none; ``first_line`` counts lines before
     the first row of numbers; ``preamble`` holds the lines before the header; ``sample_rows`` some rows,
-    split. ``dates``: how stamps are to be rewritten before the rows are read.
+    split. ``dates``: how stamps are written, where they are not ISO without an offset. ``is_single_spaced``:
+    each space of a row is a separator, with nothing between two of them where a value is absent; such rows
+    are read with their spaces as tabs.
     """
 
     delimiter: str
@@ -35,6 +38,7 @@ class TextLayout:
     preamble: tuple[str, ...]
     sample_rows: tuple[tuple[str, ...], ...]
     dates: DateDialect | None = None
+    is_single_spaced: bool = False
 
     @property
     def n_columns(self) -> int:
@@ -86,11 +90,12 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     UnknownColumns
         The rows have more fields than the header has names.
     fusion.errors.UnusableTime
-        Day and month cannot be told apart (``order`` is what a person says), or seconds are cut off.
+        The stamps cannot be understood, as :func:`fusion.readers.date_dialects.find_dates` says (``order`` is
+        what a person says of day, month and year).
     """
     dates = find_dates(head, order)
-    if dates is not None:
-        head = dates.rewrite(head)
+    if dates is not None and not dates.is_iso:
+        head = StampWriter(dates).rewrite(head)
     # only newlines count as line ends, as in the kernel: str.splitlines knows many more
     lines = [line.rstrip("\r") for line in head.split("\n")]
     lines = (lines[:-1] if len(lines) > 1 else lines)[:SNIFFED_LINES]
@@ -98,7 +103,21 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     delimiter = max(DELIMITERS, key=lambda mark: votes[mark])
     if votes[delimiter] == 0:
         return None
+    if delimiter == " " and (tabbed := _tab_single_spaces(lines)):
+        return replace(_describe(tabbed, "\t"), is_single_spaced=True)
     return replace(_describe(lines, delimiter), dates=dates)
+
+
+def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
+    """Write tabs for spaces where the header has a name for each space of a row, not for each run of them."""
+    rows = [k for k, line in enumerate(lines) if is_row(line, " ")]
+    header_at = _find_header(lines, rows[0], " ")
+    if header_at is None:
+        return None
+    width = len(lines[header_at].split(" "))
+    if any(len(lines[k].split(" ")) != width or len(lines[k].split()) == width for k in rows):
+        return None
+    return [line.replace(" ", "\t") if k >= header_at else line for k, line in enumerate(lines)]
 
 
 def _count_rows(lines: Sequence[str], delimiter: str) -> int:

@@ -3,16 +3,18 @@
 # (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.readers.text_kernel import (
     BLANKS,
+    CALENDAR_TIME,
     COUNTER,
     HEADERS,
     LINES,
     PAUSE,
     SAMPLES,
+    STAMP,
     Rules,
     Values,
     is_blank,
@@ -24,7 +26,7 @@ from fusion.readers.text_kernel import (
 )
 from fusion.readers.text_marks import Marks, find_marks
 from fusion.readers.text_numbers import NUMBER, SPACE
-from fusion.readers.text_plain import take_plain_rows
+from fusion.readers.text_plain import spread_mark, take_calendars, take_plain_rows, take_readings, take_stamps
 
 Piece = tuple[NDArray[np.uint8], int, int, Marks, Marks]
 """Buffer; first byte of the first line; first byte after the last one; room for ends of fields, of lines."""
@@ -32,7 +34,7 @@ SHORTEST_RUN, LONGEST_RUN = 1, 1024
 """Lines that are tried together on the plain path; few enough that they stay in the processor's cache."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def parse_line(
     line: tuple[NDArray[np.uint8], int], row: int, rules: Rules, values: Values, tally: NDArray[np.int64]
 ) -> tuple[int, int]:
@@ -60,7 +62,73 @@ def parse_line(
     return next_line(buffer, at), int(kind == NUMBER)
 
 
-@njit(cache=True, nogil=True)
+@inner
+def has_all_columns(columns: NDArray[np.int64]) -> bool:
+    """Whether the six readings have a column each."""
+    for target in range(1, 7):  # noqa: SIM110 (numba compiles no generator expressions)
+        if columns[target] < 0:
+            return False
+    return True
+
+
+@inner
+def find_lines(piece: Piece, rules: Rules) -> tuple[int, int]:
+    """Find the ends of fields and lines where the plain path can be tried; no lines where it cannot."""
+    buffer, first, stop, marks, ends = piece
+    if rules[3][0] == SPACE or not has_all_columns(rules[2]):
+        return 0, 0
+    return find_marks(buffer, (first, stop), rules[3][0], marks, ends)
+
+
+@kernel
+def take_plain_readings(piece: Piece, rules: Rules, values: Values, row: int) -> tuple[int, int]:
+    """Read the six readings of a piece's lines up to the first that is not plain.
+
+    Returns how many lines, and how many bytes end each; ``marks`` and ``ends`` are filled for the stamps.
+    """
+    buffer, _, _, marks, ends = piece
+    n_lines, end_bytes = find_lines(piece, rules)
+    line = 0
+    while line < n_lines:
+        most = min(LONGEST_RUN, n_lines - line)
+        lines = (marks[ends[line] :], ends[line:], end_bytes)
+        rows = take_readings(buffer, lines, rules, values, (row + line, most))
+        line += rows
+        if rows < most:
+            break
+    return line, end_bytes
+
+
+def parse_plain_lines(
+    piece: Piece, rules: Rules, values: Values, row: int, tally: NDArray[np.int64]
+) -> tuple[int, int]:
+    """Read lines up to the first that is not plain; return the first row not filled and first byte not read.
+
+    Most files hold no other lines. The careful path, and the kind of stamps that a file does not have, are
+    most of what there is to compile, and are left until they are needed.
+    """
+    buffer, first, _, marks, ends = piece
+    rows, end_bytes = take_plain_readings(piece, rules, values, row)
+    if rows == 0:
+        return row, first
+    _, targets, columns, signs, _ = rules
+    stamps, number = values[2][row : row + rows], int(tally[SAMPLES])
+    if signs[2] == COUNTER:
+        stamps[:] = np.arange(number, number + rows)
+    else:
+        column = int(columns[STAMP])
+        step = (len(targets), end_bytes - 1 if column == len(targets) - 1 else 0)
+        if signs[2] == CALENDAR_TIME:
+            rows = take_calendars(buffer, marks[column:], step, int(signs[0]), stamps)
+        else:
+            form = (np.uint64(spread_mark(int(signs[1]))), int(signs[3]))
+            rows = take_stamps(buffer, marks[column:], step, form, stamps)
+    tally[LINES] += rows
+    tally[SAMPLES] += rows
+    return row + rows, int(marks[ends[rows]]) + 1
+
+
+@kernel
 def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDArray[np.int64]) -> int:
     """Read all lines of a piece into the columns from ``row`` on; return the first row not filled.
 
@@ -69,8 +137,7 @@ def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDA
     linear where few lines are plain.
     """
     buffer, at, stop, marks, ends = piece
-    may_be_plain = rules[3][0] != SPACE and rules[2][1:].min() >= 0
-    n_lines, end_bytes = find_marks(buffer, (at, stop), rules[3][0], marks, ends) if may_be_plain else (0, 0)
+    n_lines, end_bytes = find_lines(piece, rules)
     line = 0
     run = SHORTEST_RUN
     while at < stop:

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner
 from fusion.readers.text_words import (
     NEWLINE,
     ONE,
@@ -48,7 +49,7 @@ def write_ends(ends: Marks, lines: int, found: int, word: int, newlines: int) ->
     return lines
 
 
-@njit(cache=True, nogil=True)
+@inner
 def find_marks(
     buffer: NDArray[np.uint8], span: tuple[int, int], delimiter: int, marks: Marks, ends: Marks
 ) -> tuple[int, int]:

@@ -8,25 +8,27 @@ at which all loops stop, so none needs a bounds check.
 # (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fusion.numba_kernels import inner
 
 NEWLINE, RETURN, SPACE, QUOTE, PLUS, MINUS, ZERO, NINE = 10, 13, 32, 34, 43, 45, 48, 57
 NUMBER, MISSING, UNREADABLE = 0, 1, 2
 LONGEST_MANTISSA = 18
+FOUR_DIGITS = 10_000
 
 POWERS = 10.0 ** np.arange(0, 320).clip(0, 308)
 WHOLE_POWERS = 10 ** np.arange(0, 19, dtype=np.int64)
 LARGEST_WHOLE = np.int64(9_000_000_000_000_000_000) // WHOLE_POWERS
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_end(byte: int, delimiter: int) -> bool:
     """Whether a field ends here."""
     return byte == delimiter or byte == NEWLINE or byte == RETURN  # noqa: PLR1714 (bare compares in the kernel)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def skip_field(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     """Go to the end of the field."""
     while not is_end(buffer[at], delimiter):
@@ -34,7 +36,7 @@ def skip_field(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     return at
 
 
-@njit(cache=True, nogil=True)
+@inner
 def skip_spaces(buffer: NDArray[np.uint8], at: int) -> int:
     """Go over spaces."""
     while buffer[at] == SPACE:
@@ -42,7 +44,7 @@ def skip_spaces(buffer: NDArray[np.uint8], at: int) -> int:
     return at
 
 
-@njit(cache=True, nogil=True)
+@inner
 def skip_padding(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     """Go over spaces and quotes."""
     while (buffer[at] == SPACE and delimiter != SPACE) or buffer[at] == QUOTE:
@@ -50,7 +52,7 @@ def skip_padding(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     return at
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_digits(buffer: NDArray[np.uint8], at: int, mantissa: int) -> tuple[int, int]:
     """Append the digits at ``at`` to the mantissa; return where they end and the new mantissa."""
     digit = np.int64(buffer[at]) - ZERO
@@ -61,7 +63,7 @@ def take_digits(buffer: NDArray[np.uint8], at: int, mantissa: int) -> tuple[int,
     return at, mantissa
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int) -> tuple[int, int]:
     """Mantissa and exponent of more digits than an int64 holds: the first 18 count."""
     mantissa = np.int64(0)
@@ -81,7 +83,7 @@ def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int
     return mantissa, exponent
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
     """Read `e-05`; return (where it began, 0) where no digit follows."""
     start = at
@@ -95,7 +97,7 @@ def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
     return end, -exponent if is_negative else exponent
 
 
-@njit(cache=True, nogil=True)
+@inner
 def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
     """Tell a value that is absent (empty, `-`, nan, inf, null, NA) from an unreadable one."""
     while at < end and (buffer[at] == PLUS or buffer[at] == MINUS or buffer[at] == SPACE):
@@ -115,7 +117,7 @@ def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
     return UNREADABLE
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_number(
     buffer: NDArray[np.uint8], at: int, delimiter: int, decimal: int
 ) -> tuple[int, int, int, int]:
@@ -146,7 +148,7 @@ def take_number(
     return end, np.int64(0), 0, classify_word(buffer, start, end)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def scale_decimal(mantissa: int, exponent: int) -> float:
     """Mantissa times a power of ten."""
     if exponent < 0:
@@ -154,7 +156,7 @@ def scale_decimal(mantissa: int, exponent: int) -> float:
     return mantissa * POWERS[min(exponent, 308)]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def scale_stamp(mantissa: int, exponent: int) -> int:
     """Mantissa times a power of ten, as a whole number rounded to the nearest."""
     if 0 <= exponent <= 18 and abs(mantissa) <= LARGEST_WHOLE[exponent]:
@@ -166,7 +168,7 @@ def scale_stamp(mantissa: int, exponent: int) -> int:
     return np.int64(value) if abs(value) < 9e18 else np.int64(0)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def count_days(year: int, month: int, day: int) -> int:
     """Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, days_from_civil)."""
     year -= int(month <= 2)
@@ -176,17 +178,21 @@ def count_days(year: int, month: int, day: int) -> int:
     return era * 146_097 + year_of_era * 365 + year_of_era // 4 - year_of_era // 100 + day_of_year - 719_468
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_calendar(buffer: NDArray[np.uint8], at: int, delimiter: int) -> tuple[int, int, int]:
     """Read `2019-02-14T08:58:00.0100000`; return where it ends, microseconds since 1970, what it is."""
-    parts = np.zeros(6, np.int64)
     at = skip_padding(buffer, at, delimiter)
     start = at
+    date, clock = np.int64(0), np.int64(0)  # three numbers of up to four digits each
     for k in range(6):
-        end, parts[k] = take_digits(buffer, at, np.int64(0))
+        end, part = take_digits(buffer, at, np.int64(0))
         if end == at or end - at > 4:
             end = skip_field(buffer, at, delimiter)
             return end, np.int64(0), classify_word(buffer, start, end)
+        if k < 3:
+            date = date * FOUR_DIGITS + part
+        else:
+            clock = clock * FOUR_DIGITS + part
         at = end + int(k < 5 and not is_end(buffer[end], delimiter))
     fraction_us = np.int64(0)
     if buffer[at] == 46 or (buffer[at] == 44 and delimiter != 44):
@@ -196,9 +202,9 @@ def take_calendar(buffer: NDArray[np.uint8], at: int, delimiter: int) -> tuple[i
     at = skip_padding(buffer, at, delimiter)
     if buffer[at] == 90:  # Z
         at += 1
-    is_sane = (
-        1 <= parts[1] <= 12 and 1 <= parts[2] <= 31 and parts[3] < 24 and parts[4] < 60 and parts[5] < 61
-    )
-    seconds = count_days(parts[0], parts[1], parts[2]) * 86_400 + parts[3] * 3600 + parts[4] * 60 + parts[5]
+    year, month, day = date // FOUR_DIGITS**2, date // FOUR_DIGITS % FOUR_DIGITS, date % FOUR_DIGITS
+    hour, minute, second = clock // FOUR_DIGITS**2, clock // FOUR_DIGITS % FOUR_DIGITS, clock % FOUR_DIGITS
+    is_sane = 1 <= month <= 12 and 1 <= day <= 31 and hour < 24 and minute < 60 and second < 61
+    seconds = count_days(year, month, day) * 86_400 + hour * 3600 + minute * 60 + second
     kind = NUMBER if is_sane and is_end(buffer[at], delimiter) else UNREADABLE
     return skip_field(buffer, at, delimiter), seconds * 1_000_000 + fraction_us, kind

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.readers.text_blocks import (
     BLOCK_ROWS,
     MOST_DECIMALS,
@@ -37,16 +38,18 @@ POINT = 46
 BYTE, SPACE_BYTE = np.uint64(255), np.uint64(SPACE)
 MINUTE_BYTES = 17
 """Of `2019-02-14T08:58:`, what all stamps of a minute begin with."""
+MARKS_OF_A_MINUTE = 1 << 4 | 1 << 7 | 1 << 10 | 1 << 13 | 1 << 16
+"""A bit for each of them that is no digit."""
 LONGEST_SECOND = 61
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def spread_mark(decimal: int) -> int:
     """The decimal mark as :func:`fusion.readers.text_words.take_plain` wants it."""
     return np.uint64(decimal ^ ZERO) * EVERY_BYTE
 
 
-@njit(cache=True, nogil=True)
+@inner
 def count_regular(ends: Marks, n_columns: int, most: int) -> int:
     """How many lines from here on have exactly ``n_columns`` fields."""
     rows = 0
@@ -63,7 +66,7 @@ def skip_padding(buffer: NDArray[np.uint8], at: int) -> int:
     return at
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_each(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -88,7 +91,7 @@ def take_each(
     return len(values)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_values(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -108,7 +111,8 @@ def take_values(
         if 1 <= usual <= MOST_DECIMALS and len(block) == BLOCK_ROWS:
             gather_words(buffer, places, step, usual, words)
             if fold_words(words, usual, (dots, POWERS[usual], factor), folded):
-                block[:] = folded
+                for row in range(BLOCK_ROWS):
+                    block[row] = folded[row]
                 continue
         taken = take_each(buffer, places, step, form, block)
         if taken < len(block):
@@ -116,7 +120,7 @@ def take_values(
     return len(values)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_stamps(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -137,17 +141,17 @@ def take_stamps(
     return len(stamps)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_minute(buffer: NDArray[np.uint8], at: int) -> bool:
     """Whether `2019-02-14T08:58:` stands here: digits, with one other byte after each number."""
     for k in range(MINUTE_BYTES):
         is_digit = ZERO <= buffer[at + k] <= NINE
-        if is_digit == (k in (4, 7, 10, 13, 16)):
+        if is_digit == bool(MARKS_OF_A_MINUTE >> k & 1):
             return False
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
     """Read `08.0100000` between ``at`` and ``stop`` as microseconds; -1 for any other form."""
     if stop < at + 2 or buffer[at] == MINUS or (stop > at + 2 and buffer[at + 2] != POINT):
@@ -158,7 +162,7 @@ def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
     return scale_stamp(mantissa, 6 - decimals)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_calendars(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -184,7 +188,7 @@ def take_calendars(
     return len(stamps)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def take_plain_stamps(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -199,23 +203,23 @@ def take_plain_stamps(
     return take_stamps(buffer, fields, step, (spread_mark(signs[1]), signs[3]), stamps)
 
 
-@njit(cache=True, nogil=True)
-def take_plain_rows(
+@inner
+def take_readings(
     buffer: NDArray[np.uint8],
     lines: tuple[Marks, Marks, int],
     rules: Rules,
     values: Values,
-    reach: tuple[int, int, int],
+    reach: tuple[int, int],
 ) -> int:
-    """Read the plain lines at the first mark; return how many.
+    """Read the six readings of the plain lines at the first mark; return how many lines.
 
     ``lines``: marks and ends as of :func:`fusion.readers.text_marks.find_marks`, from the line on, and how
-    many bytes end a line; ``reach``: first row to fill, how many lines at most, number of the first sample.
+    many bytes end a line; ``reach``: first row to fill, how many lines at most.
     """
     marks, ends, end_bytes = lines
     _, targets, columns, signs, scales = rules
-    acc, gyr, stamps = values
-    row, most, number = reach
+    acc, gyr, _ = values
+    row, most = reach
     n_columns = len(targets)
     rows = count_regular(ends, n_columns, most)
     dots = spread_mark(signs[1])
@@ -224,9 +228,30 @@ def take_plain_rows(
         step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
         taken = (acc if target < 4 else gyr)[row : row + rows, (target - 1) % 3]
         rows = take_values(buffer, marks[column:], step, (dots, scales[target]), taken)
+    return rows
+
+
+@inner
+def take_plain_rows(
+    buffer: NDArray[np.uint8],
+    lines: tuple[Marks, Marks, int],
+    rules: Rules,
+    values: Values,
+    reach: tuple[int, int, int],
+) -> int:
+    """Read the plain lines at the first mark as :func:`take_readings`, with their stamps; return how many.
+
+    ``reach``: as there, and the number of the first sample.
+    """
+    marks, _, end_bytes = lines
+    _, targets, columns, signs, _ = rules
+    _, _, stamps = values
+    row, most, number = reach
+    rows = take_readings(buffer, lines, rules, values, (row, most))
     if signs[2] == COUNTER:
-        stamps[row : row + rows] = np.arange(number, number + rows)
+        for k in range(rows):
+            stamps[row + k] = number + k
         return rows
-    column = columns[STAMP]
+    n_columns, column = len(targets), columns[STAMP]
     step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
     return take_plain_stamps(buffer, marks[column:], step, rules, stamps[row : row + rows])

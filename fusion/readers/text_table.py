@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.errors import CutByExcel, UnreadableRows
-from fusion.readers.date_dialects import rewrite_pieces
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
+from fusion.readers.stamp_writing import OffsetChange, StampWriter, rewrite_pieces
 from fusion.readers.text_kernel import (
     ABSENT,
     BAD,
@@ -24,7 +24,7 @@ from fusion.readers.text_kernel import (
     Rules,
 )
 from fusion.readers.text_layout import TextLayout
-from fusion.readers.text_lines import parse_lines
+from fusion.readers.text_lines import parse_lines, parse_plain_lines
 from fusion.readers.text_marks import SPARE_MARKS
 from fusion.readers.text_stream import TextForm, drop_lines, read_line_pieces, read_text_pieces
 from fusion.recording import QualityFlag
@@ -55,12 +55,16 @@ class TablePlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableRows:
-    """The rows that were read and what was met on the way."""
+    """The rows that were read and what was met on the way.
+
+    ``changes``: where the offset from UTC that the stamps carry changed.
+    """
 
     columns: SampleColumns
     tally: NDArray[np.int64]
     first_line: int
     is_cut: bool
+    changes: tuple[OffsetChange, ...] = ()
 
     @property
     def flags(self) -> tuple[QualityFlag, ...]:
@@ -99,14 +103,20 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
     done_bytes = 0
     has_reserved = False
     end = LastBytes()
-    pieces = rewrite_pieces(end.watch(read_text_pieces(source, form)), layout.dates)
+    writer = StampWriter(layout.dates) if layout.dates and not layout.dates.is_iso else None
+    pieces = rewrite_pieces(end.watch(read_text_pieces(source, form)), writer)
+    if layout.is_single_spaced:
+        pieces = (piece.replace(b" ", b"\t") for piece in pieces)
     for piece in drop_lines(read_line_pieces(pieces), layout.first_line):
         if len(marks) < len(piece) + SPARE_MARKS:
             marks, ends = (np.empty(len(piece) + SPARE_MARKS, np.int32) for _ in range(2))
         columns.make_room(len(piece) // row_bytes + 1)
         values = (columns.acc, columns.gyr, columns.stamps)
         lines = (piece.buffer, piece.first, piece.stop, marks, ends)
-        columns.rows = parse_lines(lines, rules, values, columns.rows, tally)
+        columns.rows, at = parse_plain_lines(lines, rules, values, columns.rows, tally)
+        if at < piece.stop:
+            lines = (piece.buffer, at, piece.stop, marks, ends)
+            columns.rows = parse_lines(lines, rules, values, columns.rows, tally)
         done_bytes += len(piece)
         if not has_reserved and done_bytes > FORECAST_BYTES:
             has_reserved = True
@@ -114,7 +124,8 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
                 round(1.02 * columns.rows * source.size_bytes / done_bytes) + len(piece) // row_bytes
             )
     columns.trim()
-    rows = TableRows(columns, tally, layout.first_line, not end.is_whole)
+    changes = tuple(writer.changes) if writer else ()
+    rows = TableRows(columns, tally, layout.first_line, not end.is_whole, changes)
     _refuse_rows(rows)
     return rows
 

@@ -3,52 +3,20 @@
 Times are those of the file of one minute: recorded = analysed + missing + excluded.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import datetime
 
 from tests.badfiles import gt3x_files as g
 from tests.badfiles import person_files as p
 from tests.badfiles import signal_files as s
 from tests.badfiles import table_files as t
+from tests.badfiles.clock_rows import CLOCKS
+from tests.badfiles.outcomes import given, read, refused
 from tests.fusion.gt3x_builder import INFO, T0, record
 from tests.fusion.table_builder import HEADER
 
 ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE"})
 """What any recording of an hour calibrated in the N-pose is told."""
 HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
-
-
-@dataclass(frozen=True, slots=True)
-class BadFile:
-    """A bad file and its outcome: a refusal, or a report with these warnings and times."""
-
-    row: str
-    name: str
-    make: Callable[[], bytes]
-    code: str | None = None
-    warnings: frozenset[str] = frozenset()
-    analysed_s: float = 60.0
-    missing_s: float = 0.0
-    excluded_s: float = 0.0
-
-
-def refused(row: str, name: str, make: Callable[[], bytes], code: str) -> BadFile:
-    return BadFile(row, name, make, code)
-
-
-def read(  # the times in the order in which they are printed
-    row: str,
-    name: str,
-    make: Callable[[], bytes],
-    warnings: str = "",
-    times_s: tuple[float, float, float] = (60.0, 0.0, 0.0),
-) -> BadFile:
-    return BadFile(row, name, make, None, frozenset(warnings.split()), *times_s)
-
-
-def given(content: bytes | str) -> Callable[[], bytes]:
-    return lambda: content.encode() if isinstance(content, str) else content
 
 
 CONTAINERS = (
@@ -160,6 +128,7 @@ INFO_AND_TIME = (
         g.with_info(INFO.replace("TimeZone: -05:00:00\r\n", ""), record(6, T0, b'{"UsedUtc":true}') + g.LOG),
         "W-TZ",
     ),
+    *CLOCKS,
     read("57 plus", "shift.gt3x", g.with_info(INFO.replace("-05:00:00", "05:30:00"))),
     read("57 minus", "shift.gt3x", g.with_info(INFO.replace("-05:00:00", "-03:30:00"))),
     read("57 garbage", "shift.gt3x", g.with_info(INFO.replace("-05:00:00", "rubbish")), "W-TZ"),
@@ -191,6 +160,10 @@ TABLES = (
     read("64", "shift.csv", given(t.wholes_first(600)), "W-LOCALE W-UNITS", (66.0, 0.0, 0.0)),
     read("65 tab", "shift.txt", given(t.canon().replace(",", "\t"))),
     refused("65 thousands", "shift.csv", given(t.thousands()), "E-COLS"),
+    read(
+        "65 single spaces", "shift.txt", given(t.single_spaces("// Update Rate: 100.0Hz\n")), "W-RATE W-UNITS"
+    ),
+    refused("65 single spaces, no rate", "shift.txt", given(t.single_spaces()), "E-RATE"),
     read("66", "shift.csv", t.line_changed(2000, lambda line: line + "\n" + HEADER), "W-HEADER-REPEAT"),
     refused("67", "shift.csv", given(t.canon().split("\n", 1)[1]), "E-COLS"),
     read("68", "shift.csv", given(t.canon()[:-20]), "W-TRUNC-TAIL W-SHORT", (59.99, 0.0, 0.0)),
@@ -250,6 +223,15 @@ TABLES = (
         given(t.calendar_table("%d/%m/%Y %H:%M:%S.%f", datetime(2026, 3, 4, 8))),  # noqa: DTZ001
         "E-TIME",
     ),
+    read("79 compact", "shift.csv", given(t.calendar_table("%Y%m%dT%H%M%S.%f"))),
+    read(
+        "79 no date, over midnight",
+        "shift.csv",
+        given(t.calendar_table("%H:%M:%S.%f", datetime(2026, 3, 14, 23, 59, 30))),  # noqa: DTZ001
+        "W-NO-DATE",
+    ),
+    read("79 AM", "shift.csv", given(t.zoned(" AM", "%I:%M:%S.%f")), "W-NO-DATE"),
+    refused("79 month's name", "shift.csv", given(t.month_names()), "E-TIME"),
     read("79 two columns", "shift.csv", given(t.date_and_time())),
     read("79 ActiLife", "shift.csv", given(t.actilife("dd/MM/yyyy", "14/03/2026"))),
     read("79 ActiLife lying", "shift.csv", given(t.actilife("dd/MM/yyyy", "03/14/2026"))),
@@ -268,6 +250,8 @@ TABLES = (
             )
         ),
     ),
+    read("83 French", "shift.csv", t.encoded(t.french_names()), "W-LOCALE"),
+    read("83 French, cp1252", "shift.csv", t.encoded(t.french_names(), "cp1252"), "W-LOCALE W-ENCODING"),
     refused("84 DTD", "shift.mvnx", given(f"{XML}<!DOCTYPE m [<!ENTITY a 'b'>]><mvnx/>"), "E-XML"),
     refused("84 entity", "shift.mvnx", given(f"{XML}<!DOCTYPE m SYSTEM 'http://[::1]/'><mvnx/>"), "E-XML"),
     refused("84 cut", "shift.mvnx", given(f"{XML}<mvnx version='4'><subject><frames>"), "E-XML"),

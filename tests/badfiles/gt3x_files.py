@@ -185,6 +185,16 @@ def never_set(first_unix_s: int) -> Callable[[], bytes]:
     return lambda: pack(SCHEMA + b"".join(second(k, stamp=stamps[k]) for k in SECONDS))
 
 
+def over_a_change(change_unix_s: int) -> bytes:
+    """A CentrePoint file that counts UTC and names its zone, whose clocks change after thirty seconds."""
+    metadata = (
+        b'{"MetadataType":"LocalTimeLog","UsedUtc":true,"UtcOffset":"-05:00:00",'
+        b'"Name":"(UTC-05:00) Eastern Time (US & Canada)"}'
+    )
+    log = SCHEMA + record(6, T0, metadata)
+    return pack(log + b"".join(second(k, stamp=change_unix_s - 30 - T0 + k) for k in SECONDS))
+
+
 def asleep(first: int, stop: int, *, leaves: bool = True) -> Callable[[], bytes]:
     """Idle sleep from one second to another, with no samples in between."""
 

@@ -134,6 +134,52 @@ def calendar_table(pattern: str, first: datetime = datetime(2026, 3, 14, 8, 0)) 
     return stamped(calendar(pattern, first=first), values(), "timestamp," + NAMES)
 
 
+def clock_changed(first: str, step_h: int, offsets: tuple[str, str] = ("", ""), after_s: int = 30) -> str:
+    """The minute by a wall clock that is changed once; its offset from UTC may stand behind each stamp."""
+    before = calendar("%Y-%m-%dT%H:%M:%S.%f", first=datetime.fromisoformat(first))
+    later = datetime.fromisoformat(first) + timedelta(hours=step_h)
+    after = calendar("%Y-%m-%dT%H:%M:%S.%f", first=later)
+    place = 100 * after_s
+    stamps = [stamp + offsets[0] for stamp in before[:place]] + [
+        stamp + offsets[1] for stamp in after[place:]
+    ]
+    return stamped(stamps, values(), "timestamp," + NAMES)
+
+
+def zoned(tail: str, pattern: str = "%Y-%m-%d %H:%M:%S.%f") -> str:
+    """Every stamp with the same word behind it: a zone, or the half of the day."""
+    return stamped([stamp + tail for stamp in calendar(pattern)], values(), "timestamp," + NAMES)
+
+
+def epoch(per_s: int, unit: str) -> str:
+    """Time since 1970 from 2026-03-14 08:00 UTC on."""
+    first_ms = 1_773_475_200_000
+    stamps_ms = range(first_ms, first_ms + 60_000, 10)
+    stamps = [f"{ms / 1000:.3f}" if per_s == 1 else str(ms * (per_s // 1000)) for ms in stamps_ms]
+    return stamped(stamps, values(), f"timestamp_{unit}," + NAMES)
+
+
+def month_names() -> str:
+    return calendar_table("%d %b %Y %H:%M:%S.%f")
+
+
+def french_names() -> str:
+    """As a French program exports: accents, `;`, decimal commas, degrees in the unit."""
+    header = ";".join(
+        ["Horodatage (µs)"]
+        + [f"Accéléromètre {axis} (g)" for axis in "XYZ"]
+        + [f"Gyroscope {axis} (°/s)" for axis in "XYZ"]
+    )
+    return header + "\n" + french(canon().split("\n", 1)[1])
+
+
+def single_spaces(preamble: str = "") -> str:
+    """Xsens' export with spaces: nothing stands between two of them where a value is absent."""
+    header = "PacketCounter SampleTimeFine Acc_X Acc_Y Acc_Z Gyr_X Gyr_Y Gyr_Z"
+    rows = "".join(f"{k:05d}  {row.replace(',', ' ')}\n" for k, row in enumerate(values()))
+    return f"{preamble}{header}\n{rows}"
+
+
 def date_and_time() -> str:
     stamps = [stamp.replace(" ", ",") for stamp in calendar("%Y-%m-%d %H:%M:%S.%f")]
     return stamped(stamps, values(), "date,time," + NAMES)

@@ -14,7 +14,8 @@ from app.report.messages import describe_problem
 from app.report.wording import LANGUAGES, Language
 from app.settings import Settings
 from fusion.errors import FusionError
-from tests.badfiles.expected import ALWAYS, BAD_FILES, BadFile
+from tests.badfiles.expected import ALWAYS, BAD_FILES
+from tests.badfiles.outcomes import BadFile
 from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_of
 
 REFUSED = [bad for bad in BAD_FILES if bad.code]

@@ -12,7 +12,8 @@ from app.settings import Settings
 from fusion.angle_files import read_angle_file, tell_layout
 from fusion.pipeline import Analysis, analyse, analyse_angle_file
 from fusion.readers import read_recording
-from tests.badfiles.expected import ALWAYS, BadFile
+from tests.badfiles.expected import ALWAYS
+from tests.badfiles.outcomes import BadFile
 
 
 @cache

@@ -27,6 +27,42 @@ def test_column_names_of_the_wild_are_understood(header: str) -> None:
     assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
 
 
+FRENCH = "Accéléromètre X (g);Accéléromètre Y (g);Accéléromètre Z (g)"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        f"Horodatage (ms);{FRENCH};Gyroscope X (°/s);Gyroscope Y (°/s);Gyroscope Z (°/s)",
+        f"Temps [millisecondes];{FRENCH};Gyromètre X (°/s);Gyromètre Y (°/s);Gyromètre Z (°/s)",
+        "Temps (ms);Accél. X (g);Accél. Y (g);Accél. Z (g);"
+        + ";".join(f"Vitesse angulaire axe {axis} (degrés/s)" for axis in "XYZ"),
+    ],
+)
+def test_french_names_with_accents_and_units_are_understood(header: str, encoding: str) -> None:
+    rows = "".join(f"{10 * k};{line(k).replace(',', ';').replace('.', ',')}\n" for k in range(900))
+
+    recording = read_text((header + "\n" + rows).encode(encoding))
+
+    units = (recording.understood["acceleration_unit"], recording.understood["angular_rate_unit"])
+    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
+    assert recording.duration_us == 9_000_000
+    assert units in {("g", "deg/s"), ("g", "degres/s")}
+
+
+def test_french_units_are_converted() -> None:
+    header = (
+        "Horodatage;Accélération X (m/s²);Accélération Y (m/s²);Accélération Z (m/s²);Gyro X;Gyro Y;Gyro Z"
+    )
+    rows = "".join(f"2026-03-02 08:00:{k / 100:05.2f};0;0;9.80665;0;{k % 2};1\n" for k in range(900))
+
+    recording = read_text(header + "\n" + rows)
+
+    assert recording.segments[0].acc_g[0] == pytest.approx([0.0, 0.0, 1.0])
+    assert recording.duration_us == 9_000_000
+
+
 def test_columns_in_another_order_with_strangers_between_are_found() -> None:
     header = "temp_c,gyr_z_dps,gyr_y_dps,gyr_x_dps,mag_x,acc_z_g,acc_y_g,acc_x_g,time_ms"
     text = header + "\n" + "".join(f"21.5,3,2,1,99,1,0.02,0.01,{10 * k}\n" for k in range(900))

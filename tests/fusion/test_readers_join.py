@@ -50,6 +50,14 @@ def test_the_same_file_twice_counts_once() -> None:
     assert joined.duration_us == 20_000_000
 
 
+def test_the_same_file_given_three_times_is_said() -> None:
+    joined = read_recordings([part(0, 20), part(20, 40), part(0, 20), part(0, 20)])
+
+    (flag,) = joined.flags
+    assert joined.duration_us == 40_000_000
+    assert (flag.code, flag.count) == ("W-DUP-FILE", 2)
+
+
 def test_a_second_that_both_files_hold_is_counted_once() -> None:
     joined = read_recordings([part(0, 20), part(19, 40)])
 

@@ -40,6 +40,17 @@ def test_a_person_can_tell_the_rate() -> None:
     assert read_text(export(list(range(2000)), ""), rate_hz=100.0).duration_us == 20_000_000
 
 
+def test_an_export_with_single_spaces_keeps_its_empty_fields() -> None:
+    text = export(list(range(2000)))
+    spaced = PREAMBLE + text.removeprefix(PREAMBLE).replace("\t", " ")
+
+    recording = read_text(spaced)
+
+    assert (recording.duration_us, recording.understood["delimiter"]) == (20_000_000, "space")
+    assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
+    assert codes(recording) == codes(read_text(text))
+
+
 def test_packets_that_were_lost_are_missing() -> None:
     recording = read_text(export([*range(1000), *range(1300, 2300)]))
 

@@ -1,0 +1,90 @@
+"""What the stamps of a table say of the clock: when it began, by which offset, and whether that changed."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, timezone
+
+from fusion.readers.gt3x_info import name_offset
+from fusion.readers.stamp_repair import undo_daylight_saving
+from fusion.readers.stamp_writing import flag_changes
+from fusion.readers.text_kernel import CALENDAR_TIME, NUMERIC_TIME
+from fusion.readers.text_layout import TextLayout
+from fusion.readers.text_table import TablePlan, TableRows
+from fusion.readers.timing import datetime_at_us, is_clock_set, trust_clock
+from fusion.recording import QualityFlag
+
+
+@dataclass(frozen=True, slots=True)
+class TableClock:
+    """The clock at the first row, its zone as the file tells it, and what is to be said of them."""
+
+    start: datetime | None
+    time_zone: str | None
+    flags: tuple[QualityFlag, ...]
+
+
+def settle_changes(rows: TableRows, layout: TextLayout, plan: TablePlan) -> tuple[QualityFlag, ...]:
+    """Take changes of the clock out of the stamps, in place, and say where they were.
+
+    Stamps with an offset were told by that of the first row as they were read; only of a bare wall clock has
+    an hour's step to be judged.
+    """
+    if plan.stamp_kind != CALENDAR_TIME:
+        return ()
+    if layout.dates is not None and layout.dates.offset_s is not None:
+        return flag_changes(rows.changes, int(rows.columns.stamps[0]))
+    return undo_daylight_saving(rows.columns.stamps)
+
+
+def read_epoch(first_stamp_us: int) -> datetime | None:
+    """Take a number for the time since 1970, in UTC, where no counter from power-on comes as far."""
+    moment = datetime_at_us(first_stamp_us)
+    return moment.replace(tzinfo=UTC) if moment is not None and is_clock_set(moment) else None
+
+
+def counts_since_1970(plan: TablePlan, first_stamp_us: int) -> bool:
+    """Whether the stamps of a table are numbers of that kind."""
+    is_number = plan.stamp_kind == NUMERIC_TIME and not plan.counts_packets
+    return is_number and read_epoch(first_stamp_us) is not None
+
+
+def tell_clock(layout: TextLayout, plan: TablePlan, first_stamp_us: int) -> TableClock:
+    """Read the clock at the first row: from the preamble, from a calendar column, or from an epoch.
+
+    An epoch (seconds, milli-, micro- or nanoseconds since 1970) counts UTC.
+    """
+    start = read_preamble_start(layout)
+    flags: tuple[QualityFlag, ...] = ()
+    if start is None and plan.stamp_kind == CALENDAR_TIME:
+        start = _read_stamp(layout, first_stamp_us)
+        if layout.dates is not None and not layout.dates.has_date and start is not None:
+            flags = (QualityFlag("W-NO-DATE", facts={"time_of_day": f"{start:%H:%M:%S}"}),)
+            start = None
+    elif start is None and counts_since_1970(plan, first_stamp_us):
+        start = read_epoch(first_stamp_us)
+    return judge_clock(start, flags)
+
+
+def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
+    """Keep a clock that can have been set; name its zone; say where it is UTC."""
+    start, unset = trust_clock(start)
+    offset = start.utcoffset() if start else None
+    if offset is None:
+        return TableClock(start, None, (*flags, *unset))
+    if not offset:
+        flags = (*flags, QualityFlag("W-UTC"))
+    return TableClock(start, name_offset(round(offset.total_seconds())), (*flags, *unset))
+
+
+def read_preamble_start(layout: TextLayout) -> datetime | None:
+    """`# start: 2026-03-02T07:58:00-05:00`; None where there is none that can be read."""
+    try:
+        return datetime.fromisoformat(layout.facts().get("start", ""))
+    except ValueError:
+        return None
+
+
+def _read_stamp(layout: TextLayout, stamp_us: int) -> datetime | None:
+    moment = datetime_at_us(stamp_us)
+    if moment is None or layout.dates is None or layout.dates.offset_s is None:
+        return moment
+    return moment.replace(tzinfo=timezone(timedelta(seconds=layout.dates.offset_s)))
