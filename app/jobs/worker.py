@@ -46,14 +46,15 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Everything a worker works with."""
+    """Everything a worker works with; ``make`` takes the place of the science where it is given."""
 
     store: JobStore
     storage: Storage
     settings: Settings
     watch: LeaseWatch
     stopping: threading.Event
-    make_report: MakeReport
+    cache: DecodedCache
+    make: MakeReport | None = None
 
 
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
@@ -64,8 +65,7 @@ def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
     store.check_belongs(storage.identify())
     watch = LeaseWatch(identify_self(), settings.lease_s)
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
-    chosen = make or partial(load_and_make_report, known=KnownLogs(cache=cache))
-    return Bench(store, storage, settings, watch, threading.Event(), chosen)
+    return Bench(store, storage, settings, watch, threading.Event(), cache, make)
 
 
 def run_next(bench: Bench) -> bool:
@@ -150,8 +150,14 @@ def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
             logger.error("%s: the stored recording %s is damaged", job.id, job.recording_id)
             return Refused(StoreDamaged.code, {})
         limits = choose_limits(bench.settings, job.size_bytes)
-        attempt = Attempt(log, request, out, bench.make_report, limits)
+        attempt = Attempt(log, request, out, _choose_road(bench, job), limits)
         return run_attempt(attempt, _Heart(bench, job.id, token).beat)
+
+
+def _choose_road(bench: Bench, job: Job) -> MakeReport:
+    """Give the one road, with the digest that was just compared: the child need not take it again."""
+    digests = () if job.request.joined else (job.sha256,)
+    return bench.make or partial(load_and_make_report, known=KnownLogs(digests, bench.cache))
 
 
 @contextmanager
