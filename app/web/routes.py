@@ -15,7 +15,7 @@ from app.web.library_views import find_neighbours, show_entry, show_library
 from app.web.rendering import find_base, show_page
 from app.web.views import format_size, now_utc, show_row, show_settings
 
-ASK_COLUMNS = frozenset({"E-COLS", "E-RATE", "E-SCALE", "E-TIME", "E-TYPE", "E-PROFILE"})
+ASK_COLUMNS = frozenset({"E-AXES", "E-COLS", "E-RATE", "E-SCALE", "E-TIME", "E-TYPE", "E-PROFILE"})
 """Refusals that a person may cure by saying what the columns are."""
 
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)

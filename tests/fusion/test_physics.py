@@ -13,13 +13,14 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def swinging_arm(duration_s: int = 240) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """An arm that turns by 60 deg in a second, rests for a second, and turns back, about x and y in turn.
+    """An arm that turns by 40 to 80 deg in a second, rests, and turns back, about x and y in turn.
 
-    Gravity in the sensor frame is the zenith turned by minus the angle, so that da/dt = a x w holds exactly.
+    No two swings are alike: of one and the same swing a rate several times as fast, once round more, would
+    tell as much. Gravity in the sensor frame is the zenith turned by minus the angle, so that da/dt = a x w holds exactly.
     """
     t = np.arange(int(duration_s * RATE_HZ)) / RATE_HZ
     phase = t % 4
-    angle = np.radians(60) * (
+    angle = np.radians(40.0 + 40.0 * (t // 4 * 0.618 % 1.0)) * (
         np.where(phase < 1, 0.5 - 0.5 * np.cos(np.pi * phase), 1.0)
         - np.where((phase > 2) & (phase < 3), 0.5 - 0.5 * np.cos(np.pi * (phase - 2)), 0.0)
         - np.where(phase >= 3, 1.0, 0.0)
@@ -76,12 +77,12 @@ def test_a_left_handed_frame_becomes_right_handed(axis: int) -> None:
     assert told(checked) == ["left-handed"]
 
 
-def test_a_gt9x_keeps_its_frame() -> None:
+def test_a_table_of_a_gt9x_is_judged_like_any_other() -> None:
     acc, gyr = swinging_arm()
 
     checked = check_physics(recording_of(acc * MIRROR, gyr * MIRROR, device="gt9x"))
 
-    assert checked.flags == ()
+    assert told(checked) == ["left-handed"]
 
 
 @pytest.mark.parametrize(
