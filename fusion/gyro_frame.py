@@ -47,12 +47,12 @@ LEAST_MISS_G = 0.02
 SAME_SHARE = 0.02
 """Two arrangements under which the turns differ by so little (squared) give the same angles."""
 SCALES = (0.25, 0.5, 0.7, 1.4, 2.0, 4.0)
-SCALE_TOLERANCE, AXIS_TOLERANCE = 0.08, 0.15
-"""The parts themselves are up to 5 % off, which the fusion finds and corrects by itself."""
+SCALE_TOLERANCE, AXIS_TOLERANCE = 0.05, 0.10
+"""Parts are up to 3 % off, which the fusion finds and corrects by itself (fusion.sensor_errors)."""
 SCALE_ERRORS = 6.0
 MOST_SEARCHED, MOST_REFINED = 50, 16
-OFFSET = np.eye(12)[:, 9:]
-"""Shape of a fit of nothing but the offset."""
+OFFSET = np.eye(15)[:, 9:]
+"""Shape of a fit of nothing but the offsets."""
 
 TURNS = tuple(
     np.array(signs)[:, None] * np.eye(3)[list(order)]
@@ -169,7 +169,7 @@ def _choose(search: "_Search", as_read: Arrangement, ranked: list[Arrangement]) 
 
 def measure_scale(windows: GravityWindows, chosen: Arrangement, factor: float) -> Scale:
     """What is left of the scale once the axes are arranged and a unit factor applied."""
-    start = GyroModel(factor * chosen.turn, chosen.model.drift_dps)
+    start = GyroModel(factor * chosen.turn, chosen.model.drift_dps, chosen.model.offset_g)
     overall = fit_model(windows, start, make_scale_basis(chosen.turn), factor)
     each = fit_model(windows, start, make_axes_basis(chosen.turn), factor)
     return Scale(
@@ -200,7 +200,7 @@ class _Search:
 
     def try_out(self, factor: float, turn: Table) -> Arrangement:
         gain = factor * turn
-        return self.measure(turn, GyroModel(gain, -gain @ self.offset_dps))
+        return self.measure(turn, GyroModel(gain, -gain @ self.offset_dps, np.zeros(3)))
 
     def measure(self, turn: Table, model: GyroModel) -> Arrangement:
         miss_g = measure_miss(self.windows, model)
@@ -214,7 +214,7 @@ class _Search:
 
     def stays(self, one: Arrangement) -> bool:
         """Whether a fit of all nine numbers surely stays by the arrangement."""
-        fit = fit_model(self.windows, one.model, np.eye(12), one.factor, rounds=6)
+        fit = fit_model(self.windows, one.model, np.eye(15), one.factor, rounds=6)
         away = np.abs(fit.model.gain / one.factor - one.turn).ravel()
         return bool(np.all(away + 3.0 * fit.errors[:9] < STRAY))
 
@@ -253,22 +253,22 @@ class _Search:
 
 
 def _start_search(windows: GravityWindows, offset_dps: Table, factors: Sequence[float]) -> _Search:
-    blind = GyroModel(np.zeros((3, 3)), np.zeros(3))
+    blind = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
     return _Search(windows, offset_dps, factors, measure_miss(windows, blind))
 
 
 def make_scale_basis(turn: Table) -> Table:
-    """One factor on all axes as they are arranged, and the offset, shape (12, 4)."""
-    basis = np.zeros((12, 4))
+    """One factor on all axes as they are arranged, and the offsets, shape (15, 7)."""
+    basis = np.zeros((15, 7))
     basis[:9, 0] = turn.ravel()
-    basis[9:, 1:] = np.eye(3)
+    basis[9:, 1:] = np.eye(6)
     return basis
 
 
 def make_axes_basis(turn: Table) -> Table:
-    """A factor on each of the axes as they are arranged, and the offset, shape (12, 6)."""
-    basis = np.zeros((12, 6))
+    """A factor on each of the axes as they are arranged, and the offsets, shape (15, 9)."""
+    basis = np.zeros((15, 9))
     for axis in range(3):
         basis[3 * axis : 3 * axis + 3, axis] = turn[axis]
-    basis[9:, 3:] = np.eye(3)
+    basis[9:, 3:] = np.eye(6)
     return basis

@@ -16,7 +16,7 @@ from fusion.errors import TooShort, WrongAxes, WrongScale
 from fusion.gravity_windows import GravityWindows, cut_windows
 from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
-from fusion.rest_probes import find_gyro_offset_dps, moving_mean, probe_blocks
+from fusion.rest_probes import find_gyro_offset_dps, measure_rests_g, moving_mean, probe_blocks
 
 STANDARD_GRAVITY = 9.80665
 DEG_PER_RAD = 180.0 / np.pi
@@ -35,6 +35,8 @@ ARDUINO_FACTOR = 0.07 / ARDUINO_DPS
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 1.0
+FEWEST_RESTS, UNEVEN_G = 20, 0.15
+"""Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 Matrix = NDArray[np.float64]
 
 
@@ -44,13 +46,14 @@ def check_physics(recording: Recording) -> Recording:
     Raises
     ------
     WrongScale
-        At rest the accelerometer reads something that no known unit makes 1 g.
+        At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
     WrongAxes
         The two sensors contradict each other, and no one order and sign of the axes puts it right.
     TooShort
         Less than a second, which tells nothing of a unit.
     """
     checked = _check_gravity(recording)
+    _refuse_uneven(checked)
     unit = checked.understood.get("angular_rate_unit", "deg/s")
     candidates = _rate_candidates(unit)
     windows = cut_windows(checked.segments)
@@ -60,6 +63,16 @@ def check_physics(recording: Recording) -> Recording:
     if evidence is None or not evidence.is_settled:
         return _assume(checked, unit, candidates[0], evidence)
     return _arrange(checked, unit, windows, evidence)
+
+
+def _refuse_uneven(recording: Recording) -> None:
+    """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
+    rests_g = measure_rests_g(recording.segments)
+    if len(rests_g) < FEWEST_RESTS:
+        return
+    low_g, high_g = np.quantile(rests_g, [0.02, 0.98]).tolist()
+    if high_g - low_g > UNEVEN_G:
+        raise WrongScale(low_g=round(low_g, 2), high_g=round(high_g, 2))
 
 
 def _assume(recording: Recording, unit: str, factor: float, evidence: FrameEvidence | None) -> Recording:

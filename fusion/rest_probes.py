@@ -12,6 +12,7 @@ PROBED_BLOCKS = 150
 BLOCK_S = 8.0
 STILL_S = 0.05
 OFFSET_S = 0.5
+STILL_G, STILL_DPS = 0.015, 3.0
 RESTING_PART = 0.02
 """The gyroscope rests where it scatters by less than this part of its liveliest stretch."""
 
@@ -53,6 +54,20 @@ def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float
             total -= acc_g[first, axis]
             squares -= np.float64(acc_g[first, axis]) ** 2
     return means, np.sqrt(scatter)
+
+
+def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
+    """Length of the mean acceleration of each half second in which neither sensor moves, shape (n,)."""
+    lengths = []
+    for segment, first, stop in probe_blocks(segments):
+        width = max(5, round(OFFSET_S * segment.rate_hz))
+        acc, gyr = (
+            samples[first : first + (stop - first) // width * width].astype(np.float64).reshape(-1, width, 3)
+            for samples in (segment.acc_g, segment.gyr_dps)
+        )
+        is_still = (acc.std(axis=1).max(axis=1) < STILL_G) & (gyr.std(axis=1).max(axis=1) < STILL_DPS)
+        lengths.append(np.linalg.norm(acc.mean(axis=1)[is_still], axis=1))
+    return np.concatenate(lengths) if lengths else np.zeros(0)
 
 
 def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:

@@ -64,6 +64,6 @@ def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]
 
 
 def _score_handedness(windows: GravityWindows, model: GyroModel) -> float:
-    turned = GyroModel(-model.gain, -model.drift_dps)
+    turned = GyroModel(-model.gain, -model.drift_dps, model.offset_g)
     right, left = (float((measure_miss(windows, one) ** 2).sum()) for one in (model, turned))
     return (left - right) / max(left + right, 1e-12)

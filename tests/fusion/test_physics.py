@@ -16,7 +16,8 @@ def swinging_arm(duration_s: int = 240) -> tuple[NDArray[np.float64], NDArray[np
     """An arm that turns by 40 to 80 deg in a second, rests, and turns back, about x and y in turn.
 
     No two swings are alike: of one and the same swing a rate several times as fast, once round more, would
-    tell as much. Gravity in the sensor frame is the zenith turned by minus the angle, so that da/dt = a x w holds exactly.
+    tell as much. Gravity in the sensor frame is the zenith turned by minus the angle, so that da/dt = a x w
+    holds exactly.
     """
     t = np.arange(int(duration_s * RATE_HZ)) / RATE_HZ
     phase = t % 4
