@@ -180,7 +180,7 @@ def refuse_impossible_rates(recording: Recording) -> Recording:
     WrongScale
     """
     for segment in recording.segments:
-        size = np.abs(segment.gyr_dps).max(initial=0.0)
+        size = max(segment.gyr_dps.max(initial=0.0), -segment.gyr_dps.min(initial=0.0))
         if size > MOST_DPS:
             row = int(np.flatnonzero(np.abs(segment.gyr_dps).max(axis=1) > MOST_DPS)[0])
             at_s = segment.start_s + row / segment.rate_hz
