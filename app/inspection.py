@@ -118,7 +118,8 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["jitter"], _tell_number(facts["jitter_us"], "us", words, language)),
         (words["rest"], _tell_number(facts["sanity"]["rest_g"], "g", words, language)),
         (words["handedness"], _tell_number(facts["sanity"]["handedness"], "", words, language)),
-        (words["gyro_scale"], _tell_number(facts["sanity"]["gyro_scale"], "", words, language)),
+        (words["axes"], facts["sanity"]["axes"] or words["unseen"]),
+        (words["gyro_scale"], _tell_scale(facts["sanity"], words, language)),
         *((f"  {name}", clean_text(str(value))) for name, value in facts["understood"].items() if value),
         (words["gaps"], _join((_tell_gap(gap, words, language) for gap in facts["gaps"]), words)),
         (words["warnings"], _join((_tell_warning(w, language) for w in facts["warnings"]), words)),
@@ -130,6 +131,13 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def _tell_scale(sanity: Mapping[str, Any], words: Words, language: Language) -> str:
+    if sanity["gyro_scale"] is None:
+        return str(words["unseen"])
+    scale, margin = (format_number(sanity[name], 3, language) for name in ("gyro_scale", "gyro_scale_margin"))
+    return f"{scale} ± {margin}"
 
 
 def _tell_number(value: float | None, unit: str, words: Words, language: Language) -> str:

@@ -157,9 +157,15 @@ class UnusableTime(UnusableRecording):
 
 
 class WrongScale(UnusableRecording):
-    """At rest the accelerometer does not read 1 g. Facts: g."""
+    """At rest no 1 g (facts: g; or low_g, high_g), or a rate that no part can read (dps)."""
 
     code = "E-SCALE"
+
+
+class WrongAxes(UnusableRecording):
+    """Gravity does not turn as the gyroscope says. Facts: percent (unexplained), turns."""
+
+    code = "E-AXES"
 
 
 class TooShort(UnusableRecording):

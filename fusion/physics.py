@@ -1,21 +1,22 @@
 """What every recording must obey: 1 g at rest, and gravity that turns as the gyroscope says.
 
-In the sensor frame gravity turns by da/dt = a x w. From moments at which the arm was still, gravity is
-carried along the gyroscope to the next still moment and compared with what the accelerometer reads there.
-The sign that fits tells a left-handed frame, the factor that fits tells the unit. Nothing is changed but on
-strong evidence; what is changed is flagged.
+The unit of the acceleration follows from 1 g at rest; unit, axes and scale of the gyroscope follow from the
+motion (:mod:`fusion.gyro_frame`). Nothing is changed but on strong evidence; what is changed is flagged, and
+what contradicts itself and cannot be put right is refused.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import timedelta
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import TooShort, WrongScale
+from fusion.errors import TooShort, WrongAxes, WrongScale
+from fusion.gravity_windows import GravityWindows, cut_windows
+from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
-from fusion.still_pairs import StillPair, find_still_pairs, moving_mean, probe_blocks, score_factor
+from fusion.rest_probes import find_gyro_offset_dps, measure_rests_g, moving_mean, probe_blocks
 
 STANDARD_GRAVITY = 9.80665
 DEG_PER_RAD = 180.0 / np.pi
@@ -34,42 +35,163 @@ ARDUINO_FACTOR = 0.07 / ARDUINO_DPS
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 1.0
-MIN_PAIRS = 20
-CLEAR_RATIO = 0.6
-WRONG_AXES, RIGHT_AXES = 0.5, 0.15
-"""Scores from which the axes are taken to be mixed up, and below which another order is believed."""
-RIVAL_RATIO = 2.0
-TURNS = [
-    (order, signs)
-    for order in itertools.permutations(range(3))
-    for signs in itertools.product((1.0, -1.0), repeat=3)
-]
+FEWEST_RESTS, UNEVEN_G = 20, 0.15
+"""Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
+Matrix = NDArray[np.float64]
 
 
 def check_physics(recording: Recording) -> Recording:
-    """Correct unit, frame and gyroscope scale where the evidence is strong, and flag it.
-
-    A GT9X tells its scales and has a right-handed frame: it comes through untouched unless 1 g at rest
-    fails.
+    """Correct unit, axes and gyroscope scale where the evidence is strong, and flag it.
 
     Raises
     ------
     WrongScale
-        At rest the accelerometer reads something that no known unit makes 1 g.
+        At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
+    WrongAxes
+        The two sensors contradict each other, and no one order and sign of the axes puts it right.
     TooShort
         Less than a second, which tells nothing of a unit.
     """
     checked = _check_gravity(recording)
-    if recording.device == "gt9x":
-        return checked
-    pairs = find_still_pairs(checked.segments)
-    rated = _check_rate_unit(checked, pairs)
-    if rated.segments[0].gyr_dps is not checked.segments[0].gyr_dps:
-        pairs = find_still_pairs(rated.segments)
-    checked, is_left_handed = _check_frame(rated, pairs)
-    if not is_left_handed:
-        checked = _check_axes(checked, pairs)
-    return _check_arduino(checked, is_left_handed=is_left_handed)
+    _refuse_uneven(checked)
+    unit = checked.understood.get("angular_rate_unit", "deg/s")
+    candidates = _rate_candidates(unit)
+    windows = cut_windows(checked.segments)
+    evidence = judge_frame(windows, find_gyro_offset_dps(checked.segments), candidates)
+    if evidence is not None and evidence.is_wrong:
+        raise WrongAxes(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
+    if evidence is None or not evidence.is_settled:
+        return _assume(checked, unit, candidates[0], evidence)
+    return _arrange(checked, unit, windows, evidence)
+
+
+def _refuse_uneven(recording: Recording) -> None:
+    """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
+    rests_g = measure_rests_g(recording.segments)
+    if len(rests_g) < FEWEST_RESTS:
+        return
+    low_g, high_g = np.quantile(rests_g, [0.02, 0.98]).tolist()
+    if high_g - low_g > UNEVEN_G:
+        raise WrongScale(low_g=round(low_g, 2), high_g=round(high_g, 2))
+
+
+def _assume(recording: Recording, unit: str, factor: float, evidence: FrameEvidence | None) -> Recording:
+    """Take the first unit, where the motion does not tell; say so where nothing else does."""
+    flags = [] if unit not in ("", "registers") else [_flag_rate(factor, "assumed")]
+    if evidence is not None and evidence.is_doubtful:
+        percent = round(100.0 * evidence.as_read.score)
+        flags.append(QualityFlag("W-AXES", facts={"percent": percent, "turns": evidence.lively}))
+    return _flag(_set_unit(recording, unit, factor), *flags)
+
+
+def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence) -> Recording:
+    """Apply what the motion says: unit, axes, then what is left of the scale."""
+    chosen, candidates = evidence.chosen, _rate_candidates(unit)
+    factor = _name_factor(chosen.factor, candidates)
+    arranged = _set_unit(recording, unit, factor)
+    if factor != 1.0:
+        arranged = _flag(arranged, _flag_rate(factor, "motion"))
+    arranged = _turn_axes(arranged, chosen.turn)
+    if _is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS):
+        return _undo_arduino(arranged)
+    return _correct_scale(arranged, measure_scale(windows, chosen, factor))
+
+
+def _name_factor(factor: float, candidates: Sequence[float]) -> float:
+    """The unit nearest to what fits; how far it is off is a matter of scale."""
+    return min(candidates, key=lambda named: abs(np.log(factor / named)) if factor > 0.0 else named)
+
+
+def _set_unit(recording: Recording, unit: str, factor: float) -> Recording:
+    scaled = scale_recording(recording, gyr_factor=factor)
+    if unit != "registers":
+        return scaled
+    return replace(scaled, gyr_range_dps=RANGES_DPS[SENSITIVITIES_DPS.index(factor)])
+
+
+def _flag_rate(factor: float, evidence: str) -> QualityFlag:
+    return QualityFlag("W-UNITS", facts={"what": "angular rate", "factor": factor, "evidence": evidence})
+
+
+def _flag(recording: Recording, *flags: QualityFlag) -> Recording:
+    return replace(recording, flags=(*recording.flags, *flags))
+
+
+def _is_mirrored(turn: Matrix) -> bool:
+    """Whether all three rates are the other way about, as in a left-handed frame."""
+    return bool(np.all(turn == -np.eye(3)))
+
+
+def _turn_axes(recording: Recording, turn: Matrix) -> Recording:
+    if np.all(turn == np.eye(3)):
+        return recording
+    if _is_mirrored(turn):
+        mirror = np.array([-1.0, 1.0, 1.0], np.float32)
+        segments = tuple(
+            replace(s, acc_g=s.acc_g * mirror, gyr_dps=s.gyr_dps * mirror) for s in recording.segments
+        )
+        facts: dict[str, str | int | float] = {"what": "left-handed", "evidence": "motion"}
+        return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
+    order, signs = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(np.float32)
+    segments = tuple(
+        replace(s, gyr_dps=np.ascontiguousarray(s.gyr_dps[:, order]) * signs) for s in recording.segments
+    )
+    facts = {"what": "axes", "evidence": "motion", "order": name_axes(turn)}
+    return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
+
+
+def name_axes(turn: Matrix) -> str:
+    """Which readings, with which signs, are the rates about x, y and z: "+x +y +z" as it should be."""
+    return " ".join(f"{'-' if row.sum() < 0 else '+'}{'xyz'[int(np.abs(row).argmax())]}" for row in turn)
+
+
+def _correct_scale(recording: Recording, scale: Scale) -> Recording:
+    """Multiply the rates by what the motion says, if it is surely more than parts are off."""
+    if scale.is_axis_off:
+        facts: dict[str, str | int | float] = {
+            "what": "scale of the axes",
+            "evidence": "motion",
+            **{f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", scale.axes, strict=True)},
+        }
+        factors = scale.axes.astype(np.float32)
+    elif scale.is_overall_off:
+        facts = {"what": "gyroscope scale", "evidence": "motion", "factor": round(scale.overall, 3)}
+        factors = np.full(3, scale.overall, np.float32)
+    else:
+        return recording
+    segments = tuple(replace(s, gyr_dps=s.gyr_dps * factors) for s in recording.segments)
+    return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
+
+
+def _undo_arduino(recording: Recording) -> Recording:
+    """Undo the library's gyroscope scale: its grid of values in the left-handed frame of an LSM9DS1.
+
+    The grid alone is no proof: parts with a true 2000/32768 deg/s per count share it, but are right-handed.
+    """
+    scaled = scale_recording(recording, gyr_factor=ARDUINO_FACTOR)
+    return _flag(replace(scaled, device="lsm9ds1"), _flag_rate(ARDUINO_FACTOR, "grid"))
+
+
+def refuse_impossible_rates(recording: Recording) -> Recording:
+    """Give the recording back unless it holds rates that no such part can read.
+
+    Raises
+    ------
+    WrongScale
+    """
+    for segment in recording.segments:
+        size = max(segment.gyr_dps.max(initial=0.0), -segment.gyr_dps.min(initial=0.0))
+        if size > MOST_DPS:
+            row = int(np.flatnonzero(np.abs(segment.gyr_dps).max(axis=1) > MOST_DPS)[0])
+            at_s = segment.start_s + row / segment.rate_hz
+            raise WrongScale(dps=round(float(size)), **_tell_place(recording, at_s))
+    return recording
+
+
+def _tell_place(recording: Recording, at_s: float) -> dict[str, str]:
+    if recording.start is None:
+        return {"clock": f"+{at_s:.2f} s"}
+    return {"clock": f"{recording.start + timedelta(seconds=at_s):%Y-%m-%d %H:%M:%S}"}
 
 
 def find_rest_g(segments: Sequence[Segment]) -> tuple[float, bool]:
@@ -136,95 +258,12 @@ def scale_recording(recording: Recording, acc_factor: float = 1.0, gyr_factor: f
     return replace(recording, segments=segments)
 
 
-def _check_rate_unit(recording: Recording, pairs: Sequence[StillPair]) -> Recording:
-    unit = recording.understood.get("angular_rate_unit", "deg/s")
-    candidates = _rate_candidates(unit)
-    default = candidates[0]
-    factor = default
-    if len(pairs) >= MIN_PAIRS:
-        scores = {k: min(score_factor(pairs, k), score_factor(pairs, -k)) for k in candidates}
-        best = min(scores, key=lambda k: scores[k])
-        if scores[best] < CLEAR_RATIO * scores[default] and scores[best] < 0.5:
-            factor = best
-    scaled = scale_recording(recording, gyr_factor=factor)
-    if unit == "registers":
-        scaled = replace(scaled, gyr_range_dps=RANGES_DPS[SENSITIVITIES_DPS.index(factor)])
-    if factor == 1.0 and unit not in ("", "registers"):
-        return scaled
-    if factor == 1.0 and len(pairs) >= MIN_PAIRS:
-        return scaled
-    evidence = "motion" if len(pairs) >= MIN_PAIRS else "assumed"
-    flag = QualityFlag("W-UNITS", facts={"what": "angular rate", "factor": factor, "evidence": evidence})
-    return replace(scaled, flags=(*scaled.flags, flag))
-
-
 def _rate_candidates(unit: str) -> tuple[float, ...]:
     if unit == "registers":
         return SENSITIVITIES_DPS
     if unit == "":
         return (1.0, DEG_PER_RAD, 1e-3, *SENSITIVITIES_DPS)
-    return (1.0, DEG_PER_RAD, 1 / DEG_PER_RAD)
-
-
-def _check_frame(recording: Recording, pairs: Sequence[StillPair]) -> tuple[Recording, bool]:
-    if len(pairs) < MIN_PAIRS:
-        return recording, False
-    as_is, turned = score_factor(pairs, 1.0), score_factor(pairs, -1.0)
-    if turned >= CLEAR_RATIO * as_is or turned >= 1.0:
-        return recording, False
-    mirror = np.array([-1.0, 1.0, 1.0], np.float32)
-    segments = tuple(
-        replace(s, acc_g=s.acc_g * mirror, gyr_dps=s.gyr_dps * mirror) for s in recording.segments
-    )
-    facts: dict[str, str | int | float] = {
-        "what": "left-handed",
-        "evidence": "motion",
-        "as_is": round(as_is, 3),
-        "turned": round(turned, 3),
-    }
-    flag = QualityFlag("W-UNITS", facts=facts)
-    return replace(recording, segments=segments, flags=(*recording.flags, flag)), True
-
-
-def _check_axes(recording: Recording, pairs: Sequence[StillPair]) -> Recording:
-    """Put the gyroscope's axes in the order and with the signs in which they explain how gravity turns.
-
-    Only where they do not as they are, exactly one other order does, and there are pairs enough.
-    """
-    if len(pairs) < MIN_PAIRS or score_factor(pairs, 1.0) < WRONG_AXES:
-        return recording
-    scores = sorted((score_factor([_turn(pair, *turn) for pair in pairs], 1.0), turn) for turn in TURNS)
-    (best, (order, signs)), (rival, _) = scores[0], scores[1]
-    if best > RIGHT_AXES or rival < RIVAL_RATIO * best or rival < WRONG_AXES:
-        return recording
-    segments = tuple(
-        replace(s, gyr_dps=np.ascontiguousarray(s.gyr_dps[:, order]) * np.array(signs, np.float32))
-        for s in recording.segments
-    )
-    names = " ".join(
-        f"{'-' if sign < 0 else '+'}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True)
-    )
-    facts: dict[str, str | int | float] = {"what": "axes", "evidence": "motion", "order": names}
-    flag = QualityFlag("W-UNITS", facts=facts)
-    return replace(recording, segments=segments, flags=(*recording.flags, flag))
-
-
-def _turn(pair: StillPair, order: tuple[int, ...], signs: tuple[float, ...]) -> StillPair:
-    return replace(pair, gyr_dps=np.ascontiguousarray(pair.gyr_dps[:, order]) * np.array(signs))
-
-
-def _check_arduino(recording: Recording, *, is_left_handed: bool) -> Recording:
-    """Undo the library's gyroscope scale: its grid of values in the left-handed frame of an LSM9DS1.
-
-    The grid alone is no proof: parts with a true 2000/32768 deg/s per count share it, but are right-handed.
-    """
-    if not (is_left_handed and is_on_grid(recording.segments, ARDUINO_DPS)):
-        return recording
-    scaled = scale_recording(recording, gyr_factor=ARDUINO_FACTOR)
-    flag = QualityFlag(
-        "W-UNITS", facts={"what": "angular rate", "factor": ARDUINO_FACTOR, "evidence": "grid"}
-    )
-    return replace(scaled, device="lsm9ds1", flags=(*scaled.flags, flag))
+    return (1.0, DEG_PER_RAD, 1 / DEG_PER_RAD, 1e-3, 1e3)
 
 
 def is_on_grid(segments: Sequence[Segment], step_dps: float) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 from fusion.errors import EmptyFile
-from fusion.physics import check_physics
+from fusion.physics import check_physics, refuse_impossible_rates
 from fusion.readers import actilife_csv, gt3x, lsm9ds1_csv, lsm9ds1_raw, parquet
 from fusion.readers.contents import check_extension, explain_refusal, name_content
 from fusion.readers.joining import join_recordings
@@ -88,7 +88,7 @@ def read_recording(
     else:
         recording = _read_recognised(content, rate_hz)
     hashed = replace(recording, sha256=sha256 or hash_source(source))
-    return flag_days(exclude_faults(check_physics(refuse_dead(hashed))))
+    return flag_days(refuse_impossible_rates(exclude_faults(check_physics(refuse_dead(hashed)))))
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:

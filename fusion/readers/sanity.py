@@ -3,41 +3,67 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.physics import find_rest_g
+from fusion.gravity_windows import GravityWindows, GyroModel, cut_windows, measure_miss
+from fusion.gyro_frame import judge_frame, measure_scale
+from fusion.physics import find_rest_g, name_axes
 from fusion.recording import Recording
-from fusion.still_pairs import StillPair, find_gyro_offset_dps, find_still_pairs, score_factor
+from fusion.rest_probes import find_gyro_offset_dps
 
-SCALES = np.geomspace(0.7, 1.4, 71)
-FEWEST_PAIRS = 5
+Table = NDArray[np.float64]
+WIDEST_MARGIN = 0.1
 
 
 def measure_sanity(recording: Recording) -> dict[str, object]:
-    """1 g at rest, the frame's handedness and the gyroscope's scale, as the data show them.
+    """1 g at rest, and the gyroscope's axes and scale, as the data show them.
 
-    ``rest_g``: length of the acceleration at still moments, None without any. ``handedness``: +1 wholly
-    right-handed, -1 wholly left-handed, from how well the angular rate and its opposite explain the turns of
-    gravity. ``gyro_scale``: the factor on the angular rate that explains them best; 1 where it is right. The
-    last two are None where fewer than five turns were seen. The recording is taken as it came through
+    ``rest_g``: length of the acceleration at still moments, None without any. ``turns``: windows of 8 s in
+    which gravity turned enough to tell something. ``handedness``: +1 wholly right-handed, -1 wholly
+    left-handed, from how well the angular rate and its opposite explain the turns. ``axes``: the readings
+    that explain them as rates about x, y and z, "+x +y +z" where all is right. ``gyro_scale``: the factor on
+    the rates that explains them best, 1 where it is right, give or take ``gyro_scale_margin`` (twice its
+    standard error); ``gyro_scale_axes`` the same for each axis, None where its margin is over 10 %. What
+    rests on turns is None where there are too few. The recording is taken as it came through
     :mod:`fusion.physics`: what was corrected there is among the warnings.
     """
     rest_g, is_still = find_rest_g(recording.segments)
-    pairs = find_still_pairs(recording.segments)
-    has_turns = len(pairs) >= FEWEST_PAIRS
-    offset_dps: NDArray[np.float64] = find_gyro_offset_dps(recording.segments)
+    offset_dps = find_gyro_offset_dps(recording.segments)
     return {
         "rest_g": round(rest_g, 4) if is_still else None,
         "gyro_offset_dps": [round(float(value), 3) for value in offset_dps],
-        "turns": len(pairs),
-        "handedness": round(_score_handedness(pairs), 3) if has_turns else None,
-        "gyro_scale": round(_find_scale(pairs), 3) if has_turns else None,
-        "unexplained_percent": round(100.0 * score_factor(pairs, 1.0), 2) if has_turns else None,
+        **_measure_turns(recording, offset_dps),
     }
 
 
-def _score_handedness(pairs: list[StillPair]) -> float:
-    as_is, turned = score_factor(pairs, 1.0), score_factor(pairs, -1.0)
-    return (turned - as_is) / max(turned + as_is, 1e-12)
+def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]:
+    windows = cut_windows(recording.segments)
+    evidence = judge_frame(windows, offset_dps, (1.0,))
+    if evidence is None:
+        none = (
+            "handedness",
+            "axes",
+            "gyro_scale",
+            "gyro_scale_margin",
+            "gyro_scale_axes",
+            "unexplained_percent",
+        )
+        return {"turns": 0, **dict.fromkeys(none)}
+    scale = measure_scale(windows, evidence.as_read, 1.0)
+    margins = 2.0 * scale.axes_errors
+    return {
+        "turns": evidence.lively,
+        "handedness": round(_score_handedness(windows, evidence.as_read.model), 3),
+        "axes": None if evidence.is_doubtful else name_axes(evidence.chosen.turn),
+        "gyro_scale": round(scale.overall, 3),
+        "gyro_scale_margin": round(2.0 * scale.error, 3),
+        "gyro_scale_axes": [
+            round(float(k), 3) if margin < WIDEST_MARGIN else None
+            for k, margin in zip(scale.axes, margins, strict=True)
+        ],
+        "unexplained_percent": round(100.0 * evidence.as_read.score, 2),
+    }
 
 
-def _find_scale(pairs: list[StillPair]) -> float:
-    return float(min(SCALES, key=lambda scale: score_factor(pairs, float(scale))))
+def _score_handedness(windows: GravityWindows, model: GyroModel) -> float:
+    turned = GyroModel(-model.gain, -model.drift_dps, model.offset_g)
+    right, left = (float((measure_miss(windows, one) ** 2).sum()) for one in (model, turned))
+    return (left - right) / max(left + right, 1e-12)

@@ -157,7 +157,7 @@ TABLES = (
     ),
     read("62", "shift.csv", given(t.french(t.canon())), "W-LOCALE"),
     refused("63", "shift.csv", given(t.french(t.canon().replace("time_us", "time_us"), ",")), "E-DECIMAL"),
-    read("64", "shift.csv", given(t.wholes_first(600)), "W-LOCALE W-UNITS", (66.0, 0.0, 0.0)),
+    read("64", "shift.csv", given(t.wholes_first(600)), "W-LOCALE", (66.0, 0.0, 0.0)),
     read("65 tab", "shift.txt", given(t.canon().replace(",", "\t"))),
     refused("65 thousands", "shift.csv", given(t.thousands()), "E-COLS"),
     read(
@@ -270,6 +270,37 @@ SIGNALS = (
     read("87 one sign", "shift.csv", s.tumbled(s.flip_gyro_y), "W-UNITS", (240.0, 0.0, 0.0)),
     read("87 left-handed", "shift.csv", s.tumbled(s.left_handed), "W-UNITS", (240.0, 0.0, 0.0)),
     read("87 right", "shift.csv", s.tumbled(s.leave), "", (240.0, 0.0, 0.0)),
+    *(
+        read(f"87 {name}", "shift.csv", s.tumbled(change), "W-UNITS", (240.0, 0.0, 0.0))
+        for name, change in (
+            ("acc xy swapped", s.order_acc(1, 0, 2)),
+            ("acc yz swapped", s.order_acc(0, 2, 1)),
+            ("acc xz swapped", s.order_acc(2, 1, 0)),
+            ("acc turned round", s.order_acc(1, 2, 0)),
+            ("gyro negated", s.negate_gyro),
+            ("gyro x0.5", s.multiply_gyro(0.5)),
+            ("gyro x0.87", s.multiply_gyro(0.87)),
+            ("gyro x1.3", s.multiply_gyro(1.3)),
+            ("gyro x2", s.multiply_gyro(2.0)),
+            ("gyro x0.001", s.multiply_gyro(0.001)),
+            ("gyro x1000", s.multiply_gyro(1000.0)),
+            ("gyro z x2", s.multiply_gyro(2.0, slice(5, 6))),
+        )
+    ),
+    *(
+        read(f"87 GT9X {name}", "shift.csv", s.tumbled(change, s.write_actilife), told, (240.0, 0.0, 0.0))
+        for name, change, told in (
+            ("right", s.leave, ""),
+            ("gyro negated", s.negate_gyro, "W-UNITS"),
+            ("gyro swapped", s.permute_gyro, "W-UNITS"),
+            ("gyro rad/s", s.multiply_gyro(0.0174533), "W-UNITS"),
+        )
+    ),
+    refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro), "E-AXES"),
+    refused("87 gyro noise", "shift.csv", s.tumbled(s.noise_for_gyro), "E-AXES"),
+    refused("87 acc x x1.5", "shift.csv", s.turned_all_round(s.stretch_acc(1.5)), "E-SCALE"),
+    read("86 mdps", "shift.csv", s.altered(s.multiply_gyro(1000.0)), "W-UNITS"),
+    refused("86 impossible rate", "shift.csv", s.altered(s.wild_at_rest), "E-SCALE"),
     read("88", "shift.csv", s.altered(s.throw, s.PREAMBLE + HEADER), "W-CLIP W-SHORT", (59.7, 0.0, 0.3)),
     refused("89 one axis", "shift.csv", s.altered(s.dead_axis), "E-DEAD"),
     refused("89 all zero", "shift.csv", s.altered(s.all_zero), "E-DEAD"),

@@ -5,15 +5,17 @@ from collections.abc import Callable
 import numpy as np
 
 from tests.badfiles.arm import Matrix, minute
-from tests.badfiles.table_files import changed
-from tests.fusion.made_motion import tumble
+from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, changed
+from tests.fusion.made_motion import rest_and_turn, tumble
 from tests.fusion.table_builder import HEADER
 
 PREAMBLE = "# acc_range_g: 16\n# gyr_range_dps: 2000\n"
 UNITLESS = "time_us,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"
 
 
-def tumbled(change: Callable[[Matrix], None]) -> Callable[[], bytes]:
+def tumbled(
+    change: Callable[[Matrix], None], write: Callable[[Matrix], str] = changed
+) -> Callable[[], bytes]:
     """Four minutes of turning about all axes with rests between, changed in place."""
 
     def make() -> bytes:
@@ -22,9 +24,56 @@ def tumbled(change: Callable[[Matrix], None]) -> Callable[[], bytes]:
         chance = np.random.default_rng(1)
         columns += chance.normal(0.0, 1.0, columns.shape) * ([0.002] * 3 + [0.1] * 3)
         change(columns)
+        return write(columns).encode()
+
+    return make
+
+
+def turned_all_round(change: Callable[[Matrix], None]) -> Callable[[], bytes]:
+    """Two minutes of rests in forty directions, changed in place."""
+
+    def make() -> bytes:
+        motion = rest_and_turn(40)
+        columns = np.hstack([motion.acc_g, motion.gyr_dps])
+        columns += np.random.default_rng(1).normal(0.0, 1.0, columns.shape) * ([0.002] * 3 + [0.1] * 3)
+        change(columns)
         return changed(columns).encode()
 
     return make
+
+
+def write_actilife(columns: Matrix) -> str:
+    """The export of a GT9X, as ActiLife writes it."""
+    rows = ("{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f}\n".format(*row) for row in columns.tolist())
+    head = ACTILIFE.format(order="M/d/yyyy", date="3/14/2026", epoch="00:00:00")
+    return head + ACTILIFE_COLUMNS + "\n" + "".join(rows)
+
+
+def multiply_gyro(factor: float, axes: slice = slice(3, 6)) -> Callable[[Matrix], None]:
+    """All rates, or one, times a factor."""
+
+    def change(columns: Matrix) -> None:
+        columns[:, axes] *= factor
+
+    return change
+
+
+def stretch_acc(factor: float) -> Callable[[Matrix], None]:
+    """One axis of the accelerometer times a factor."""
+
+    def change(columns: Matrix) -> None:
+        columns[:, 0] *= factor
+
+    return change
+
+
+def order_acc(*order: int) -> Callable[[Matrix], None]:
+    """The acceleration's columns in another order."""
+
+    def change(columns: Matrix) -> None:
+        columns[:, :3] = columns[:, order].copy()
+
+    return change
 
 
 def readings(times: int = 1) -> Matrix:
@@ -65,6 +114,25 @@ def permute_gyro(columns: Matrix) -> None:
 
 def flip_gyro_y(columns: Matrix) -> None:
     columns[:, 4] *= -1
+
+
+def negate_gyro(columns: Matrix) -> None:
+    columns[:, 3:] *= -1
+
+
+def delay_gyro(columns: Matrix) -> None:
+    """The gyroscope half a second late."""
+    columns[:, 3:] = np.roll(columns[:, 3:], 50, axis=0)
+
+
+def wild_at_rest(columns: Matrix) -> None:
+    """The arm hangs all the time; the gyroscope is in a unit of its own."""
+    columns[:] = columns[np.arange(len(columns)) % 1300]
+    columns[:, 3:] *= 1e5
+
+
+def noise_for_gyro(columns: Matrix) -> None:
+    columns[:, 3:] = np.random.default_rng(2).normal(0.0, 30.0, (len(columns), 3))
 
 
 def left_handed(columns: Matrix) -> None:

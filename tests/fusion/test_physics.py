@@ -4,22 +4,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import WrongScale
-from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics
+from fusion.errors import WrongAxes, WrongScale
+from fusion.gyro_frame import TURNS
+from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics, name_axes, refuse_impossible_rates
 from fusion.recording import Recording, Segment
+from tests.fusion.made_motion import rest_and_turn
 
 RATE_HZ = 100.0
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def swinging_arm(duration_s: int = 240) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """An arm that turns by 60 deg in a second, rests for a second, and turns back, about x and y in turn.
+    """An arm that turns by 40 to 80 deg in a second, rests, and turns back, about x and y in turn.
 
-    Gravity in the sensor frame is the zenith turned by minus the angle, so that da/dt = a x w holds exactly.
+    No two swings are alike: of one and the same swing a rate several times as fast, once round more, would
+    tell as much. Gravity in the sensor frame is the zenith turned by minus the angle, so that da/dt = a x w
+    holds exactly.
     """
     t = np.arange(int(duration_s * RATE_HZ)) / RATE_HZ
     phase = t % 4
-    angle = np.radians(60) * (
+    angle = np.radians(40.0 + 40.0 * (t // 4 * 0.618 % 1.0)) * (
         np.where(phase < 1, 0.5 - 0.5 * np.cos(np.pi * phase), 1.0)
         - np.where((phase > 2) & (phase < 3), 0.5 - 0.5 * np.cos(np.pi * (phase - 2)), 0.0)
         - np.where(phase >= 3, 1.0, 0.0)
@@ -76,12 +80,12 @@ def test_a_left_handed_frame_becomes_right_handed(axis: int) -> None:
     assert told(checked) == ["left-handed"]
 
 
-def test_a_gt9x_keeps_its_frame() -> None:
+def test_a_table_of_a_gt9x_is_judged_like_any_other() -> None:
     acc, gyr = swinging_arm()
 
     checked = check_physics(recording_of(acc * MIRROR, gyr * MIRROR, device="gt9x"))
 
-    assert checked.flags == ()
+    assert told(checked) == ["left-handed"]
 
 
 @pytest.mark.parametrize(
@@ -171,3 +175,67 @@ def test_a_right_handed_part_with_the_same_grid_keeps_its_scale() -> None:
 
 def test_the_arduino_factor_is_that_of_the_data_sheet() -> None:
     assert pytest.approx(1.14688) == ARDUINO_FACTOR
+
+
+def judged(change: NDArray[np.float64]) -> Recording:
+    """A right recording whose rates were read through a matrix, as it comes out."""
+    motion = rest_and_turn(80)
+    return check_physics(recording_of(motion.acc_g, motion.gyr_dps @ change.T, **STATED))
+
+
+@pytest.mark.parametrize("turn", TURNS[1:48:8], ids=name_axes)
+def test_order_and_signs_of_the_axes_are_undone(turn: NDArray[np.float64]) -> None:
+    motion = rest_and_turn(80)
+
+    checked = judged(turn)
+
+    (segment,) = checked.segments
+    mirror = MIRROR if told(checked) == ["left-handed"] else np.ones(3)
+    slope = np.gradient(segment.acc_g, 1 / RATE_HZ, axis=0)
+    expected = np.cross(segment.acc_g, np.radians(segment.gyr_dps))
+    assert np.corrcoef(slope.ravel(), expected.ravel())[0, 1] > 0.99
+    assert segment.acc_g == pytest.approx(motion.acc_g * mirror, abs=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.87, 1.3, 2.0])
+def test_a_scale_that_no_part_has_is_undone(factor: float) -> None:
+    checked = judged(factor * np.eye(3))
+
+    assert checked.flags[0].facts["factor"] == pytest.approx(1.0 / factor, rel=0.01)
+
+
+def test_a_scale_within_that_of_parts_is_left_to_the_fusion() -> None:
+    assert judged(1.02 * np.eye(3)).flags == ()
+
+
+def test_the_scale_of_one_axis_is_undone() -> None:
+    (flag,) = judged(np.diag([1.0, 1.0, 2.0])).flags
+
+    factors = [flag.facts[f"factor_{axis}"] for axis in "xyz"]
+    assert factors == pytest.approx([1.0, 1.0, 0.5], abs=0.01)
+
+
+def test_a_gyroscope_of_another_moment_is_refused() -> None:
+    motion = rest_and_turn(80)
+
+    with pytest.raises(WrongAxes):
+        check_physics(recording_of(motion.acc_g, np.roll(motion.gyr_dps, 300, axis=0), **STATED))
+
+
+def test_an_accelerometer_with_an_axis_of_another_scale_is_refused() -> None:
+    motion = rest_and_turn(80)
+
+    with pytest.raises(WrongScale) as refusal:
+        check_physics(recording_of(motion.acc_g * [1.0, 1.0, 1.4], motion.gyr_dps, **STATED))
+
+    assert set(refusal.value.facts) == {"low_g", "high_g"}
+
+
+def test_a_rate_that_no_part_can_read_is_refused_with_its_place() -> None:
+    acc, gyr = np.tile([0.0, 0.0, 1.0], (3000, 1)), np.zeros((3000, 3))
+    gyr[1000:1010] = 5000.0
+
+    with pytest.raises(WrongScale) as refusal:
+        refuse_impossible_rates(recording_of(acc, gyr, **STATED))
+
+    assert refusal.value.facts == {"dps": 5000, "clock": "+10.00 s"}

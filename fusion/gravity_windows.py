@@ -1,0 +1,226 @@
+"""Does gravity, carried along the gyroscope for eight seconds, stay where it was: the evidence for its axes.
+
+Within a window the acceleration of every row is turned into the frame of the first row by what the gyroscope
+says. There the mean of the second half must be that of the first: gravity stands still, and an arm's own
+acceleration averages to its change of speed, a few hundredths of g over four seconds. What is missing is the
+evidence for unit, sign, order and scale of the gyroscope's axes. Unlike moments picked because they look
+still, whole windows are not drawn to the turning points of a swing, where the arm's own acceleration would
+pass for a scale error of 10 %.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, sin, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.numba_kernels import kernel
+from fusion.recording import Segment
+
+Table = NDArray[np.float64]
+WINDOW_S = 8.0
+SHORTEST_S = 0.8
+"""Of a segment shorter than a window, the whole is one if it lasts so long."""
+ROW_S = 0.02
+MOST_WINDOWS = 150
+LIKELY_GAIN, LIKELY_DRIFT_DPS, LIKELY_OFFSET_G = 1.0, 15.0, 0.04
+"""How far a fit may stray from where it began (a gain, as a share of it), one standard deviation."""
+LEAST_SPREAD_G = 0.005
+RADIANS = np.pi / 180.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GravityWindows:
+    """Rows of about 20 ms of all windows, one after the other.
+
+    ``acc_g`` (m, 3); ``turn`` (m, 3): the gyroscope's reading times the period, from each row to the next, in
+    rad if it reads deg/s; ``first`` (n + 1,): where the windows begin; ``period_s`` (n,).
+    """
+
+    acc_g: Table
+    turn: Table
+    first: NDArray[np.int64]
+    period_s: Table
+
+    def __len__(self) -> int:
+        return len(self.period_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroModel:
+    """True rate = ``gain`` (3, 3) @ reading + ``drift_dps``; true acceleration = reading - ``offset_g``."""
+
+    gain: Table
+    drift_dps: Table
+    offset_g: Table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroFit:
+    """A fitted model, its free values less where they began, (p,), and their standard errors."""
+
+    model: GyroModel
+    values: Table
+    errors: Table
+
+
+def cut_windows(segments: Sequence[Segment], most: int = MOST_WINDOWS) -> GravityWindows:
+    """Windows of 8 s, each half over the one before, spread over the recording."""
+    places = []
+    for segment in segments:
+        rows = min(round(WINDOW_S * segment.rate_hz), len(segment))
+        if rows >= max(8, SHORTEST_S * segment.rate_hz):
+            places += [(segment, first, rows) for first in range(0, len(segment) - rows + 1, rows // 2)]
+    chosen = places[:: max(1, -(-len(places) // most))]
+    cut = [_cut_window(*place) for place in chosen]
+    if not cut:
+        return GravityWindows(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0))
+    acc, turn, period_s = zip(*cut, strict=True)
+    first = np.concatenate([[0], np.cumsum([len(part) for part in acc])]).astype(np.int64)
+    return GravityWindows(np.concatenate(acc), np.concatenate(turn), first, np.array(period_s))
+
+
+def _cut_window(segment: Segment, first: int, rows: int) -> tuple[Table, Table, float]:
+    """Means of 20 ms; the rate between two rows is a straight line."""
+    width = max(1, round(ROW_S * segment.rate_hz))
+    count = rows // width // 2 * 2
+    sensors = (segment.acc_g, segment.gyr_dps)
+    acc_g, gyr_dps = (
+        samples[first : first + count * width].reshape(count, width, 3).mean(axis=1, dtype=np.float64)
+        for samples in sensors
+    )
+    period_s = width / segment.rate_hz
+    turn = np.zeros_like(gyr_dps)
+    turn[:-1] = (gyr_dps[:-1] + gyr_dps[1:]) * (0.5 * period_s * RADIANS)
+    return acc_g, turn, period_s
+
+
+def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> GravityWindows:
+    """Some of the windows."""
+    lengths = np.diff(windows.first)[numbers]
+    rows = np.concatenate(
+        [np.arange(windows.first[k], windows.first[k + 1]) for k in numbers] or [np.zeros(0, np.int64)]
+    )
+    first = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    return GravityWindows(windows.acc_g[rows], windows.turn[rows], first, windows.period_s[numbers])
+
+
+def measure_miss(windows: GravityWindows, model: GyroModel) -> Table:
+    """How far, in g, gravity of the second half is from that of the first, shape (n,)."""
+    miss, _ = _carry(windows, model, has_slope=False)
+    return np.asarray(np.linalg.norm(miss, axis=1))
+
+
+def fit_model(
+    windows: GravityWindows, start: GyroModel, shape: Table, factor: float = 1.0, rounds: int = 8
+) -> GyroFit:
+    """Gauss-Newton with Cauchy weights from ``start`` along the columns of ``shape``, (15, p).
+
+    Rows of the shape: the gain row by row in units of ``factor``, the drift in units of 100 deg/s, and the
+    offset of the accelerometer in g. Without the last, an offset of 0.04 g passes for a scale error of 5 %.
+    """
+    origin = np.concatenate([start.gain.ravel(), start.drift_dps / 100.0, start.offset_g])
+    basis = shape * np.repeat([factor, 1.0], (9, 6))[:, None]
+    likely = np.select(
+        [shape[:9].any(axis=0), shape[9:12].any(axis=0)],
+        [LIKELY_GAIN, LIKELY_DRIFT_DPS / 100.0],
+        LIKELY_OFFSET_G,
+    )
+    prior = np.diag(1.0 / likely**2)
+    values, normal = np.zeros(basis.shape[1]), prior
+    for _ in range(rounds):
+        miss, slope = _carry(windows, _unpack(origin + basis @ values), has_slope=True)
+        slope = slope @ basis
+        square = (miss**2).sum(axis=1)
+        spread = max(float(np.median(square)) / 1.4, LEAST_SPREAD_G**2)
+        weight = 1.0 / (spread * (1.0 + square / (5.7 * spread)))
+        normal = np.einsum("w,wij,wik->jk", weight, slope, slope, optimize=True) + prior
+        wrong = np.einsum("w,wij,wi->j", weight, slope, miss, optimize=True) + prior @ values
+        step = np.linalg.solve(normal, wrong)
+        values = values - step
+        if np.abs(step).max() < 1e-4:
+            break
+    errors = np.sqrt(2.0 * np.diag(np.linalg.inv(normal)))  # windows lie half over each other
+    return GyroFit(_unpack(origin + basis @ values), values, errors)
+
+
+def _unpack(numbers: Table) -> GyroModel:
+    return GyroModel(numbers[:9].reshape(3, 3), numbers[9:12] * 100.0, numbers[12:])
+
+
+def _carry(windows: GravityWindows, model: GyroModel, *, has_slope: bool) -> tuple[Table, Table]:
+    """Misses (n, 3) and, if asked for, their slopes (n, 3, 15)."""
+    miss = np.zeros((len(windows), 3))
+    slope = np.zeros((len(windows) if has_slope else 0, 3, 15))
+    drift = model.drift_dps * RADIANS
+    gain = np.ascontiguousarray(model.gain, dtype=np.float64)
+    acc_g = windows.acc_g - model.offset_g
+    room = (np.empty((3, 3)), np.empty((3, 12)))
+    _carry_windows(acc_g, windows.turn, windows.first, windows.period_s, gain, drift, room, miss, slope)
+    slope[:, :, 9:12] *= 100.0 * RADIANS
+    return miss, slope
+
+
+@kernel
+def _carry_windows(  # noqa: C901, PLR0913, PLR0917 (a kernel takes plain arrays, and loops are cheap)
+    acc: Any, turn: Any, first: Any, period: Any, gain: Any, drift: Any, room: Any, miss: Any, slope: Any
+) -> None:  # pragma: no cover
+    """Sum the accelerations in the frame of the first row, minus in the first half, plus in the second.
+
+    ``frame`` takes vectors of the present row to the first; ``lean`` (3, 12) is the turn of that frame for
+    each unit of gain and drift. Exact sine and cosine: a unit may be wrong by a factor of thousands.
+    """
+    frame, lean = room
+    for w in range(len(period)):
+        for i in range(3):
+            for j in range(3):
+                frame[i, j] = 1.0 if i == j else 0.0
+            for q in range(12):
+                lean[i, q] = 0.0
+        half = (first[w + 1] - first[w]) // 2
+        for row in range(first[w], first[w + 1]):
+            part = (1.0 if row >= first[w] + half else -1.0) / half
+            a = acc[row]
+            x = part * (frame[0, 0] * a[0] + frame[0, 1] * a[1] + frame[0, 2] * a[2])
+            y = part * (frame[1, 0] * a[0] + frame[1, 1] * a[1] + frame[1, 2] * a[2])
+            z = part * (frame[2, 0] * a[0] + frame[2, 1] * a[1] + frame[2, 2] * a[2])
+            miss[w, 0] += x
+            miss[w, 1] += y
+            miss[w, 2] += z
+            if len(slope):
+                for q in range(12):
+                    slope[w, 0, q] += lean[1, q] * z - lean[2, q] * y
+                    slope[w, 1, q] += lean[2, q] * x - lean[0, q] * z
+                    slope[w, 2, q] += lean[0, q] * y - lean[1, q] * x
+                for i in range(3):
+                    for j in range(3):
+                        slope[w, i, 12 + j] -= part * frame[i, j]
+            _turn_frame(frame, lean, turn[row], gain, drift, period[w], len(slope) > 0)
+
+
+@kernel
+def _turn_frame(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    frame: Any, lean: Any, turn: Any, gain: Any, drift: Any, period_s: float, has_slope: Any
+) -> None:  # pragma: no cover
+    """One row on: ``frame @ exp([turn]x)`` (Rodrigues)."""
+    x = gain[0, 0] * turn[0] + gain[0, 1] * turn[1] + gain[0, 2] * turn[2] + drift[0] * period_s
+    y = gain[1, 0] * turn[0] + gain[1, 1] * turn[1] + gain[1, 2] * turn[2] + drift[1] * period_s
+    z = gain[2, 0] * turn[0] + gain[2, 1] * turn[1] + gain[2, 2] * turn[2] + drift[2] * period_s
+    square = x * x + y * y + z * z
+    angle = sqrt(square)
+    sine = sin(angle) / angle if angle > 1e-9 else 1.0
+    cosine = (1.0 - cos(angle)) / square if angle > 1e-4 else 0.5
+    for i in range(3):
+        u, v, w = frame[i, 0], frame[i, 1], frame[i, 2]
+        # u x turn, and once more
+        p, q, r = v * z - w * y, w * x - u * z, u * y - v * x
+        frame[i, 0] = u + sine * p + cosine * (q * z - r * y)
+        frame[i, 1] = v + sine * q + cosine * (r * x - p * z)
+        frame[i, 2] = w + sine * r + cosine * (p * y - q * x)
+        if has_slope:
+            for j in range(3):
+                for k in range(3):
+                    lean[i, 3 * j + k] += frame[i, j] * turn[k]
+                lean[i, 9 + j] += frame[i, j] * period_s

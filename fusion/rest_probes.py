@@ -1,0 +1,84 @@
+"""Short looks, spread over a recording: how still it is, and what its sensors read then."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.recording import Segment
+
+PROBED_BLOCKS = 150
+BLOCK_S = 8.0
+STILL_S = 0.05
+OFFSET_S = 0.5
+STILL_G, STILL_DPS = 0.015, 3.0
+RESTING_PART = 0.02
+"""The gyroscope rests where it scatters by less than this part of its liveliest stretch."""
+
+
+def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
+    """Blocks of 8 s spread over the recording: all of a short one, 150 of a long one."""
+    blocks = []
+    for segment in segments:
+        n = max(8, round(BLOCK_S * segment.rate_hz))
+        blocks += [(segment, first, min(first + n, len(segment))) for first in range(0, len(segment), n)]
+    stride = max(1, -(-len(blocks) // PROBED_BLOCKS))
+    return blocks[::stride]
+
+
+def moving_mean(segment: Segment, first: int, stop: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
+    width = max(3, round(STILL_S * segment.rate_hz))
+    if stop - first <= width:
+        return np.empty((0, 3)), np.empty(0)
+    return slide_mean(segment.acc_g[first:stop], width)
+
+
+@njit(cache=True, nogil=True)
+def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean over ``width`` rows from each row on, and the largest of its three standard deviations."""
+    n = len(acc_g) - width + 1
+    means, scatter = np.empty((n, 3)), np.zeros(n)
+    for axis in range(3):
+        total = squares = 0.0
+        for k in range(len(acc_g)):
+            total += acc_g[k, axis]
+            squares += np.float64(acc_g[k, axis]) ** 2
+            first = k - width + 1
+            if first < 0:
+                continue
+            means[first, axis] = total / width
+            variance = squares / width - means[first, axis] ** 2
+            scatter[first] = max(scatter[first], variance)
+            total -= acc_g[first, axis]
+            squares -= np.float64(acc_g[first, axis]) ** 2
+    return means, np.sqrt(scatter)
+
+
+def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
+    """Length of the mean acceleration of each half second in which neither sensor moves, shape (n,)."""
+    lengths = []
+    for segment, first, stop in probe_blocks(segments):
+        width = max(5, round(OFFSET_S * segment.rate_hz))
+        acc, gyr = (
+            samples[first : first + (stop - first) // width * width].astype(np.float64).reshape(-1, width, 3)
+            for samples in (segment.acc_g, segment.gyr_dps)
+        )
+        is_still = (acc.std(axis=1).max(axis=1) < STILL_G) & (gyr.std(axis=1).max(axis=1) < STILL_DPS)
+        lengths.append(np.linalg.norm(acc.mean(axis=1)[is_still], axis=1))
+    return np.concatenate(lengths) if lengths else np.zeros(0)
+
+
+def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
+    """What the gyroscope reads at rest, shape (3,), in its own unit; zeros where it never rests."""
+    means, scatters, spread = [], [], []
+    for segment, first, stop in probe_blocks(segments):
+        width = max(5, round(OFFSET_S * segment.rate_hz))
+        rows = segment.gyr_dps[first:stop].astype(np.float64)
+        windows = rows[: len(rows) // width * width].reshape(-1, width, 3)
+        means.extend(windows.mean(axis=1))
+        scatters.extend(windows.std(axis=1).max(axis=1))
+        spread.append(rows.std(axis=0).max())
+    is_still = np.array(scatters) <= RESTING_PART * max(spread, default=0.0)
+    return np.median(np.array(means)[is_still], axis=0) if is_still.any() else np.zeros(3)
