@@ -1,8 +1,8 @@
 """Published values as data: value, source, what it applies to, and how far it is confirmed.
 
 EXPOSURE.md A10; how standards cut elevation into classes is in ``fusion.conventions``. A value that the
-brief marks unverified (the holding times of ISO 11226, the footnotes of EN 1005-4, the 80 deg of ISO
-11228-3) is not here: it is not shipped as a limit. Nothing here is turned into a score or into anyone's risk.
+brief marks unverified is not here: :data:`NOT_SHIPPED` says which and why. Nothing here is turned into a
+score or into anyone's risk.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 Status = Literal["proposal", "guidance", "context"]
 Reason = Literal["", "short", "poor", "not computed"]
 
-WHOLE_DAY_S = 4 * 3600.0
+HOUR_S = 3600.0
+WHOLE_DAY_S = 4 * HOUR_S
 """Least analysed time that is compared with a value for a whole working day (A15)."""
 
 
@@ -45,15 +46,39 @@ class Compared:
     reason: Reason
 
 
+LEWIS = "Lewis et al. 2026, Ann Work Expo Health 70(3):wxag027, 124 older workers, 3 days each"
 ARVIDSSON = "Arvidsson et al. 2021, Ann Work Expo Health 65:741"
 REFERENCES = (
     Reference("above_30", "percent", None, 50.0, "proposal", ARVIDSSON),
     Reference("above_60", "percent", None, 10.0, "proposal", ARVIDSSON),
     Reference("velocity", "dps", None, 60.0, "proposal", ARVIDSSON),
     Reference("p99", "deg", 49.0, 124.0, "context", "Hansson et al. 2010, 43 types of work"),
+    Reference("above_90_hours", "h", 2.0, 4.0, "guidance", "WISHA, Washington State, repealed 2003"),
+    Reference("above_60_others", "percent", 4.4, 7.9, "context", LEWIS),
+    Reference("above_90_others", "percent", 1.0, 2.8, "context", LEWIS),
 )  # fmt: skip
-"""In the order of the report. ``velocity`` was made from accelerometers and is set beside
-``generalised_accelerometer`` alone: a fused speed reads two to four times lower (Fan et al. 2021)."""
+"""In the order of the report, which shows the first four on its first page. ``velocity`` was made from
+accelerometers and is set beside ``generalised_accelerometer`` alone: a fused speed reads two to four times
+lower (Fan et al. 2021)."""
+
+
+STATEMENTS = {
+    "svendsen": "Svendsen et al. 2004",
+    "dalboge": "Dalboge et al. 2022",
+    "waersted": "Waersted et al. 2020, review of 34 studies",
+    "nfa": "NFA 2018, 197 workers of 12 occupations",
+}
+"""What studies of groups found: told in words, set beside no figure and never turned into anyone's risk."""
+
+NOT_SHIPPED = {
+    "Dalboge 2017, background speed 27 deg/s": "read in a table that quotes it; which speed is not said",
+    "ISO 11226, holding times": "not read in the standard",
+    "EN 1005-4, footnotes": "not read in the standard",
+    "ISO 11228-3 and OCRA, 80 deg": "not read in the standard",
+    "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not tell",
+    "Lewis 2026, share of days over the levels": "of many days, which one recording is not",
+}
+"""What the brief lists and is not here, and why."""
 
 
 def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:
@@ -76,7 +101,11 @@ def find_measured(key: str, exposure: Exposure) -> float | None:
     """Give the only figure that was measured as the reference was."""
     above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
     velocity = exposure.velocity_dps.get("generalised_accelerometer")
+    seconds = {int(item.threshold_deg): item.duration_s for item in exposure.time_above}
     return {
+        "above_90_hours": seconds[90] / HOUR_S if 90 in seconds else None,
+        "above_60_others": above.get(60),
+        "above_90_others": above.get(90),
         "above_30": above.get(30),
         "above_60": above.get(60),
         "velocity": velocity.p50_dps if velocity else None,

@@ -6,11 +6,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import BINARIES, PostgresServer
 from tests.swift import SwiftServer, find_programs
+
+# A first call may wait for the compiler: no test is timed.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

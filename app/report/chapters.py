@@ -24,6 +24,7 @@ from app.report.numbers import (
     format_rate,
 )
 from app.report.parts import Pair, Section, Table
+from app.report.published import build_published
 from app.report.results import SCHEMA, identify_report
 from app.report.spread import build_spread
 from app.report.subject import ReportSubject, clean_text, cut_text
@@ -53,6 +54,7 @@ def build_sections(
             paragraphs=(words["ranges"]["every"][choose_ranges(findings)],),
             tables=list_measures(findings.exposure, clock, words),
         ),
+        build_published(findings, words, clock.language),
         _build_quality(findings, clock, words),
         _build_method(findings, clock, words),
         _build_provenance(findings, subject, clock, words),

@@ -102,7 +102,7 @@ def tell_interval(exposure: Exposure, name: str, language: Language) -> str:
 def _tabulate_conventions(exposure: Exposure, entry: Words, language: Language) -> Table:
     rows = [
         (
-            convention.source,
+            entry["name"][convention.key],
             f"{part.lower_deg:g}–{part.upper_deg:g}°",
             format_duration(part.duration_s, language),
             format_percent(part.percent, language),

@@ -39,8 +39,15 @@ class CycleTally:
         """
         points_deg, runs, rows = find_turning_points(angle, HYSTERESIS_DEG)
         parts = np.searchsorted(find_part_rows(angle, self.edges_us), rows, side="right") - 1
-        for error_deg, counts in zip(self.errors_deg, self.counts, strict=True):
-            _count_ranges(np.clip(points_deg - error_deg, 0.0, 180.0), runs, parts, counts)
+        as_read = np.zeros(self.counts.shape[1:])
+        _count_ranges(points_deg, runs, parts, as_read)
+        lowest, highest = points_deg.min(initial=180.0), points_deg.max(initial=0.0)
+        for error, error_deg in enumerate(self.errors_deg):
+            if lowest >= error_deg and highest - error_deg <= 180.0:
+                self.counts[error] += as_read  # nothing is clipped, so that no range changes
+            else:
+                clipped_deg = np.clip(points_deg - error_deg, 0.0, 180.0)
+                _count_ranges(clipped_deg, runs, parts, self.counts[error])
 
     def sum_day(self) -> FloatVector:
         """Give the counts of the angle as it was read, shape (4,)."""

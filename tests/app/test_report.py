@@ -400,3 +400,17 @@ def test_the_range_of_rises_and_stays_stands_under_them() -> None:
     rows = table_of(report_of(exposure=exposure), "figures", "Repetitions").rows
 
     assert [plain(cell) for cell in rows[2][1:]] == ["", "20–50", "", "", "20 s–50 s", ""]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_published_value_stands_in_the_table_behind_the_first_page(language: Language) -> None:
+    report = report_of(language=language)
+
+    (section,) = [section for section in report.sections if section.key == "published"]
+    (table,) = section.tables
+    published = [plain(row[2]).replace(",", ".") for row in table.rows]
+    assert published == ["≤ 50 %", "≤ 10 %", "≤ 60°/s", "49–124°", "2.0–4.0 h", "4.4–7.9 %", "1.0–2.8 %"]
+    assert "1.23" in section.paragraphs[0].replace(",", ".")
+    assert {"en": "Nothing about one person follows", "fr": "rien pour une personne"}[
+        language
+    ] in section.paragraphs[0]

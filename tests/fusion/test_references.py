@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from fusion.exposure import Exposure, Velocity, summarise_exposure
-from fusion.references import REFERENCES, compare_with_references
+from fusion.references import NOT_SHIPPED, REFERENCES, STATEMENTS, compare_with_references
 from tests.factories import elevate
 
 
@@ -43,10 +43,29 @@ def test_the_accelerometers_speed_is() -> None:
     assert find(exposure, "velocity") == (71, "")
 
 
-def test_no_value_marked_unverified_is_shipped() -> None:
-    assert {(item.key, item.high) for item in REFERENCES} == {
-        ("above_30", 50.0),
-        ("above_60", 10.0),
-        ("velocity", 60.0),
-        ("p99", 124.0),
+def test_hours_above_90_deg_stand_beside_the_guidance() -> None:
+    assert find(work(8), "above_90_hours") == (2.0, "")
+
+
+def test_every_reference_the_brief_marks_as_read_is_shipped_with_its_values() -> None:
+    assert {(item.key, item.low, item.high, item.status) for item in REFERENCES} == {
+        ("above_30", None, 50.0, "proposal"),
+        ("above_60", None, 10.0, "proposal"),
+        ("velocity", None, 60.0, "proposal"),
+        ("p99", 49.0, 124.0, "context"),
+        ("above_90_hours", 2.0, 4.0, "guidance"),
+        ("above_60_others", 4.4, 7.9, "context"),
+        ("above_90_others", 1.0, 2.8, "context"),
+    }
+    assert set(STATEMENTS) == {"svendsen", "dalboge", "waersted", "nfa"}
+
+
+def test_what_is_not_shipped_is_named_with_its_reason() -> None:
+    assert {name.split(",")[0]: why for name, why in NOT_SHIPPED.items()} == {
+        "Dalboge 2017": "read in a table that quotes it; which speed is not said",
+        "ISO 11226": "not read in the standard",
+        "EN 1005-4": "not read in the standard",
+        "ISO 11228-3 and OCRA": "not read in the standard",
+        "RAMP II": "the height of the hand, which this angle does not tell",
+        "Lewis 2026": "of many days, which one recording is not",
     }
