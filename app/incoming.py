@@ -40,10 +40,15 @@ class GrowingFile:
             self._file.write(chunk)
         self.offset_bytes += len(chunk)
 
-    def sync(self) -> None:
-        """Make every byte taken so far durable."""
+    def flush(self) -> int:
+        """Hand every byte taken so far to the system; gives where the file then ends."""
         with name_full_disk():
             self._file.flush()
+        return self.offset_bytes
+
+    def sync(self) -> None:
+        """Make every byte durable that was flushed; more may be written meanwhile."""
+        with name_full_disk():
             os.fsync(self._file.fileno())
             if self._folder is not None:
                 sync_folder(self._folder)

@@ -4,6 +4,7 @@ import base64
 import binascii
 import hashlib
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from app.storage import COPY_BYTES
 
 OFFSET_BODY = "application/offset+octet-stream"
 CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
-SYNC_S = 1.0
+SYNC_S = 0.5
 HEAD_BYTES = 2 * COPY_BYTES
 
 
@@ -120,7 +121,10 @@ def _read_checksum(header: str) -> "tuple[hashlib._Hash, bytes]":
 
 @dataclass(slots=True)
 class _Body:
-    """The bytes of one request; with a checksum they count once it is right, else once they are safe."""
+    """The bytes of one request; with a checksum they count once it is right, else once they are safe.
+
+    The disk is waited for beside the network: while ``counting`` makes bytes durable, more are written.
+    """
 
     services: Services
     row: UploadRow
@@ -128,6 +132,8 @@ class _Body:
     digest: "hashlib._Hash | None"
     expected: bytes
     synced_s: float = field(default_factory=time.monotonic)
+    beside: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "count"))
+    counting: "Future[None] | None" = None
 
     def write(self, chunk: bytes) -> None:
         if self.file.offset_bytes + len(chunk) > self.row.length_bytes:
@@ -136,23 +142,37 @@ class _Body:
         self.file.write(chunk)
         if self.digest is not None:
             self.digest.update(chunk)
-        elif time.monotonic() - self.synced_s > SYNC_S:
-            self.count()
+        elif time.monotonic() - self.synced_s > SYNC_S and (self.counting is None or self.counting.done()):
+            self.wait()
+            self.counting = self.beside.submit(self._count, self.file.flush())
+            self.synced_s = time.monotonic()
+
+    def wait(self) -> None:
+        """Wait for what is being counted, and raise what hindered it."""
+        counting, self.counting = self.counting, None
+        if counting is not None:
+            counting.result()
 
     def count(self) -> None:
-        """Let the bytes count: on the disk first, then in the row."""
+        """Let every byte so far count."""
+        self.wait()
+        if self.file.flush() > self.row.offset_bytes:
+            self._count(self.file.offset_bytes)
+
+    def _count(self, offset_bytes: int) -> None:
+        """Let the bytes before an offset count: on the disk first, then in the row."""
         self.file.sync()
-        if not self.services.uploads.advance(self.row, self.file.offset_bytes):
+        if not self.services.uploads.advance(self.row, offset_bytes):
             raise WrongOffset(expected=self.services.uploads.get(self.row.id).offset_bytes)
         self.row = self.services.uploads.get(self.row.id)
-        self.synced_s = time.monotonic()
 
     def end(self) -> None:
         """Keep what came, however the request ended; bytes that cannot be checked are not kept."""
         try:
-            if self.digest is None and self.file.offset_bytes > self.row.offset_bytes:
+            if self.digest is None:
                 self.count()
         finally:
+            self.beside.shutdown()
             self.file.close()
 
     def check(self) -> None:

@@ -1,5 +1,6 @@
 """Bytes from the network to the disk, hashed on the way; acknowledged only when they cannot be lost."""
 
+import asyncio
 import base64
 import hashlib
 from collections.abc import Awaitable, Callable, Mapping
@@ -103,20 +104,25 @@ def check_room(services: Services, expected_bytes: int) -> None:
 
 
 async def copy_body(request: Request, write: Callable[[bytes], None]) -> None:
-    """Write in large pieces, each in a thread, so that other requests are answered meanwhile.
+    """Write in large pieces, each in a thread while the next comes; other requests are answered meanwhile.
 
     What came before a broken connection is written, too.
     """
     waiting = bytearray()
+    writing: asyncio.Task[None] | None = None
     try:
         async for chunk in request.stream():
             waiting += chunk
             if len(waiting) >= COPY_BYTES:
                 piece, waiting = bytes(waiting), bytearray()
-                await run_in_threadpool(write, piece)
+                if writing is not None:
+                    await writing
+                writing = asyncio.create_task(run_in_threadpool(write, piece))
     except ClientDisconnect as error:
         raise BrokenUpload from error
     finally:
+        if writing is not None:
+            await writing
         await run_in_threadpool(write, bytes(waiting))
 
 

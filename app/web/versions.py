@@ -56,9 +56,16 @@ class History:
 
 
 def list_versions(history: History, shown: Job, language: Language) -> tuple[VersionRow, ...]:
-    """List what can be opened, the newest first; nothing where there is but one."""
-    rows = tuple(_show_version(job, shown, language) for job in history.reports)
-    return rows if len(rows) > 1 or (rows and not rows[0].is_this) else ()
+    """List what can be opened, the newest first; nothing where there is but the one that is shown.
+
+    A version that was computed more than once is there once: the one that is shown, or else the newest.
+    """
+    first = (shown, *history.reports) if shown.state is JobState.SUCCEEDED else history.reports
+    found: dict[int, Job] = {}
+    for job in first:
+        found.setdefault(job.request.version, job)
+    rows = tuple(_show_version(found[number], shown, language) for number in sorted(found, reverse=True))
+    return () if all(row.is_this for row in rows) else rows
 
 
 def show_failed(history: History, shown: Job, language: Language) -> JobRow | None:

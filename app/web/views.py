@@ -192,9 +192,14 @@ def _tell_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
     request = job.request
     subject = fill(words["row"]["subject"], {"subject": request.subject}) if request.subject else ""
     side = str(words["row"][request.side]) if request.side else ""
-    version = fill(words["row"]["version"], {"n": str(request.version)}) if request.version > 1 else ""
+    version = fill(words["row"]["version"], {"n": str(request.version)}) if _has_version(job) else ""
     meta = (version, subject, side, format_size(job.size_bytes, language), tell_time(job.created_at))
     return tuple(filter(None, meta))
+
+
+def _has_version(job: Job) -> bool:
+    """A first report needs no number, and what failed has none."""
+    return job.request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
 
 
 def _tell_duration(job: Job, words: Words, language: Language, now: datetime) -> str:

@@ -1,10 +1,11 @@
 """One server, one browser and a few finished analyses for all tests of the pages.
 
-Screenshots go to the folder named by ACROMION_SCREENSHOTS, else to pytest's own.
+Screenshots are taken where ACROMION_SCREENSHOTS names a folder for them.
 """
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -88,6 +89,21 @@ def unknown(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> 
 @pytest.fixture
 def page(browser: Browser) -> Iterator[Page]:
     """A page that must not complain, nor ask any other host."""
+    with open_page(browser) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def shown(browser: Browser, server: RunningServer, right: str) -> Iterator[Page]:
+    """The page of a finished analysis in English, for tests that only read it and take from it."""
+    with open_page(browser) as opened:
+        opened.goto(f"{server.address}analyses/{right}?lang=en")
+        yield opened
+
+
+@contextmanager
+def open_page(browser: Browser) -> Iterator[Page]:
+    """Open a page in a context of its own, and see in the end that nothing was amiss."""
     context = browser.new_context(accept_downloads=True, locale="en-CA")
     opened = context.new_page()
     opened.set_default_timeout(30_000)
@@ -103,11 +119,11 @@ def page(browser: Browser) -> Iterator[Page]:
     assert complaints == []
 
 
-@pytest.fixture(scope="session")
-def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = Path(os.environ.get("ACROMION_SCREENSHOTS", "") or tmp_path_factory.mktemp("screenshots"))
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+def keep_picture(page: Page, name: str) -> None:
+    """Take a picture of the page for a person to look at, if one has asked for it."""
+    folder = os.environ.get("ACROMION_SCREENSHOTS", "")
+    if folder:
+        page.screenshot(path=Path(folder) / f"{name}.png", full_page=True)
 
 
 def is_complaint(message: ConsoleMessage) -> bool:

@@ -7,6 +7,7 @@ import pypdf
 import pytest
 from playwright.sync_api import Page, expect
 
+from tests.pages.conftest import keep_picture
 from tests.pages.steps import open_analysis
 from tests.ways_in.servers import RunningServer
 from tests.ways_in.test_three_ways import run_command
@@ -27,35 +28,31 @@ FILES = (
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_file_is_one_click_away(page: Page, server: RunningServer, right: str, name: str) -> None:
-    open_analysis(page, server, right)
-
-    with page.expect_download() as download:
-        page.get_by_role("link", name=name).first.click()
+def test_every_file_is_one_click_away(shown: Page, name: str) -> None:
+    with shown.expect_download() as download:
+        shown.get_by_role("link", name=name).first.click()
 
     assert download.value.path().stat().st_size > 100
 
 
 def test_the_page_gives_the_same_results_as_the_command_line(
-    page: Page, server: RunningServer, right: str, shifts: tuple[Path, Path], tmp_path: Path
+    shown: Page, shifts: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    open_analysis(page, server, right)
-
-    with page.expect_download() as download:
-        page.get_by_role("link", name="Every figure (JSON)").click()
+    with shown.expect_download() as download:
+        shown.get_by_role("link", name="Every figure (JSON)").click()
 
     by_command = run_command(shifts[0], tmp_path / "out") / "results.json"
     assert download.value.path().read_bytes() == by_command.read_bytes()
 
 
 def test_the_report_opens_in_either_language_without_a_new_analysis(
-    page: Page, server: RunningServer, right: str, screenshots: Path
+    page: Page, server: RunningServer, right: str
 ) -> None:
     open_analysis(page, server, right)
 
     page.get_by_role("link", name="Read in French").click()
     expect(page.locator("html")).to_have_attribute("lang", "fr")
-    page.screenshot(path=screenshots / "report.png", full_page=True)
+    keep_picture(page, "report")
     page.go_back()
     page.get_by_role("link", name="Read in English").click()
 
@@ -63,15 +60,14 @@ def test_the_report_opens_in_either_language_without_a_new_analysis(
     assert "S012" in page.content()
 
 
-def test_the_pdf_says_what_the_page_says(page: Page, server: RunningServer, right: str) -> None:
-    open_analysis(page, server, right)
-    sentence = page.locator(".sentences p").first.inner_text()
+def test_the_pdf_says_what_the_page_says(shown: Page) -> None:
+    sentence = shown.locator(".sentences p").first.inner_text()
 
-    with page.expect_download() as download:
-        page.get_by_role("link", name="PDF in English").click()
+    with shown.expect_download() as download:
+        shown.get_by_role("link", name="PDF in English").click()
 
     text = pypdf.PdfReader(io.BytesIO(download.value.path().read_bytes())).pages[0].extract_text()
-    figures = page.locator(".figures dd").first.inner_text()
+    figures = shown.locator(".figures dd").first.inner_text()
     assert figures.replace("\u202f", " ") in text.replace("\u202f", " ").replace("\u00a0", " ")
     assert sentence.split(" ")[0] in text
 
@@ -88,18 +84,15 @@ def test_the_answer_is_copied_in_five_lines(page: Page, server: RunningServer, r
     assert "S012" in copied
 
 
-def test_each_figure_has_its_definition_by_one_click_hover_or_key(
-    page: Page, server: RunningServer, right: str
-) -> None:
-    open_analysis(page, server, right)
-    marks = page.locator(".figures .define summary")
-    assert marks.count() == page.locator(".figures dt").count()
+def test_each_figure_has_its_definition_by_one_click_hover_or_key(shown: Page) -> None:
+    marks = shown.locator(".figures .define summary")
+    assert marks.count() == shown.locator(".figures dt").count()
 
     assert "60°" in (marks.first.get_attribute("title") or "")
     marks.first.focus()
-    page.keyboard.press("Enter")
+    shown.keyboard.press("Enter")
 
-    expect(page.locator(".figures .define span").filter(has_text="shoulder height").first).to_be_visible()
+    expect(shown.locator(".figures .define span").filter(has_text="shoulder height").first).to_be_visible()
 
 
 def test_the_page_prints_without_its_forms(page: Page, server: RunningServer, right: str) -> None:
