@@ -97,12 +97,12 @@ FORM = {
 async def add_validation(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Compare two files, sent as one form: ``recording`` and ``reference``; ``tasks`` where there are any."""
     job = await take_validation(request, services)
-    body = view_validation(job, language).model_dump(exclude_none=True)
+    body = view_validation(job, language).model_dump()
     headers = {"Location": f"/api/v1/validations/{job.id}", "Retry-After": "2"}
     return JSONResponse(body, 202, headers)
 
 
-@router.get("/validations/{validation_id}", response_model_exclude_none=True)
+@router.get("/validations/{validation_id}")
 def get_validation(validation_id: str, services: UsedServices, language: UsedLanguage) -> ValidationView:
     """Give one comparison."""
     return view_validation(find_validation(services, validation_id), language)

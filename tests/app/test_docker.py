@@ -62,3 +62,13 @@ def test_every_volume_of_a_service_is_declared(path: Path) -> None:
     }
 
     assert used == set(compose["volumes"])
+
+
+def test_the_image_installs_the_versions_that_are_tested() -> None:
+    def list_pins(lock: Path) -> set[str]:
+        return set(re.findall(r"^([\w.-]+==[\w.]+)", lock.read_text(), re.MULTILINE))
+
+    installed = list_pins(DOCKER / "requirements.lock")
+
+    assert installed
+    assert installed <= list_pins(DOCKER.parent / "requirements.lock")
