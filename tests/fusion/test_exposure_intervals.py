@@ -113,3 +113,14 @@ def test_a_speed_has_no_interval_from_less_than_half_an_hour(minutes: int, has_i
     assert ("inclination_velocity_p50_dps" in intervals) is has_interval
     assert ("recovery_slow_percent" in intervals) is has_interval
     assert "elevation_p50_deg" in intervals
+
+
+@pytest.mark.parametrize(
+    ("up_deg", "down_deg", "entries"), [(64.9, 50.0, 0), (65.1, 54.9, 3), (65.1, 55.1, 1), (64.1, 30.0, 0)]
+)
+def test_a_rise_enters_5_deg_above_the_threshold_and_ends_5_deg_below(
+    up_deg: float, down_deg: float, entries: int
+) -> None:
+    angle = np.concatenate([np.full(30, 20.0), np.tile(np.repeat([up_deg, down_deg], 30), 3)])
+
+    assert summarise_exposure(elevate(angle, rate_hz=1.0)).entries[1].count == entries
