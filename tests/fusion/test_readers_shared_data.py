@@ -31,7 +31,7 @@ REFUSED = {
     "refuse/actilife_raw_accelerometer_only.csv": "E-NO-GYRO",
     "upper_arm/full_body_example_data.mat": "E-TYPE",
     "xsens/MT2022_ACC_00B42D4B.txt": "E-NO-GYRO",
-    "xsens/MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt": "E-ROW",
+    "xsens/MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt": "E-RATE",
     "xsens/dot_pelvis.csv": "E-COLS",
     "xsens/test_mocap.mvnx": "E-TYPE",
 }

@@ -13,7 +13,12 @@ from typer.testing import CliRunner
 
 from app.cli import app
 
-START = "from app.cli import main; main()"
+# a shell that starts tests in the background lets them ignore Ctrl-C, and so what they start
+START = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from app.cli import main
+main()"""
 Rows = list[dict[str, str]]
 
 
