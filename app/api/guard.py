@@ -18,7 +18,8 @@ SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 
 FILE_PATHS = ("/api/v1/analyze", "/api/v1/recordings", "/api/v1/uploads")
-SHORT_BODY_BYTES = 1 << 16
+HEARD_OUT_BYTES, HEARD_OUT_S = 64 << 20, 5.0
+"""What is read of a refused body, one piece of the page's uploads, before its answer goes out."""
 MOST_WORDS_BYTES = 8 << 20
 """Largest body of a request that brings no file."""
 
@@ -109,13 +110,14 @@ def _seal_answers(send: Send) -> Send:
 
 
 def _hear_out(send: Send, watch: "_BodyWatch", request: Request) -> Send:
-    """Read a short body to its end before refusing: closing on unread bytes would tear the answer, too."""
+    """Read a body to its end before refusing it: closing on unread bytes would tear the answer, too."""
     announced = request.headers.get("content-length", "")
-    is_short = announced.isdecimal() and int(announced) <= SHORT_BODY_BYTES
+    is_heard_out = announced.isdecimal() and int(announced) <= HEARD_OUT_BYTES
 
     async def patient(message: Message) -> None:
-        if is_short and message["type"] == "http.response.start" and message["status"] >= 400:
-            await watch.finish()
+        if is_heard_out and message["type"] == "http.response.start" and message["status"] >= 400:
+            with anyio.move_on_after(HEARD_OUT_S):
+                await watch.finish()
         await send(message)
 
     return patient
