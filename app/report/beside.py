@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from typing import Any
 
 from app.report.charts import build_parts
@@ -78,6 +79,18 @@ def tell_time(kept: Kept, language: Language) -> str:
     """Write the date a recording began on, or that its file has no clock."""
     start = kept.findings.recording.start
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
+
+
+def find_end(sides: tuple[Beside, Beside]) -> datetime | None:
+    """Give the end of the recording that ended last, the only date of a report of two; None without a clock."""
+    recordings = [side.kept.findings.recording for side in sides]
+    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
+    return max(ends, key=_read_wall_clock, default=None)
+
+
+def _read_wall_clock(moment: datetime) -> datetime:
+    """A clock with a zone and one without are compared by what they showed."""
+    return moment.replace(tzinfo=None)
 
 
 def tell_poses(sides: tuple[Beside, Beside], language: Language) -> str:

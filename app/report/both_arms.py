@@ -17,6 +17,7 @@ from app.report.beside import (
     build_two_bars,
     can_draw_curves,
     describe_source,
+    find_end,
     identify,
     load_beside_words,
     tell_poses,
@@ -144,7 +145,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         report_id=report_id,
         footer=footer,
         brief=sign_off(header, footer, language),
-        made_of=pair.left.findings.recording.start,
+        made_of=find_end(sides),
         amendment="",
         words=load_wording(language)["label"],
     )
