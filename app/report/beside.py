@@ -82,7 +82,7 @@ def tell_time(kept: Kept, language: Language) -> str:
 
 
 def find_end(sides: tuple[Beside, Beside]) -> datetime | None:
-    """Give the end of the recording that ended last, the only date of a report of two; None without a clock."""
+    """Give the end of the recording that ended last, the only date of a report of two."""
     recordings = [side.kept.findings.recording for side in sides]
     ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
     return max(ends, key=_read_wall_clock, default=None)
