@@ -130,7 +130,7 @@ def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...
         words["device"].get(findings.recording.device, words["device"]["other"]),
         f"{tell_time(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
-        words["verdict"][findings.quality.verdict]["label"],
+        load_beside_words(language)["pair"]["verdict"][findings.quality.verdict],
         f"{method.name} {method.version}" if method else NONE,
         words["pose"].get(findings.calibration.pose, NONE) if findings.calibration else NONE,
         f"Acromion {subject.software.version}",

@@ -92,6 +92,13 @@ def test_the_ranges_stand_under_the_figures_of_the_table() -> None:
     assert [plain(cell) for cell in rows[-1]] == ["95 % range", "1.0–4.5 %", "", ""]
 
 
+def test_the_quality_of_each_arm_is_named_once() -> None:
+    table = report_of(make_pair()).sections[-1].tables[0]
+
+    row = next(row for row in table.rows if row[0] == "Data quality")
+    assert set(row[1:]) <= {"good", "use with care", "poor"}
+
+
 def test_the_ranges_stand_in_the_document() -> None:
     document = describe_pair(replace(make_pair(), shared=RANGED))
 
