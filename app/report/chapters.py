@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from app.report.charts import build_parts, is_drawable
 from app.report.clock import Clock
@@ -80,7 +81,7 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
         _tabulate_parts(parts, words["part"][caption], range_name, clock) for _, parts, caption in groups
     ]
     if any(part.periods > 1 for part in exposure.by_task):
-        tasks = [(_name_task(part, words), part) for part in exposure.by_task]
+        tasks = [(_name_task(part, words), _drop_told_ranges(part)) for part in exposure.by_task]
         tables.append(_tabulate_parts(tasks, words["part"]["by_task"], range_name, clock))
     figures = [
         build_parts(key, parts, words, clock.language)
@@ -89,6 +90,11 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
     ]
     title = words["section"]["periods" if periods else "hours"]
     return Section("hours", title, figures=tuple(figures), tables=tuple(tables))
+
+
+def _drop_told_ranges(part: PartExposure) -> PartExposure:
+    """A task of one period has the period's ranges, which stand under that already."""
+    return part if part.periods > 1 else replace(part, intervals={})
 
 
 def _name_hour(part: PartExposure, clock: Clock) -> str:

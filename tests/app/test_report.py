@@ -390,6 +390,15 @@ def test_the_ranges_of_a_part_stand_under_its_figures() -> None:
     ]  # fmt: skip
 
 
+def test_a_task_of_one_period_repeats_no_ranges() -> None:
+    hour = replace(make_exposure().by_hour[1], intervals={"elevation_p50_deg": Interval(17.6, 29.6)})
+    tasks = (replace(hour, label="Shelves", periods=2), replace(hour, label="Ceiling"))
+
+    table = section_of(report_of(exposure=replace(make_exposure(), by_task=tasks)), "hours").tables[-1]
+
+    assert [row[0] for row in table.rows] == ["Shelves (2\u00a0×)", "95\u202f% range", "Ceiling"]
+
+
 def test_a_part_without_ranges_has_no_row_of_them() -> None:
     table = section_of(report_of(), "hours").tables[0]
 
