@@ -67,7 +67,7 @@ def make_pair_report(left: Path, right: Path, request: PairRequest, out: Path) -
         second,
         offset_s,
         "clocks" if request.offset_s is None else "person",
-        _share(*angles, offset_s),
+        _share(*angles, offset_s, _find_sigmas(first, second)),
         *_relate(angles, request, (first, second), offset_s),
     )
     reports = [build_pair(pair, language) for language in request.languages]
@@ -156,9 +156,17 @@ def _refuse_same(one: Kept, other: Kept) -> None:
         raise CannotPair(why="same")
 
 
-def _share(left: Elevation, right: Elevation, offset_s: float) -> PairedArms:
+def _find_sigmas(left: Kept, right: Kept) -> tuple[float, float] | None:
+    """Give the error of each angle; None where that of one is not known."""
+    first, second = (kept.findings.exposure.angle_sigma_deg for kept in (left, right))
+    return (first, second) if first and second else None
+
+
+def _share(
+    left: Elevation, right: Elevation, offset_s: float, sigmas_deg: tuple[float, float] | None
+) -> PairedArms:
     try:
-        return pair_arms(left, right, offset_s)
+        return pair_arms(left, right, offset_s, sigmas_deg)
     except TooShort:
         raise CannotPair(why="apart") from None
 

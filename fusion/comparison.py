@@ -1,7 +1,7 @@
 """One day beside another: is the difference larger than days differ anyway? EXPOSURE.md section 0, finding 3.
 
 MDC95 = 1.96 sqrt(2 / k) SD_BD, with k days on each side and the between-day standard deviation SD_BD of
-Wahlstrom et al. 2010 (hairdressers, right arm, four days): 2.0 percentage points for time above 60 deg,
+Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage points for time above 60 deg,
 3.4 deg for the median. Another kind of work may vary more or less; that is said with the verdict.
 """
 
@@ -12,9 +12,11 @@ from typing import Literal
 from fusion.exposure.types import Exposure
 
 Verdict = Literal["larger", "not larger", "unknown", "no two days"]
-Difference = Literal["recording", "method", "pose", "side", "metric filter", "short", "poor"]
+Difference = Literal["recording", "subject", "method", "pose", "side", "metric filter", "short", "poor"]
+NO_TWO_DAYS: tuple[Difference, ...] = ("recording", "subject", "side")
+"""What makes two recordings no two days of one arm of one person, the gravest first: no change is judged."""
 
-SOURCE = "Wahlstrom et al. 2010"
+SOURCE = "Wahlström et al. 2010"
 BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
 WHOLE_DAY_S = 4 * 3600.0
 
@@ -30,6 +32,8 @@ class ComparedDay:
     verdict: str
     sha256: str = ""
     """Of the recording; empty where it is not known."""
+    subject: str = ""
+    """Code of the person; empty where none was given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,7 @@ class FigureChange:
 
     ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
     ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
-    one recording, or two arms: then there is no change to be judged.
+    one recording, of two people, or two arms: then there is no change to be judged.
     """
 
     name: str
@@ -65,11 +69,11 @@ def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
 
 
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
-    """Compare one day with another; of one recording, or of two arms, no change is judged."""
+    """Compare one day with another; of one recording, two people or two arms, no change is judged."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)
     changes = tuple(_compare(name, first[name], second[name]) for name in first if name in second)
     differences = _find_differences(before, after)
-    if {"recording", "side"} & set(differences):
+    if set(NO_TWO_DAYS) & set(differences):
         changes = tuple(replace(change, detectable=None, verdict="no two days") for change in changes)
     return DayComparison(changes, differences)
 
@@ -93,6 +97,7 @@ def _compare(name: str, before: float, after: float) -> FigureChange:
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:
     unlike: dict[Difference, bool] = {
         "recording": before.sha256 == after.sha256 != "",
+        "subject": "" not in {before.subject, after.subject} and before.subject != after.subject,
         "method": before.method != after.method,
         "pose": before.pose != after.pose,
         "side": before.side != after.side,

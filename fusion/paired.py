@@ -4,7 +4,7 @@ The two recordings are put on one time axis by their clocks and an offset that t
 time in which both are valid is compared. Angles pass the metric filter first and are read on a 20 Hz grid.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -14,9 +14,10 @@ from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.bins import THRESHOLDS_DEG
 from fusion.exposure.metric_filter import MetricAngle, filter_elevation
+from fusion.exposure.types import Interval
+from fusion.paired_ranges import PERCENTS, draw_pair
 
 GRID_HZ = 20.0
-PERCENTS = (10, 50, 90, 99)
 
 FloatVector = NDArray[np.float64]
 TrunkLimit = Literal["no trunk sensor", "sagittal plane only"]
@@ -44,6 +45,8 @@ class PairedArms:
     both_above_60_percent: float
     ratio_above_60: float | None
     ratio_p50: float | None
+    intervals: dict[str, Interval] = field(default_factory=dict)
+    """By name (:func:`fusion.paired_ranges.draw_pair`); empty where the error of an angle is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,12 @@ class TrunkRelative:
     percentiles_deg: dict[int, float] | None = None
 
 
-def pair_arms(left: Elevation, right: Elevation, offset_s: float = 0.0) -> PairedArms:
+def pair_arms(
+    left: Elevation,
+    right: Elevation,
+    offset_s: float = 0.0,
+    sigmas_deg: tuple[float, float] | None = None,
+) -> PairedArms:
     """Set two arms side by side.
 
     Parameters
@@ -69,13 +77,15 @@ def pair_arms(left: Elevation, right: Elevation, offset_s: float = 0.0) -> Paire
         Before the metric filter; what a diary leaves out must not be valid.
     offset_s
         When the right recording's first sample was taken, seconds after the left's (negative: before).
+    sigmas_deg
+        Standard deviation of the constant error of the left and of the right angle; None: no ranges.
 
     Raises
     ------
     TooShort
         When there is no time in which both are valid.
     """
-    a, b = _share_grid(left, right, offset_s)
+    time_s, a, b = _share_grid(left, right, offset_s)
     shared_s = len(a) / GRID_HZ
     both = 100.0 * float(np.mean((a >= 60.0) & (b >= 60.0)))
     left_share, right_share = _describe(a), _describe(b)
@@ -86,6 +96,7 @@ def pair_arms(left: Elevation, right: Elevation, offset_s: float = 0.0) -> Paire
         both,
         _divide(right_share.percent_above[60], left_share.percent_above[60]),
         _divide(right_share.percentiles_deg[50], left_share.percentiles_deg[50]),
+        draw_pair(time_s, a, b, sigmas_deg) if sigmas_deg else {},
     )
 
 
@@ -101,12 +112,14 @@ def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0
     """
     if trunk is None:
         return TrunkRelative("no trunk sensor")
-    a, b = _share_grid(arm, trunk, offset_s)
+    _, a, b = _share_grid(arm, trunk, offset_s)
     return TrunkRelative("sagittal plane only", len(a) / GRID_HZ, _find_percentiles(a - b))
 
 
-def _share_grid(first: Elevation, second: Elevation, offset_s: float) -> tuple[FloatVector, FloatVector]:
-    """Give both angles at the grid points at which both are valid, shapes (n,)."""
+def _share_grid(
+    first: Elevation, second: Elevation, offset_s: float
+) -> tuple[FloatVector, FloatVector, FloatVector]:
+    """Give the points at which both are valid, on the first one's clock, and both angles, shapes (n,)."""
     runs, others = ([filter_elevation(s) for s in arm.segments if len(s)] for arm in (first, second))
     end_s = max((run.start_us / 1e6 + len(run) / run.rate_hz for run in runs), default=0.0)
     time_s = np.arange(int(end_s * GRID_HZ)) / GRID_HZ
@@ -114,7 +127,7 @@ def _share_grid(first: Elevation, second: Elevation, offset_s: float) -> tuple[F
     known = np.isfinite(a) & np.isfinite(b)
     if not known.any():
         raise TooShort(s=0.0)
-    return a[known], b[known]
+    return time_s[known], a[known], b[known]
 
 
 def _read_at(runs: list[MetricAngle], time_s: FloatVector) -> FloatVector:

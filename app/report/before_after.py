@@ -17,6 +17,7 @@ from app.report.beside import (
     build_two_bars,
     can_draw_curves,
     describe_source,
+    find_end,
     identify,
     load_beside_words,
     tell_poses,
@@ -29,7 +30,14 @@ from app.report.parts import Pair, Report, Section, Table, VerdictLine
 from app.report.results import round_all
 from app.report.subject import clean_text, cut_text
 from app.report.wording import Language, Words, fill, load_wording
-from fusion.comparison import SOURCE, ComparedDay, DayComparison, FigureChange, compare_days
+from fusion.comparison import (
+    NO_TWO_DAYS,
+    SOURCE,
+    ComparedDay,
+    DayComparison,
+    FigureChange,
+    compare_days,
+)
 
 SCHEMA = "acromion.comparison/1"
 _ABOVE_60, _MEDIAN = "time_above_60_percent", "elevation_p50_deg"
@@ -78,7 +86,7 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         report_id=report_id,
         footer=footer,
         brief=sign_off(header, footer, language),
-        made_of=after.findings.recording.start,
+        made_of=find_end(sides),
         amendment="",
         words=load_wording(language)["label"],
     )
@@ -98,6 +106,7 @@ def _take_day(kept: Kept) -> ComparedDay:
         side=kept.subject.side,
         verdict=findings.quality.verdict,
         sha256=findings.recording.sha256,
+        subject=clean_text(kept.subject.subject).strip(),
     )
 
 
@@ -120,7 +129,7 @@ def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     """Say first whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
-    for name in ("recording", "side"):
+    for name in NO_TWO_DAYS:
         if name in compared.differences:
             return VerdictLine(
                 "poor", words["no_two_days"][name]["label"], words["no_two_days"][name]["reason"]
@@ -186,7 +195,8 @@ def _tell_detectable(change: FigureChange, words: Words, language: Language) -> 
 
 
 def _tell_points(value: float, name: str, words: Words, language: Language) -> str:
-    """Differences of shares are percentage points."""
+    """Differences of shares are percentage points; in French the plural begins at two."""
     if name.endswith("_percent"):
-        return fill(words["points"], {"value": format_number(value, 1, language)})
+        form = "points" if round(abs(value), 1) >= 2 else "points_under_two"
+        return fill(words[form], {"value": format_number(value, 1, language)})
     return _tell_value(value, name, language)

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from typing import Any
 
 from app.report.charts import build_parts
@@ -80,6 +81,18 @@ def tell_time(kept: Kept, language: Language) -> str:
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
 
 
+def find_end(sides: tuple[Beside, Beside]) -> datetime | None:
+    """Give the end of the recording that ended last, the only date of a report of two."""
+    recordings = [side.kept.findings.recording for side in sides]
+    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
+    return max(ends, key=_read_wall_clock, default=None)
+
+
+def _read_wall_clock(moment: datetime) -> datetime:
+    """A clock with a zone and one without are compared by what they showed."""
+    return moment.replace(tzinfo=None)
+
+
 def tell_poses(sides: tuple[Beside, Beside], language: Language) -> str:
     """Give the known one-sided errors of the poses the figures were calibrated in; each once."""
     cautions = load_wording(language)["pose_caution"]
@@ -117,7 +130,7 @@ def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...
         words["device"].get(findings.recording.device, words["device"]["other"]),
         f"{tell_time(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
-        words["verdict"][findings.quality.verdict]["label"],
+        load_beside_words(language)["pair"]["verdict"][findings.quality.verdict],
         f"{method.name} {method.version}" if method else NONE,
         words["pose"].get(findings.calibration.pose, NONE) if findings.calibration else NONE,
         f"Acromion {subject.software.version}",

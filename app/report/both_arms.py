@@ -17,6 +17,7 @@ from app.report.beside import (
     build_two_bars,
     can_draw_curves,
     describe_source,
+    find_end,
     identify,
     load_beside_words,
     tell_poses,
@@ -27,7 +28,15 @@ from app.report.charts import label_day
 from app.report.clock import Clock
 from app.report.day import Day, draw_up_day, shift_day
 from app.report.findings import Kept
-from app.report.numbers import NONE, format_angle, format_duration, format_number, format_percent
+from app.report.numbers import (
+    NONE,
+    format_angle,
+    format_angle_range,
+    format_duration,
+    format_number,
+    format_percent,
+    format_range,
+)
 from app.report.parts import Figure, Pair, Report, Section, Table, VerdictLine
 from app.report.results import round_all
 from app.report.subject import clean_text, cut_text
@@ -42,6 +51,8 @@ if TYPE_CHECKING:
 SCHEMA = "acromion.pair/1"
 _LEVELS = ("good", "caution", "poor")
 _LONGEST_CODE = 24
+SHORTEST_DRAWN_S = 1800.0
+"""Fewer than six 5-minute blocks, drawn again, say little of a day."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +101,7 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             },
             "both_above_60_percent": shared.both_above_60_percent,
             "right_to_left": {"time_above_60": shared.ratio_above_60, "elevation_p50": shared.ratio_p50},
+            "intervals": {name: [range_.low, range_.high] for name, range_ in shared.intervals.items()},
             "trunk_relative": {
                 side: _describe_trunk(trunk)
                 for side, trunk in zip(("left", "right"), pair.trunk, strict=True)
@@ -130,7 +142,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         verdict=_tell_verdict(sides, words, language),
         sentences=_tell_answers(pair, words, language),
         pose_caution=f"{_tell_clock(pair, words, language)} {tell_poses(sides, language)}".strip(),
-        range_note="",
+        range_note=_tell_ranges(pair, words, language),
         figures=(build_two_bars(sides, language), _build_days(pair, sides, language)),
         references=(),
         limits=limits,
@@ -144,7 +156,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         report_id=report_id,
         footer=footer,
         brief=sign_off(header, footer, language),
-        made_of=pair.left.findings.recording.start,
+        made_of=find_end(sides),
         amendment="",
         words=load_wording(language)["label"],
     )
@@ -180,16 +192,48 @@ def _tell_verdict(sides: tuple[Beside, Beside], words: Words, language: Language
 
 def _tell_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
     entry, shared = words["sentence"], pair.shared
-    facts = {
-        "shared": format_duration(shared.shared_s, language),
-        "left": format_percent(shared.left.percent_above[60], language),
-        "right": format_percent(shared.right.percent_above[60], language),
-        "both": format_percent(shared.both_above_60_percent, language),
-        "ratio": "" if shared.ratio_above_60 is None else format_number(shared.ratio_above_60, 2, language),
-        "left_p50": format_angle(shared.left.percentiles_deg[50], language),
-        "right_p50": format_angle(shared.right.percentiles_deg[50], language),
+    ratio = format_number(shared.ratio_above_60, 2, language)
+    told = {
+        "left": ("left_time_above_60_percent", format_percent(shared.left.percent_above[60], language)),
+        "right": ("right_time_above_60_percent", format_percent(shared.right.percent_above[60], language)),
+        "both": ("both_above_60_percent", format_percent(shared.both_above_60_percent, language)),
+        "left_p50": ("left_elevation_p50_deg", format_angle(shared.left.percentiles_deg[50], language)),
+        "right_p50": ("right_elevation_p50_deg", format_angle(shared.right.percentiles_deg[50], language)),
+        "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
     }
+    facts = {
+        key: _add_range(value, _tell_range(pair, name, language), entry, key)
+        for key, (name, value) in told.items()
+    }
+    facts["shared"] = format_duration(shared.shared_s, language)
     return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
+
+
+def _add_range(value: str, told: str, entry: Words, key: str) -> str:
+    """Put the range behind its figure, if both are known; the ratio stands in brackets already."""
+    pattern = entry["ranged_inside" if key == "ratio" else "ranged"]
+    return fill(pattern, {"value": value, "range": told}) if value and told else value
+
+
+def _tell_range(pair: ArmPair, name: str, language: Language) -> str:
+    """Write the range of a figure in its unit; empty where none is known."""
+    interval = pair.shared.intervals.get(name)
+    if name.endswith("_percent"):
+        return format_range(interval, language)
+    if name.endswith("_deg"):
+        return format_angle_range(interval, language)
+    if interval is None:
+        return ""
+    return "–".join(format_number(end, 2, language) for end in (interval.low, interval.high))
+
+
+def _tell_ranges(pair: ArmPair, words: Words, language: Language) -> str:
+    """Say what the ranges hold, or that there are none."""
+    if not pair.shared.intervals:
+        return str(words["ranges"]["none"])
+    if pair.shared.shared_s < SHORTEST_DRAWN_S:
+        return str(load_wording(language)["ranges"]["short"])
+    return str(words["ranges"]["known"])
 
 
 def _tell_clock(pair: ArmPair, words: Words, language: Language) -> str:
@@ -239,25 +283,33 @@ def _tabulate_days(days: list[tuple[str, Day]], clock: Clock) -> tuple[tuple[str
 def _list_figures(pair: ArmPair, words: Words, language: Language) -> Section:
     entry, shared = words["table"], pair.shared
     left, right = shared.left, shared.right
-    rows = [
-        (
-            fill(entry["above"], {"threshold": f"{c:g}"}),
-            *(format_percent(arm.percent_above[c], language) for arm in (left, right)),
-            format_number(shared.ratio_above_60 if c == 60 else None, 2, language),
-        )
-        for c in left.percent_above
-    ]
-    rows += [
-        (
-            fill(entry["percentile"], {"p": str(p)}),
-            *(format_angle(arm.percentiles_deg[p], language, 1) for arm in (left, right)),
-            format_number(shared.ratio_p50 if p == 50 else None, 2, language),
-        )
-        for p in left.percentiles_deg
-    ]
+    rows: list[tuple[str, ...]] = []
+    for c in left.percent_above:
+        above = (format_percent(arm.percent_above[c], language) for arm in (left, right))
+        ratio = format_number(shared.ratio_above_60 if c == 60 else None, 2, language)
+        rows.append((fill(entry["above"], {"threshold": f"{c:g}"}), *above, ratio))
+        rows += _list_ranges(pair, f"time_above_{c:g}_percent", f"time_above_{c:g}", language)
+    for p in left.percentiles_deg:
+        angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in (left, right))
+        ratio = format_number(shared.ratio_p50 if p == 50 else None, 2, language)
+        rows.append((fill(entry["percentile"], {"p": str(p)}), *angles, ratio))
+        rows += _list_ranges(pair, f"elevation_p{p}_deg", f"elevation_p{p}", language)
     rows.append((entry["both"], format_percent(shared.both_above_60_percent, language), NONE, NONE))
+    if both := _tell_range(pair, "both_above_60_percent", language):
+        rows.append((_name_ranges(language), both, "", ""))
     table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
     return Section("figures", entry["title"], tables=(table,))
+
+
+def _list_ranges(pair: ArmPair, name: str, ratio: str, language: Language) -> list[tuple[str, ...]]:
+    """Give the row of ranges under a figure of both arms; none where none is known."""
+    names = (f"left_{name}", f"right_{name}", f"right_to_left_{ratio}")
+    cells = tuple(_tell_range(pair, end, language) for end in names)
+    return [(_name_ranges(language), *cells)] if any(cells) else []
+
+
+def _name_ranges(language: Language) -> str:
+    return str(load_wording(language)["measure"]["percentiles"]["range"])
 
 
 def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from app.report.charts import build_parts, is_drawable
 from app.report.clock import Clock
@@ -15,6 +16,7 @@ from app.report.numbers import (
     NONE,
     SHORTEST_RATED_S,
     format_angle,
+    format_angle_range,
     format_duration,
     format_exact,
     format_long_duration,
@@ -29,7 +31,7 @@ from app.report.results import SCHEMA, identify_report
 from app.report.spread import build_spread
 from app.report.subject import ReportSubject, clean_text, cut_text
 from app.report.wording import Language, Words, fill
-from fusion.exposure.types import PartExposure
+from fusion.exposure.types import Interval, PartExposure
 from fusion.quality.types import TimePart
 from fusion.recording import MICROSECONDS, QualityFlag
 
@@ -74,10 +76,13 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
         for key, parts, caption in (("hours", hours, "by_hour"), ("periods", periods, "by_period"))
         if parts
     ]
-    tables = [_tabulate_parts(parts, words["part"][caption], clock) for _, parts, caption in groups]
+    range_name = words["measure"]["percentiles"]["range"]
+    tables = [
+        _tabulate_parts(parts, words["part"][caption], range_name, clock) for _, parts, caption in groups
+    ]
     if any(part.periods > 1 for part in exposure.by_task):
-        tasks = [(_name_task(part, words), part) for part in exposure.by_task]
-        tables.append(_tabulate_parts(tasks, words["part"]["by_task"], clock))
+        tasks = [(_name_task(part, words), _drop_told_ranges(part)) for part in exposure.by_task]
+        tables.append(_tabulate_parts(tasks, words["part"]["by_task"], range_name, clock))
     figures = [
         build_parts(key, parts, words, clock.language)
         for key, parts, _ in groups
@@ -85,6 +90,11 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
     ]
     title = words["section"]["periods" if periods else "hours"]
     return Section("hours", title, figures=tuple(figures), tables=tuple(tables))
+
+
+def _drop_told_ranges(part: PartExposure) -> PartExposure:
+    """A task of one period has the period's ranges, which stand under that already."""
+    return part if part.periods > 1 else replace(part, intervals={})
 
 
 def _name_hour(part: PartExposure, clock: Clock) -> str:
@@ -105,21 +115,47 @@ def _name_task(part: PartExposure, words: Words) -> str:
     return told if part.periods == 1 else f"{told} ({part.periods}\u00a0×)"
 
 
-def _tabulate_parts(parts: list[tuple[str, PartExposure]], entry: Words, clock: Clock) -> Table:
+def _tabulate_parts(
+    parts: list[tuple[str, PartExposure]], entry: Words, range_name: str, clock: Clock
+) -> Table:
     language = clock.language
-    rows = tuple(
-        (
-            name,
-            _tell_analysed(part, entry, language),
-            *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
-            *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
-            format_rate(part.entries_above_60_per_h, language)
-            if part.analysed_s >= SHORTEST_RATED_S
-            else NONE,
-        )
-        for name, part in parts
+    rows: list[tuple[str, ...]] = []
+    for name, part in parts:
+        rows += [_tell_part(name, part, entry, language), *_tell_part_ranges(part, range_name, language)]
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+
+
+def _tell_part(name: str, part: PartExposure, entry: Words, language: Language) -> tuple[str, ...]:
+    rated = part.analysed_s >= SHORTEST_RATED_S
+    return (
+        name,
+        _tell_analysed(part, entry, language),
+        *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
+        *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
+        format_rate(part.entries_above_60_per_h, language) if rated else NONE,
     )
-    return Table(entry["caption"], tuple(entry["columns"]), rows, note=entry["note"])
+
+
+def _tell_part_ranges(part: PartExposure, range_name: str, language: Language) -> list[tuple[str, ...]]:
+    """Give the row of ranges under a part, if any is known; without units, so that it stays on its line."""
+    if not part.intervals:
+        return []
+    angles = (part.intervals.get(f"elevation_p{p}_deg") for p in (10, 50, 90))
+    shares = (part.intervals.get(f"time_above_{c}_percent") for c in (30, 60, 90))
+    rated = part.analysed_s >= SHORTEST_RATED_S
+    rate = part.intervals.get("entries_above_60_per_h") if rated else None
+    cells = (
+        *(format_angle_range(angle, language).removesuffix("°") for angle in angles),
+        *(_tell_ends(share, 1, language) for share in shares),
+        _tell_ends(rate, 0, language),
+    )
+    return [(range_name, "", *cells)]
+
+
+def _tell_ends(interval: Interval | None, decimals: int, language: Language) -> str:
+    if interval is None:
+        return ""
+    return "–".join(format_number(end, decimals, language) for end in (interval.low, interval.high))
 
 
 def _tell_analysed(part: PartExposure, entry: Words, language: Language) -> str:

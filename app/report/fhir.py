@@ -16,7 +16,7 @@ from typing import Any
 
 from app.report.dictionary import name_unit
 from app.report.naming import name_report
-from app.report.summary import COLUMNS, Column, Results, summarise_results
+from app.report.summary import COLUMNS, Column, Results, find_range, summarise_results
 from app.report.tables import Row
 from app.report.wording import Language
 
@@ -40,7 +40,7 @@ def build_fhir(
     common, name = _describe_common(results), name_report(results, version, "pdf")
     observations = [
         (_address(digest, column.name), observation)
-        for column, observation in _list_observations(summarise_results(results), common)
+        for column, observation in _list_observations(results, common)
     ]
     report = {
         "resourceType": "DiagnosticReport",
@@ -78,16 +78,21 @@ def _describe_period(start: str, recorded_s: float) -> dict[str, str]:
     return {"start": told[0], "end": told[1]}
 
 
-def _list_observations(row: Row, common: Mapping[str, Any]) -> Iterable[tuple[Column, dict[str, Any]]]:
+def _list_observations(
+    results: Results, common: Mapping[str, Any]
+) -> Iterable[tuple[Column, dict[str, Any]]]:
     """Give one observation for each figure there is, with the ends of its range where they are known."""
+    row: Row = summarise_results(results)
     for column in COLUMNS:
         if column.kind != "number" or row[column.name] is None or column.name.endswith(_LEFT_OUT):
             continue
-        ends = [(f"{column.name}{end}", row.get(f"{column.name}{end}")) for end in _LEFT_OUT]
+        ends = zip(_LEFT_OUT, find_range(results, column.name), strict=False)
         ranged = [
-            {"code": _name_code(name, name), "valueQuantity": _measure(name, value)}
-            for name, value in ends
-            if value is not None
+            {
+                "code": _name_code(f"{column.name}{end}", f"{column.name}{end}"),
+                "valueQuantity": _measure(f"{column.name}{end}", value),
+            }
+            for end, value in ends
         ]
         observation = {
             "resourceType": "Observation",

@@ -32,8 +32,10 @@ def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[
 def build_apdf(exposure: Exposure, words: Words, language: Language) -> Figure:
     """Build the cumulative distribution with P10, P50, P90 and P99."""
     entry = words["apdf"]
-    marks = tuple(_mark(p, exposure, language) for p in MARKED_PERCENTILES if p in exposure.percentiles_deg)
-    told = "; ".join(mark.label for mark in marks)
+    marks = tuple(
+        _mark(p, exposure, entry, language) for p in MARKED_PERCENTILES if p in exposure.percentiles_deg
+    )
+    told = ", ".join(mark.label for mark in marks)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
     shown = Distribution(share_below(exposure), marks, tuple(entry["axes"]))
     return Figure(
@@ -51,11 +53,11 @@ def share_below(exposure: Exposure) -> tuple[float, ...]:
     return tuple((100 * below_s / below_s[-1]).tolist())
 
 
-def _mark(percent: int, exposure: Exposure, language: Language) -> MarkedPercentile:
+def _mark(percent: int, exposure: Exposure, entry: Words, language: Language) -> MarkedPercentile:
     angle_deg = exposure.percentiles_deg[percent]
     interval = exposure.intervals.get(f"elevation_p{percent}_deg")
     told = f" ({format_angle_range(interval, language)})" if interval else ""
-    label = f"P{percent}: {format_angle(angle_deg, language)}{told}"
+    label = fill(entry["mark"], {"percent": str(percent), "angle": format_angle(angle_deg, language)}) + told
     return MarkedPercentile(percent, angle_deg, (interval.low, interval.high) if interval else None, label)
 
 
@@ -73,7 +75,7 @@ def build_eva(eva: Eva, words: Words, language: Language) -> Figure:
     """Build the heat map of elevation by how long the arm stayed in its class."""
     entry = words["eva"]
     shown = _lay_out(eva, entry, language)
-    told = "; ".join(
+    told = ", ".join(
         f"{name}: {', '.join(cells)}" for name, cells in zip(shown.rows, shown.told, strict=True)
     )
     facts = {"columns": ", ".join(shown.columns), "list": told}

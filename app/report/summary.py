@@ -108,6 +108,19 @@ def _percentile_columns() -> tuple[Column, ...]:
     )
 
 
+def find_range(results: Results, name: str) -> tuple[float, ...]:
+    """Give both ends of the 95 % range of a figure by its column's name; nothing where none is known."""
+    exposure = results["exposure"]
+    shares = {
+        **{f"time_above_{t['threshold_deg']:g}_percent": t for t in exposure["time_above"]},
+        **{f"time_{b['lower_deg']:g}_{b['upper_deg']:g}_percent": b for b in exposure["bins"]},
+    }
+    if name in shares:
+        ends = (shares[name]["low"], shares[name]["high"])
+        return () if None in ends else ends
+    return tuple(exposure["intervals"].get(name, ()))
+
+
 def _range_columns() -> tuple[Column, ...]:
     """Give the 95 % ranges of the main figures; they follow all others, as later columns must."""
     above = ((f"time_above_{c}_percent", _range_above(c)) for c in (30, 60, 90))

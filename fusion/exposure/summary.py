@@ -67,7 +67,9 @@ def summarise_exposure(  # noqa: PLR0913  each is an input of its own
         if len(segment) > 0:
             _add_segment(day, segment, segments.get(segment.start_us), gyro_bias_dps)
     exposure = _summarise_day(day, _name_filter(elevation))
-    return exposure if day.errors is None else add_intervals(exposure, day, day.errors)
+    if day.errors is None:
+        return exposure
+    return replace(add_intervals(exposure, day, day.errors), angle_sigma_deg=bias_sigma_deg)
 
 
 def _add_segment(

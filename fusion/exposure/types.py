@@ -213,3 +213,5 @@ class Exposure:
     """The bins added up to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by its key."""
     by_task: tuple[PartExposure, ...] = ()
     """The periods once more, those of one kind and label pooled; they too add up to the recording."""
+    angle_sigma_deg: float | None = None
+    """Standard deviation of a constant error of the angle that the ranges hold; None or 0: not known."""

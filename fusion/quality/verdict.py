@@ -8,6 +8,8 @@ from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
 HOUR_S = 3600.0
+FEW_H, POOR_H = 4, 2
+"""Below so many hours analysed a recording is to be read with care, or poor (EXPOSURE.md A15)."""
 NPOSE_ERROR_DEG = 15
 VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
 NOTE, CAUTION, POOR = range(3)
@@ -56,7 +58,7 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> int:
     if flag.code in SHARES:
         return CAUTION if flag.seconds * MICROSECONDS >= SHARES[flag.code] * time.recorded_us else NOTE
     if flag.code == "W-FEW-HOURS":
-        return POOR if flag.seconds < 2 * HOUR_S else CAUTION
+        return POOR if flag.seconds < POOR_H * HOUR_S else CAUTION
     if flag.code == "W-REMOUNT":
         return POOR if 2 * flag.seconds * MICROSECONDS >= time.recorded_us else CAUTION
     if flag.code in GRAVE:
@@ -127,5 +129,6 @@ def _flag_length(
         yield QualityFlag("W-LOWCOVER", seconds=analysed_s, facts={"percent": round(share_percent, 1)})
     if analysed_s < 60.0 and recording.holds_samples:
         yield QualityFlag("W-SHORT", seconds=analysed_s)
-    elif analysed_s < 4 * HOUR_S:
-        yield QualityFlag("W-FEW-HOURS", seconds=analysed_s)
+    elif analysed_s < FEW_H * HOUR_S:
+        limit_h = POOR_H if analysed_s < POOR_H * HOUR_S else FEW_H
+        yield QualityFlag("W-FEW-HOURS", seconds=analysed_s, facts={"hours": limit_h})

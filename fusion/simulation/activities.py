@@ -1,7 +1,7 @@
 """What a worker does in a day, one function for each: it writes movements until its time is up.
 
 Angles and tempi are plausible, not measured: chosen so that a day comes out near published ones
-(hairdressers: median 22 deg, 6.8 % of the time above 60 deg; Wahlstrom 2010).
+(hairdressers: median 22 deg, 6.8 % of the time above 60 deg; Wahlström 2010).
 """
 
 from collections.abc import Callable, Mapping

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 
@@ -121,6 +122,32 @@ def test_it_is_one_page_and_one_pdf(language: Language) -> None:
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_all_its_words_can_be_drawn(language: Language) -> None:
     assert "[U+" not in spell_uncovered(str(report_of(kept_with(13.2), language)))
+
+
+def test_two_people_are_no_change() -> None:
+    report = report_of(kept_with(30.0, subject="S999"))
+
+    assert (report.verdict.level, report.verdict.label) == ("poor", "Not the same person.")
+    assert plain(report.sentences[0]).endswith(
+        "This is no change between two days of one arm of one person, so that none is judged."
+    )
+
+
+def test_the_french_plural_begins_at_two() -> None:
+    told = [plain(report_of(kept_with(above), "fr").sentences[0]) for above in (9.5, 9.6)]
+
+    assert "(+1,9 point)" in told[0]
+    assert "(+2,0 points)" in told[1]
+
+
+def test_its_date_is_the_end_of_the_later_recording() -> None:
+    after = kept_with()
+    recording = after.findings.recording
+    assert recording.start is not None
+
+    later = replace(recording, start=recording.start + timedelta(days=1))
+    report = report_of(replace(after, findings=replace(after.findings, recording=later)))
+    assert report.made_of == recording.start + timedelta(days=1, microseconds=recording.duration_us)
 
 
 def test_a_hostile_subject_code_stays_text() -> None:

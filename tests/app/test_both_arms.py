@@ -21,6 +21,7 @@ from app.report.parts import Report
 from app.report.pdf import render_pdf, spell_uncovered
 from app.report.wording import LANGUAGES, Language
 from fusion.elevation import Elevation, ElevationSegment
+from fusion.exposure.types import Interval
 from fusion.paired import ArmShare, PairedArms, TrunkRelative
 from fusion.recording import Span
 from tests.app.analysis_factory import START, make_analysis, make_subject
@@ -64,6 +65,57 @@ def keep(folder: Path, side: str, angle_deg: float, sha256: str = "", start: dat
     segment = ElevationSegment(0, 100.0, angles, np.ones(6000, bool))
     write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
     return folder
+
+
+RANGED = replace(
+    SHARED,
+    intervals={
+        "left_time_above_60_percent": Interval(2.5, 6.0),
+        "right_to_left_time_above_60": Interval(1.2, 4.125),
+        "both_above_60_percent": Interval(1.0, 4.5),
+    },
+)
+
+
+def test_the_ranges_stand_behind_the_figures() -> None:
+    sentences = [plain(s) for s in report_of(replace(make_pair(), shared=RANGED)).sentences]
+
+    assert "above 60° for 4.0 % (2.5–6.0 %) and the right arm for 10.0 % of" in sentences[0]
+    assert "(right to left 2.50, range 1.20–4.12)" in sentences[0]
+    assert sentences[1] == "Both arms were above 60° at once for 2.5 % (1.0–4.5 %) of that time."
+
+
+def test_the_ranges_stand_under_the_figures_of_the_table() -> None:
+    rows = report_of(replace(make_pair(), shared=RANGED)).sections[0].tables[0].rows
+
+    assert [plain(cell) for cell in rows[2]] == ["95 % range", "2.5–6.0 %", "", "1.20–4.12"]
+    assert [plain(cell) for cell in rows[-1]] == ["95 % range", "1.0–4.5 %", "", ""]
+
+
+def test_the_quality_of_each_arm_is_named_once() -> None:
+    table = report_of(make_pair()).sections[-1].tables[0]
+
+    row = next(row for row in table.rows if row[0] == "Data quality")
+    assert set(row[1:]) <= {"good", "use with care", "poor"}
+
+
+def test_the_ranges_stand_in_the_document() -> None:
+    document = describe_pair(replace(make_pair(), shared=RANGED))
+
+    assert document["intervals"]["left_time_above_60_percent"] == [2.5, 6.0]
+
+
+@pytest.mark.parametrize(
+    ("shared", "told"),
+    [
+        (RANGED, "95 % ranges in brackets"),
+        (replace(RANGED, shared_s=1799.0), "Less than half an hour"),
+        (SHARED, "No range is given"),
+    ],
+    ids=["known", "short", "unknown"],
+)
+def test_what_the_ranges_hold_is_said(shared: PairedArms, told: str) -> None:
+    assert told in plain(report_of(replace(make_pair(), shared=shared)).range_note)
 
 
 def test_the_answer_tells_both_arms_and_the_time_at_once() -> None:

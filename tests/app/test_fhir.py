@@ -74,6 +74,25 @@ def test_a_range_stands_with_its_figure() -> None:
     assert [part["valueQuantity"]["value"] for part in components] == [20.0, 24.0]
 
 
+def test_every_figure_whose_range_is_known_has_it() -> None:
+    exposure = make_exposure(above_60_interval=Interval(6.0, 9.5))
+    first, *others = exposure.bins
+    bins = (replace(first, interval=Interval(40.0, 50.0)), *others)
+    known = {"entries_above_60_per_h": Interval(21.0, 44.0)}
+    analysis = make_analysis(exposure=replace(exposure, bins=bins, intervals=known))
+
+    bundle = json.loads(encode_fhir(json.loads(encode_results(analysis, make_subject())), {}, ""))
+
+    ranged = {
+        entry["resource"]["code"]["text"]: [
+            p["valueQuantity"]["value"] for p in entry["resource"]["component"]
+        ]
+        for entry in bundle["entry"][1:]
+        if "component" in entry["resource"]
+    }
+    assert sorted(ranged.values()) == [[6.0, 9.5], [21.0, 44.0], [40.0, 50.0]]
+
+
 def test_the_subject_is_a_code_and_never_a_name() -> None:
     text = json.dumps(bundle_of())
 

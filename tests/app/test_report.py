@@ -352,6 +352,12 @@ def test_the_range_of_a_percentile_stands_on_the_curve() -> None:
     assert "P90: 54° (47–61°)" in curve.wide
 
 
+def test_in_french_a_colon_on_the_curve_has_its_space() -> None:
+    curve = section_of(report_of(language="fr"), "spread").figures[0]
+
+    assert "P90\u202f: 54°" in curve.wide or "P90\u00a0: 54°" in curve.wide
+
+
 def test_the_heat_map_sums_to_all() -> None:
     heat = section_of(report_of(), "spread").figures[1]
 
@@ -367,6 +373,45 @@ def test_a_period_that_was_left_out_is_hatched_and_never_a_bar() -> None:
     chart = section.figures[1]
     assert plain(chart.wide).count("left out, 30 min") == 2  # on the bar and in the description
     assert chart.table.rows[0][1:] == ("–",) * 4
+
+
+def test_the_ranges_of_a_part_stand_under_its_figures() -> None:
+    intervals = {
+        "elevation_p50_deg": Interval(17.6, 29.6),
+        "time_above_60_percent": Interval(5.0, 11.2),
+        "entries_above_60_per_h": Interval(18.2, 44.9),
+    }
+    hour = replace(make_exposure().by_hour[1], intervals=intervals)
+
+    table = section_of(report_of(exposure=replace(make_exposure(), by_hour=(hour,))), "hours").tables[0]
+
+    assert [plain(cell) for cell in table.rows[1]] == [
+        "95 % range", "", "", "18–30", "", "", "5.0–11.2", "", "18–45",
+    ]  # fmt: skip
+
+
+def test_a_task_of_one_period_repeats_no_ranges() -> None:
+    hour = replace(make_exposure().by_hour[1], intervals={"elevation_p50_deg": Interval(17.6, 29.6)})
+    tasks = (replace(hour, label="Shelves", periods=2), replace(hour, label="Ceiling"))
+
+    table = section_of(report_of(exposure=replace(make_exposure(), by_task=tasks)), "hours").tables[-1]
+
+    assert [row[0] for row in table.rows] == ["Shelves (2\u00a0×)", "95\u202f% range", "Ceiling"]
+
+
+def test_a_part_without_ranges_has_no_row_of_them() -> None:
+    table = section_of(report_of(), "hours").tables[0]
+
+    assert len(table.rows) == len(make_exposure().by_hour)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_cycles_say_what_their_range_does_not_hold(language: Language) -> None:
+    caption = {"en": "Movement cycles by range", "fr": "Cycles de mouvement par amplitude"}[language]
+    tables = section_of(report_of(language=language), "figures").tables
+
+    note = next(table.note for table in tables if table.caption == caption)
+    assert re.search(r"4 (of|cas sur) 10", plain(note))
 
 
 def test_the_range_of_time_above_stands_beside_the_proposal() -> None:

@@ -73,6 +73,22 @@ def test_one_arm_beside_the_other_is_no_change() -> None:
     assert {change.verdict for change in compared.changes} == {"no two days"}
 
 
+def test_one_person_beside_another_is_no_change() -> None:
+    before, after = (
+        replace(day, subject=code) for day, code in ((spend_above(10), "S1"), (spend_above(30), "S2"))
+    )
+
+    compared = compare_days(before, after)
+    assert compared.differences == ("subject",)
+    assert {(change.detectable, change.verdict) for change in compared.changes} == {(None, "no two days")}
+
+
+def test_a_day_without_a_subject_code_may_be_of_the_same_person() -> None:
+    compared = compare_days(replace(spend_above(10), subject="S1"), spend_above(20))
+
+    assert compared.differences == ()
+
+
 def test_no_days_are_no_comparison() -> None:
     with pytest.raises(ValueError, match="0"):
         find_detectable_change(2.0, 0)

@@ -217,6 +217,11 @@ def test_few_hours_say_little_about_a_day(hours: float, verdict: str) -> None:
     assert (quality.verdict, quality.reasons) == (verdict, ("W-FEW-HOURS",))
 
 
+@pytest.mark.parametrize(("hours", "limit"), [(3.9, 4), (2.0, 4), (1.9, 2)])
+def test_few_hours_name_the_limit_that_makes_the_verdict(hours: float, limit: int) -> None:
+    assert judge(hours).flags[0].facts == {"hours": limit}
+
+
 def test_less_than_half_analysed_is_poor() -> None:
     quality = judge(5.0, missing_us=6 * HOUR_US)
 
