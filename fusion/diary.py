@@ -118,7 +118,8 @@ def _read_each(
             entries.extend(read(line, cells))
         except UnusableDiary as slip:
             text = ", ".join(cell for cell in cells if cell)[:LONGEST_LABEL]
-            slips.append(UnusableDiary(**{**slip.facts, "text": text}))
+            value = str(slip.facts.get("value", ""))[:LONGEST_LABEL]
+            slips.append(UnusableDiary(**{**slip.facts, "value": value, "text": text}))
     refuse_slips(slips)
     return tuple(entries)
 

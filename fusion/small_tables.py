@@ -16,10 +16,14 @@ def decode_text(content: bytes) -> str:
 
 
 def list_rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Give the rows that say something, with their line from 1; lines that begin with # are remarks."""
+    """Give the rows that say something, with their line from 1; lines that begin with # are remarks.
+
+    A line may end as on any system, also as on old Macs, and a cell may be as long as the table.
+    """
     first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     delimiter = max((";", "\t", ","), key=first.count)
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    csv.field_size_limit(max(csv.field_size_limit(), len(text)))
+    reader = csv.reader(io.StringIO(text, newline=None), delimiter=delimiter)
     for cells in reader:
         told = [cell.strip() for cell in cells]
         if any(told) and not told[0].startswith("#"):

@@ -36,9 +36,11 @@ def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
     ------
     UnusableTasks
     """
-    text = content.decode("utf-8-sig", "replace")
-    delimiter = ";" if ";" in text.partition("\n")[0] else ","
-    rows = csv.DictReader(io.StringIO(text), delimiter=delimiter)
+    lines = io.StringIO(content.decode("utf-8-sig", "replace"), newline=None)
+    delimiter = ";" if ";" in lines.readline() else ","
+    lines.seek(0)
+    csv.field_size_limit(max(csv.field_size_limit(), len(content)))
+    rows = csv.DictReader(lines, delimiter=delimiter)
     names = [(name or "").strip().lower() for name in rows.fieldnames or ()]
     rows.fieldnames = names
     if not set(NEEDED) <= set(names):

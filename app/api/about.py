@@ -9,7 +9,7 @@ from fastapi import APIRouter, FastAPI, Query, Request
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
+from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
 from app.api.results import read_result
 from app.api.schemas import view_settings
 from app.api.services import UsedLanguage, UsedServices
@@ -17,6 +17,7 @@ from app.errors import NotHere
 from app.formats import FORMATS
 from app.outcomes import list_refusals
 from app.report.dictionary import list_dictionary
+from app.report.messages import list_flag_codes
 from app.report.wording import Language
 from app.version import software_revision, software_version
 
@@ -123,7 +124,9 @@ def get_dictionary(language: UsedLanguage) -> Dictionary:
 
 @router.get("/problems/{code}")
 def get_problem(code: str, language: UsedLanguage) -> ProblemView:
-    """Explain the code of a refusal."""
+    """Explain the code of a refusal, or of a warning (status 200: it refuses nothing)."""
+    if code in list_flag_codes():
+        return view_flag(code, language, f"/api/v1/problems/{code}")
     if code not in {refusal.code for refusal in list_refusals()}:
         raise NotHere
     return view_problem(code, {}, language, f"/api/v1/problems/{code}")

@@ -4,6 +4,7 @@ Reading the form whole first would write every byte twice, and the first time to
 files, which is small in a container.
 """
 
+import hashlib
 from collections.abc import Callable
 
 from fastapi import Request
@@ -12,20 +13,24 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
-from app.errors import BadParameter, BrokenUpload
+from app.errors import BadParameter, BrokenUpload, WrongDigest
 from app.storage import COPY_BYTES
 
 MOST_WORDS, MOST_WORD_BYTES = 20, 4096
 
 
 class RecordingForm:
-    """One file and a few words; any order."""
+    """One file and a few words; any order.
 
-    def __init__(self, content_type: str) -> None:
+    ``digest`` is the SHA-256 that the client has told of the whole form, in hex, or "".
+    """
+
+    def __init__(self, content_type: str, digest: str = "") -> None:
         _, options = parse_options_header(content_type)
         boundary = options.get(b"boundary", b"")
         if not boundary:
             raise BadParameter(name="Content-Type", value=content_type[:60], allowed="boundary=…")
+        self._digest, self._sha256 = digest, hashlib.sha256()
         self.words: dict[str, str] = {}
         self.file_name: str | None = None
         self._piece, self._word = bytearray(), bytearray()
@@ -49,10 +54,12 @@ class RecordingForm:
 
         Raises
         ------
-        BadParameter, BrokenUpload
+        BadParameter, BrokenUpload, WrongDigest
         """
         try:
             async for chunk in request.stream():
+                if self._digest:
+                    self._sha256.update(chunk)
                 self._parser.write(chunk)
                 if len(self._piece) >= COPY_BYTES:
                     await run_in_threadpool(write, self._take_piece())
@@ -60,9 +67,16 @@ class RecordingForm:
             raise BrokenUpload from error
         except FormParserError:
             raise BadParameter(name="form", value="", allowed="multipart/form-data") from None
+        self._check_whole()
+        await run_in_threadpool(write, self._take_piece())
+
+    def _check_whole(self) -> None:
         if not self._ended:
             raise BrokenUpload
-        await run_in_threadpool(write, self._take_piece())
+        if self._digest not in ("", self._sha256.hexdigest()):
+            raise WrongDigest
+        if self.file_name is None:
+            raise BadParameter(name="form", value=", ".join(self.words)[:60], allowed="file")
 
     def _take_piece(self) -> bytes:
         piece, self._piece = bytes(self._piece), bytearray()

@@ -1,6 +1,7 @@
 """What may be asked with a recording."""
 
 from collections.abc import Callable
+from datetime import datetime
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -21,11 +22,31 @@ from app.request import (
 from fusion.choices import MethodName, Pose
 
 T = TypeVar("T")
+CLOCK_ALLOWED = "2026-03-02, 2026-03-02T07:58"
 
 
 def take_subject(text: str) -> str:
     """Take a subject code, or say what is allowed."""
     return _take(check_subject, text, SUBJECT_ALLOWED)
+
+
+def take_device_clock(text: str) -> str:
+    """Take a date or a time of the device's clock, which has no zone, or say what is allowed."""
+    return _take(_read_device_clock, text, CLOCK_ALLOWED) if text else ""
+
+
+def _read_device_clock(text: str) -> str:
+    """Write it as starts are written.
+
+    Raises
+    ------
+    ValueError
+        Also for a time with a zone: compared with a clock that has none, it would find others.
+    """
+    moment = datetime.fromisoformat(text)
+    if moment.tzinfo is not None:
+        raise ValueError
+    return moment.isoformat()
 
 
 def _check_window(text: str) -> str:

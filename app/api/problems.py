@@ -17,9 +17,10 @@ from app.api.allowed import Place, say_allowed_of, say_allowed_to
 from app.api.services import choose_language
 from app.errors import AppError, BadParameter, InternalError, NotHere, RecordedProblem, WrongVerb
 from app.outcomes import find_outcome_of_code
-from app.report.messages import describe_problem
+from app.report.messages import describe_flag, describe_problem
 from app.report.wording import Language
 from fusion.errors import Fact, FusionError
+from fusion.recording import QualityFlag
 
 TUS_HEADERS: Mapping[str, str] = {"Tus-Resumable": "1.0.0", "Tus-Version": "1.0.0"}
 
@@ -61,6 +62,22 @@ def view_problem(code: str, facts: Mapping[str, Fact], language: Language, insta
         fix=words.fix,
         where=place or None,
         retryable=outcome.retryable,
+        instance=instance,
+    )
+
+
+def view_flag(code: str, language: Language, instance: str) -> ProblemView:
+    """Put a warning into words. It refuses nothing: its status is 200, and there is nothing to mend."""
+    caveat = describe_flag(QualityFlag(code), language)
+    return ProblemView(
+        type=f"/api/v1/problems/{code}",
+        title=caveat.title,
+        status=200,
+        detail=caveat.detail,
+        code=code,
+        fix="",
+        where=None,
+        retryable=False,
         instance=instance,
     )
 

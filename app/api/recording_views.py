@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from app.api.parameters import take_subject
+from app.api.parameters import take_device_clock, take_subject
 from app.jobs.recordings import Description, RecordingFilter, StoredRow
 from app.report.wording import Language
 from app.request import clean_file_name
@@ -83,8 +83,16 @@ class RecordingQuery(BaseModel):
     subject: str = ""
     external_id: str = ""
     sha256: str = ""
-    begin: Annotated[str, Field(alias="from", description="First start of the recording, ISO 8601.")] = ""
-    end: Annotated[str, Field(alias="to", description="Start before this, ISO 8601.")] = ""
+    begin: Annotated[
+        str,
+        Field(alias="from", description="First start, ISO 8601, by the device's clock: without a zone."),
+        AfterValidator(take_device_clock),
+    ] = ""
+    end: Annotated[
+        str,
+        Field(alias="to", description="Start before this, by the same clock."),
+        AfterValidator(take_device_clock),
+    ] = ""
     trashed: bool = False
     limit: Annotated[int, Field(ge=1, le=500)] = 50
     cursor: str = ""

@@ -20,7 +20,7 @@ from app.api.recording_views import (
 )
 from app.api.services import Services, UsedServices
 from app.api.tus_body import finish_upload
-from app.api.upload import receive_recording, store_recording
+from app.api.upload import read_digest, receive_recording, store_recording
 from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
@@ -30,8 +30,14 @@ from fusion.diary import DiaryEntry, read_diary
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
 IfMatch = Annotated[str, Header(description='The ETag that was read, as "3"; else no check is made.')]
 MOST_DIARY_BYTES = 4 << 20
+WORD = {"type": "string"}
 FORM_BODY: dict[str, Any] = {
-    "schema": {"type": "object", "properties": {"file": {"type": "string", "format": "binary"}}}
+    "schema": {
+        "type": "object",
+        "properties": dict.fromkeys(RecordingWords.model_fields, WORD)
+        | {"file": {"type": "string", "format": "binary"}},
+        "required": ["file"],
+    }
 }
 RAW: dict[str, Any] = {
     "content": {"application/octet-stream": {}, "application/json": {}, "multipart/form-data": FORM_BODY}
@@ -201,7 +207,7 @@ def purge_recording(services: Services, recording_id: str) -> None:
 
 async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:
     """Take the one file of a form; its other fields say what the query may say, and go before it."""
-    form = RecordingForm(request.headers["content-type"])
+    form = RecordingForm(request.headers["content-type"], read_digest(request.headers))
 
     def commit(stored: StoredRecording) -> StoredRow:
         told = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)

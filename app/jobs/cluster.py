@@ -19,7 +19,7 @@ from sqlalchemy import Connection, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from app.jobs.attempt import MakeReport, load_and_make_report, warm_up
+from app.jobs.attempt import MakeReport, warm_up
 from app.jobs.database import connect, lock_tables
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
@@ -63,9 +63,12 @@ def _execute(connection: Connection, script: str) -> None:
 
 
 def run_cluster_worker(
-    settings: Settings, make: MakeReport = load_and_make_report, parent_pid: int | None = None
+    settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None
 ) -> None:
-    """Do jobs until asked to stop (SIGTERM, SIGINT) or until the parent is gone."""
+    """Do jobs until asked to stop (SIGTERM, SIGINT) or until the parent is gone.
+
+    ``make`` takes the place of the science.
+    """
     bench = open_bench(settings, make)
     install(settings.database_url)
     warm_up()

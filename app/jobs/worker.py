@@ -30,6 +30,7 @@ from app.jobs.attempt import (
     run_attempt,
     warm_up,
 )
+from app.jobs.heart import Heart
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
@@ -75,8 +76,9 @@ def run_next(bench: Bench) -> bool:
     if job is None or job.token is None:
         return False
     started_s = time.monotonic()
-    outcome = _attempt_patiently(bench, job, job.token)
-    _insist(bench, partial(_publish, bench, job, job.token, outcome))
+    with Heart(bench.store, (job.id, job.token), bench.settings.heartbeat_s).beating() as heart:
+        outcome = _attempt_patiently(bench, job, job.token, heart)
+        _insist(bench, partial(_publish, bench, job, job.token, outcome))
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
     return True
@@ -130,10 +132,10 @@ def _insist(bench: Bench, change: Callable[[], None]) -> None:
                 raise
 
 
-def _attempt_patiently(bench: Bench, job: Job, token: str) -> Outcome:
+def _attempt_patiently(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
     """Put the job back, uncounted, when it is the store or the disk that fails."""
     try:
-        return _attempt(bench, job, token)
+        return _attempt(bench, job, token, heart)
     except (StoreAway, DiskFull) as trouble:
         logger.warning("%s: put back for now: %s", job.id, trouble.code)
         bench.stopping.wait(TROUBLE_S)
@@ -143,7 +145,7 @@ def _attempt_patiently(bench: Bench, job: Job, token: str) -> Outcome:
         return Refused(StoreDamaged.code, {})
 
 
-def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
+def _attempt(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
     with borrow_recording(bench.storage, job.recording_id) as log, _borrow_reference(bench, job) as request:
         if hash_file(log) != job.sha256:
@@ -151,7 +153,12 @@ def _attempt(bench: Bench, job: Job, token: str) -> Outcome:
             return Refused(StoreDamaged.code, {})
         limits = choose_limits(bench.settings, job.size_bytes)
         attempt = Attempt(log, request, out, _choose_road(bench, job), limits)
-        return run_attempt(attempt, _Heart(bench, job.id, token).beat)
+        return run_attempt(attempt, partial(_tell_unless_stopping, bench, heart))
+
+
+def _tell_unless_stopping(bench: Bench, heart: Heart, stage: str | None, fraction: float) -> bool:
+    """Tell how far the analysis is; False when the job was cancelled or taken, or we are to stop."""
+    return not bench.stopping.is_set() and heart.tell(stage, fraction)
 
 
 def _choose_road(bench: Bench, job: Job) -> MakeReport:
@@ -196,35 +203,6 @@ def _release_after_death(bench: Bench, analysis_id: str, token: str, attempts: i
     else:
         crashed = Crashed(attempts=attempts)
         bench.store.fail(analysis_id, token, crashed.code, crashed.facts)
-
-
-class _Heart:
-    """Beats for one attempt: writes when there is news or the heartbeat is due, else only looks."""
-
-    def __init__(self, bench: Bench, analysis_id: str, token: str) -> None:
-        self._bench, self._analysis_id, self._token = bench, analysis_id, token
-        self._written: tuple[str | None, float] = (None, 0.0)
-        self._due_s = 0.0
-
-    def beat(self, stage: str | None, fraction: float) -> bool:
-        """Say that we live; False when the job was cancelled or taken, or we are to stop.
-
-        While the database is away nobody can take the job: we go on, and the end is guarded anyway.
-        """
-        if self._bench.stopping.is_set():
-            return False
-        try:
-            return self._write_or_look(stage, fraction)
-        except OperationalError:
-            logger.warning("%s: no heartbeat, the database does not answer", self._analysis_id)
-            return True
-
-    def _write_or_look(self, stage: str | None, fraction: float) -> bool:
-        now_s, news = time.monotonic(), (stage, fraction)
-        if news == self._written and now_s < self._due_s:
-            return self._bench.store.owns(self._analysis_id, self._token)
-        self._written, self._due_s = news, now_s + self._bench.settings.heartbeat_s
-        return self._bench.store.beat(self._analysis_id, self._token, stage, fraction)
 
 
 def main() -> None:

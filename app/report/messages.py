@@ -55,6 +55,11 @@ def describe_flag(flag: QualityFlag, language: Language) -> Caveat:
     return Caveat(fill(entry["title"], told), fill(entry["detail"], told))
 
 
+def list_flag_codes() -> tuple[str, ...]:
+    """Give the code of every caveat that has words."""
+    return tuple(sorted(load_wording("en")["flag"]))
+
+
 def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
     """Give the facts of the first row, and those of each further one that was refused with it."""
     rows: dict[int, dict[str, Fact]] = {1: {}}

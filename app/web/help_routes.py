@@ -1,4 +1,4 @@
-"""Help: the poses, which file to export, each code of a refusal, and a sample shift to try."""
+"""Help: the poses, which file to export, each code of a refusal or a warning, and a sample shift to try."""
 
 import os
 import subprocess
@@ -14,10 +14,11 @@ from app.errors import NotHere
 from app.intake import Intake
 from app.jobs.job import Job
 from app.outcomes import find_outcome_of_code, list_refusals
-from app.report.messages import describe_problem
+from app.report.messages import describe_flag, describe_problem, list_flag_codes
 from app.report.wording import Language, load_wording
 from app.request import ReportRequest
 from app.web.rendering import find_base, show_page
+from fusion.recording import QualityFlag
 
 SAMPLE_HOURS = "1"
 SAMPLE_SUBJECT = "DEMO"
@@ -31,7 +32,8 @@ router = APIRouter(include_in_schema=False)
 def show_help(request: Request, language: UsedLanguage) -> Response:
     """List what help there is."""
     codes = [(code, describe_problem(code, {}, language).title) for code in _list_codes()]
-    return _show(request, "help.html", language, {"codes": codes})
+    warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in list_flag_codes()]
+    return _show(request, "help.html", language, {"codes": codes, "warnings": warnings})
 
 
 @router.get("/help/poses")
@@ -48,12 +50,17 @@ def show_export(request: Request, language: UsedLanguage) -> Response:
 
 @router.get("/problems/{code}")
 def show_problem_page(code: str, request: Request, language: UsedLanguage) -> Response:
-    """Explain the code of a refusal."""
+    """Explain the code of a refusal or of a warning."""
+    if code in list_flag_codes():
+        caveat = describe_flag(QualityFlag(code), language)
+        return _show(request, "problem.html", language, {"code": code, "problem": caveat, "fix": ""})
     if code not in _list_codes():
         raise NotHere
+    problem = describe_problem(code, {}, language)
     values = {
         "code": code,
-        "problem": describe_problem(code, {}, language),
+        "problem": problem,
+        "fix": problem.fix,
         "retryable": find_outcome_of_code(code).retryable,
     }
     return _show(request, "problem.html", language, values)

@@ -12,6 +12,7 @@ from app.api.housekeeping import grow_older
 from app.api.services import Services, find_services
 from app.formats import FORMATS
 from app.outcomes import list_refusals
+from app.report.messages import list_flag_codes
 from fusion.readers import READERS
 
 TUS = {"tus-resumable": "1.0.0", "upload-length": "3"}
@@ -82,6 +83,28 @@ def test_the_dictionary_speaks_the_language_asked_for(client: TestClient) -> Non
 @pytest.mark.parametrize("code", sorted({refusal.code for refusal in list_refusals()}))
 def test_every_code_can_be_looked_up(client: TestClient, code: str) -> None:
     assert client.get(f"/api/v1/problems/{code}").json()["code"] == code
+
+
+@pytest.mark.parametrize("code", list_flag_codes())
+def test_every_warning_can_be_looked_up(client: TestClient, code: str) -> None:
+    told = client.get(f"/api/v1/problems/{code}").json()
+
+    assert (told["code"], told["status"], told["fix"]) == (code, 200, "")
+    assert told["detail"]
+
+
+def test_the_help_page_leads_to_every_warning(client: TestClient) -> None:
+    page = client.get("/help").text
+
+    assert all(f'href="/problems/{code}"' in page for code in list_flag_codes())
+    assert "it refuses nothing" in page
+
+
+def test_the_page_of_a_warning_offers_no_cure(client: TestClient) -> None:
+    page = client.get("/problems/W-DUP-UPLOAD").text
+
+    assert "the same file was sent before" in page
+    assert "What to do" not in page
 
 
 def test_the_metrics_count_what_waits(client: TestClient) -> None:

@@ -54,7 +54,7 @@ def part(name: str, content: bytes = b"") -> bytes:
         (b"no form at all", "E-PARAMETER"),
         (part('"f"; filename="a"', b"half"), "E-CUT-UPLOAD"),
         (part('"f"; filename="a"', b"\r\n--cut--\r\n"), "E-EMPTY"),
-        (part('"subject"', b"S1\r\n--cut--\r\n"), "E-EMPTY"),
+        (part('"subject"', b"S1\r\n--cut--\r\n"), "E-PARAMETER"),
         (part('"note"', b"x" * 5000), "E-PARAMETER"),
         (b"".join(part(f'"n{k}"', b"x\r\n") for k in range(30)), "E-PARAMETER"),
     ],
@@ -82,6 +82,32 @@ def test_a_field_that_is_not_known_is_refused_with_those_that_are(
 
     assert "allowed: file_name, subject, side" in answer.json()["detail"]
     assert files_of(settings) == []
+
+
+def test_a_form_without_a_file_says_that_the_file_is_wanting(client: TestClient) -> None:
+    answer = client.post(URL, content=part('"subject"', b"S1\r\n--cut--\r\n"), headers=FORM)
+
+    assert answer.json()["detail"].endswith("allowed: file.")
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+def test_a_form_that_is_not_what_was_sent_is_refused(
+    client: TestClient, settings: Settings, name: str
+) -> None:
+    form = part('"f"; filename="a"', b"recording\r\n--cut--\r\n")
+
+    answer = client.post(URL, content=form, headers=FORM | {name: tell_digest(b"as it was")})
+
+    assert answer.json()["code"] == "E-DIGEST"
+    assert files_of(settings) == []
+
+
+def test_a_form_that_is_as_it_was_sent_is_taken(client: TestClient) -> None:
+    form = part('"f"; filename="a"', b"recording\r\n--cut--\r\n")
+
+    answer = client.post(URL, content=form, headers=FORM | {"content-digest": tell_digest(form)})
+
+    assert answer.json()["sha256"] == hashlib.sha256(b"recording").hexdigest()
 
 
 @pytest.mark.parametrize("name", DIGESTS)

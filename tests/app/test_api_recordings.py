@@ -102,6 +102,19 @@ def test_recordings_are_found_by_their_start(client: TestClient, store: JobStore
     assert list_ids(client, to="2026-03-03") == [early["id"]]
 
 
+@pytest.mark.parametrize("name", ["from", "to"])
+@pytest.mark.parametrize(
+    "value", ["02/03/2026", "soon", "2026-03-02T12:00:00Z", "2026-03-02T07:00-05:00", "7"]
+)
+def test_a_bound_that_is_no_time_of_the_device_s_clock_is_refused(
+    client: TestClient, name: str, value: str
+) -> None:
+    answer = client.get("/api/v1/recordings", params={name: value})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+    assert "allowed: 2026-03-02, 2026-03-02T07:58" in answer.json()["detail"]
+
+
 def test_pages_follow_one_another_without_gap_or_repeat(client: TestClient) -> None:
     kept = [keep(client, bytes([k]))["id"] for k in range(5)]
     seen, address = [], f"{URL}?limit=2"

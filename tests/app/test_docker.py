@@ -72,3 +72,15 @@ def test_the_image_installs_the_versions_that_are_tested() -> None:
 
     assert installed
     assert installed <= list_pins(DOCKER.parent / "requirements.lock")
+
+
+def test_a_worker_s_memory_folder_holds_the_largest_recording_and_what_it_keeps_besides() -> None:
+    worker = read(DOCKER / "compose.many.yaml")["services"]["worker"]
+    example = dict(re.findall(r"^(\w+)=(\S+)$", (DOCKER / "env.example").read_text(), re.MULTILINE))
+    (room,) = (re.search(r"^/work:size=(\d+)g", place) for place in worker["tmpfs"] if "/work" in place)
+
+    largest = int(example["ACROMION_MAX_UPLOAD_BYTES"])
+    kept = int(worker["environment"]["ACROMION_MAX_CACHE_BYTES"])
+
+    assert room is not None
+    assert int(room[1]) << 30 >= largest + kept + (1 << 30)

@@ -5,7 +5,9 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -20,6 +22,27 @@ from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 
 pytestmark = on_both_set_ups
+
+
+class SlowRoad:
+    """A store whose one way takes as long as two heartbeats of whoever holds the job."""
+
+    def __init__(self, storage: Storage, store: JobStore, way: str) -> None:
+        self._storage, self._store, self._way = storage, store, way
+        self.beats: list[int] = []
+
+    def __getattr__(self, name: str) -> object:
+        if name == self._way and not self.beats:
+            self._watch_beats()
+        return getattr(self._storage, name)
+
+    def _watch_beats(self) -> None:
+        end_s = time.monotonic() + 20
+        while len(self.beats) < 3 and time.monotonic() < end_s:
+            (claim,) = self._store.list_claims()
+            if claim.beats not in self.beats:
+                self.beats.append(claim.beats)
+            time.sleep(0.02)
 
 
 def start_bystander() -> subprocess.Popen[bytes]:
@@ -236,6 +259,19 @@ def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: Ad
     store.beat(job.id, claimed.token, "fusing", 0.5)
 
     assert watch.find_abandoned(store.list_claims()) == ()
+
+
+@pytest.mark.parametrize("way", ["fetch_recording", "keep_attempt"])
+def test_a_holder_beats_while_the_store_is_slow(
+    store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
+) -> None:
+    job = add_job()
+    road = SlowRoad(storage, store, way)
+
+    run_next(replace(bench(stand_ins.write_report, heartbeat_s=0.1), storage=cast("Storage", road)))
+
+    assert len(road.beats) == 3
+    assert store.get(job.id).state is JobState.SUCCEEDED
 
 
 def test_a_large_file_is_given_more_time(settings: Settings) -> None:

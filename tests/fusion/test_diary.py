@@ -37,6 +37,20 @@ def test_the_event_end_ends_the_one_before() -> None:
     assert [(e.start, e.end) for e in entries] == [("08:00:00", "10:00:00")]
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["unix", "windows", "old mac"])
+def test_lines_may_end_as_on_any_system(end: str) -> None:
+    entries = read_diary(f"start,end,kind{end}08:00,09:00,task{end}09:00,09:15,break{end}".encode())
+
+    assert [(e.start, e.kind, e.line) for e in entries] == [("08:00:00", "task", 2), ("09:00:00", "break", 3)]
+
+
+def test_a_quote_that_is_never_closed_is_refused_with_its_line_and_not_told_whole() -> None:
+    facts = refuse('start,end,kind\n"08:00,09:00,task' + "x" * 200_000)
+
+    assert (facts["line"], facts["why"]) == (2, "time")
+    assert len(str(facts["value"])) < 1000
+
+
 def test_a_french_diary_from_a_spreadsheet_is_read() -> None:
     text = "\ufeffdébut;fin;genre;libellé\n7 h 58;12h00;tâche;Peinture\n12:00;12:30;pause;\n"
     entries = read_diary(text.encode())

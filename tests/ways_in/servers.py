@@ -17,11 +17,22 @@ PATIENCE_S = 120.0
 
 
 class RunningServer:
-    """``acromion serve`` on a free port, with one worker."""
+    """``acromion serve`` on a free port, with one worker or more."""
 
-    def __init__(self, data: Path, log: Path) -> None:
-        command = [sys.executable, "-m", "app", "serve", "--port", "0", "--data", str(data), "-j", "1"]
-        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"}
+    def __init__(self, data: Path, log: Path, workers: int = 1, **settings: str) -> None:
+        command = [
+            sys.executable,
+            "-m",
+            "app",
+            "serve",
+            "--port",
+            "0",
+            "--data",
+            str(data),
+            "-j",
+            str(workers),
+        ]
+        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"} | settings
         self._log = log
         with log.open("ab") as file:
             file.truncate(0)
