@@ -12,7 +12,7 @@ from datetime import timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import TooShort, WrongAxes, WrongScale
+from fusion.errors import TooShort, MixedColumns, WrongScale
 from fusion.gravity_windows import GravityWindows, cut_windows
 from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
@@ -47,7 +47,7 @@ def check_physics(recording: Recording) -> Recording:
     ------
     WrongScale
         At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
-    WrongAxes
+    MixedColumns
         The two sensors contradict each other, and no one order and sign of the axes puts it right.
     TooShort
         Less than a second, which tells nothing of a unit.
@@ -59,7 +59,7 @@ def check_physics(recording: Recording) -> Recording:
     windows = cut_windows(checked.segments)
     evidence = judge_frame(windows, find_gyro_offset_dps(checked.segments), candidates)
     if evidence is not None and evidence.is_wrong:
-        raise WrongAxes(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
+        raise MixedColumns(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
     if evidence is None or not evidence.is_settled:
         return _assume(checked, unit, candidates[0], evidence)
     return _arrange(checked, unit, windows, evidence)
@@ -80,7 +80,7 @@ def _assume(recording: Recording, unit: str, factor: float, evidence: FrameEvide
     flags = [] if unit not in ("", "registers") else [_flag_rate(factor, "assumed")]
     if evidence is not None and evidence.is_doubtful:
         percent = round(100.0 * evidence.as_read.score)
-        flags.append(QualityFlag("W-AXES", facts={"percent": percent, "turns": evidence.lively}))
+        flags.append(QualityFlag("W-MIXED", facts={"percent": percent, "turns": evidence.lively}))
     return _flag(_set_unit(recording, unit, factor), *flags)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import WrongAxes, WrongScale
+from fusion.errors import MixedColumns, WrongScale
 from fusion.gyro_frame import TURNS
 from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics, name_axes, refuse_impossible_rates
 from fusion.recording import Recording, Segment
@@ -218,7 +218,7 @@ def test_the_scale_of_one_axis_is_undone() -> None:
 def test_a_gyroscope_of_another_moment_is_refused() -> None:
     motion = rest_and_turn(80)
 
-    with pytest.raises(WrongAxes):
+    with pytest.raises(MixedColumns):
         check_physics(recording_of(motion.acc_g, np.roll(motion.gyr_dps, 300, axis=0), **STATED))
 
 
