@@ -12,10 +12,11 @@ from datetime import timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import TooShort, MixedColumns, WrongScale
+from fusion.errors import MixedColumns, TooShort, WrongScale
 from fusion.gravity_windows import GravityWindows, cut_windows
 from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+from fusion.rest_length import measure_rest_scale
 from fusion.rest_probes import find_gyro_offset_dps, measure_rests_g, moving_mean, probe_blocks
 
 STANDARD_GRAVITY = 9.80665
@@ -38,6 +39,7 @@ SHORTEST_S = 1.0
 FEWEST_RESTS, UNEVEN_G = 20, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
 
 
 def check_physics(recording: Recording) -> Recording:
@@ -52,8 +54,7 @@ def check_physics(recording: Recording) -> Recording:
     TooShort
         Less than a second, which tells nothing of a unit.
     """
-    checked = _check_gravity(recording)
-    _refuse_uneven(checked)
+    checked = _correct_rest_length(_check_gravity(recording))
     unit = checked.understood.get("angular_rate_unit", "deg/s")
     candidates = _rate_candidates(unit)
     windows = cut_windows(checked.segments)
@@ -65,12 +66,34 @@ def check_physics(recording: Recording) -> Recording:
     return _arrange(checked, unit, windows, evidence)
 
 
-def _refuse_uneven(recording: Recording) -> None:
-    """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
+def _correct_rest_length(recording: Recording) -> Recording:
+    """Undo what the accelerometer surely reads too long or too short; refuse what reads unlike all round."""
     rests_g = measure_rests_g(recording.segments)
-    if len(rests_g) < FEWEST_RESTS:
+    scale = measure_rest_scale(rests_g)
+    if scale is None or not (scale.is_axis_off or scale.is_overall_off):
+        if scale is None or not scale.is_even:
+            _refuse_uneven(np.linalg.norm(rests_g, axis=1))
+        return recording
+    facts: dict[str, str | int | float] = {"evidence": "rest"}
+    if scale.is_axis_off:
+        factors = scale.axes.astype(np.float32)
+        facts |= {"what": "scale of the accelerometer's axes", **_name_factors(scale.axes)}
+    else:
+        factors = np.full(3, scale.overall, np.float32)
+        facts |= {"what": "accelerometer scale", "factor": round(scale.overall, 3)}
+    segments = tuple(replace(s, acc_g=s.acc_g * factors) for s in recording.segments)
+    return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
+
+
+def _name_factors(axes: Vector) -> dict[str, float]:
+    return {f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", axes, strict=True)}
+
+
+def _refuse_uneven(lengths_g: Vector) -> None:
+    """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
+    if len(lengths_g) < FEWEST_RESTS:
         return
-    low_g, high_g = np.quantile(rests_g, [0.02, 0.98]).tolist()
+    low_g, high_g = np.quantile(lengths_g, [0.02, 0.98]).tolist()
     if high_g - low_g > UNEVEN_G:
         raise WrongScale(low_g=round(low_g, 2), high_g=round(high_g, 2))
 
@@ -148,11 +171,8 @@ def name_axes(turn: Matrix) -> str:
 def _correct_scale(recording: Recording, scale: Scale) -> Recording:
     """Multiply the rates by what the motion says, if it is surely more than parts are off."""
     if scale.is_axis_off:
-        facts: dict[str, str | int | float] = {
-            "what": "scale of the axes",
-            "evidence": "motion",
-            **{f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", scale.axes, strict=True)},
-        }
+        facts: dict[str, str | int | float] = {"what": "scale of the axes", "evidence": "motion"}
+        facts |= _name_factors(scale.axes)
         factors = scale.axes.astype(np.float32)
     elif scale.is_overall_off:
         facts = {"what": "gyroscope scale", "evidence": "motion", "factor": round(scale.overall, 3)}

@@ -57,8 +57,8 @@ def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float
 
 
 def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
-    """Length of the mean acceleration of each half second in which neither sensor moves, shape (n,)."""
-    lengths = []
+    """Mean acceleration of each half second in which neither sensor moves, shape (n, 3)."""
+    rests = []
     for segment, first, stop in probe_blocks(segments):
         width = max(5, round(OFFSET_S * segment.rate_hz))
         acc, gyr = (
@@ -66,8 +66,20 @@ def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
             for samples in (segment.acc_g, segment.gyr_dps)
         )
         is_still = (acc.std(axis=1).max(axis=1) < STILL_G) & (gyr.std(axis=1).max(axis=1) < STILL_DPS)
-        lengths.append(np.linalg.norm(acc.mean(axis=1)[is_still], axis=1))
-    return np.concatenate(lengths) if lengths else np.zeros(0)
+        rests.append(acc.mean(axis=1)[is_still])
+    return np.concatenate(rests) if rests else np.zeros((0, 3))
+
+
+def tell_directions(unit: NDArray[np.float64], near_deg: float) -> NDArray[np.intp]:
+    """Number the directions: each moment belongs to the first, in order of time, that is near it."""
+    number, found = np.full(len(unit), -1, dtype=np.intp), 0
+    left = np.arange(len(unit))
+    while len(left):
+        near = unit[left] @ unit[left[0]] > np.cos(np.radians(near_deg))
+        near[0] = True
+        number[left[near]] = found
+        left, found = left[~near], found + 1
+    return number
 
 
 def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
