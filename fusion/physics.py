@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.errors import MixedColumns, TooShort, WrongScale
+from fusion.flat_tops import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
 from fusion.gravity_windows import GravityWindows, cut_windows
 from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
@@ -57,13 +58,29 @@ def check_physics(recording: Recording) -> Recording:
     checked = _correct_rest_length(_check_gravity(recording))
     unit = checked.understood.get("angular_rate_unit", "deg/s")
     candidates = _rate_candidates(unit)
-    windows = cut_windows(checked.segments)
+    cut_off = find_flat_range([segment.gyr_dps for segment in checked.segments])
+    windows = cut_windows(checked.segments, SAME_SHARE * (cut_off or np.inf))
     evidence = judge_frame(windows, find_gyro_offset_dps(checked.segments), candidates)
     if evidence is not None and evidence.is_wrong:
         raise MixedColumns(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
     if evidence is None or not evidence.is_settled:
-        return _assume(checked, unit, candidates[0], evidence)
-    return _arrange(checked, unit, windows, evidence)
+        return _narrow_ranges(_assume(checked, unit, candidates[0], evidence), is_cut=cut_off is not None)
+    return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None)
+
+
+def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
+    """Take the size at which the samples are cut off for the full scale, where that is less than stated.
+
+    ``is_cut``: the gyroscope's flat tops were seen, in whatever unit it was.
+    """
+    acc_g = find_flat_range([segment.acc_g for segment in recording.segments], LEAST_ACC_G)
+    rates = [segment.gyr_dps for segment in recording.segments] if is_cut else []
+    gyr_dps = find_flat_range(rates, LEAST_GYR_DPS)
+    return replace(
+        recording,
+        acc_range_g=min((r for r in (acc_g, recording.acc_range_g) if r is not None), default=None),
+        gyr_range_dps=min((r for r in (gyr_dps, recording.gyr_range_dps) if r is not None), default=None),
+    )
 
 
 def _correct_rest_length(recording: Recording) -> Recording:
