@@ -8,6 +8,7 @@ what contradicts itself and cannot be put right is refused.
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import timedelta
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ RANGES_DPS = (245.0, 500.0, 2000.0)
 ARDUINO_DPS = 2000.0 / 32768.0
 """What Arduino_LSM9DS1 takes for one count; the data sheet says 0.07 deg/s."""
 ARDUINO_FACTOR = 0.07 / ARDUINO_DPS
+SURE_ERRORS = 3.0
+"""A GT9X has the same grid: its columns negated are told from the library by the scale of the motion."""
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 1.0
@@ -132,9 +135,11 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
     if factor != 1.0:
         arranged = _flag(arranged, _flag_rate(factor, "motion"))
     arranged = _turn_axes(arranged, chosen.turn)
-    if _is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS):
+    scale = measure_scale(windows, chosen, factor)
+    is_arduino = _is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS)
+    if is_arduino and scale.overall + SURE_ERRORS * scale.error > sqrt(ARDUINO_FACTOR):
         return _undo_arduino(arranged)
-    return _correct_scale(arranged, measure_scale(windows, chosen, factor))
+    return _correct_scale(arranged, scale)
 
 
 def _name_factor(factor: float, candidates: Sequence[float]) -> float:

@@ -16,12 +16,12 @@ from fusion.rest_probes import tell_directions
 Table = NDArray[np.float64]
 
 CELL_DEG, FEWEST_DIRECTIONS = 10.0, 6
-CELL_G, STILL_G = 0.004, 0.006
+CELL_G, STILL_G = 0.002, 0.004
 """Standard deviation of the length at a direction, and of a single rest."""
 OFFSET_G = 0.04
 """What parts have, one standard deviation (LSM9DS1: 90 mg at most)."""
 SCALE_TOLERANCE, AXIS_TOLERANCE = 0.03, 0.05
-"""Simulated parts, ten of each device, come out within 0.014, their axes within 0.021."""
+"""Simulated parts, ten of each device, come out within 0.015, their axes within 0.021."""
 ERRORS = 6.0
 MOST_LEFT_G = 0.015
 """What may be left unexplained: rests of a part read within this of 1 g once it is calibrated."""
@@ -76,9 +76,14 @@ def measure_rest_scale(rests_g: Table) -> RestScale | None:
 
 
 def _average(rests_g: Table, cell: NDArray[np.intp]) -> tuple[Table, Table]:
-    """Median of each direction, (c, 3), so that no pose outvotes the others, and how many rests, (c,)."""
-    cells = range(int(cell.max()) + 1)
-    return np.array([np.median(rests_g[cell == k], axis=0) for k in cells]), np.bincount(cell).astype(float)
+    """One reading for each direction, (c, 3), so that no pose outvotes the others, and how many rests, (c,).
+
+    The median length in the mean direction: the mean itself is too short by the spread of the directions.
+    """
+    length_g, count = np.linalg.norm(rests_g, axis=1), np.bincount(cell)
+    mean_g = np.array([rests_g[cell == k].mean(axis=0) for k in range(len(count))])
+    median_g = np.array([np.median(length_g[cell == k]) for k in range(len(count))])
+    return mean_g * (median_g / np.linalg.norm(mean_g, axis=1))[:, None], count.astype(np.float64)
 
 
 def _fit(reading_g: Table, variance: Table, shape: Table) -> tuple[Table, Table, float]:

@@ -173,6 +173,15 @@ def test_a_right_handed_part_with_the_same_grid_keeps_its_scale() -> None:
     assert checked.flags == ()
 
 
+def test_negated_columns_of_a_right_part_with_the_same_grid_keep_their_scale() -> None:
+    motion = rest_and_turn(80)
+    counts = np.round(motion.gyr_dps / ARDUINO_DPS)
+
+    checked = check_physics(recording_of(motion.acc_g, -counts * ARDUINO_DPS, **STATED))
+
+    assert told(checked) == ["left-handed"]
+
+
 def test_the_arduino_factor_is_that_of_the_data_sheet() -> None:
     assert pytest.approx(1.14688) == ARDUINO_FACTOR
 
