@@ -162,10 +162,10 @@ class WrongScale(UnusableRecording):
     code = "E-SCALE"
 
 
-class WrongAxes(UnusableRecording):
+class MixedColumns(UnusableRecording):
     """Gravity does not turn as the gyroscope says. Facts: percent (unexplained), turns."""
 
-    code = "E-AXES"
+    code = "E-MIXED"
 
 
 class TooShort(UnusableRecording):

@@ -66,13 +66,20 @@ class GyroFit:
     errors: Table
 
 
-def cut_windows(segments: Sequence[Segment], most: int = MOST_WINDOWS) -> GravityWindows:
-    """Windows of 8 s, each half over the one before, spread over the recording."""
+def cut_windows(
+    segments: Sequence[Segment], cut_off: float = np.inf, most: int = MOST_WINDOWS
+) -> GravityWindows:
+    """Windows of 8 s, each half over the one before, spread over the recording.
+
+    Those in which the gyroscope reads ``cut_off`` or more are left out: what was cut off passes for a scale.
+    """
     places = []
     for segment in segments:
         rows = min(round(WINDOW_S * segment.rate_hz), len(segment))
         if rows >= max(8, SHORTEST_S * segment.rate_hz):
             places += [(segment, first, rows) for first in range(0, len(segment) - rows + 1, rows // 2)]
+    if np.isfinite(cut_off):
+        places = [place for place in places if _find_size(*place) < cut_off]
     chosen = places[:: max(1, -(-len(places) // most))]
     cut = [_cut_window(*place) for place in chosen]
     if not cut:
@@ -80,6 +87,10 @@ def cut_windows(segments: Sequence[Segment], most: int = MOST_WINDOWS) -> Gravit
     acc, turn, period_s = zip(*cut, strict=True)
     first = np.concatenate([[0], np.cumsum([len(part) for part in acc])]).astype(np.int64)
     return GravityWindows(np.concatenate(acc), np.concatenate(turn), first, np.array(period_s))
+
+
+def _find_size(segment: Segment, first: int, rows: int) -> float:
+    return float(np.abs(segment.gyr_dps[first : first + rows]).max())
 
 
 def _cut_window(segment: Segment, first: int, rows: int) -> tuple[Table, Table, float]:

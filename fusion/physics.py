@@ -8,14 +8,17 @@ what contradicts itself and cannot be put right is refused.
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import timedelta
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import TooShort, WrongAxes, WrongScale
+from fusion.errors import MixedColumns, TooShort, WrongScale
+from fusion.flat_tops import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
 from fusion.gravity_windows import GravityWindows, cut_windows
 from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+from fusion.rest_length import measure_rest_scale
 from fusion.rest_probes import find_gyro_offset_dps, measure_rests_g, moving_mean, probe_blocks
 
 STANDARD_GRAVITY = 9.80665
@@ -32,12 +35,15 @@ RANGES_DPS = (245.0, 500.0, 2000.0)
 ARDUINO_DPS = 2000.0 / 32768.0
 """What Arduino_LSM9DS1 takes for one count; the data sheet says 0.07 deg/s."""
 ARDUINO_FACTOR = 0.07 / ARDUINO_DPS
+SURE_ERRORS = 3.0
+"""A GT9X has the same grid: its columns negated are told from the library by the scale of the motion."""
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 1.0
 FEWEST_RESTS, UNEVEN_G = 20, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
 
 
 def check_physics(recording: Recording) -> Recording:
@@ -47,30 +53,67 @@ def check_physics(recording: Recording) -> Recording:
     ------
     WrongScale
         At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
-    WrongAxes
+    MixedColumns
         The two sensors contradict each other, and no one order and sign of the axes puts it right.
     TooShort
         Less than a second, which tells nothing of a unit.
     """
-    checked = _check_gravity(recording)
-    _refuse_uneven(checked)
+    checked = _correct_rest_length(_check_gravity(recording))
     unit = checked.understood.get("angular_rate_unit", "deg/s")
     candidates = _rate_candidates(unit)
-    windows = cut_windows(checked.segments)
+    cut_off = find_flat_range([segment.gyr_dps for segment in checked.segments])
+    windows = cut_windows(checked.segments, SAME_SHARE * (cut_off or np.inf))
     evidence = judge_frame(windows, find_gyro_offset_dps(checked.segments), candidates)
     if evidence is not None and evidence.is_wrong:
-        raise WrongAxes(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
+        raise MixedColumns(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
     if evidence is None or not evidence.is_settled:
-        return _assume(checked, unit, candidates[0], evidence)
-    return _arrange(checked, unit, windows, evidence)
+        return _narrow_ranges(_assume(checked, unit, candidates[0], evidence), is_cut=cut_off is not None)
+    return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None)
 
 
-def _refuse_uneven(recording: Recording) -> None:
-    """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
+def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
+    """Take the size at which the samples are cut off for the full scale, where that is less than stated.
+
+    ``is_cut``: the gyroscope's flat tops were seen, in whatever unit it was.
+    """
+    acc_g = find_flat_range([segment.acc_g for segment in recording.segments], LEAST_ACC_G)
+    rates = [segment.gyr_dps for segment in recording.segments] if is_cut else []
+    gyr_dps = find_flat_range(rates, LEAST_GYR_DPS)
+    return replace(
+        recording,
+        acc_range_g=min((r for r in (acc_g, recording.acc_range_g) if r is not None), default=None),
+        gyr_range_dps=min((r for r in (gyr_dps, recording.gyr_range_dps) if r is not None), default=None),
+    )
+
+
+def _correct_rest_length(recording: Recording) -> Recording:
+    """Undo what the accelerometer surely reads too long or too short; refuse what reads unlike all round."""
     rests_g = measure_rests_g(recording.segments)
-    if len(rests_g) < FEWEST_RESTS:
+    scale = measure_rest_scale(rests_g)
+    if scale is None or not (scale.is_axis_off or scale.is_overall_off):
+        if scale is None or not scale.is_even:
+            _refuse_uneven(np.linalg.norm(rests_g, axis=1))
+        return recording
+    facts: dict[str, str | int | float] = {"evidence": "rest"}
+    if scale.is_axis_off:
+        factors = scale.axes.astype(np.float32)
+        facts |= {"what": "scale of the accelerometer's axes", **_name_factors(scale.axes)}
+    else:
+        factors = np.full(3, scale.overall, np.float32)
+        facts |= {"what": "accelerometer scale", "factor": round(scale.overall, 3)}
+    segments = tuple(replace(s, acc_g=s.acc_g * factors) for s in recording.segments)
+    return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
+
+
+def _name_factors(axes: Vector) -> dict[str, float]:
+    return {f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", axes, strict=True)}
+
+
+def _refuse_uneven(lengths_g: Vector) -> None:
+    """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
+    if len(lengths_g) < FEWEST_RESTS:
         return
-    low_g, high_g = np.quantile(rests_g, [0.02, 0.98]).tolist()
+    low_g, high_g = np.quantile(lengths_g, [0.02, 0.98]).tolist()
     if high_g - low_g > UNEVEN_G:
         raise WrongScale(low_g=round(low_g, 2), high_g=round(high_g, 2))
 
@@ -80,7 +123,7 @@ def _assume(recording: Recording, unit: str, factor: float, evidence: FrameEvide
     flags = [] if unit not in ("", "registers") else [_flag_rate(factor, "assumed")]
     if evidence is not None and evidence.is_doubtful:
         percent = round(100.0 * evidence.as_read.score)
-        flags.append(QualityFlag("W-AXES", facts={"percent": percent, "turns": evidence.lively}))
+        flags.append(QualityFlag("W-MIXED", facts={"percent": percent, "turns": evidence.lively}))
     return _flag(_set_unit(recording, unit, factor), *flags)
 
 
@@ -92,9 +135,11 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
     if factor != 1.0:
         arranged = _flag(arranged, _flag_rate(factor, "motion"))
     arranged = _turn_axes(arranged, chosen.turn)
-    if _is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS):
+    scale = measure_scale(windows, chosen, factor)
+    is_arduino = _is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS)
+    if is_arduino and scale.overall + SURE_ERRORS * scale.error > sqrt(ARDUINO_FACTOR):
         return _undo_arduino(arranged)
-    return _correct_scale(arranged, measure_scale(windows, chosen, factor))
+    return _correct_scale(arranged, scale)
 
 
 def _name_factor(factor: float, candidates: Sequence[float]) -> float:
@@ -148,11 +193,8 @@ def name_axes(turn: Matrix) -> str:
 def _correct_scale(recording: Recording, scale: Scale) -> Recording:
     """Multiply the rates by what the motion says, if it is surely more than parts are off."""
     if scale.is_axis_off:
-        facts: dict[str, str | int | float] = {
-            "what": "scale of the axes",
-            "evidence": "motion",
-            **{f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", scale.axes, strict=True)},
-        }
+        facts: dict[str, str | int | float] = {"what": "scale of the axes", "evidence": "motion"}
+        facts |= _name_factors(scale.axes)
         factors = scale.axes.astype(np.float32)
     elif scale.is_overall_off:
         facts = {"what": "gyroscope scale", "evidence": "motion", "factor": round(scale.overall, 3)}

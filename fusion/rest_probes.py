@@ -57,28 +57,57 @@ def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float
 
 
 def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
-    """Length of the mean acceleration of each half second in which neither sensor moves, shape (n,)."""
-    lengths = []
+    """Mean acceleration of each half second in which neither sensor moves, shape (n, 3)."""
+    rests = [np.zeros((0, 3))]
     for segment, first, stop in probe_blocks(segments):
         width = max(5, round(OFFSET_S * segment.rate_hz))
-        acc, gyr = (
-            samples[first : first + (stop - first) // width * width].astype(np.float64).reshape(-1, width, 3)
-            for samples in (segment.acc_g, segment.gyr_dps)
-        )
-        is_still = (acc.std(axis=1).max(axis=1) < STILL_G) & (gyr.std(axis=1).max(axis=1) < STILL_DPS)
-        lengths.append(np.linalg.norm(acc.mean(axis=1)[is_still], axis=1))
-    return np.concatenate(lengths) if lengths else np.zeros(0)
+        acc_g, acc_sd = _measure_stretches(segment.acc_g[first:stop], width)
+        _, gyr_sd = _measure_stretches(segment.gyr_dps[first:stop], width)
+        rests.append(acc_g[(acc_sd < STILL_G) & (gyr_sd < STILL_DPS)])
+    return np.concatenate(rests)
+
+
+def _measure_stretches(samples: NDArray[np.float32], width: int) -> tuple[NDArray[np.float64], ...]:
+    """Mean (m, 3) of each ``width`` rows, and the largest of its three standard deviations (m,)."""
+    means, scatter = np.zeros((len(samples) // width, 3)), np.zeros(len(samples) // width)
+    reduce_stretches(samples, width, means, scatter)
+    return means, scatter
+
+
+@njit(cache=True, nogil=True)
+def reduce_stretches(samples, width, means, scatter):  # type: ignore[no-untyped-def]
+    """Fill in mean and largest standard deviation of each ``width`` rows."""
+    for k in range(len(means)):
+        for axis in range(3):
+            for row in range(k * width, (k + 1) * width):
+                means[k, axis] += samples[row, axis] / width
+            square = 0.0
+            for row in range(k * width, (k + 1) * width):
+                square += (samples[row, axis] - means[k, axis]) ** 2
+            scatter[k] = max(scatter[k], np.sqrt(square / width))
+
+
+def tell_directions(unit: NDArray[np.float64], near_deg: float) -> NDArray[np.intp]:
+    """Number the directions: each moment belongs to the first, in order of time, that is near it."""
+    number, found = np.full(len(unit), -1, dtype=np.intp), 0
+    left = np.arange(len(unit))
+    while len(left):
+        near = unit[left] @ unit[left[0]] > np.cos(np.radians(near_deg))
+        near[0] = True
+        number[left[near]] = found
+        left, found = left[~near], found + 1
+    return number
 
 
 def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
     """What the gyroscope reads at rest, shape (3,), in its own unit; zeros where it never rests."""
-    means, scatters, spread = [], [], []
+    means = list[NDArray[np.float64]]()
+    scatters, spread = list[float](), list[float]()
     for segment, first, stop in probe_blocks(segments):
-        width = max(5, round(OFFSET_S * segment.rate_hz))
-        rows = segment.gyr_dps[first:stop].astype(np.float64)
-        windows = rows[: len(rows) // width * width].reshape(-1, width, 3)
-        means.extend(windows.mean(axis=1))
-        scatters.extend(windows.std(axis=1).max(axis=1))
-        spread.append(rows.std(axis=0).max())
+        rows = segment.gyr_dps[first:stop]
+        mean, scatter = _measure_stretches(rows, max(5, round(OFFSET_S * segment.rate_hz)))
+        means.extend(mean)
+        scatters.extend(scatter)
+        spread.append(_measure_stretches(rows, len(rows))[1].max())
     is_still = np.array(scatters) <= RESTING_PART * max(spread, default=0.0)
     return np.median(np.array(means)[is_still], axis=0) if is_still.any() else np.zeros(3)

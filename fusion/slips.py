@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.postures import NEAR_DEG, Moments, Table, cos_deg
-from fusion.sensor_errors.accelerometer import tell_directions
+from fusion.rest_probes import tell_directions
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from fusion.rest_probes import tell_directions
 from fusion.sensor_errors.knots import Hats, hold_together
 from fusion.sensor_errors.stillness import QuietTable
 
@@ -162,18 +163,6 @@ def _average_cells(stills: QuietTable, settings: AccelerometerSettings) -> _Cell
     middle_s = np.add.reduceat(time_s[order], first) / count
     variance = settings.cell_g**2 + settings.still_g**2 / count
     return _Cells(knots_s, reading_g, variance, int(direction.max()) + 1, Hats(knots_s, middle_s))
-
-
-def tell_directions(unit: Table, near_deg: float) -> NDArray[np.intp]:
-    """Number the directions: each moment belongs to the first, in order of time, that is near it."""
-    number, found = np.full(len(unit), -1, dtype=np.intp), 0
-    left = np.arange(len(unit))
-    while len(left):
-        near = unit[left] @ unit[left[0]] > np.cos(np.radians(near_deg))
-        near[0] = True
-        number[left[near]] = found
-        left, found = left[~near], found + 1
-    return number
 
 
 def _fit(cells: _Cells, settings: AccelerometerSettings) -> tuple[Table, Table]:

@@ -39,7 +39,7 @@ POLICY_WARNINGS = [
     "W-NAN",
     "W-WRAP",
     "W-UNITS",
-    "W-AXES",
+    "W-MIXED",
     "W-CLIP",
     "W-SPIKE",
     "W-STUCK-PART",

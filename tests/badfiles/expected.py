@@ -294,8 +294,8 @@ SIGNALS = (
             ("gyro rad/s", s.multiply_gyro(0.0174533), "W-UNITS"),
         )
     ),
-    refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro), "E-AXES"),
-    refused("87 gyro noise", "shift.csv", s.tumbled(s.noise_for_gyro), "E-AXES"),
+    refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro), "E-MIXED"),
+    refused("87 gyro noise", "shift.csv", s.tumbled(s.noise_for_gyro), "E-MIXED"),
     refused("87 acc x x1.5", "shift.csv", s.turned_all_round(s.stretch_acc(1.5)), "E-SCALE"),
     read("86 mdps", "shift.csv", s.altered(s.multiply_gyro(1000.0)), "W-UNITS"),
     refused("86 impossible rate", "shift.csv", s.altered(s.wild_at_rest), "E-SCALE"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.errors import WrongAxes, WrongScale
+from fusion.errors import MixedColumns, WrongScale
 from fusion.gyro_frame import TURNS
 from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics, name_axes, refuse_impossible_rates
 from fusion.recording import Recording, Segment
@@ -173,6 +173,15 @@ def test_a_right_handed_part_with_the_same_grid_keeps_its_scale() -> None:
     assert checked.flags == ()
 
 
+def test_negated_columns_of_a_right_part_with_the_same_grid_keep_their_scale() -> None:
+    motion = rest_and_turn(80)
+    counts = np.round(motion.gyr_dps / ARDUINO_DPS)
+
+    checked = check_physics(recording_of(motion.acc_g, -counts * ARDUINO_DPS, **STATED))
+
+    assert told(checked) == ["left-handed"]
+
+
 def test_the_arduino_factor_is_that_of_the_data_sheet() -> None:
     assert pytest.approx(1.14688) == ARDUINO_FACTOR
 
@@ -218,15 +227,51 @@ def test_the_scale_of_one_axis_is_undone() -> None:
 def test_a_gyroscope_of_another_moment_is_refused() -> None:
     motion = rest_and_turn(80)
 
-    with pytest.raises(WrongAxes):
+    with pytest.raises(MixedColumns):
         check_physics(recording_of(motion.acc_g, np.roll(motion.gyr_dps, 300, axis=0), **STATED))
 
 
-def test_an_accelerometer_with_an_axis_of_another_scale_is_refused() -> None:
+@pytest.mark.parametrize("factor", [0.93, 1.05])
+def test_an_accelerometer_that_is_off_on_all_axes_alike_is_undone(factor: float) -> None:
     motion = rest_and_turn(80)
 
+    checked = check_physics(recording_of(factor * motion.acc_g, motion.gyr_dps, **STATED))
+
+    assert told(checked) == ["accelerometer scale"]
+    assert checked.segments[0].acc_g == pytest.approx(motion.acc_g, abs=2e-3)
+
+
+def test_an_accelerometer_within_what_parts_are_is_left_to_the_fusion() -> None:
+    motion = rest_and_turn(80)
+
+    checked = check_physics(recording_of(1.02 * motion.acc_g + 0.03, motion.gyr_dps, **STATED))
+
+    assert checked.flags == ()
+
+
+def test_an_offset_of_the_accelerometer_is_no_scale() -> None:
+    motion = rest_and_turn(80)
+
+    checked = check_physics(recording_of(motion.acc_g + np.array([0.0, 0.0, 0.09]), motion.gyr_dps, **STATED))
+
+    assert checked.flags == ()
+
+
+def test_the_scale_of_one_axis_of_the_accelerometer_is_undone() -> None:
+    motion = rest_and_turn(80)
+
+    (flag,) = check_physics(recording_of(motion.acc_g * [1.0, 1.0, 1.2], motion.gyr_dps, **STATED)).flags
+
+    factors = [flag.facts[f"factor_{axis}"] for axis in "xyz"]
+    assert factors == pytest.approx([1.0, 1.0, 1.0 / 1.2], abs=0.005)
+
+
+def test_lengths_at_rest_that_no_scale_explains_are_refused() -> None:
+    motion = rest_and_turn(80)
+    uneven = 1.0 + 0.12 * np.sin(6.0 * motion.acc_g[:, :1])
+
     with pytest.raises(WrongScale) as refusal:
-        check_physics(recording_of(motion.acc_g * [1.0, 1.0, 1.4], motion.gyr_dps, **STATED))
+        check_physics(recording_of(motion.acc_g * uneven, motion.gyr_dps, **STATED))
 
     assert set(refusal.value.facts) == {"low_g", "high_g"}
 

@@ -1,0 +1,45 @@
+"""Where a sensor is cut off in truth, told by its flat tops, whatever range the file states.
+
+A signal that is cut off rests at its very extreme, sample after sample, again and again. A sensor that is not
+reaches its extreme once: the next movement, or the next bit of noise, makes another value.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+SAME_SHARE = 0.999
+"""The two ends of a signed range differ by one count."""
+FLAT_ROWS, FEWEST_TOPS = 3, 5
+LEAST_ACC_G, LEAST_GYR_DPS = 1.5, 50.0
+"""A sensor at rest, in coarse counts, rests at its extreme as well; under these it may."""
+
+
+def find_flat_range(pieces: Sequence[NDArray[np.float32]], least: float = 0.0) -> float | None:
+    """Give the size at which samples (n, 3) are cut off, or None where nothing is.
+
+    It holds for all axes: an axis cut off below what another reads is not found.
+    """
+    filled = [piece for piece in pieces if len(piece)]
+    extreme = max((float(max(piece.max(), -piece.min())) for piece in filled), default=0.0)
+    if not least <= extreme < np.inf:
+        return None
+    limit = np.float32(SAME_SHARE * extreme)
+    tops = sum(_count_tops(piece, sign, limit) for piece in filled for sign in (1, -1))
+    return extreme if tops >= FEWEST_TOPS else None
+
+
+def _count_tops(samples: NDArray[np.float32], sign: int, limit: np.float32) -> int:
+    """How often an axis rests at one value past the limit for three rows or more."""
+    flat = np.ascontiguousarray(samples).ravel()
+    places = np.flatnonzero(flat >= limit if sign > 0 else flat <= -limit)
+    return sum(_count_runs(places[places % 3 == axis] // 3, samples[:, axis]) for axis in range(3))
+
+
+def _count_runs(rows: NDArray[np.intp], samples: NDArray[np.float32]) -> int:
+    if len(rows) < FLAT_ROWS:
+        return 0
+    is_held = (np.diff(rows) == 1) & (np.diff(samples[rows]) == 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_held, [False]]).astype(np.int8)))
+    return int(np.count_nonzero(edges[1::2] - edges[::2] >= FLAT_ROWS - 1))

@@ -1,0 +1,66 @@
+"""A sensor cut off below the range that its file states is told by its flat tops."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fusion.flat_tops import find_flat_range
+from fusion.physics import check_physics
+from fusion.quality import find_exclusions
+from fusion.recording import Recording, Segment
+from tests.fusion.made_motion import rest_and_turn
+from tests.validation.broad import load_trials
+
+
+def swings(size: float, rows: int = 4000) -> NDArray[np.float32]:
+    """About z, 0.5 Hz at 100 samples a second, on the steps of a part."""
+    swing = size * np.sin(np.pi * np.arange(rows) / 100.0 + 0.3)
+    return np.column_stack([0.0 * swing, 0.0 * swing, np.round(swing / 0.07) * 0.07]).astype(np.float32)
+
+
+def test_the_size_at_which_swings_are_cut_off_is_found() -> None:
+    assert find_flat_range([np.clip(swings(200.0), -100.0, 100.0)], 50.0) == 100.0
+
+
+def test_the_ends_of_a_signed_range_may_differ_by_a_count() -> None:
+    assert find_flat_range([np.clip(swings(200.0), -100.0, 99.93)], 50.0) == 100.0
+
+
+def test_round_tops_are_no_flat_tops() -> None:
+    assert find_flat_range([swings(300.0)], 50.0) is None
+
+
+def test_four_flat_tops_are_not_enough() -> None:
+    assert find_flat_range([np.clip(swings(200.0, 350), -100.0, 100.0)], 50.0) is None
+
+
+def test_coarse_noise_of_a_sensor_at_rest_is_not_cut_off() -> None:
+    noise = np.random.default_rng(0).integers(-1, 2, (5000, 3)).astype(np.float32)
+
+    assert find_flat_range([noise], 50.0) is None
+
+
+def test_what_is_cut_off_below_the_stated_range_is_excluded() -> None:
+    motion = rest_and_turn(80)
+    cut = np.clip(motion.gyr_dps, -100.0, 100.0).astype(np.float32)
+    segment = Segment(0, 100.0, motion.acc_g.astype(np.float32), cut)
+    recording = Recording(
+        "other", "", None, None, segment.duration_us, (segment,), acc_range_g=16.0, gyr_range_dps=2000.0
+    )
+
+    checked = check_physics(recording)
+
+    assert (checked.acc_range_g, checked.gyr_range_dps) == (16.0, 100.0)
+    assert {span.reason for span in find_exclusions(checked)} == {"clipped"}
+
+
+@pytest.mark.real_recordings
+def test_no_trial_of_broad_is_cut_off(shared_data: Callable[[str], Path]) -> None:
+    trials = load_trials(shared_data("broad"))
+
+    found = [find_flat_range([trial.gyr_dps.astype(np.float32)], 50.0) for trial in trials]
+
+    assert found == [None] * len(trials)
