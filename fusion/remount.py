@@ -49,6 +49,8 @@ from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise
 from fusion.slips import SlipRules, find_slips_in_wear
 
 Table = NDArray[np.float64]
+UNLIKE_WALKING_DEG = 30.0
+"""Between a calibration pose and walking: 10 deg at most was seen; a load carried may add to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,3 +279,13 @@ def flag_remounts(parts: Sequence[AxisPart], duration_s: float) -> tuple[Quality
     facts = {"calibrated": len(parts) - left_out - doubted, "doubted": doubted, "left_out": left_out}
     seconds = sum(end_s - start_s for start_s, end_s in spans)
     return (QualityFlag("W-REMOUNT", len(parts), seconds, spans[0][0], spans[-1][1], facts, tuple(spans)),)
+
+
+def flag_pose_unlike_walking(
+    worn: WornParts, window_s: tuple[float, float], arm_axis: Table
+) -> tuple[QualityFlag, ...]:
+    """W-POSE-DOUBT where the axis from a window (start, length) is far from how the arm hangs in walking."""
+    hangs = find_hanging(worn.find_home(window_s[0]).strides)
+    if hangs is None or find_angle_deg(hangs, arm_axis) <= UNLIKE_WALKING_DEG:
+        return ()
+    return (QualityFlag("W-POSE-DOUBT", 1, window_s[1], window_s[0], sum(window_s)),)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.calibration import calibrate
+from fusion.calibration import calibrate, propose_still_periods
+from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation
 from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.remount import AxisPart
 from fusion.simulation.activities import HANGING, Activity, hold_still, lift, stand, walk
 from fusion.simulation.choreography import Choreography
 from fusion.simulation.motion import Channel
@@ -96,3 +98,38 @@ def test_where_the_wearer_walks_now_and_then_it_raises_no_alarm() -> None:
     recording, _ = work((walk_about, 3000.0), *([(sit_at(45.0), 570.0), (walk, 30.0)] * 5))
 
     assert calibrate(recording, "n-pose").remounts == ()
+
+
+def test_of_a_day_at_the_wheel_the_pose_is_proposed_and_not_the_wheel() -> None:
+    # The arm is still at the wheel nine times as often as it hangs; but it hangs when the wearer walks.
+    recording, _ = work(*([(sit_at(45.0), 1080.0), (walk, 120.0)] * 3))
+
+    samples = calibrate(recording, "n-pose")
+
+    assert samples.calibration.still.start_s < POSE_S
+    assert samples.flags == ()
+
+
+def test_a_window_in_which_the_arm_was_raised_is_told() -> None:
+    recording, truth_deg = work(*([(sit_at(45.0), 1080.0), (walk, 120.0)] * 3))
+    wheel = next(one for one in propose_still_periods(recording, 20) if one.start_s > POSE_S)
+    asked_s = (wheel.start_s, wheel.start_s + wheel.duration_s)
+
+    flags = calibrate(recording, "n-pose", (asked_s,)).flags
+
+    assert truth_deg[round((wheel.start_s + 1.0) * RATE_HZ)] > 35.0
+    assert [(flag.code, flag.first_s) for flag in flags] == [("W-POSE-DOUBT", wheel.start_s)]
+
+
+@pytest.mark.parametrize("method", ["published", "live", "smoothed"])
+def test_a_part_that_may_have_turned_widens_the_range_whatever_the_method(method: MethodName) -> None:
+    recording, _ = work((walk_about, 1500.0))
+    samples = calibrate(recording, "n-pose")
+    half_s = recording.duration_us / MICROSECONDS / 2.0
+    doubted = AxisPart(half_s, np.inf, samples.calibration.arm_axis, 18.0, is_doubted=True)
+
+    sigma_deg = estimate_elevation(replace(samples, remounts=(doubted,)), method).bias_sigma_deg
+
+    # Half of the time 18 deg: 18 / sqrt(2) = 12.7 deg, and the method's own beside it.
+    assert sigma_deg is not None
+    assert 12.6 < sigma_deg < 13.6
