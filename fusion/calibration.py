@@ -38,6 +38,7 @@ from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stre
 from fusion.two_point import scale_to_unit, share_between
 
 Vector = NDArray[np.float64]
+WHOLE_DAY_S = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,7 +247,7 @@ def _propose(
     recording: Recording,
     blocks: list[QuarterSeconds],
     most: int,
-    within_s: tuple[float, float] = (-np.inf, np.inf),
+    within_s: tuple[float, float] = WHOLE_DAY_S,
 ) -> tuple[StillPeriod, ...]:
     rules = rules_for(recording.device)
     quiet = find_quiet_windows(blocks, rules)
@@ -256,7 +257,9 @@ def _propose(
     if len(quiet) == 0:
         return ()
     first, end_s = join_stretches(quiet, rules)
-    hangs = find_hanging(find_striding_moments(blocks, leave_accelerometer()).within(*within_s))
+    # Of some minutes before a slip too little was walked to tell.
+    strides = find_striding_moments(blocks, leave_accelerometer())
+    hangs = find_hanging(strides) if within_s == WHOLE_DAY_S else None
     order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules, hangs), kind="stable")[:most]
     return tuple(_measure(recording, float(quiet.start_s[first[k]]), float(end_s[k]), rules) for k in order)
 
