@@ -215,10 +215,10 @@ def _cut_part(day: _Part, wear: int, span_s: tuple[float, float]) -> _Part:
 
 
 def _judge_part(home: _Part, part: _Part, arm_axis: Table, rules: RemountRules) -> AxisPart | None:
-    hangs_deg = compare_hanging(home.strides, part.strides)
-    if hangs_deg is not None and hangs_deg < rules.hangs_alike_deg:
-        return None
     if part.wear != home.wear:
+        hangs_deg = compare_hanging(home.strides, part.strides)
+        if hangs_deg is not None and hangs_deg < rules.hangs_alike_deg:
+            return None
         return _calibrate_part(home, part, arm_axis, rules) if _is_turned(home, part, rules) else None
     slip = SlipRules()
     if min(len(home.calm.up), len(part.calm.up)) < slip.least_moments:
