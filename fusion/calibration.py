@@ -8,9 +8,17 @@ from numpy.typing import NDArray
 from fusion.calibration_rules import OTHER_RULES, CalibrationRules, rules_for, score_still_period
 from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
+from fusion.postures import find_angle_deg, find_hanging, find_striding_moments
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
-from fusion.remount import AxisPart, WornParts, find_remounts, flag_remounts, part_recording
-from fusion.sensor_errors.accelerometer import AccelerometerCorrection
+from fusion.remount import (
+    AxisPart,
+    WornParts,
+    find_remounts,
+    flag_pose_unlike_walking,
+    flag_remounts,
+    part_recording,
+)
+from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.gyro_scale import GyroScale, leave_gyro_scale
 from fusion.sensor_errors.runs import view_segment
@@ -27,8 +35,10 @@ from fusion.sensor_errors.stillness import (
     summarise_windows,
 )
 from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stretches
+from fusion.two_point import scale_to_unit, share_between
 
 Vector = NDArray[np.float64]
+WHOLE_DAY_S = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,10 +149,12 @@ def calibrate(
     else:
         still = _choose_still(recording, windows_s, blocks, worn)
         flags = () if windows_s else (*flag_unquiet(still), *_flag_unseen_lean(pose, still))
-        calibration = Calibration(pose, still, _unit(_correct(still, correction)))
+        calibration = Calibration(pose, still, scale_to_unit(_correct(still, correction)))
     flags += flag_short_windows(calibration) if windows_s else ()
     remounts = find_remounts(worn, (calibration.still.start_s, calibration.arm_axis))
     flags += flag_remounts(remounts, recording.duration_us / MICROSECONDS)
+    still, axis = calibration.still, calibration.arm_axis
+    flags += flag_pose_unlike_walking(worn, (still.start_s, still.duration_s), axis)
     return CalibratedSamples(
         recording, calibration, sensor.bias, correction, flags, sensor.gyro_scale, runs, remounts
     )
@@ -176,25 +188,12 @@ def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPer
     """Quiet stretches of 5 to 10 s that could be the calibration pose, the likeliest first.
 
     The order is by the product of three factors. Good enough: the score, where it is under a half. Early:
-    halved after ten minutes. Seen again: how much of the recording's still time has the same direction of
-    gravity within 20 deg, where that is under a quarter of the commonest direction's; this puts behind a
-    sensor that lay on a desk before it was strapped on. Each stretch of stillness counts for at most 10 s,
-    so that an hour on a desk does not outvote a day of standing.
+    halved after ten minutes. Hanging: within 20 deg of the direction in which the arm hangs while walking.
+    Where nobody walked, seen again: how much of the still time has the same direction of gravity within 20
+    deg, where that is under a quarter of the commonest direction's; this puts behind a sensor that lay on a
+    desk before it was strapped on. Each stretch of stillness counts for at most 10 s.
     """
     return _propose(recording, _reduce(recording), most)
-
-
-def share_between(hanging_g: Vector, level_g: Vector) -> Vector:
-    """Arm axis for the two-point pose.
-
-    With ``gamma`` the angle between both gravity directions, the axis lies in their plane, turned from the
-    hanging direction towards the level one by ``(gamma - 90 deg) / 2``: hanging then reads ``|gamma - 90| /
-    2`` and level ``90 + (gamma - 90) / 2``, the least-squares answer when both poses are trusted alike.
-    """
-    first, second = _unit(hanging_g), _unit(level_g)
-    across = _unit(second - (first @ second) * first)
-    turn = (_angle_rad(first, second) - np.pi / 2.0) / 2.0
-    return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
 
 
 def flag_unquiet(still: StillPeriod) -> tuple[QualityFlag, ...]:
@@ -248,7 +247,7 @@ def _propose(
     recording: Recording,
     blocks: list[QuarterSeconds],
     most: int,
-    within_s: tuple[float, float] = (-np.inf, np.inf),
+    within_s: tuple[float, float] = WHOLE_DAY_S,
 ) -> tuple[StillPeriod, ...]:
     rules = rules_for(recording.device)
     quiet = find_quiet_windows(blocks, rules)
@@ -258,7 +257,10 @@ def _propose(
     if len(quiet) == 0:
         return ()
     first, end_s = join_stretches(quiet, rules)
-    order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules), kind="stable")[:most]
+    # Of some minutes before a slip too little was walked to tell.
+    strides = find_striding_moments(blocks, leave_accelerometer())
+    hangs = find_hanging(strides) if within_s == WHOLE_DAY_S else None
+    order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules, hangs), kind="stable")[:most]
     return tuple(_measure(recording, float(quiet.start_s[first[k]]), float(end_s[k]), rules) for k in order)
 
 
@@ -268,7 +270,7 @@ def _measure_pair(
     if len(windows_s) != 2:
         raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
     hanging, level = (_measure_asked(recording, window) for window in windows_s)
-    if not np.pi / 3.0 <= _angle_rad(hanging.gravity_g, level.gravity_g) <= 2.0 * np.pi / 3.0:
+    if not 60.0 <= find_angle_deg(hanging.gravity_g, level.gravity_g) <= 120.0:
         raise UnusableCalibration(why="angle", start_s=windows_s[1][0], end_s=windows_s[1][1])
     return hanging, level
 
@@ -340,11 +342,3 @@ def _find_best_moment(recording: Recording, blocks: list[QuarterSeconds]) -> Sti
     still = _measure(recording, start_s, start_s + table.duration_s, rules)
     _refuse_motion(recording, still, rules)
     return still
-
-
-def _unit(vector: Vector) -> Vector:
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _angle_rad(first: Vector, second: Vector) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))

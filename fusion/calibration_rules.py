@@ -31,6 +31,7 @@ class CalibrationRules:
     same_direction_deg: float = 20.0
     good_score: float = 0.5
     good_agreement: float = 0.25
+    elsewhere: float = 0.02
     early_s: float = 600.0
 
 

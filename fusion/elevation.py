@@ -17,6 +17,7 @@ from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.orientation.smoothed import SmoothedParameters, smooth_nodes
 from fusion.orientation.uncertainty import UncertaintySettings, estimate_sigma
 from fusion.recording import MICROSECONDS, BoolArray, Segment
+from fusion.remount import AxisPart
 from fusion.sensor_errors.accelerometer import AccelerometerSettings
 from fusion.sensor_errors.gyro_bias import BiasSettings
 from fusion.sensor_errors.gyro_scale import GyroScaleSettings
@@ -76,7 +77,8 @@ class Elevation:
     """Arm elevation through the recording; holes lie between the segments.
 
     ``bias_sigma_deg`` is the standard deviation of the angle over the whole recording, the pose left out: for
-    `smoothed` the root mean square of the seconds' own; None for a ready angle series.
+    `smoothed` the root mean square of the seconds' own; with what is not known of the axis where the sensor
+    turned or may have. None for a ready angle series.
     """
 
     segments: tuple[ElevationSegment, ...]
@@ -103,17 +105,30 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     """
     fuse = {"smoothed": _fuse_smoothed, "published": _fuse_published, "live": _fuse_live}[method]
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)
-    return Elevation(segments, describe_method(method, samples), _summarise_sigma(segments, method))
+    own_deg = _summarise_sigma(segments) if method == "smoothed" else TYPICAL_SIGMA_DEG[method]
+    sigma_deg = sqrt(own_deg**2 + _average_doubt(samples, segments))
+    for segment in segments:
+        _widen_remounted(samples, segment)
+    return Elevation(segments, describe_method(method, samples), sigma_deg)
 
 
-def _summarise_sigma(segments: tuple[ElevationSegment, ...], method: MethodName) -> float:
-    if method != "smoothed":
-        return TYPICAL_SIGMA_DEG[method]
+def _summarise_sigma(segments: tuple[ElevationSegment, ...]) -> float:
     known = [segment.sigma_deg for segment in segments if segment.sigma_deg is not None]
     every = np.concatenate(known).astype(np.float64) if known else np.zeros(0)
     return (
         float(np.sqrt(np.mean(np.minimum(every, 2.0 * UNCERTAIN_DEG) ** 2))) if len(every) else UNCERTAIN_DEG
     )
+
+
+def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
+    """Variance of the arm axis in turned and doubted parts, deg^2, as a mean over all valid rows."""
+    squares = rows = 0.0
+    for segment in segments:
+        rows += np.count_nonzero(segment.valid)
+        for part in samples.remounts:
+            first, stop = _find_rows(part, segment)
+            squares += part.sigma_deg**2 * np.count_nonzero(segment.valid[first:stop])
+    return squares / rows if rows else 0.0
 
 
 def describe_method(method: MethodName, samples: CalibratedSamples | None = None) -> Method:
@@ -206,7 +221,6 @@ def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSeg
     elevation_deg = _measure_on_demand(vertical, samples.calibration.arm_axis)
     _measure_anew(samples, segment, vertical, elevation_deg, valid)
     by_second = _by_second(sigma_deg, rows, segment)
-    _widen_remounted(samples, segment, by_second)
     return ElevationSegment(segment.start_us, segment.rate_hz, elevation_deg, valid, vertical, by_second)
 
 
@@ -218,6 +232,16 @@ def _measure_on_demand(vertical: VerticalOnDemand, arm_axis: Vector) -> NDArray[
     return elevation_deg
 
 
+def _find_rows(part: AxisPart, segment: Segment | ElevationSegment) -> tuple[int, int]:
+    """First row of a segment that lies in a part, and the first behind it."""
+    start_s = segment.start_us / MICROSECONDS
+    first, stop = (
+        int(np.clip((edge_s - start_s) * segment.rate_hz, 0, len(segment)))
+        for edge_s in (part.start_s, part.end_s)
+    )
+    return first, stop
+
+
 def _measure_anew(
     samples: CalibratedSamples,
     segment: Segment,
@@ -227,22 +251,21 @@ def _measure_anew(
 ) -> None:
     """Take the rows of a remounted sensor from that part's own axis, or do not trust them."""
     for part in samples.remounts:
-        first, stop = (
-            int(np.clip((edge_s - segment.start_s) * segment.rate_hz, 0, len(segment)))
-            for edge_s in (part.start_s, part.end_s)
-        )
+        first, stop = _find_rows(part, segment)
         if part.arm_axis is None:
             valid[first:stop] = False
         elif stop > first:
             elevation_deg[first:stop] = measure_elevation(vertical[first:stop], part.arm_axis)
 
 
-def _widen_remounted(samples: CalibratedSamples, segment: Segment, sigma_deg: NDArray[np.float32]) -> None:
-    """Add what is not known of the axis in the parts where it was carried over."""
+def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> None:
+    """Add, second by second, what is not known of the axis in the parts where it turned or may have."""
+    if segment.sigma_deg is None:
+        return
+    seconds = segment.start_us / MICROSECONDS + np.arange(len(segment.sigma_deg))
     for part in samples.remounts:
-        seconds = segment.start_s + np.arange(len(sigma_deg))
         inside = (seconds >= part.start_s) & (seconds < part.end_s)
-        sigma_deg[inside] = np.hypot(sigma_deg[inside], part.sigma_deg)
+        segment.sigma_deg[inside] = np.hypot(segment.sigma_deg[inside], part.sigma_deg)
 
 
 def _by_second(values: Vector, rows: int, segment: Segment) -> NDArray[np.float32]:

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fusion.calibration import Vector
 from fusion.elevation import measure_elevation
-from fusion.orientation.arrays import check_gravity
+from fusion.orientation.arrays import check_arrays, check_direction, check_gravity
 from fusion.orientation.live import LiveVertical
 
 
@@ -17,21 +17,28 @@ class LiveElevation:
     elevation is NaN.
     """
 
-    def __init__(self, rate_hz: float, arm_axis: Vector | None = None) -> None:
-        self._vertical = LiveVertical(rate_hz)
-        self._arm_axis = arm_axis
-
-    def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
-        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.
-
-        A chunk may be empty. At the first still moment the acceleration must be about 1 g long, as in no
-        other unit.
+    def __init__(self, rate_hz: float, arm_axis: ArrayLike | None = None) -> None:
+        """Start afresh; ``arm_axis``, shape (3,): towards the shoulder, in the sensor's frame.
 
         Raises
         ------
         fusion.orientation.arrays.UnusableArrays
         """
-        acc, gyr = np.atleast_2d(acc_g), np.atleast_2d(gyr_dps)
+        self._rate_hz = rate_hz
+        self._vertical = LiveVertical(rate_hz)
+        self._arm_axis: Vector | None = None if arm_axis is None else check_direction(arm_axis)
+
+    def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
+        """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.
+
+        A chunk may be empty; one that is refused changes nothing. At the first still moment the acceleration
+        must be about 1 g long, as in no other unit.
+
+        Raises
+        ------
+        fusion.orientation.arrays.UnusableArrays
+        """
+        acc, gyr = check_arrays(np.atleast_2d(acc_g), np.atleast_2d(gyr_dps), self._rate_hz)
         if self._arm_axis is not None:
             return measure_elevation(self._vertical.update(acc, gyr), self._arm_axis)
         return self._wait_for_rest(acc, gyr)

@@ -1,9 +1,11 @@
 """How a sensor sits on the arm, told from the directions in which gravity is seen through the day.
 
 Most of a day the upper arm hangs within some 20 deg of the vertical, so that gravity is seen again and again
-in nearly the same direction of the sensor, whatever the work is. Two stretches of a day are alike where each
-knows the other's commonest direction. All comparisons are of angles between directions: how the sensor is
-strapped on does not matter.
+in nearly the same direction of the sensor. Two stretches of a day are alike where each knows the other's
+commonest direction. Where they are not, the sensor may have turned, or the work was another: who drives all
+afternoon holds the arm at 45 deg as often as it hung before. What parts the two is walking, in which the arm
+hangs whatever the work is (:func:`find_striding_moments`). All comparisons are of angles between directions:
+how the sensor is strapped on does not matter.
 """
 
 from collections.abc import Sequence
@@ -22,6 +24,11 @@ MOST = 500
 """So many moments at even steps are enough to compare all with all."""
 CALM_BLOCKS = 8
 CALM_WITHIN_G = 0.1
+STRIDING_SD_G = (0.15, 0.8)
+STRIDING_WINDOWS = 5
+STRIDING_WITHIN_DEG = 15.0
+LEAST_STRIDING = 15
+"""Half a minute of walking, in windows of 2 s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,19 +54,57 @@ def find_calm_moments(blocks: Sequence[QuarterSeconds], accelerometer: Accelerom
 
     The arm's own acceleration averages out over the swing of a walk; so a worker who never rests is seen.
     """
-    times, means = zip(*(_average_blocks(run) for run in blocks), strict=True)
-    time_s, acc_g = np.concatenate(times), np.concatenate(means)
+    times, means, _ = zip(*(_average_blocks(run) for run in blocks), strict=True)
+    time_s, up, calm = _take_calm(np.concatenate(times), np.concatenate(means), accelerometer)
+    return Moments(time_s[calm], up[calm])
+
+
+def find_striding_moments(
+    blocks: Sequence[QuarterSeconds], accelerometer: AccelerometerCorrection
+) -> Moments:
+    """Those calm moments at which the wearer seems to walk: the arm hangs then, whatever the work is.
+
+    Five windows of 2 s in a row or more, each shaken as by steps (standard deviation of the acceleration, the
+    three axes together, 0.15 to 0.8 g) and within 15 deg of the one before. Some carrying and work at a bench
+    passes for it, so that only the commonest direction of many tells. On 16 simulated days it came within 7.1
+    deg of the arm's axis, before and after any time within 1.2 deg of each other; on the two worn upper arms
+    among the project's recordings (45 s of walking) it lies 6 and 10 deg from where the arm hangs at rest.
+    """
+    found = [_find_striding(run, accelerometer) for run in blocks]
+    return Moments(np.concatenate([one.time_s for one in found]), np.concatenate([one.up for one in found]))
+
+
+def _find_striding(run: QuarterSeconds, accelerometer: AccelerometerCorrection) -> Moments:
+    time_s, acc_g, sd_g = _average_blocks(run)
+    time_s, up, calm = _take_calm(time_s, acc_g, accelerometer)
+    calm &= (sd_g > STRIDING_SD_G[0]) & (sd_g < STRIDING_SD_G[1])
+    steady = np.zeros(len(up), dtype=np.bool_)
+    steady[1:] = calm[1:] & calm[:-1] & ((up[1:] * up[:-1]).sum(axis=1) > cos_deg(STRIDING_WITHIN_DEG))
+    # A run of k windows has k - 1 steady steps; number the runs and keep the long ones.
+    number = np.cumsum(~steady)
+    length = np.bincount(number)[number] if len(number) else number
+    walks = calm & (length >= STRIDING_WINDOWS)
+    return Moments(time_s[walks], up[walks])
+
+
+def _take_calm(
+    time_s: Table, acc_g: Table, accelerometer: AccelerometerCorrection
+) -> tuple[Table, Table, NDArray[np.bool_]]:
+    """Times, unit directions, and which of them are calm."""
     up = accelerometer.apply(acc_g, time_s)
     length = np.linalg.norm(up, axis=1)
     calm = np.abs(length - 1.0) < CALM_WITHIN_G
-    return Moments(time_s[calm], up[calm] / length[calm, None])
+    return time_s, up / np.maximum(length, 1e-9)[:, None], np.asarray(calm)
 
 
-def _average_blocks(run: QuarterSeconds) -> tuple[Table, Table]:
+def _average_blocks(run: QuarterSeconds) -> tuple[Table, Table, Table]:
+    """Middle, mean acceleration and standard deviation (three axes together) of every 2 s."""
     count = len(run.acc) // CALM_BLOCKS
-    means = run.acc[: count * CALM_BLOCKS, :3].reshape(count, CALM_BLOCKS, 3).mean(axis=1)
+    means = run.acc[: count * CALM_BLOCKS].reshape(count, CALM_BLOCKS, 6).mean(axis=1)
+    variance = (means[:, 3:] - means[:, :3] ** 2).sum(axis=1)
     time_s = run.start_s + (np.arange(count) + 0.5) * CALM_BLOCKS * run.block_s
-    return np.asarray(time_s, dtype=np.float64), np.asarray(means, dtype=np.float64)
+    sd_g = np.sqrt(np.maximum(variance, 0.0))
+    return np.asarray(time_s), np.asarray(means[:, :3]), np.asarray(sd_g)
 
 
 def cos_deg(angle_deg: float) -> float:
@@ -95,6 +140,17 @@ def compare_postures(first: Moments, second: Moments) -> tuple[float, float]:
     (at_one, one_share), (at_other, other_share) = find_commonest(one), find_commonest(other)
     known = share_near(other, at_one[None])[0] / other_share + share_near(one, at_other[None])[0] / one_share
     return find_angle_deg(at_one, at_other), float(known)
+
+
+def find_hanging(strides: Moments) -> Table | None:
+    """The direction in which the arm hangs while walking; None where too little was walked."""
+    return find_commonest(strides.thin().up)[0] if len(strides.up) >= LEAST_STRIDING else None
+
+
+def compare_hanging(first: Moments, second: Moments) -> float | None:
+    """Angle between the directions in which the arm hangs while walking, deg; None where one is not known."""
+    one, other = find_hanging(first), find_hanging(second)
+    return None if one is None or other is None else find_angle_deg(one, other)
 
 
 def build_frame(up: Table) -> Table:

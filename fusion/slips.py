@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.postures import NEAR_DEG, Moments, Table, cos_deg
+from fusion.postures import NEAR_DEG, Moments, Table, compare_hanging, cos_deg
 from fusion.rest_probes import tell_directions
 
 
@@ -46,6 +46,9 @@ class SlipRules:
     margin_s: float = 300.0
 
 
+HANGS_ALIKE_DEG = 10.0
+
+
 @dataclass(frozen=True, slots=True)
 class Slip:
     """The slip lies somewhere in this stretch; ``is_doubted`` where the evidence is weak."""
@@ -64,6 +67,22 @@ class _Counted:
     centre: NDArray[np.float64]
     before: NDArray[np.float32]
     near: NDArray[np.float32]
+
+
+def find_slips_in_wear(calm: Moments, strides: Moments) -> list[Slip]:
+    """Slips by all calm moments, but for those over which the arm hangs alike in walking."""
+    found = find_slips(calm)
+    edges_s = [-np.inf, *((slip.first_s + slip.end_s) / 2.0 for slip in found), np.inf]
+    return [
+        slip
+        for slip, start_s, stop_s in zip(found, edges_s[:-2], edges_s[2:], strict=True)
+        if not _hangs_alike(strides.within(start_s, slip.first_s), strides.within(slip.end_s, stop_s))
+    ]
+
+
+def _hangs_alike(before: Moments, after: Moments) -> bool:
+    turned_deg = compare_hanging(before, after)
+    return turned_deg is not None and turned_deg < HANGS_ALIKE_DEG
 
 
 def find_slips(moments: Moments, rules: SlipRules | None = None) -> list[Slip]:

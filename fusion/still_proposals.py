@@ -29,8 +29,13 @@ def join_stretches(quiet: QuietTable, rules: CalibrationRules) -> tuple[NDArray[
     return first, np.minimum(end_s, quiet.start_s[first] + rules.longest_proposal_s)
 
 
-def rank_stretches(windows: QuietTable, end_s: Vector, rules: CalibrationRules) -> Vector:
-    """The product that ``propose_still_periods`` describes, from the first window of each stretch."""
+def rank_stretches(
+    windows: QuietTable, end_s: Vector, rules: CalibrationRules, hangs: Vector | None = None
+) -> Vector:
+    """The product that ``propose_still_periods`` describes, from the first window of each stretch.
+
+    ``hangs``: the direction in which the arm hangs while walking, where it is known.
+    """
     scores = [
         score_still_period(windows.duration_s, float(sd), gravity, rules)
         for sd, gravity in zip(windows.acc_sd_g, windows.gravity_g, strict=True)
@@ -39,7 +44,16 @@ def rank_stretches(windows: QuietTable, end_s: Vector, rules: CalibrationRules) 
     early = 1.0 / (1.0 + windows.start_s / rules.early_s)
     agreement = _agree(windows.gravity_g, end_s - windows.start_s, rules.same_direction_deg)
     agreed = np.minimum(1.0, agreement / (rules.good_agreement * agreement.max()))
+    if hangs is not None:
+        agreed = _hang(windows.gravity_g, hangs, rules)
     return np.asarray(good * early * agreed)
+
+
+def _hang(gravity_g: Vector, hangs: Vector, rules: CalibrationRules) -> Vector:
+    """1 where the arm hangs as it does in walking, little elsewhere."""
+    cosine = gravity_g @ hangs / np.linalg.norm(gravity_g, axis=1)
+    near = cosine >= np.cos(np.radians(rules.same_direction_deg))
+    return np.where(near, 1.0, rules.elsewhere)
 
 
 def _agree(gravity_g: Vector, seconds: Vector, within_deg: float) -> Vector:

@@ -40,9 +40,11 @@ def tell_pose_caution(findings: Findings, words: Words) -> str:
 
 
 def tell_accuracy(findings: Findings, words: Words) -> str:
-    """Say how accurate the method of these figures is known to be."""
-    name = findings.method.name if findings.method else "ready"
-    return str(words["accuracy"].get(name, words["accuracy"]["ready"]))
+    """Say how accurate the method of these figures is known to be, and what of a sensor goes unnoticed."""
+    told, name = words["accuracy"], findings.method.name if findings.method else "ready"
+    return (
+        f"{told[name]} {told['turned']}" if name in {"smoothed", "published", "live"} else str(told["ready"])
+    )
 
 
 def choose_ranges(findings: Findings) -> str:

@@ -40,7 +40,8 @@ report's verdict is poor.
 
 What is not found stands in the table: a turn of 20 deg is seldom told from other work, one of 30 deg not
 always, and one that ends two minutes before the recording does only where it is large. These rows stay
-valid and are wrong by up to the turn. A turn about the arm's own axis does not change the angle. Days of
+valid and are wrong by up to the turn. Hours of other work without any walking look like a turn and are
+left out (tests/fusion/test_other_work.py). A turn about the arm's own axis does not change the angle. Days of
 an hour without any turn, seeds {QUIET_SEEDS[0]} to {QUIET_SEEDS[-1]}, are to raise no alarm. The
 recordings of BROAD and of the project are shorter than the ten minutes that the search asks for."""
 

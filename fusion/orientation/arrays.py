@@ -12,7 +12,8 @@ from fusion.recording import FloatArray
 class UnusableArrays(UnusableRecording, ValueError):
     """The arrays cannot be fused.
 
-    Facts: why ("shape", "numbers", "finite", "rate", "empty", "method", or "unit" with the length ``g``).
+    Facts: why ("shape", "numbers", "finite", "rate", "empty", "method", "axis", or "unit" with the length
+    ``g``).
     """
 
     code = "E-ARRAYS"
@@ -48,6 +49,19 @@ def check_rate(rate_hz: float) -> None:
     """
     if not (isfinite(rate_hz) and rate_hz > 0.0):
         raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
+
+
+def check_direction(axis: object) -> NDArray[np.float64]:
+    """Give a direction as a vector of its own, shape (3,); its length does not matter.
+
+    Raises
+    ------
+    UnusableArrays
+    """
+    vector = np.array(_as_floats(axis), dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise UnusableArrays(why="axis", axis=str(vector.tolist()))
+    return vector
 
 
 def check_gravity(acc_g: FloatArray) -> None:

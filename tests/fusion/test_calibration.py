@@ -10,12 +10,12 @@ from fusion.calibration import (
     calibrate,
     find_still_period,
     propose_still_periods,
-    share_between,
 )
 from fusion.calibration_rules import score_still_period
 from fusion.elevation import estimate_elevation
 from fusion.errors import UnusableCalibration
 from fusion.recording import Recording, Segment
+from fusion.two_point import share_between
 from tests.factories import hold, record
 
 

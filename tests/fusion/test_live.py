@@ -107,6 +107,30 @@ def test_an_empty_chunk_gives_no_row_and_changes_nothing(axis: NDArray[np.float6
     assert np.array_equal(live.update(made.acc_g, made.gyr_dps), expected, equal_nan=True)
 
 
+@pytest.mark.parametrize("axis", [[1.0, 0.0], [np.nan, 0.0, 1.0], [0.0, 0.0, 0.0], ["a", "b", "c"]])
+def test_an_arm_axis_that_is_no_direction_is_refused_at_once(axis: list[object]) -> None:
+    with pytest.raises(UnusableArrays):
+        LiveElevation(100.0, np.array(axis))
+
+
+def test_chunks_of_unlike_length_are_refused_while_waiting_too() -> None:
+    # Three accelerations with four rates would put every later pair out of step.
+    with pytest.raises(UnusableArrays):
+        LiveElevation(100.0).update(np.tile([0.0, 0.0, 1.0], (3, 1)), np.zeros((4, 3)))
+
+
+def test_a_chunk_that_is_refused_changes_nothing() -> None:
+    acc, gyr = np.tile([0.0, 0.0, 1.0], (200, 1)), np.zeros((200, 3))
+    broken = np.where(np.arange(200)[:, None] < 199, acc, np.nan)
+    live = LiveElevation(100.0)
+
+    with pytest.raises(UnusableArrays):
+        live.update(broken, gyr)
+
+    # As at the very first chunk: a moment of stillness is waited for again.
+    assert np.isnan(live.update(acc[:1], gyr[:1])).all()
+
+
 def test_where_nothing_was_felt_there_is_no_direction() -> None:
     up = LiveVertical(100.0).update(np.zeros((3, 3)), np.zeros((3, 3)))
 
