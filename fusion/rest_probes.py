@@ -57,34 +57,45 @@ def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float
 
 
 def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
-    """Mean acceleration of each half second in which neither sensor moves, shape (n, 3)."""
-    rests = [np.zeros((0, 3))]
+    """Mean acceleration of each half second in which neither sensor moves, shape (n, 3).
+
+    A channel that keeps one value measures nothing (a hole filled with zeros, an axis that stuck), unless
+    most of the rests look so: then the readings are that coarse.
+    """
+    rests, flat = [np.zeros((0, 3))], [np.zeros(0, np.bool_)]
     for segment, first, stop in probe_blocks(segments):
         width = max(5, round(OFFSET_S * segment.rate_hz))
-        acc_g, acc_sd = _measure_stretches(segment.acc_g[first:stop], width)
-        _, gyr_sd = _measure_stretches(segment.gyr_dps[first:stop], width)
-        rests.append(acc_g[(acc_sd < STILL_G) & (gyr_sd < STILL_DPS)])
-    return np.concatenate(rests)
+        acc_g, acc_sd, acc_flat = _measure_stretches(segment.acc_g[first:stop], width)
+        _, gyr_sd, gyr_flat = _measure_stretches(segment.gyr_dps[first:stop], width)
+        is_still = (acc_sd < STILL_G) & (gyr_sd < STILL_DPS)
+        rests.append(acc_g[is_still])
+        flat.append((acc_flat | gyr_flat)[is_still])
+    found, is_flat = np.concatenate(rests), np.concatenate(flat)
+    return found if 2 * is_flat.sum() > len(found) else found[~is_flat]
 
 
-def _measure_stretches(samples: NDArray[np.float32], width: int) -> tuple[NDArray[np.float64], ...]:
-    """Mean (m, 3) of each ``width`` rows, and the largest of its three standard deviations (m,)."""
-    means, scatter = np.zeros((len(samples) // width, 3)), np.zeros(len(samples) // width)
+def _measure_stretches(
+    samples: NDArray[np.float32], width: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Mean (m, 3) of each ``width`` rows, their largest standard deviation, and whether any is 0 (m,)."""
+    count = len(samples) // width
+    means, scatter = np.zeros((count, 3)), np.zeros((count, 3))
     reduce_stretches(samples, width, means, scatter)
-    return means, scatter
+    return means, scatter.max(axis=1, initial=0.0), (scatter == 0.0).any(axis=1)
 
 
 @njit(cache=True, nogil=True)
 def reduce_stretches(samples, width, means, scatter):  # type: ignore[no-untyped-def]
-    """Fill in mean and largest standard deviation of each ``width`` rows."""
+    """Fill in mean and standard deviation of each ``width`` rows."""
     for k in range(len(means)):
         for axis in range(3):
+            first = samples[k * width, axis]  # deviations from it are exactly 0 where nothing changes
             for row in range(k * width, (k + 1) * width):
-                means[k, axis] += samples[row, axis] / width
-            square = 0.0
+                means[k, axis] += (samples[row, axis] - first) / width
             for row in range(k * width, (k + 1) * width):
-                square += (samples[row, axis] - means[k, axis]) ** 2
-            scatter[k] = max(scatter[k], np.sqrt(square / width))
+                scatter[k, axis] += (samples[row, axis] - first - means[k, axis]) ** 2 / width
+            scatter[k, axis] = np.sqrt(scatter[k, axis])
+            means[k, axis] += first
 
 
 def tell_directions(unit: NDArray[np.float64], near_deg: float) -> NDArray[np.intp]:
@@ -105,7 +116,7 @@ def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
     scatters, spread = list[float](), list[float]()
     for segment, first, stop in probe_blocks(segments):
         rows = segment.gyr_dps[first:stop]
-        mean, scatter = _measure_stretches(rows, max(5, round(OFFSET_S * segment.rate_hz)))
+        mean, scatter, _ = _measure_stretches(rows, max(5, round(OFFSET_S * segment.rate_hz)))
         means.extend(mean)
         scatters.extend(scatter)
         spread.append(_measure_stretches(rows, len(rows))[1].max())
