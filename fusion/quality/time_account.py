@@ -16,9 +16,7 @@ Account = Literal["analysed", "excluded", "missing"]
 
 SHORTEST_ANALYSED_US = 10 * MICROSECONDS
 WITHOUT_MINIMUM = (READY_ANGLES, "mvn")
-SAID_BY_A_PERSON = frozenset(
-    {"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"}
-)
+SAID_BY_A_PERSON = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
 
 
 def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[Span, ...]) -> TimeAccount:
