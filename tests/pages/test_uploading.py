@@ -209,6 +209,17 @@ def test_the_first_bytes_say_what_the_file_is(
     find_upload(page, "told.gt3x").get_by_role("button", name="Cancel").click()
 
 
+def test_the_wrong_kind_of_file_is_named_while_it_is_on_its_way(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+    page.route("**/api/v1/uploads/*", stop_second)
+
+    page.set_input_files("#files", make_file(tmp_path, "letter.csv", 3))
+
+    expect(find_upload(page, "letter.csv").locator(".row-note")).to_contain_text("Not a sensor recording")
+
+
 def test_arm_and_subject_can_be_said_while_the_file_is_on_its_way(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
