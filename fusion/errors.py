@@ -169,7 +169,7 @@ class MixedColumns(UnusableRecording):
 
 
 class TooShort(UnusableRecording):
-    """Less than 10 s could be analysed. Facts: s."""
+    """Less than 10 s could be analysed. Facts: s; left_out (what left out most), left_out_s, cure."""
 
     code = "E-SHORT"
 

@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from app.api.periods import PeriodView
 from app.errors import BadParameter
+from app.report.subject import MAX_TEXT, clean_text
 from app.report.wording import Language
 from app.request import (
     SUBJECT_ALLOWED,
@@ -133,3 +134,8 @@ class AnalysisSettings(Wishes):
     periods: Annotated[
         list[PeriodView] | None, Field(max_length=10_000, description="In place of the recording's periods.")
     ] = None
+    reason: Annotated[
+        str,
+        Field(max_length=MAX_TEXT, description="Why it is analysed anew; the report says it."),
+        AfterValidator(clean_text),
+    ] = ""

@@ -150,7 +150,7 @@ def build_request(row: StoredRow, settings: AnalysisSettings, language: Language
         diary = read_periods(settings.periods)
         check_periods(diary, row.inspection)
     profile = json.dumps(settings.profile, sort_keys=True) if settings.profile else ""
-    return replace(request, diary=diary, source=settings.source, profile=profile)
+    return replace(request, diary=diary, source=settings.source, profile=profile, reason=settings.reason)
 
 
 def _start(

@@ -82,7 +82,8 @@ def _tell_fact(name: str, value: Fact, words: Words, language: Language) -> str:
         return format_exact(value, language)
     if isinstance(value, float):
         return format_exact(round(value, 2 if abs(value) >= 0.1 else 4), language)
-    return str(words["fact"].get(name, {}).get(value) or clean_text(value))
+    terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
+    return str(terms.get(value) or clean_text(value))
 
 
 def _tell_where(told: Mapping[str, str], words: Words) -> str | None:

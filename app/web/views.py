@@ -53,6 +53,7 @@ class JobRow:
     announcement: str
     version: str
     report: str
+    side: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +86,7 @@ def show_row(job: Job, language: Language, now: datetime) -> JobRow:
         announcement=fill(words["row"]["announce"], {"name": job.file_name, "state": state_word}),
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
         report=_find_report(job),
+        side=job.request.side or "",
     )
 
 
@@ -126,12 +128,13 @@ def show_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, 
 class Answer:
     """The figures of a finished analysis, and how far they may be trusted ("good", "caution", "poor").
 
-    ``brief`` is the answer in five lines, to paste into a record; ``sentences`` are its first three.
+    ``brief`` is the answer in five lines, to paste into a record; ``sentences`` are its first three, and
+    ``reason`` is the fourth: what the quality is and why.
     """
 
     figures: tuple[Fact, ...]
     verdict: str
-    verdict_word: str
+    reason: str
     sentences: tuple[str, ...]
     brief: str
 
@@ -139,9 +142,9 @@ class Answer:
 def show_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
     """Show the main figures, the answer in words and the verdict on the data."""
     verdict = str(results["quality"]["verdict"])
-    word = str(load_wording(language, "page")["verdict"][verdict])
-    sentences = tuple(brief.splitlines()[:SENTENCES])
-    return Answer(show_figures(results, language), verdict, word, sentences, brief)
+    lines = tuple(brief.splitlines())
+    reason = "".join(lines[SENTENCES : SENTENCES + 1])
+    return Answer(show_figures(results, language), verdict, reason, lines[:SENTENCES], brief)
 
 
 def show_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
@@ -191,10 +194,16 @@ def read_results(body: bytes) -> Mapping[str, Any]:
 def _tell_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
     request = job.request
     subject = fill(words["row"]["subject"], {"subject": request.subject}) if request.subject else ""
-    side = str(words["row"][request.side]) if request.side else ""
+    side = str(words["row"][request.side]) if request.side else _tell_no_side(job, words)
     version = fill(words["row"]["version"], {"n": str(request.version)}) if _has_version(job) else ""
     meta = (version, subject, side, format_size(job.size_bytes, language), tell_time(job.created_at))
     return tuple(filter(None, meta))
+
+
+def _tell_no_side(job: Job, words: Words) -> str:
+    """A report of which nobody knows the arm says so; what has none, or compares, needs none."""
+    is_open = job.state is JobState.SUCCEEDED and job.request.reference is None
+    return str(words["row"]["no_side"]) if is_open else ""
 
 
 def _has_version(job: Job) -> bool:

@@ -16,6 +16,7 @@ Account = Literal["analysed", "excluded", "missing"]
 
 SHORTEST_ANALYSED_US = 10 * MICROSECONDS
 WITHOUT_MINIMUM = (READY_ANGLES, "mvn")
+SAID_BY_A_PERSON = frozenset({"break", "not-worn", "outside", "seated", "supported", "task", "work", "shift"})
 
 
 def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[Span, ...]) -> TimeAccount:
@@ -34,7 +35,7 @@ def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[S
     )
     least_us = 1 if recording.device in WITHOUT_MINIMUM else SHORTEST_ANALYSED_US
     if analysed_us < least_us:
-        raise TooShort(s=analysed_us / MICROSECONDS)
+        raise TooShort(s=analysed_us / MICROSECONDS, **_name_largest(exclusions))
     recorded_us = max(recording.duration_us, analysed_us)
     excluded_us = min(sum(span.duration_us for span in exclusions), recorded_us - analysed_us)
     missing_us = recorded_us - analysed_us - excluded_us
@@ -69,6 +70,20 @@ def _list_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int) 
         told_us = length_us + (rest_us if name == largest else 0)
         if told_us:
             yield TimePart(account, name, told_us)
+
+
+def _name_largest(exclusions: tuple[Span, ...]) -> dict[str, str | float]:
+    """Say what left out most, for how long, and what to do where a person can undo it."""
+    lengths_us: dict[str, int] = {}
+    for span in exclusions:
+        lengths_us[span.reason] = lengths_us.get(span.reason, 0) + span.duration_us
+    if not lengths_us:
+        return {}
+    largest = max(lengths_us, key=lambda reason: lengths_us[reason])
+    told: dict[str, str | float] = {"left_out": largest, "left_out_s": lengths_us[largest] / MICROSECONDS}
+    if largest in SAID_BY_A_PERSON:
+        told["cure"] = "left out"
+    return told
 
 
 def _count_analysed(segment: ElevationSegment) -> int:

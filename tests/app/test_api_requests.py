@@ -48,6 +48,12 @@ def test_the_analysis_knows_what_the_recording_says(client: TestClient, store: J
     assert request.diary[0].end == 9
 
 
+def test_why_it_is_analysed_anew_is_kept_for_the_report(client: TestClient, store: JobStore) -> None:
+    job = ask(client, keep(client), settings={"reason": "the strap had slipped"})
+
+    assert store.get(job["id"]).request.reason == "the strap had slipped"
+
+
 def test_settings_win_over_what_the_recording_says(client: TestClient, store: JobStore) -> None:
     recording = keep(client, subject="S1", side="left")
     settings = {

@@ -198,6 +198,16 @@ def test_nine_seconds_are_too_short() -> None:
     assert error.value.facts == {"s": 9.0}
 
 
+def test_too_short_says_what_left_out_most_and_that_a_person_can_undo_it() -> None:
+    recording = record(rest(60))
+    spans = (Span(0, 40_000_000, "break"), Span(40_000_000, 18_000_000, "docked"))
+
+    with pytest.raises(TooShort) as error:
+        account_time(recording, leave_out(fuse(recording), spans), spans)
+
+    assert error.value.facts == {"s": 2.0, "left_out": "break", "left_out_s": 40.0, "cure": "left out"}
+
+
 def test_ready_angles_have_no_minimum() -> None:
     recording = replace(record(rest(2)), device="angles")
 

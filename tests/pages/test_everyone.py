@@ -47,7 +47,8 @@ SHOWN = ("right", "left", "unknown", "repeated", "batch", "trunk")
 
 
 FIND_SMALL = """
-[...document.querySelectorAll("main button, main summary, main select, main input:not([type=radio])")]
+[...document.querySelectorAll("main button, main summary, main select, main input")]
+  .filter((e) => !e.matches("[type=radio], [aria-hidden]"))
   .filter((e) => e.offsetParent && (e.offsetHeight < 24 || e.offsetWidth < 24))
   .map((e) => e.outerHTML)"""
 

@@ -35,6 +35,22 @@ def test_recordings_are_found_by_subject_and_by_day(
     assert page.locator("#rows .row").count() >= 2
 
 
+def test_poor_data_are_not_told_in_green_and_the_page_says_why_they_are_poor(
+    page: Page, server: RunningServer, trunk: str
+) -> None:
+    open_home(page, server)
+    row = find_row(page, "trunk.gt3x")
+
+    expect(row).to_contain_text("poor data")
+    expect(row).to_contain_text("arm not stated")
+    expect(row).to_have_class(re.compile("has-poor"))
+    row.get_by_role("link", name="Details and files").click()
+
+    expect(page.locator(".verdict")).to_contain_text("Less than 4 hours analysed")
+    page.get_by_role("link", name="Say which arm").click()
+    expect(page.locator("#correct")).to_be_in_viewport()
+
+
 def test_groups_show_how_many_and_which_need_attention(
     page: Page, server: RunningServer, right: str, tmp_path: Path
 ) -> None:

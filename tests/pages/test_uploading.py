@@ -209,6 +209,17 @@ def test_the_first_bytes_say_what_the_file_is(
     find_upload(page, "told.gt3x").get_by_role("button", name="Cancel").click()
 
 
+def test_the_wrong_kind_of_file_is_named_while_it_is_on_its_way(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+    page.route("**/api/v1/uploads/*", stop_second)
+
+    page.set_input_files("#files", make_file(tmp_path, "letter.csv", 3))
+
+    expect(find_upload(page, "letter.csv").locator(".row-note")).to_contain_text("Not a sensor recording")
+
+
 def test_arm_and_subject_can_be_said_while_the_file_is_on_its_way(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
@@ -234,6 +245,22 @@ def test_two_bars_and_a_stage_show_how_far_it_is(page: Page, server: RunningServ
     expect(page.locator(".row", has_text="bars.gt3x").locator("progress")).to_have_count(2)
     wait_for_end(page, "bars.gt3x")
     expect(page).to_have_title("Acromion")
+
+
+def test_each_file_counts_once_in_the_title(page: Page, server: RunningServer, tmp_path: Path) -> None:
+    open_home(page, server)
+    expect(page.locator("#rows [data-active]")).to_have_count(0, timeout=END_MS)
+    page.evaluate("""window.titles = []; new MutationObserver(() => titles.push(document.title))
+        .observe(document.querySelector("title"), { childList: true })""")
+
+    page.set_input_files("#files", [make_file(tmp_path, f"title_{k}.csv") for k in range(3)])
+    for k in range(3):
+        wait_for_end(page, f"title_{k}.csv", "failed")
+    expect(page).to_have_title("Acromion")
+
+    titles = page.evaluate("titles")
+    assert titles[0] == "(0/3) Acromion"
+    assert all("/3)" in title for title in titles[:-1])
 
 
 def test_another_tab_shows_the_same_and_the_page_may_be_closed(

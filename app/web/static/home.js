@@ -11,9 +11,7 @@ const words = $("upload").dataset;
 const queue = new Queue(form.dataset.api, showQueue, refresh);
 
 function showQueue() {
-  const all = queue.all.size + queue.done;
-  showTitle(queue.isBusy ? { done: queue.done, all } : { done: 0, all: 0 });
-  if (!queue.isBusy) queue.done = 0;
+  showTitle(queue.open);
   $("retry-all").hidden = queue.failed.length < 2;
   showInterrupted();
 }

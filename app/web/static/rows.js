@@ -52,13 +52,13 @@ function place(fresh) {
 
 // "(3/12)" before the title while work goes on: uploads on this page and analyses on the server.
 const title = document.title;
-let own = { done: 0, all: 0 };
+let own = []; // of each upload that is not over the key of its row, "" until the server has it
 let most = 0;
 
 export function showTitle(uploads = own) {
   own = uploads;
-  const running = document.querySelectorAll("#rows [data-active]").length;
-  const open = running + own.all - own.done;
+  const rows = [...document.querySelectorAll("#rows [data-active]")].map((row) => row.id);
+  const open = rows.length + own.filter((key) => !rows.includes(key)).length;
   most = open ? Math.max(most, open) : 0;
   document.title = most ? `(${most - open}/${most}) ${title}` : title;
 }

@@ -12,7 +12,7 @@ const MOST_LOOKS = 20;
 
 export class Queue {
   constructor(api, onChange, onAdded) {
-    Object.assign(this, { api, onChange, onAdded, waiting: [], going: new Set(), all: new Set(), done: 0 });
+    Object.assign(this, { api, onChange, onAdded, waiting: [], going: new Set(), all: new Set() });
   }
 
   add(files, wishes) {
@@ -27,6 +27,11 @@ export class Queue {
 
   get isBusy() {
     return this.going.size + this.waiting.length > 0;
+  }
+
+  // Of each file that is not refused nor here already: the key of its row in the list, "" before it has one.
+  get open() {
+    return [...this.all].filter(({ row }) => !row.isOver).map((entry) => entry.key || "");
   }
 
   next() {
@@ -48,7 +53,6 @@ export class Queue {
     });
     try {
       await this.hand(entry, await entry.upload.send());
-      this.done += 1;
     } catch (error) {
       if (!entry.upload.stopped) error instanceof Refusal ? row.refuse(error.problem) : row.loseNetwork();
     }
@@ -73,11 +77,17 @@ export class Queue {
     entry.looked = true;
     for (let k = 0; k < MOST_LOOKS && !entry.upload.stopped; k += 1) {
       const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
-      if (answer && answer.status >= 400) return; // the analysis will say what it is
+      if (answer && answer.status >= 400) return this.warn(entry, answer);
       const found = answer ? await answer.json() : {};
       if (found.device) return entry.row.understand(this.tell(found, entry.row.words));
       await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
     }
+  }
+
+  // No recording by its first bytes: said at once, so that nobody waits for the rest; the analysis will say more.
+  async warn({ row }, answer) {
+    const { title, fix } = await answer.json().catch(() => ({}));
+    if (answer.status === 422 && title) row.note(`${title}. ${fix}`);
   }
 
   tell(found, words) {
@@ -90,6 +100,7 @@ export class Queue {
 
   // The bytes are safe: ask for the analysis, unless the same bytes have one.
   async hand(entry, recordingId) {
+    entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
     const { subject, side } = entry.row.wishes();
     if (recording.duplicate_of && !entry.isWanted) {

@@ -3,6 +3,8 @@
 import { $, fill, say } from "../say.js";
 import { tellSize } from "./sizes.js";
 
+const DRAW_MS = 250;
+
 export class Row {
   constructor(file, wishes, acts) {
     this.file = file;
@@ -33,15 +35,22 @@ export class Row {
     this.state = state;
     this.item.className = "row is-" + shown;
     this.part(".pill").textContent = this.words[state];
-    const isOver = state === "refused" || state === "duplicate";
-    this.part(".bars").hidden = this.part(".asked").hidden = isOver;
-    this.part("[data-do=cancel]").hidden = isOver;
+    this.part(".bars").hidden = this.part(".asked").hidden = this.isOver;
+    this.part("[data-do=cancel]").hidden = this.isOver;
     this.part("[data-do=retry]").hidden = true;
-    this.part("[data-do=remove]").hidden = !isOver;
+    this.part("[data-do=remove]").hidden = !this.isOver;
     if (state !== "refused") this.part(".problem").hidden = true;
   }
 
+  get isOver() {
+    return this.state === "refused" || this.state === "duplicate";
+  }
+
+  // Drawn a few times a second: the browser tells far more often, and drawing would slow the upload.
   progress(bytes) {
+    const isDue = bytes >= this.file.size || performance.now() - (this.drawnMs ?? -DRAW_MS) >= DRAW_MS;
+    if (!isDue) return;
+    this.drawnMs = performance.now();
     this.part("progress").value = this.file.size ? Math.floor((100 * bytes) / this.file.size) : 100;
     this.part(".bar-word").textContent = `${tellSize(bytes, this.units)} / ${tellSize(this.file.size, this.units)}`;
   }
