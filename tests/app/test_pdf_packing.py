@@ -2,6 +2,7 @@
 
 import io
 import zlib
+from typing import Any
 
 import pytest
 from pypdf import PdfReader
@@ -32,6 +33,10 @@ def write_plainly(objects: tuple[bytes, ...], mark: bytes = b"n") -> bytes:
     return document + table + trailer + b"startxref\n%d\n%%%%EOF" % len(document)
 
 
+def trailer_of(document: bytes) -> Any:
+    return read(document).trailer
+
+
 def read(document: bytes) -> PdfReader:
     return PdfReader(io.BytesIO(document), strict=True)
 
@@ -56,7 +61,7 @@ def test_every_object_is_as_it_was() -> None:
 
 
 def test_the_trailer_names_root_facts_and_identity() -> None:
-    trailer = read(pack_objects(write_plainly(OBJECTS))).trailer
+    trailer = trailer_of(pack_objects(write_plainly(OBJECTS)))
 
     assert (trailer.raw_get("/Root").idnum, trailer.raw_get("/Info").idnum) == (1, 5)
     assert [str(name) for name in trailer["/ID"]] == ["a", "a"]

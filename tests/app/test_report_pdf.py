@@ -185,7 +185,7 @@ def test_a_full_shift_with_seven_periods_is_light(language: Language) -> None:
 
     document = render_pdf(build_report(findings, make_subject(), language), {"results.json": results})
 
-    assert len(document) <= 300_000
+    assert len(document) <= 200_000
 
 
 @pytest.mark.parametrize(
