@@ -52,7 +52,8 @@ def make_validation(log: Path, request: ReportRequest, out: Path, on_stage: OnSt
         report = build_agreement(comparison, subject, validation, language)
         (out / f"answer.{language}.txt").write_bytes(tell_agreement(validation, language))
         (out / f"validation.{language}.html").write_bytes(render_html(report))
-        (out / f"validation.{language}.pdf").write_bytes(render_pdf(report, {"validation.json": encoded}))
+        document = render_pdf(report, {"validation.json": encoded}, request.paper)
+        (out / f"validation.{language}.pdf").write_bytes(document)
 
 
 def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:

@@ -101,7 +101,8 @@ class FolderWatch:
         inside = path.relative_to(self.folder)
         subject = inside.parts[0] if len(inside.parts) > 1 else ""
         try:
-            request = ReportRequest(clean_file_name(path.name), check_subject(subject))
+            name, paper = clean_file_name(path.name), self.intake.settings.paper
+            request = ReportRequest(name, check_subject(subject), paper=paper)
             job = self.intake.take(path, request, "api")
         except (AppError, OSError, ValueError):
             logger.exception("%s could not be taken in", inside)

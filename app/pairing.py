@@ -20,7 +20,7 @@ from app.report.both_arms import ArmPair, TrunkClock, build_pair, describe_pair
 from app.report.findings import Kept
 from app.report.parts import Report
 from app.report.writing import read_kept, write_report
-from app.request import Language, ReportKind
+from app.request import Language, Paper, ReportKind
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.paired import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
@@ -46,6 +46,7 @@ class PairRequest:
     trunk_offset_s: float | None = None
     languages: tuple[Language, ...] = ("en", "fr")
     kinds: tuple[ReportKind, ...] = ("html", "pdf")
+    paper: Paper = "a4"
 
 
 def make_pair_report(left: Path, right: Path, request: PairRequest, out: Path) -> None:
@@ -71,7 +72,7 @@ def make_pair_report(left: Path, right: Path, request: PairRequest, out: Path) -
         *_relate(angles, request, (first, second), offset_s),
     )
     reports = [build_pair(pair, language) for language in request.languages]
-    _write(reports, (PAIR, describe_pair(pair)), request.kinds, out)
+    _write(reports, (PAIR, describe_pair(pair)), request, out)
 
 
 def make_comparison_report(before: Path, after: Path, request: PairRequest, out: Path) -> None:
@@ -86,7 +87,7 @@ def make_comparison_report(before: Path, after: Path, request: PairRequest, out:
     """
     first, second = _read(before), _read(after)
     reports = [build_comparison(first, second, language) for language in request.languages]
-    _write(reports, (COMPARISON, describe_comparison(first, second)), request.kinds, out)
+    _write(reports, (COMPARISON, describe_comparison(first, second)), request, out)
 
 
 def find_offset_s(left: Kept, right: Kept) -> float:
@@ -194,10 +195,10 @@ def _relate(
 
 
 def _write(
-    reports: Sequence[Report], document: tuple[str, dict[str, Any]], kinds: tuple[ReportKind, ...], out: Path
+    reports: Sequence[Report], document: tuple[str, dict[str, Any]], request: PairRequest, out: Path
 ) -> None:
     name, values = document
     body = encode_document(values)
     (out / name).write_bytes(body)
     for report in reports:
-        write_report(report, kinds, {name: body}, out)
+        write_report(report, request.kinds, request.paper, {name: body}, out)

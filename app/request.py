@@ -17,6 +17,7 @@ from fusion.task_windows import TaskWindow
 Stage = Literal["reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr"]
 ReportKind = Literal["html", "pdf"]
+Paper = Literal["a4", "letter"]
 OnStage = Callable[[Stage, float], None]
 
 
@@ -105,6 +106,7 @@ class ReportRequest:
     rate_hz: float | None = None
     languages: tuple[Language, ...] = ("en", "fr")
     kinds: tuple[ReportKind, ...] = ("html", "pdf")
+    paper: Paper = "a4"
     source: Literal["samples", "angles"] = "samples"
     diary: tuple[DiaryEntry, ...] = ()
     profile: str = ""
@@ -133,7 +135,7 @@ class ReportRequest:
 
     def name_settings(self) -> dict[str, object]:
         """Give what the figures depend on; in which languages and forms they are told is left out."""
-        told = {"file_name", "languages", "kinds", "joined", "version", "changes", "reason"}
+        told = {"file_name", "languages", "kinds", "paper", "joined", "version", "changes", "reason"}
         return {name: value for name, value in asdict(self).items() if name not in told}
 
     def list_diary(self) -> tuple[DiaryEntry, ...]:

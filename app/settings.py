@@ -6,6 +6,8 @@ from typing import Any, Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from app.request import Paper
+
 GIB = 1 << 30
 
 
@@ -54,6 +56,8 @@ class Settings(BaseSettings):
         A client that sends more slowly than this, for longer than this, is sent away.
     webhooks_may_be_private
         Whether a webhook may lead into a private network or to this computer.
+    paper
+        Paper of the PDFs where a request does not say: ``a4`` or ``letter``.
     max_queued
         Analyses that may wait; more are refused until some are done.
     upload_term_s, trash_term_s
@@ -85,6 +89,7 @@ class Settings(BaseSettings):
     body_patience_s: float = 30.0
     header_patience_s: float = 10.0
     webhooks_may_be_private: bool = False
+    paper: Paper = "a4"
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0

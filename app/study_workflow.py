@@ -101,7 +101,8 @@ def _write_study(
         failed = [(name, f"{problem.title}. {problem.detail}", code) for name, code, problem in told]
         report = build_study(entries, cells, failed, facts, language)
         (out / f"study.{language}.html").write_bytes(render_html(report))
-        (out / f"study.{language}.pdf").write_bytes(render_pdf(report, {"study.json": encoded}))
+        document = render_pdf(report, {"study.json": encoded}, request.paper)
+        (out / f"study.{language}.pdf").write_bytes(document)
 
 
 def _write_problems(problems: list[StudyProblem], request: ReportRequest, out: Path) -> None:

@@ -76,7 +76,7 @@ def create_batch(wish: BatchWish, services: UsedServices, language: UsedLanguage
     for item in wish.items:
         row = services.recordings.get(item.recording_id)
         settings = _merge(wish.settings, item.settings or {})
-        items.append((row, build_request(row, settings, language)))
+        items.append((row, build_request(row, settings, language, services.settings.paper)))
     batch = services.batches.add(wish.name, items)
     headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
     return JSONResponse(view_batch(batch).model_dump(), 202, headers)  # type: ignore[return-value]

@@ -14,6 +14,7 @@ from app.report.wording import Language
 from app.request import (
     SUBJECT_ALLOWED,
     WINDOW_ALLOWED,
+    Paper,
     ReportRequest,
     check_subject,
     clean_file_name,
@@ -76,6 +77,7 @@ class Wishes(BaseModel):
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
     lang: Annotated[Language | None, Field(description="Language of the answer.")] = None
+    paper: Annotated[Paper | None, Field(description="Paper of the PDF; else the server's.")] = None
     calibration: Annotated[
         list[Annotated[str, AfterValidator(_check_window)]],
         Field(max_length=2, description="START_S,END_S; twice for two-point: hanging, level."),
@@ -93,8 +95,11 @@ class Wishes(BaseModel):
             )
         return self
 
-    def ask(self, file_name: str, language: Language) -> ReportRequest:
-        """Give the request of the one road; both languages are made, the one asked for first."""
+    def ask(self, file_name: str, language: Language, paper: Paper) -> ReportRequest:
+        """Give the request of the one road; both languages are made, the one asked for first.
+
+        ``language`` and ``paper`` are taken where nothing was asked.
+        """
         first = self.lang or language
         return ReportRequest(
             file_name=file_name,
@@ -105,6 +110,7 @@ class Wishes(BaseModel):
             calibration_windows_s=tuple(parse_window(text) for text in self.calibration),
             rate_hz=self.rate_hz,
             languages=(first, "en" if first == "fr" else "fr"),
+            paper=self.paper or paper,
         )
 
 
@@ -117,9 +123,9 @@ class AnalyzeParameters(Wishes):
     ] = ""
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
 
-    def to_request(self, language: Language) -> ReportRequest:
+    def to_request(self, language: Language, paper: Paper) -> ReportRequest:
         """Give the request of the one road."""
-        return self.ask(clean_file_name(self.file_name), language)
+        return self.ask(clean_file_name(self.file_name), language, paper)
 
 
 class AnalysisSettings(Wishes):

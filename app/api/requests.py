@@ -20,7 +20,7 @@ from app.jobs.job import Job
 from app.jobs.queueing import WayIn
 from app.jobs.recordings import StoredRow
 from app.report.wording import Language
-from app.request import ReportRequest
+from app.request import Paper, ReportRequest
 from app.storage import StoredRecording
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
@@ -58,7 +58,7 @@ async def analyze(
     The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
     """
     check_queue(services)
-    wish = parameters.to_request(language)
+    wish = parameters.to_request(language, services.settings.paper)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
         same = None if parameters.again else services.store.find_same(stored.sha256, wish)
@@ -135,8 +135,10 @@ def check_queue(services: Services, more: int = 1) -> None:
         raise Busy
 
 
-def build_request(row: StoredRow, settings: AnalysisSettings, language: Language) -> ReportRequest:
-    """Ask by the settings; what they leave out is as the recording says.
+def build_request(
+    row: StoredRow, settings: AnalysisSettings, language: Language, paper: Paper
+) -> ReportRequest:
+    """Ask by the settings; what they leave out is as the recording says, or as the server has it.
 
     Raises
     ------
@@ -144,7 +146,7 @@ def build_request(row: StoredRow, settings: AnalysisSettings, language: Language
     """
     told = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
     whole = AnalysisSettings.model_validate(told)
-    request = whole.ask(row.about.file_name, language)
+    request = whole.ask(row.about.file_name, language, paper)
     diary = row.diary
     if settings.periods is not None:
         diary = read_periods(settings.periods)
@@ -156,7 +158,7 @@ def build_request(row: StoredRow, settings: AnalysisSettings, language: Language
 def _start(
     services: Services, row: StoredRow, wish: AnalysisWish, language: Language, way_in: WayIn
 ) -> tuple[AnalysisView, Job]:
-    request = build_request(row, wish.settings, language)
+    request = build_request(row, wish.settings, language, services.settings.paper)
     same = None if wish.again else services.store.find_same(row.sha256, request)
     if same is not None:
         view = view_analysis(same, language)

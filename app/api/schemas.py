@@ -119,6 +119,6 @@ def list_links(job: Job) -> Mapping[str, str]:
 
 def view_settings(request: ReportRequest) -> dict[str, Any]:
     """Show what was asked."""
-    names = ("subject", "side", "method", "pose", "calibration_windows_s", "rate_hz", "source")
+    names = ("subject", "side", "method", "pose", "calibration_windows_s", "rate_hz", "source", "paper")
     periods = [period.model_dump() for period in view_periods(request.diary)]
     return {name: getattr(request, name) for name in names} | {"periods": periods}

@@ -21,6 +21,7 @@ from app.report.wording import Language
 from app.request import (
     SUBJECT_ALLOWED,
     WINDOW_ALLOWED,
+    Paper,
     Reference,
     ReportRequest,
     check_subject,
@@ -43,6 +44,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "side": ("", "left", "right"),
     "method": ("smoothed", "published", "live"),
     "pose": ("n-pose", "side-lean"),
+    "paper": ("", "a4", "letter"),
 }
 MOST_TASK_BYTES = 1 << 20
 FIELDS = (
@@ -178,7 +180,7 @@ async def take_validation(request: Request, services: Services) -> Job:
     _check_length(request, services)
     async with request.form(max_files=3, max_fields=len(KNOWN)) as form:
         recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
-        wish = _read_wishes(form)
+        wish = _read_wishes(form, services.settings.paper)
         given = _read_reference(form, reference, await _read_tasks(form))
         return await run_in_threadpool(_store, services, recording.file, reference.file, (wish, given))
 
@@ -208,12 +210,12 @@ async def _read_tasks(form: FormData) -> tuple[TaskWindow, ...]:
     return read_tasks(await file.read(MOST_TASK_BYTES))
 
 
-def _read_wishes(form: FormData) -> ReportRequest:
+def _read_wishes(form: FormData, paper: Paper) -> ReportRequest:
     for name in form:
         if name not in KNOWN:
             raise BadParameter(name=name[:60], value="", allowed=", ".join(sorted(KNOWN)))
     chosen: dict[str, Any] = {name: _choose(form, name) for name in CHOICES}
-    chosen["side"] = chosen["side"] or None
+    chosen["side"], chosen["paper"] = chosen["side"] or None, chosen["paper"] or paper
     windows = [_read(form, "calibration", parse_window, WINDOW_ALLOWED)] if _text(form, "calibration") else []
     return ReportRequest(
         clean_file_name(_require_file(form, "recording").filename or ""),

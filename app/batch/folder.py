@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from app.batch.plan import MARKER, Task
-from app.request import Language, ReportRequest, compare_settings
+from app.request import Language, Paper, ReportRequest, compare_settings
 from app.version import software_revision, software_version
 
 _FIGURES = ("results.json", "findings.json", "elevation.parquet", "pair.json", "comparison.json")
@@ -34,6 +34,8 @@ class Marker:
     language: Language = "en"
     figures: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each file of figures, by its name."""
+    papers: Mapping[Language, Paper] = field(default_factory=dict)
+    """The paper of each language's PDF; A4 where nothing is said."""
 
     def list_digests(self) -> tuple[str, ...]:
         """Give the SHA-256 of the log and of each file joined to it."""
@@ -46,7 +48,8 @@ def make_marker(task: Task) -> Marker:
     settings = json.dumps(task.request.name_settings(), sort_keys=True)
     parts = [digest, task.request.file_name, settings, software_version(), software_revision()]
     fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
-    return Marker(fingerprint, digest, settings, language=task.request.languages[0])
+    language = task.request.languages[0]
+    return Marker(fingerprint, digest, settings, language=language, papers={language: task.request.paper})
 
 
 def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
@@ -99,8 +102,11 @@ def use_plain_names(folder: Path, language: Language) -> None:
 
 
 def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
-    """Tell whether the report stands there in the language and the forms asked."""
-    mark = "" if request.languages[0] == marker.language else f".{request.languages[0]}"
+    """Tell whether the report stands there in the language and the forms asked, and for that paper."""
+    language = request.languages[0]
+    if "pdf" in request.kinds and marker.papers.get(language, "a4") != request.paper:
+        return False
+    mark = "" if language == marker.language else f".{language}"
     reports = (folder / f"report{mark}.{kind}" for kind in request.kinds)
     return all(path.exists() and path.stat().st_size > 0 for path in reports)
 

@@ -133,7 +133,7 @@ def _number(before: Marker | None, asked: Marker, last: int) -> Marker:
 
 
 def _tell_again(task: Task, before: Marker, go_on: Callable[[str | None, float], bool]) -> Outcome:
-    """Write the finished analysis in another language or form; nothing is analysed."""
+    """Write the finished analysis in another language or form, or for another paper; nothing is analysed."""
     language = task.request.languages[0]
     with open_staging(task.folder) as staging:
         outcome = _attempt(task, task.request, staging, load_and_tell_again(task.folder), go_on)
@@ -143,6 +143,9 @@ def _tell_again(task: Task, before: Marker, go_on: Callable[[str | None, float],
             use_plain_names(staging, language)
         for path in (*staging.glob("report.*"), *staging.glob("answer.*")):
             path.replace(task.folder / path.name)
+        if "pdf" in task.request.kinds:
+            before = replace(before, papers={**before.papers, language: task.request.paper})
+            write_marker(task.folder, before)
         switch_language(task.folder, before, language)
     return replace(outcome, answer=_read_answer(task), repeated=True, version=before.version)
 

@@ -15,7 +15,7 @@ from typing import Any, get_args
 import yaml
 
 from app.errors import UnusableSettings
-from app.request import WINDOW_ALLOWED, Language, ReportKind, ReportRequest
+from app.request import WINDOW_ALLOWED, Language, Paper, ReportKind, ReportRequest
 from fusion.choices import MethodName, Pose, Side
 from fusion.diary import KINDS, DiaryEntry, read_moment
 from fusion.errors import UnusableDiary
@@ -113,6 +113,7 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
     Setting("lang", "languages", lambda value: (_choose(get_args(Language))[0](value),), "en|fr"),
     Setting("report", "kinds", _read_kinds, "[html, pdf]"),
+    Setting("paper", "paper", *_choose(get_args(Paper))),
     Setting("diary", "diary", _read_diary, "[{start, end, kind, label}]"),
     Setting("profile", "profile", _read_profile, "{acceleration, angular_rate, ...}"),
 )
@@ -129,6 +130,7 @@ def encode_settings(request: ReportRequest) -> bytes:
         "rate_hz": request.rate_hz,
         "lang": request.languages[0],
         "report": list(request.kinds),
+        "paper": request.paper,
         "diary": [_describe_entry(entry) for entry in request.diary],
         "profile": json.loads(request.profile) if request.profile else None,
     }

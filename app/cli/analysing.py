@@ -40,7 +40,7 @@ from app.cli.said import (
     tell_problem,
 )
 from app.report.wording import fill, load_wording
-from app.request import Language, ReportRequest
+from app.request import Language, Paper, ReportRequest
 from fusion.choices import MethodName, Pose
 
 
@@ -79,6 +79,7 @@ def run(
     report: Annotated[
         str | None, typer.Option(help="What to write: html, pdf or html,pdf  \\[default: html,pdf]")
     ] = None,
+    paper: Annotated[Paper | None, typer.Option(help="Paper of the PDF  \\[default: a4]")] = None,
     workers: Annotated[
         int | None,
         typer.Option("-j", "--jobs", min=1, help="Recordings at once  \\[default: by cores, memory]"),
@@ -103,6 +104,7 @@ def run(
         "calibration_windows_s": parse_windows(calibration),
         "rate_hz": rate_hz,
         "kinds": parse_kinds(report),
+        "paper": paper,
     }
     request = _gather_request(config, lang, given)
     language = request.languages[0]

@@ -16,6 +16,7 @@ from app.request import (
     SUBJECT_ALLOWED,
     WINDOW_ALLOWED,
     Language,
+    Paper,
     ReportKind,
     ReportRequest,
     check_subject,
@@ -42,6 +43,7 @@ ProfileOption = Annotated[
         "--profile", metavar="FILE.json", help="What the columns of a table mean (docs/formats.md)."
     ),
 ]
+PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
 LanguageOption = Annotated[Language, typer.Option("--lang", help="Language of the report.")]
 
 

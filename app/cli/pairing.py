@@ -10,7 +10,7 @@ import typer
 
 from app.batch.folder import keep_versions
 from app.batch.plan import plan_tasks
-from app.cli.options import LanguageOption, Out, SubjectOption, parse_kinds, take_subject
+from app.cli.options import LanguageOption, Out, PaperOption, SubjectOption, parse_kinds, take_subject
 from app.cli.said import Exit, choose_exit, print_problem, report_progress
 from app.errors import AppError
 from app.request import Language, ReportRequest
@@ -34,16 +34,17 @@ def pair(
     subject: SubjectOption = "",
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
+    paper: PaperOption = "a4",
 ) -> None:
     """Set both arms of one shift side by side."""
     from app.pairing import PAIR, PairRequest, make_pair_report  # noqa: PLC0415  heavy
 
     kinds, code = parse_kinds(report), take_subject(subject)
-    asked = ReportRequest("", code, languages=(lang,))
+    asked = ReportRequest("", code, languages=(lang,), paper=paper)
     first = _finish_first(left, out / "left", replace(asked, side="left"))
     second = _finish_first(right, out / "right", replace(asked, side="right"))
     body = _finish_first(trunk, out / "trunk", asked) if trunk else None
-    request = PairRequest(body, offset_s, trunk_offset_s, (lang,), kinds)
+    request = PairRequest(body, offset_s, trunk_offset_s, (lang,), kinds, paper)
     _keep(out / "both-arms", PAIR, lang, partial(make_pair_report, first, second, request))
 
 
@@ -55,15 +56,16 @@ def compare(
     subject: SubjectOption = "",
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
+    paper: PaperOption = "a4",
 ) -> None:
     """Set one day beside another, and say whether the change is larger than days differ anyway."""
     from app.pairing import COMPARISON, PairRequest, make_comparison_report  # noqa: PLC0415  heavy
 
     kinds = parse_kinds(report)
-    asked = ReportRequest("", take_subject(subject), side, languages=(lang,))
+    asked = ReportRequest("", take_subject(subject), side, languages=(lang,), paper=paper)
     first = _finish_first(before, out / "before", asked)
     second = _finish_first(after, out / "after", asked)
-    request = PairRequest(languages=(lang,), kinds=kinds)
+    request = PairRequest(languages=(lang,), kinds=kinds, paper=paper)
     _keep(out / "before-after", COMPARISON, lang, partial(make_comparison_report, first, second, request))
 
 

@@ -11,6 +11,7 @@ import typer
 from app.batch.folder import use_plain_names
 from app.cli.options import (
     LanguageOption,
+    PaperOption,
     SubjectOption,
     check_windows,
     parse_windows,
@@ -57,6 +58,7 @@ def validate(
         float | None, typer.Option(min=1, max=10_000, help="For a REF without time.")
     ] = None,
     lang: LanguageOption = "en",
+    paper: PaperOption = "a4",
 ) -> None:
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
     request = ReportRequest(
@@ -68,6 +70,7 @@ def validate(
         parse_windows(calibration),
         rate_hz,
         (lang,),
+        paper=paper,
     )
     if path.is_dir():
         _study(path, request, out)

@@ -58,9 +58,10 @@ def _number(known: Sequence[tuple[str, ReportRequest]], sha256: str, request: Re
     reports = [(key, old) for key, old in known if old.reference is None]
     if not reports:
         return replace(request, version=1, changes=())
-    key = identify_work(sha256, request)
+    asked = request.name_settings()
     for old_key, old in reports:
-        if old_key == key:
+        # Made by this engine, and told in another language or on another paper at most: the same report.
+        if old_key == identify_work(sha256, old) and old.name_settings() == asked:
             reason = request.reason or old.reason
             return replace(request, version=old.version, changes=old.changes, reason=reason)
     _, last = max(reports, key=lambda report: report[1].version)

@@ -1,7 +1,7 @@
 """The report as a tagged PDF (PDF/UA-1 and PDF/A-3a in one). The only file that knows the PDF engine.
 
 The report goes to Typst as a JSON file beside the template, so that no text is ever read as markup. Only
-our own fonts are used, so that every machine writes the same bytes.
+our own fonts are used, so that every machine with the same zlib writes the same bytes.
 """
 
 import json
@@ -10,19 +10,21 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import typst
 
 from app.report.parts import AgreementReport, Report
+from app.report.pdf_packing import pack_objects
 from app.report.template_folder import find_template_folder
+from app.request import Paper
 
-Paper = Literal["a4", "us-letter"]
 STANDARDS = ("ua-1", "a-3a")
 NO_CLOCK = datetime(1970, 1, 1, tzinfo=UTC)
 _SCREEN_ONLY = {"narrow", "table"}
 """Parts of a figure that paper does not show."""
 
+_TYPST_PAPERS: dict[Paper, str] = {"a4": "a4", "letter": "us-letter"}
 _MIME_TYPES = {"json": "application/json", "csv": "text/csv"}
 
 # What the shipped Inter can draw; a character beyond would make the PDF an invalid archive.
@@ -49,7 +51,7 @@ def render_pdf(
         pdf_standards=list(STANDARDS),
         timestamp=0,
     )
-    return document
+    return pack_objects(document)
 
 
 def spell_uncovered(text: str) -> str:
@@ -61,7 +63,7 @@ def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: 
     values = asdict(report)
     made_of = values.pop("made_of") or NO_CLOCK
     values["date"] = list(made_of.timetuple()[:6])
-    values["paper"] = paper
+    values["paper"] = _TYPST_PAPERS[paper]
     values["attached"] = [
         {"name": name, "mime": _MIME_TYPES.get(name.rsplit(".", 1)[-1], "application/octet-stream")}
         for name in attached

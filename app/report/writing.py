@@ -14,7 +14,7 @@ from app.report.html import render_html
 from app.report.parts import Report
 from app.report.pdf import render_pdf
 from app.report.subject import ReportSubject
-from app.request import ReportKind, ReportRequest
+from app.request import Paper, ReportKind, ReportRequest
 
 RESULTS, FINDINGS = "results.json", "findings.json"
 
@@ -24,15 +24,15 @@ def write_reports(findings: Findings, subject: ReportSubject, request: ReportReq
     results = (out / RESULTS).read_bytes()
     for language in request.languages:
         report = build_report(findings, subject, language)
-        write_report(report, request.kinds, {RESULTS: results}, out)
+        write_report(report, request.kinds, request.paper, {RESULTS: results}, out)
 
 
 def write_report(
-    report: Report, kinds: tuple[ReportKind, ...], attachments: dict[str, bytes], out: Path
+    report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes], out: Path
 ) -> None:
     """Write one report, in its language, and its answer in a few lines."""
     (out / f"answer.{report.language}.txt").write_bytes(tell_in_brief(report))
-    for kind, body in _render(report, kinds, attachments):
+    for kind, body in _render(report, kinds, paper, attachments):
         (out / f"report.{report.language}.{kind}").write_bytes(body)
 
 
@@ -61,9 +61,9 @@ def read_kept(finished: Path) -> Kept:
 
 
 def _render(
-    report: Report, kinds: tuple[ReportKind, ...], attachments: dict[str, bytes]
+    report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes]
 ) -> Iterator[tuple[ReportKind, bytes]]:
     if "html" in kinds:
         yield "html", render_html(report)
     if "pdf" in kinds:
-        yield "pdf", render_pdf(report, attachments)
+        yield "pdf", render_pdf(report, attachments, paper)

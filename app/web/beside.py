@@ -67,7 +67,8 @@ def load_and_set_beside(
     make = pairing.make_pair_report if kind == "pair" else pairing.make_comparison_report
     first, second, *trunk = folders
     offset_s, trunk_offset_s = offsets_s
-    asked = pairing.PairRequest(trunk[0] if trunk else None, offset_s, trunk_offset_s, request.languages)
+    body, paper = trunk[0] if trunk else None, request.paper
+    asked = pairing.PairRequest(body, offset_s, trunk_offset_s, request.languages, paper=paper)
     make(first, second, asked, out)
 
 
@@ -108,7 +109,8 @@ def read_sentences(folder: Path, language: Language) -> list[str]:
 def _make(services: Services, asked: BesideRequest, folders: tuple[Path, ...], out: Path) -> None:
     make = partial(load_and_set_beside, folders, (asked.offset_s, asked.trunk_offset_s), asked.kind)
     limits = choose_limits(services.settings, sum(job.size_bytes for job in asked.jobs))
-    attempt = Attempt(folders[0], ReportRequest(""), out, make, limits)
+    request = ReportRequest("", paper=asked.first.request.paper)
+    attempt = Attempt(folders[0], request, out, make, limits)
     outcome: Finished | Refused | Any = run_attempt(attempt, lambda *_: True)
     if isinstance(outcome, Refused):
         raise RecordedProblem(outcome.code, outcome.facts)

@@ -82,7 +82,9 @@ def take_sample(request: Request, services: UsedServices, language: UsedLanguage
 
 def _take_sample(log: Path, services: Services, language: Language) -> Job:
     other: Language = "en" if language == "fr" else "fr"
-    wish = ReportRequest(log.name, subject=SAMPLE_SUBJECT, side="right", languages=(language, other))
+    wish = ReportRequest(
+        log.name, SAMPLE_SUBJECT, "right", languages=(language, other), paper=services.settings.paper
+    )
     return Intake(services.store, services.storage, services.settings).take(log, wish, "web")
 
 

@@ -138,6 +138,28 @@ def test_who_asks_again_on_purpose_gets_another_analysis(client: TestClient) -> 
     assert ask(client, recording)["id"] != ask(client, recording, again=True)["id"]
 
 
+def test_the_paper_asked_for_goes_before_the_server_s(settings: Settings) -> None:
+    app = create_app(settings.model_copy(update={"paper": "letter"}))
+    with TestClient(app, base_url="http://localhost") as client:
+        recording = keep(client)
+
+        views = [ask(client, recording), ask(client, recording, settings={"paper": "a4"})]
+        batch = {"items": [{"recording_id": recording}], "settings": {"paper": "a4"}}
+        batched = client.post("/api/v1/batches", json=batch).json()["links"]["analyses"]
+
+        assert [view["settings"]["paper"] for view in views] == ["letter", "a4"]
+        assert client.get(batched).json()["items"][0]["settings"]["paper"] == "a4"
+
+
+def test_another_paper_or_language_is_the_same_version(client: TestClient, store: JobStore) -> None:
+    recording = keep(client)
+    ask(client, recording, settings={"lang": "en"})
+
+    told = [ask(client, recording, settings=wish)["id"] for wish in ({"paper": "letter"}, {"lang": "fr"})]
+
+    assert [store.get(job).request.version for job in told] == [1, 1]
+
+
 def test_a_failed_analysis_is_no_answer_to_the_same_question(client: TestClient, bench: OpenBench) -> None:
     recording = keep(client)
     first = ask(client, recording)

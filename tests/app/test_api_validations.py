@@ -1,10 +1,12 @@
 """Comparisons through the API and the page: two files in one form, a job, its files."""
 
+import io
 from math import sin
 from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
+from pypdf import PdfReader
 from typer.testing import CliRunner
 
 from app.api.validations import MEDIA_TYPES
@@ -61,6 +63,13 @@ def test_a_clock_may_be_set_by_hand(client: TestClient, bench: OpenBench) -> Non
     assert (alignment["offset_s"], alignment["drift_ppm"]) == (0.5, 10.0)
 
 
+def test_a_comparison_is_for_the_paper_asked(client: TestClient, bench: OpenBench) -> None:
+    document = client.get(f"{compare(client, bench, paper='letter')}/validation.pdf").content
+
+    page = PdfReader(io.BytesIO(document)).pages[0].mediabox
+    assert (round(page.width), round(page.height)) == (612, 792)
+
+
 def test_a_pair_that_cannot_be_compared_is_a_problem(client: TestClient, bench: OpenBench) -> None:
     address = compare(client, bench, offset_s="100000")
 
@@ -70,7 +79,8 @@ def test_a_pair_that_cannot_be_compared_is_a_problem(client: TestClient, bench: 
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("side", "both"), ("offset_s", "soon"), ("drift_ppm", "nan"), ("colour", "red")]
+    ("name", "value"),
+    [("side", "both"), ("paper", "a3"), ("offset_s", "soon"), ("drift_ppm", "nan"), ("colour", "red")],
 )
 def test_a_wish_that_cannot_be_is_refused_by_name(client: TestClient, name: str, value: str) -> None:
     answer = client.post("/api/v1/validations", files=FILES, data={name: value})

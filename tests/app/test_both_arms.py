@@ -323,7 +323,7 @@ def test_the_first_page_stands_alone_on_letter_paper(language: Language) -> None
     trunk = TrunkRelative("sagittal plane only", 60.0, {10: 1.0, 50: 12.0, 90: 30.0, 99: 50.0})
     report = report_of(make_pair(-80.0, trunk), language)
 
-    document = render_pdf(report, {}, "us-letter")
+    document = render_pdf(report, {}, "letter")
 
     first = re.sub(r"\s", "", PdfReader(io.BytesIO(document)).pages[0].extract_text())
     assert re.sub(r"\s", "", report.intended_use.paragraphs[0])[-40:] in first

@@ -56,6 +56,19 @@ def test_the_folder_of_a_file_is_its_subject(watch: FolderWatch) -> None:
     assert job.request.subject == "S012"
 
 
+def test_what_is_taken_is_told_on_the_server_s_paper(
+    store: JobStore, storage: Storage, settings: Settings, tmp_path: Path
+) -> None:
+    letter = settings.model_copy(update={"paper": "letter"})
+    watch = FolderWatch(Intake(store, storage, letter), tmp_path)
+    put(watch, "shift.gt3x")
+    watch.look()
+
+    (job,) = watch.look()
+
+    assert job.request.paper == "letter"
+
+
 def test_other_files_are_left_where_they_are(watch: FolderWatch) -> None:
     notes = put(watch, "notes.docx")
     hidden = put(watch, ".shift.gt3x.part")

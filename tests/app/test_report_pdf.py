@@ -10,9 +10,10 @@ import pytest
 from pypdf import PdfReader
 
 from app.report.content import build_report
-from app.report.pdf import Paper, render_pdf, spell_uncovered
+from app.report.pdf import render_pdf, spell_uncovered
 from app.report.results import encode_results
 from app.report.wording import LANGUAGES, Language
+from app.request import Paper
 from fusion.exposure import PeakWindow
 from fusion.quality import Quality
 from fusion.recording import QualityFlag
@@ -60,7 +61,7 @@ def test_the_answer_stands_on_the_first_page(language: Language) -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("paper", ["a4", "us-letter"])
+@pytest.mark.parametrize("paper", ["a4", "letter"])
 def test_the_first_page_stands_alone_on_both_papers(paper: Paper, language: Language) -> None:
     report = build_report(make_analysis(), make_subject(), language)
 
@@ -79,7 +80,7 @@ def test_the_longest_first_page_still_fits(language: Language) -> None:
     corrected = replace(make_subject(), version=2, changes=("diary", "pose"), reason="A talk with the worker")
     report = build_report(analysis, corrected, language)
 
-    document = render_pdf(report, {}, "us-letter")
+    document = render_pdf(report, {}, "letter")
 
     assert flatten(report.verdict.reason) in text_of(document, 0)
     assert flatten(report.intended_use.paragraphs[0])[-40:] in text_of(document, 0)
@@ -177,8 +178,23 @@ def test_all_our_own_words_can_be_drawn(language: Language) -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_a_full_shift_is_light(language: Language) -> None:
-    assert len(pdf_of(language)) <= 300_000
+def test_a_full_shift_with_seven_periods_is_light(language: Language) -> None:
+    exposure = make_exposure()
+    findings = replace(make_analysis(), exposure=replace(exposure, by_period=exposure.by_hour[:7]))
+    results = encode_results(findings, make_subject())
+
+    document = render_pdf(build_report(findings, make_subject(), language), {"results.json": results})
+
+    assert len(document) <= 200_000
+
+
+@pytest.mark.parametrize(
+    ("paper", "points"), [("a4", (595, 842)), ("letter", (612, 792))], ids=["A4", "US Letter"]
+)
+def test_every_page_has_the_size_of_the_paper(paper: Paper, points: tuple[int, int]) -> None:
+    pages = PdfReader(io.BytesIO(pdf_of(paper=paper))).pages
+
+    assert {(round(page.mediabox.width), round(page.mediabox.height)) for page in pages} == {points}
 
 
 def test_the_numbers_of_the_results_stand_in_the_pdf() -> None:

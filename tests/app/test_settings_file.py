@@ -30,6 +30,7 @@ REQUESTS = st.builds(
     rate_hz=st.none() | st.floats(1, 10_000),
     languages=st.sampled_from([("en",), ("fr",)]),
     kinds=st.sampled_from([("html",), ("pdf",), ("html", "pdf")]),
+    paper=st.sampled_from(["a4", "letter"]),
     diary=st.lists(ENTRIES, max_size=3).map(tuple),
     profile=st.sampled_from(["", '{"acceleration": ["ax", "ay", "az"]}']),
 )

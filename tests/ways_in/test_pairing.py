@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from pypdf import PdfReader
 from typer.testing import CliRunner, Result
 
 from app.cli import app
@@ -55,6 +56,18 @@ def test_another_pair_in_the_same_place_keeps_the_earlier_one(paired: Path) -> N
     assert "(version 2)" in result.output
     earlier = json.loads((paired / "both-arms" / "v1" / "pair.json").read_text("utf-8"))
     assert earlier["clock"]["offset_s"] == 0.0
+
+
+@pytest.mark.parametrize(("command", "folder"), [("pair", "both-arms"), ("compare", "before-after")])
+def test_a_report_of_two_is_for_the_paper_asked(
+    paired: Path, tmp_path: Path, command: str, folder: str
+) -> None:
+    sides = [next((paired / side).iterdir()) for side in ("left", "right")]
+
+    run(command, *sides, "-o", tmp_path, "--report", "pdf", "--paper", "letter")
+
+    page = PdfReader(tmp_path / folder / "report.pdf").pages[0].mediabox
+    assert (round(page.width), round(page.height)) == (612, 792)
 
 
 def test_one_recording_twice_is_refused_with_its_reason(paired: Path) -> None:

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from pypdf import PdfReader
 from typer.testing import CliRunner
 
 from app.batch.folder import find_last_version, name_earlier, put_earlier_back
@@ -105,6 +106,48 @@ def test_a_pdf_asked_for_later_joins_the_page(shift_gt3x: Path, tmp_path: Path) 
     run(shift_gt3x, tmp_path, "--report", "html,pdf")
 
     assert (tmp_path / shift_gt3x.stem / "report.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def tell_size(document: Path) -> tuple[int, int]:
+    page = PdfReader(document).pages[0].mediabox
+    return round(page.width), round(page.height)
+
+
+def test_another_paper_is_the_same_report_and_told_without_a_new_analysis(
+    shift_gt3x: Path, tmp_path: Path
+) -> None:
+    run(shift_gt3x, tmp_path, "--report", "pdf")
+    folder = tmp_path / shift_gt3x.stem
+    parquet_made = (folder / "elevation.parquet").stat().st_mtime_ns
+
+    said = run(shift_gt3x, tmp_path, "--report", "pdf", "--paper", "letter")
+
+    assert "version" not in said
+    assert tell_size(folder / "report.pdf") == (612, 792)
+    assert (folder / "elevation.parquet").stat().st_mtime_ns == parquet_made
+
+
+def test_a_pdf_in_another_language_keeps_its_own_paper_until_asked_for(
+    shift_gt3x: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / shift_gt3x.stem
+    run(shift_gt3x, tmp_path, "--report", "pdf")
+    run(shift_gt3x, tmp_path, "--report", "pdf", "--lang", "fr", "--paper", "letter")
+    kept = tell_size(folder / "report.en.pdf")
+
+    run(shift_gt3x, tmp_path, "--report", "pdf", "--lang", "en", "--paper", "letter")
+
+    assert (kept, tell_size(folder / "report.pdf")) == ((595, 842), (612, 792))
+    assert tell_size(folder / "report.fr.pdf") == (612, 792)
+
+
+def test_the_same_paper_again_writes_nothing_anew(shift_gt3x: Path, tmp_path: Path) -> None:
+    run(shift_gt3x, tmp_path, "--report", "pdf", "--paper", "letter")
+    made = (tmp_path / shift_gt3x.stem / "report.pdf").stat().st_mtime_ns
+
+    run(shift_gt3x, tmp_path, "--report", "pdf", "--paper", "letter")
+
+    assert (tmp_path / shift_gt3x.stem / "report.pdf").stat().st_mtime_ns == made
 
 
 def test_a_run_cut_between_two_versions_gives_the_earlier_one_back(tmp_path: Path) -> None:
