@@ -119,11 +119,15 @@ class WornParts:
         """The part that a time lies in, or the nearest."""
         return min(self.parts, key=lambda part: max(part.start_s - time_s, time_s - part.end_s))
 
-    def find_before_slip(self, time_s: float) -> tuple[float, float] | None:
-        """The first part of the wear that a time lies in, where the sensor slipped in that wear for sure."""
-        wear = [part for part in self.parts if part.wear == self.find_home(time_s).wear]
-        slipped = any(wear[0].end_s <= slip.start_s < wear[-1].end_s for slip in self.slipping)
-        return (wear[0].start_s, wear[0].end_s) if slipped else None
+    def list_for_pose(self, time_s: float) -> tuple[_Part, ...]:
+        """Where to seek the pose instead of in the whole day, given when its likeliest moment is: the parts of
+        that wear in order, where the sensor slipped in it or may have; the wear itself, where the sensor was
+        off at another time and walking tells how the arm hung in this one.
+        """
+        home = self.find_home(time_s)
+        wear = tuple(part for part in self.parts if part.wear == home.wear)
+        tells = len(self.parts) > 1 and find_hanging(home.strides) is not None
+        return wear if len(wear) > 1 or tells else ()
 
 
 def part_recording(
