@@ -223,7 +223,7 @@ def _choose_still(
     blocks: list[QuarterSeconds],
     worn: WornParts,
 ) -> StillPeriod:
-    """Take the window asked for, or the best proposal; where the sensor slipped, or may have, one before that.
+    """Take the window asked for, or the best proposal; where the sensor slipped or was off, one before that.
 
     A pose is held when the sensor has just been strapped on. How the arm hangs is seen in another direction
     after a slip: by the walking of a whole day a raised arm before the slip may pass for a hanging one.

@@ -62,7 +62,8 @@ class RemountRules:
     ``least_to_carry`` it is left out rather than calibrated. Up to ``carried_from_deg`` it is left out, too.
     Hanging within ``hangs_alike_deg`` of each other in walking, nothing turned.
     ``axis_sigma_deg`` is how well the axis is carried over; ``doubt`` the standard deviation of a part that
-    may have turned, as a share of the angle.
+    may have turned, as a share of the angle. ``least_share`` of the calm moments: in such a part the pose is
+    sought first.
     """
 
     off_s: float = 600.0
@@ -79,6 +80,7 @@ class RemountRules:
     hangs_alike_deg: float = 10.0
     axis_sigma_deg: float = 5.0
     doubt: float = 0.6
+    least_share: float = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,15 +121,24 @@ class WornParts:
         """The part that a time lies in, or the nearest."""
         return min(self.parts, key=lambda part: max(part.start_s - time_s, time_s - part.end_s))
 
-    def list_for_pose(self, time_s: float) -> tuple[_Part, ...]:
-        """Where to seek the pose instead of in the whole day, given when its likeliest moment is: the parts of
-        that wear in order, where the sensor slipped in it or may have; the wear itself, where the sensor was
-        off at another time and walking tells how the arm hung in this one.
+    def list_for_pose(self, time_s: float, rules: RemountRules | None = None) -> tuple[_Part, ...]:
+        """Where to seek the pose instead of in the whole day, given when its likeliest moment is.
+
+        The parts, in order, of the first stretch of wear in which walking tells how the arm hung (one that
+        holds ``least_share`` of the calm moments: a sensor carried in a bag walks, too); without one, of the
+        stretch that the time lies in, where the sensor slipped in it or may have, or walking tells.
         """
-        home = self.find_home(time_s)
+        if len(self.parts) == 1:
+            return ()
+        least = (rules or RemountRules()).least_share * sum(len(part.calm.up) for part in self.parts)
+        homes = [part for part in self.parts if _tells(part) and len(part.calm.up) >= least]
+        home = homes[0] if homes else self.find_home(time_s)
         wear = tuple(part for part in self.parts if part.wear == home.wear)
-        tells = len(self.parts) > 1 and find_hanging(home.strides) is not None
-        return wear if len(wear) > 1 or tells else ()
+        return wear if len(wear) > 1 or _tells(home) else ()
+
+
+def _tells(part: _Part) -> bool:
+    return find_hanging(part.strides) is not None
 
 
 def part_recording(
@@ -155,8 +166,16 @@ def find_remounts(
         return ()
     home = worn.find_home(calibrated[0])
     rules = rules or RemountRules()
-    found = [_judge_part(home, part, calibrated[1], rules) for part in worn.parts if part is not home]
+    others = [part for part in worn.parts if part is not home]
+    found = [_judge_part(home, part, calibrated[1], rules) or _stand_by(worn, home, part) for part in others]
     return tuple(sorted((*filter(None, found), *worn.slipping), key=lambda part: part.start_s))
+
+
+def _stand_by(worn: WornParts, home: _Part, part: _Part) -> AxisPart | None:
+    """What lies beyond a slip that is sure is left out, also where the whole part looks like home."""
+    first_s, end_s = min(home.end_s, part.end_s), max(home.start_s, part.start_s)
+    slipped = part.wear == home.wear and any(first_s <= slip.start_s < end_s for slip in worn.slipping)
+    return AxisPart(part.start_s, part.end_s, None) if slipped else None
 
 
 def _find_still_moments(stills: QuietTable, accelerometer: AccelerometerCorrection) -> Moments:
