@@ -26,7 +26,7 @@ turn about the arm's own axis changes nothing and is not looked for.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -46,7 +46,7 @@ from fusion.postures import (
 from fusion.recording import QualityFlag
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise_windows
-from fusion.slips import SlipRules, find_slips_in_wear
+from fusion.slips import Slip, SlipRules, find_slips_in_wear
 
 Table = NDArray[np.float64]
 UNLIKE_WALKING_DEG = 30.0
@@ -112,10 +112,13 @@ class _Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WornParts:
-    """The recording, cut where the sensor was off or slipped; ``slipping`` are the slips that are sure."""
+    """The recording, cut where the sensor was off or slipped; ``slipping`` are the slips that are sure,
+    ``doubted`` the others: a cut in the middle of each.
+    """
 
     parts: tuple[_Part, ...]
     slipping: tuple[AxisPart, ...]
+    doubted: tuple[Slip, ...]
 
     def find_home(self, time_s: float) -> _Part:
         """The part that a time lies in, or the nearest."""
@@ -168,7 +171,28 @@ def find_remounts(
     rules = rules or RemountRules()
     others = [part for part in worn.parts if part is not home]
     found = [_judge_part(home, part, calibrated[1], rules) or _stand_by(worn, home, part) for part in others]
-    return tuple(sorted((*filter(None, found), *worn.slipping), key=lambda part: part.start_s))
+    known = [*filter(None, found), *worn.slipping]
+    for slip in worn.doubted:
+        known = _leave_out_slip(known, slip)
+    return tuple(sorted(known, key=lambda part: part.start_s))
+
+
+def _leave_out_slip(known: list[AxisPart], slip: Slip) -> list[AxisPart]:
+    """Leave out a slip that was doubted, too, where the part beside it, as a whole, turned for sure."""
+    if not any(slip.middle_s in (part.start_s, part.end_s) and not part.is_doubted for part in known):
+        return known
+    trimmed = [
+        replace(
+            part,
+            start_s=slip.end_s if part.start_s == slip.middle_s else part.start_s,
+            end_s=slip.first_s if part.end_s == slip.middle_s else part.end_s,
+        )
+        for part in known
+    ]
+    return [
+        *(part for part in trimmed if part.start_s < part.end_s),
+        AxisPart(slip.first_s, slip.end_s, None),
+    ]
 
 
 def _stand_by(worn: WornParts, home: _Part, part: _Part) -> AxisPart | None:
@@ -219,17 +243,19 @@ def _divide(day: _Part, cuts_s: list[float]) -> WornParts:
     """Cut into parts; a slip that is sure lies between two parts and is left out."""
     parts: list[_Part] = []
     slipping: list[AxisPart] = []
+    doubted: list[Slip] = []
     for wear, (first_s, end_s) in enumerate(pairwise([-np.inf, *cuts_s, np.inf])):
         start_s = first_s
         for slip in find_slips_in_wear(day.calm.within(first_s, end_s), day.strides.within(first_s, end_s)):
-            middle_s = (slip.first_s + slip.end_s) / 2.0
-            stop_s, next_s = (middle_s, middle_s) if slip.is_doubted else (slip.first_s, slip.end_s)
+            stop_s, next_s = (slip.middle_s,) * 2 if slip.is_doubted else (slip.first_s, slip.end_s)
             parts.append(_cut_part(day, wear, (start_s, stop_s)))
-            if not slip.is_doubted:
+            if slip.is_doubted:
+                doubted.append(slip)
+            else:
                 slipping.append(AxisPart(stop_s, next_s, None))
             start_s = next_s
         parts.append(_cut_part(day, wear, (start_s, end_s)))
-    return WornParts(tuple(parts), tuple(slipping))
+    return WornParts(tuple(parts), tuple(slipping), tuple(doubted))
 
 
 def _cut_part(day: _Part, wear: int, span_s: tuple[float, float]) -> _Part:
