@@ -7,7 +7,8 @@ five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.slips`);
 Each part is compared with the one that holds the calibration. After the sensor was off, it was turned where
 the commonest direction of still moments moved by more than 25 deg and neither part knows the other's
 (RELIABILITY.md 93). While it was worn the proof must be stronger: the moments of both parts must know
-each other by less than 0.3 of 2; up to 0.6 the part is kept and said to be less certain.
+each other by less than 0.3 of 2; up to 0.45 the part is kept and said to be less certain. Beyond a slip
+that is sure, a part with neither is left out, however alike it looks.
 
 Postures alone cannot tell a turned sensor from other work: an hour of walking about and an hour at the wheel
 differ as much. So walking decides where both parts have half a minute of it (the arm hangs then): hanging
