@@ -223,19 +223,19 @@ def _choose_still(
     blocks: list[QuarterSeconds],
     worn: WornParts,
 ) -> StillPeriod:
-    """Take the window asked for, or the best proposal; of a day on which the sensor slipped, one before that.
+    """Take the window asked for, or the best proposal; where the sensor slipped or was off, one before that.
 
-    A pose is held when the sensor has just been strapped on; after a slip its direction is that of a few
-    moments only, and would be outvoted by all that came later.
+    A pose is held when the sensor has just been strapped on. How the arm hangs is seen in another direction
+    after a slip: by the walking of a whole day a raised arm before the slip may pass for a hanging one.
     """
     if len(windows_s) > 1:
         raise UnusableCalibration(why="count", start_s=windows_s[0][0], end_s=windows_s[-1][1])
     if windows_s:
         return _measure_asked(recording, windows_s[0])
     found = _find_still(recording, blocks)
-    before_s = worn.find_before_slip(found.start_s)
-    early = _propose(recording, blocks, most=1, within_s=before_s) if before_s else ()
-    return early[0] if early else found
+    parts = worn.list_for_pose(found.start_s)
+    best = (_propose(recording, blocks, 1, (part.start_s, part.end_s)) for part in parts)
+    return next((proposals[0] for proposals in best if proposals), found)
 
 
 def _find_still(recording: Recording, blocks: list[QuarterSeconds]) -> StillPeriod:
@@ -257,9 +257,7 @@ def _propose(
     if len(quiet) == 0:
         return ()
     first, end_s = join_stretches(quiet, rules)
-    # Of some minutes before a slip too little was walked to tell.
-    strides = find_striding_moments(blocks, leave_accelerometer())
-    hangs = find_hanging(strides) if within_s == WHOLE_DAY_S else None
+    hangs = find_hanging(find_striding_moments(blocks, leave_accelerometer()).within(*within_s))
     order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules, hangs), kind="stable")[:most]
     return tuple(_measure(recording, float(quiet.start_s[first[k]]), float(end_s[k]), rules) for k in order)
 

@@ -7,7 +7,8 @@ five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.slips`);
 Each part is compared with the one that holds the calibration. After the sensor was off, it was turned where
 the commonest direction of still moments moved by more than 25 deg and neither part knows the other's
 (RELIABILITY.md 93). While it was worn the proof must be stronger: the moments of both parts must know
-each other by less than 0.3 of 2; up to 0.6 the part is kept and said to be less certain.
+each other by less than 0.3 of 2; up to 0.45 the part is kept and said to be less certain. Beyond a slip
+that is sure, a part with neither is left out, however alike it looks.
 
 Postures alone cannot tell a turned sensor from other work: an hour of walking about and an hour at the wheel
 differ as much. So walking decides where both parts have half a minute of it (the arm hangs then): hanging
@@ -26,7 +27,7 @@ turn about the arm's own axis changes nothing and is not looked for.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -46,7 +47,7 @@ from fusion.postures import (
 from fusion.recording import QualityFlag
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise_windows
-from fusion.slips import SlipRules, find_slips_in_wear
+from fusion.slips import Slip, SlipRules, find_slips_in_wear
 
 Table = NDArray[np.float64]
 UNLIKE_WALKING_DEG = 30.0
@@ -62,7 +63,8 @@ class RemountRules:
     ``least_to_carry`` it is left out rather than calibrated. Up to ``carried_from_deg`` it is left out, too.
     Hanging within ``hangs_alike_deg`` of each other in walking, nothing turned.
     ``axis_sigma_deg`` is how well the axis is carried over; ``doubt`` the standard deviation of a part that
-    may have turned, as a share of the angle.
+    may have turned, as a share of the angle. ``least_share`` of the calm moments: in such a part the pose is
+    sought first.
     """
 
     off_s: float = 600.0
@@ -79,6 +81,7 @@ class RemountRules:
     hangs_alike_deg: float = 10.0
     axis_sigma_deg: float = 5.0
     doubt: float = 0.6
+    least_share: float = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,20 +113,36 @@ class _Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WornParts:
-    """The recording, cut where the sensor was off or slipped; ``slipping`` are the slips that are sure."""
+    """The recording, cut where the sensor was off or slipped; ``slipping`` are the slips that are sure,
+    ``doubted`` the others: a cut in the middle of each.
+    """
 
     parts: tuple[_Part, ...]
     slipping: tuple[AxisPart, ...]
+    doubted: tuple[Slip, ...]
 
     def find_home(self, time_s: float) -> _Part:
         """The part that a time lies in, or the nearest."""
         return min(self.parts, key=lambda part: max(part.start_s - time_s, time_s - part.end_s))
 
-    def find_before_slip(self, time_s: float) -> tuple[float, float] | None:
-        """The first part of the wear that a time lies in, where the sensor slipped in that wear for sure."""
-        wear = [part for part in self.parts if part.wear == self.find_home(time_s).wear]
-        slipped = any(wear[0].end_s <= slip.start_s < wear[-1].end_s for slip in self.slipping)
-        return (wear[0].start_s, wear[0].end_s) if slipped else None
+    def list_for_pose(self, time_s: float, rules: RemountRules | None = None) -> tuple[_Part, ...]:
+        """Where to seek the pose instead of in the whole day, given when its likeliest moment is.
+
+        The parts, in order, of the first stretch of wear in which walking tells how the arm hung (one that
+        holds ``least_share`` of the calm moments: a sensor carried in a bag walks, too); without one, of the
+        stretch that the time lies in, where the sensor slipped in it or may have, or walking tells.
+        """
+        if len(self.parts) == 1:
+            return ()
+        least = (rules or RemountRules()).least_share * sum(len(part.calm.up) for part in self.parts)
+        homes = [part for part in self.parts if _tells(part) and len(part.calm.up) >= least]
+        home = homes[0] if homes else self.find_home(time_s)
+        wear = tuple(part for part in self.parts if part.wear == home.wear)
+        return wear if len(wear) > 1 or _tells(home) else ()
+
+
+def _tells(part: _Part) -> bool:
+    return find_hanging(part.strides) is not None
 
 
 def part_recording(
@@ -151,8 +170,37 @@ def find_remounts(
         return ()
     home = worn.find_home(calibrated[0])
     rules = rules or RemountRules()
-    found = [_judge_part(home, part, calibrated[1], rules) for part in worn.parts if part is not home]
-    return tuple(sorted((*filter(None, found), *worn.slipping), key=lambda part: part.start_s))
+    others = [part for part in worn.parts if part is not home]
+    found = [_judge_part(home, part, calibrated[1], rules) or _stand_by(worn, home, part) for part in others]
+    known = [*filter(None, found), *worn.slipping]
+    for slip in worn.doubted:
+        known = _leave_out_slip(known, slip)
+    return tuple(sorted(known, key=lambda part: part.start_s))
+
+
+def _leave_out_slip(known: list[AxisPart], slip: Slip) -> list[AxisPart]:
+    """Leave out a slip that was doubted, too, where the part beside it, as a whole, turned for sure."""
+    if not any(slip.middle_s in (part.start_s, part.end_s) and not part.is_doubted for part in known):
+        return known
+    trimmed = [
+        replace(
+            part,
+            start_s=slip.end_s if part.start_s == slip.middle_s else part.start_s,
+            end_s=slip.first_s if part.end_s == slip.middle_s else part.end_s,
+        )
+        for part in known
+    ]
+    return [
+        *(part for part in trimmed if part.start_s < part.end_s),
+        AxisPart(slip.first_s, slip.end_s, None),
+    ]
+
+
+def _stand_by(worn: WornParts, home: _Part, part: _Part) -> AxisPart | None:
+    """What lies beyond a slip that is sure is left out, also where the whole part looks like home."""
+    first_s, end_s = min(home.end_s, part.end_s), max(home.start_s, part.start_s)
+    slipped = part.wear == home.wear and any(first_s <= slip.start_s < end_s for slip in worn.slipping)
+    return AxisPart(part.start_s, part.end_s, None) if slipped else None
 
 
 def _find_still_moments(stills: QuietTable, accelerometer: AccelerometerCorrection) -> Moments:
@@ -196,17 +244,19 @@ def _divide(day: _Part, cuts_s: list[float]) -> WornParts:
     """Cut into parts; a slip that is sure lies between two parts and is left out."""
     parts: list[_Part] = []
     slipping: list[AxisPart] = []
+    doubted: list[Slip] = []
     for wear, (first_s, end_s) in enumerate(pairwise([-np.inf, *cuts_s, np.inf])):
         start_s = first_s
         for slip in find_slips_in_wear(day.calm.within(first_s, end_s), day.strides.within(first_s, end_s)):
-            middle_s = (slip.first_s + slip.end_s) / 2.0
-            stop_s, next_s = (middle_s, middle_s) if slip.is_doubted else (slip.first_s, slip.end_s)
+            stop_s, next_s = (slip.middle_s,) * 2 if slip.is_doubted else (slip.first_s, slip.end_s)
             parts.append(_cut_part(day, wear, (start_s, stop_s)))
-            if not slip.is_doubted:
+            if slip.is_doubted:
+                doubted.append(slip)
+            else:
                 slipping.append(AxisPart(stop_s, next_s, None))
             start_s = next_s
         parts.append(_cut_part(day, wear, (start_s, end_s)))
-    return WornParts(tuple(parts), tuple(slipping))
+    return WornParts(tuple(parts), tuple(slipping), tuple(doubted))
 
 
 def _cut_part(day: _Part, wear: int, span_s: tuple[float, float]) -> _Part:

@@ -57,6 +57,11 @@ class Slip:
     end_s: float
     is_doubted: bool = False
 
+    @property
+    def middle_s(self) -> float:
+        """Where the recording is cut if the slip is doubted."""
+        return (self.first_s + self.end_s) / 2.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Counted:
@@ -72,7 +77,7 @@ class _Counted:
 def find_slips_in_wear(calm: Moments, strides: Moments) -> list[Slip]:
     """Slips by all calm moments, but for those over which the arm hangs alike in walking."""
     found = find_slips(calm)
-    edges_s = [-np.inf, *((slip.first_s + slip.end_s) / 2.0 for slip in found), np.inf]
+    edges_s = [-np.inf, *(slip.middle_s for slip in found), np.inf]
     return [
         slip
         for slip, start_s, stop_s in zip(found, edges_s[:-2], edges_s[2:], strict=True)

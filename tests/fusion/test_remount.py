@@ -25,10 +25,12 @@ def work(hours: float, seed: int, device: Device = "gt9x") -> tuple[Table, Table
     return made.acc_g.astype(float), made.gyr_dps.astype(float), made.elevation_deg
 
 
-def take_off_half_way(turn: Table, seed: int = 1, hours: float = 1.5) -> tuple[Recording, Table]:
-    """Work, 12 minutes on a desk, and the rest of the work with the sensor turned."""
+def take_off_half_way(
+    turn: Table, seed: int = 1, hours: float = 1.5, share: float = 0.5
+) -> tuple[Recording, Table]:
+    """Work, 12 minutes on a desk after a ``share`` of it, and the rest of the work with the sensor turned."""
     acc, gyr, truth = work(hours, seed)
-    half, desk = len(acc) // 2, round(DESK_S * RATE_HZ)
+    half, desk = int(len(acc) * share), round(DESK_S * RATE_HZ)
     rng = np.random.default_rng(seed)
     still = np.array([0.0, 0.6, 0.8]) + rng.normal(0.0, 0.002, (desk, 3))
     rest = rng.normal(0.0, 0.05, (desk, 3))
@@ -123,3 +125,19 @@ def test_a_part_with_too_few_still_moments_to_carry_the_axis_over_is_left_out() 
     assert [part.arm_axis is None for part in samples.remounts] == [True]
     assert not valid[-100:].any()
     assert valid[: round(2700.0 * RATE_HZ)].mean() > 0.99
+
+
+@pytest.mark.parametrize("about_deg", [120.0, 240.0, 300.0])
+def test_the_pose_is_not_sought_by_the_walking_of_after_it_was_put_back(about_deg: float) -> None:
+    # Three quarters of the day after the desk: an arm raised before it (27 to 38 deg), or one somewhat raised
+    # after it (11 deg), passed for the pose.
+    mounting = simulate_shift("gt9x", 2.5, 3, RATE_HZ, perfect=True).errors.mounting
+    across = mounting[:, :2] @ [np.cos(np.radians(about_deg)), np.sin(np.radians(about_deg))]
+    recording, truth_deg = take_off_half_way(tilt(30.0, across), seed=3, hours=2.5, share=0.25)
+
+    samples = calibrate(recording, "n-pose")
+
+    segment = estimate_elevation(samples).segments[0]
+    error_deg = (segment.elevation_deg - truth_deg)[segment.valid & np.isfinite(truth_deg)]
+    assert len(samples.remounts) == 1
+    assert np.sqrt(np.mean(error_deg**2)) < 1.0
