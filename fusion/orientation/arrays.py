@@ -19,8 +19,8 @@ class UnusableArrays(UnusableRecording, ValueError):
     code = "E-ARRAYS"
 
 
-REST_WITHIN_G = 0.4
-"""How far from 1 g the median length may lie: an arm that moves hard stays within, no other unit does."""
+OTHER_UNIT = 3.0
+"""The factor from 1 g at which the median length tells another unit: nobody moves so hard throughout."""
 
 
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
@@ -75,7 +75,7 @@ def check_gravity(acc_g: FloatArray) -> None:
         raise UnusableArrays(why="empty")
     few = acc_g[:: -(-len(acc_g) // 10_000)].astype(np.float64)
     length_g = float(np.median(np.linalg.norm(few, axis=1)))
-    if abs(length_g - 1.0) > REST_WITHIN_G:
+    if not 1.0 / OTHER_UNIT < length_g < OTHER_UNIT:
         raise UnusableArrays(why="unit", g=round(length_g, 3))
 
 

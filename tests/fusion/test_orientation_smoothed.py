@@ -267,3 +267,12 @@ def test_an_acceleration_that_is_not_in_g_is_refused(
         estimate_vertical(still, np.zeros((300, 3)), 100.0, method)
 
     assert refused.value.facts == {"why": "unit", "g": length_g}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_arm_that_is_thrown_about_throughout_is_no_other_unit(method: MethodName) -> None:
+    thrown = np.tile([0.0, 0.0, 1.4], (300, 1))
+
+    vertical = estimate_vertical(thrown, np.zeros((300, 3)), 100.0, method)
+
+    assert vertical[-1] == pytest.approx([0.0, 0.0, 1.0])
