@@ -5,16 +5,14 @@ files, which is small in a container.
 """
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 
 from fastapi import Request
-from fastapi.concurrency import run_in_threadpool
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
-from starlette.requests import ClientDisconnect
 
+from app.api.upload import copy_chunks
 from app.errors import BadParameter, BrokenUpload, WrongDigest
-from app.storage import COPY_BYTES
 
 MOST_WORDS, MOST_WORD_BYTES = 20, 4096
 
@@ -50,25 +48,25 @@ class RecordingForm:
         )
 
     async def copy_file(self, request: Request, write: Callable[[bytes], None]) -> None:
-        """Write the file in large pieces, each in a thread.
+        """Write the file as it comes.
 
         Raises
         ------
         BadParameter, BrokenUpload, WrongDigest
         """
-        try:
-            async for chunk in request.stream():
-                if self._digest:
-                    self._sha256.update(chunk)
-                self._parser.write(chunk)
-                if len(self._piece) >= COPY_BYTES:
-                    await run_in_threadpool(write, self._take_piece())
-        except ClientDisconnect as error:
-            raise BrokenUpload from error
-        except FormParserError:
-            raise BadParameter(name="form", value="", allowed="multipart/form-data") from None
+        await copy_chunks(self._read_file(request), write)
         self._check_whole()
-        await run_in_threadpool(write, self._take_piece())
+
+    async def _read_file(self, request: Request) -> AsyncIterator[bytes]:
+        """Give what each chunk of the form holds of the file."""
+        async for chunk in request.stream():
+            if self._digest:
+                self._sha256.update(chunk)
+            try:
+                self._parser.write(chunk)
+            except FormParserError:
+                raise BadParameter(name="form", value="", allowed="multipart/form-data") from None
+            yield self._take_piece()
 
     def _check_whole(self) -> None:
         if not self._ended:

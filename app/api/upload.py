@@ -3,7 +3,7 @@
 import asyncio
 import base64
 import hashlib
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import AsyncIterable, Awaitable, Callable, Mapping
 from typing import TypeVar
 
 from fastapi import Request
@@ -104,14 +104,28 @@ def check_room(services: Services, expected_bytes: int) -> None:
 
 
 async def copy_body(request: Request, write: Callable[[bytes], None]) -> None:
+    """Write the body as it comes.
+
+    Raises
+    ------
+    BrokenUpload
+    """
+    await copy_chunks(request.stream(), write)
+
+
+async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], None]) -> None:
     """Write in large pieces, each in a thread while the next comes; other requests are answered meanwhile.
 
     What came before a broken connection is written, too.
+
+    Raises
+    ------
+    BrokenUpload
     """
     waiting = bytearray()
     writing: asyncio.Task[None] | None = None
     try:
-        async for chunk in request.stream():
+        async for chunk in chunks:
             waiting += chunk
             if len(waiting) >= COPY_BYTES:
                 piece, waiting = bytes(waiting), bytearray()
