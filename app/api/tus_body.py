@@ -16,12 +16,11 @@ from app.api.upload import copy_body
 from app.errors import BadChecksum, LockedUpload, WrongDigest, WrongLength, WrongOffset
 from app.incoming import GrowingFile
 from app.jobs.uploads import UploadRow
-from app.storage import COPY_BYTES
 
 OFFSET_BODY = "application/offset+octet-stream"
 CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
 SYNC_S = 0.5
-HEAD_BYTES = 2 * COPY_BYTES
+HEAD_BYTES = 2 << 20
 
 
 async def take_bytes(

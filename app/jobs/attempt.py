@@ -33,6 +33,7 @@ MakeReport = Callable[[Path, ReportRequest, Path, OnStage], object]
 OnProgress = Callable[[str | None, float], bool]
 
 TICK_S = 0.2
+NICENESS = 5
 MESSAGE_BYTES = 1 << 20
 
 logger = logging.getLogger(__name__)
@@ -48,13 +49,17 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What one attempt has to do: from this file, by this request, into this folder."""
+    """What one attempt has to do: from this file, by this request, into this folder.
+
+    ``gives_way``: the pages and uploads of the same machine go first.
+    """
 
     log: Path
     request: ReportRequest
     out: Path
     make_report: MakeReport
     limits: Limits
+    gives_way: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +183,8 @@ def _work(attempt: Attempt, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for our worker, who ends us
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     _limit_self(attempt.limits)
+    if attempt.gives_way and sys.platform != "win32":
+        os.nice(NICENESS)
     result = _try(attempt, partial(_tell_stage, pipe))
     if isinstance(result, Finished):
         files = [(file.name, file.sha256, file.size_bytes) for file in result.files]

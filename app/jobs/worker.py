@@ -152,7 +152,7 @@ def _attempt(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
             logger.error("%s: the stored recording %s is damaged", job.id, job.recording_id)
             return Refused(StoreDamaged.code, {})
         limits = choose_limits(bench.settings, job.size_bytes)
-        attempt = Attempt(log, request, out, _choose_road(bench, job), limits)
+        attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
         return run_attempt(attempt, partial(_tell_unless_stopping, bench, heart))
 
 

@@ -37,6 +37,11 @@ def write_report(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
         (out / f"report.{language}.pdf").write_bytes(b"%PDF-" + language.encode())
 
 
+def write_niceness(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Refuse, and tell how nice the process is in place of a length."""
+    raise TooShort(recorded_s=os.nice(0), min_s=0)
+
+
 def write_slowly(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Take half a minute, and say who does."""
     (log.parent.parent / "child.pid").write_text(str(os.getpid()))

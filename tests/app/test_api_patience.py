@@ -1,5 +1,6 @@
 """Over a real socket: slow and oversized requests are ended, quick ones are not."""
 
+import asyncio
 import http.client
 import socket
 import threading
@@ -11,7 +12,7 @@ import pytest
 import uvicorn
 
 from app.folder import FolderStorage
-from app.main import configure_server, create_app
+from app.main import configure_server, create_app, listen
 from app.settings import Settings
 
 PATIENCE_S = 0.4
@@ -134,3 +135,22 @@ def test_what_came_of_a_patch_before_the_line_broke_is_kept(address: tuple[str, 
         line.close()
 
         wait_until(lambda: ask_offset() == "400")
+
+
+async def read_no_delay(listener: socket.socket) -> int:
+    """Connect, and read on the server's side whether small pieces are sent at once."""
+    told: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+    def tell(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        line: socket.socket = writer.get_extra_info("socket")
+        told.set_result(line.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+        writer.close()
+
+    async with await asyncio.start_server(tell, sock=listener):
+        with closing(socket.create_connection(listener.getsockname())):
+            return await told
+
+
+def test_an_answer_is_not_held_back_until_the_caller_confirms_its_head(settings: Settings) -> None:
+    with closing(listen(settings.model_copy(update={"host": "127.0.0.1", "port": 0}))) as listener:
+        assert asyncio.run(read_no_delay(listener)) != 0

@@ -11,7 +11,7 @@ from typing import cast
 
 import pytest
 
-from app.jobs.attempt import choose_limits
+from app.jobs.attempt import NICENESS, choose_limits
 from app.jobs.job import Claimer, JobState
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
@@ -108,6 +108,16 @@ def test_a_job_that_wants_too_much_memory_fails_and_says_so(
     run_next(bench(stand_ins.take_all_memory))
 
     assert store.get(job.id).problem_code == "E-MEMORY"
+
+
+def test_an_analysis_lets_pages_and_uploads_go_first(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.write_niceness))
+
+    assert store.get(job.id).problem_facts["recorded_s"] == os.nice(0) + NICENESS
 
 
 def test_a_job_that_takes_too_long_is_ended(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
