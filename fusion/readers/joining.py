@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 from fusion.errors import UnusableJoin
-from fusion.readers.sensor_faults import cut_rows
+from fusion.readers.row_ranges import cut_rows
 from fusion.readers.timing import flag_days, flag_spans
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
