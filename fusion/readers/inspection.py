@@ -11,9 +11,9 @@ LISTED_GAPS = 100
 def inspect_recording(recording: Recording) -> dict[str, object]:
     """A JSON-ready description of a recording, for the person and for the maker of a logger.
 
-    ``recorded_s`` = ``present_s`` + ``missing_s``, to the microsecond; ``gaps`` are all holes, those of up to
-    50 ms too; ``samples`` are those that were measured; ``excluded`` names time that the device itself says it
-    did not measure, or not on the arm.
+    ``recorded_s`` = ``present_s`` + ``missing_s``, to the microsecond; ``gaps`` are all holes, those of up
+    to 50 ms too; ``samples`` are those that were measured; ``excluded`` names time that the device itself
+    says it did not measure, or not on the arm.
     """
     holes = find_missing(recording.segments, recording.duration_us, recording.excluded)
     gaps = sorted(holes, key=lambda gap: -gap.duration_us)

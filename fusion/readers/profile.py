@@ -7,7 +7,7 @@ from typing import Any
 
 from fusion.errors import UnknownColumns, UnusableProfile
 from fusion.readers.columns import ACC_UNITS_G, GYR_UNITS_DPS, TIME_UNITS_EXPONENT, Channel, Column
-from fusion.readers.date_dialects import DateOrder
+from fusion.readers.date_order import DateOrder
 from fusion.readers.text_layout import TextLayout, split_fields
 
 Place = str | int

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from fusion.readers.date_dialects import DateDialect, DateOrder, parse_zone_s
+from fusion.readers.date_dialects import DateDialect, parse_zone_s
+from fusion.readers.date_order import DateOrder
 from fusion.recording import MICROSECONDS, QualityFlag
 
 NOON = 12

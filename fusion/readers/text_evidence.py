@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from fusion.readers.columns import acc_scale_g, choose_vector
-from fusion.readers.date_dialects import DateOrder
+from fusion.readers.date_order import DateOrder
 from fusion.readers.source import Source
 from fusion.readers.text_layout import TextLayout, find_layout, vote_decimal
 from fusion.readers.text_stream import TextForm, decode_head

@@ -233,6 +233,18 @@ TABLES = (
     read("79 two columns", "shift.csv", given(t.date_and_time())),
     read("79 ActiLife", "shift.csv", given(t.actilife("dd/MM/yyyy", "14/03/2026"))),
     read("79 ActiLife lying", "shift.csv", given(t.actilife("dd/MM/yyyy", "03/14/2026"))),
+    read(
+        "79 ActiLife, saved again in French",
+        "shift.csv",
+        given(t.resaved("%d/%m/%Y %H:%M:%S.%f", datetime(2026, 3, 2, 8), "3/2/2026")),  # noqa: DTZ001
+        "W-LOCALE",
+    ),
+    read(
+        "79 ActiLife, header of another day",
+        "shift.csv",
+        given(t.resaved("%d/%m/%Y %H:%M:%S.%f", datetime(2026, 3, 2, 8), "9/9/2025")),  # noqa: DTZ001
+        "W-LOCALE W-DATE-ORDER",
+    ),
     read("79 ActiLife stamps", "shift.csv", given(t.actilife(stamps=True))),
     refused("80 tenths", "shift.csv", given(t.excel_times()), "E-TIME"),
     refused("80 minutes", "shift.csv", given(t.excel_minutes()), "E-TIME"),
