@@ -9,14 +9,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
-from fusion.readers.columns import (
-    TIME_UNITS_EXPONENT,
-    Column,
-    acc_scale_g,
-    choose_vector,
-    gyr_scale_dps,
-    understand_column,
-)
+from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector, understand_column
 from fusion.readers.samples import SampleColumns
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
@@ -26,6 +19,7 @@ from fusion.readers.text_kernel import LARGEST_VALUE
 from fusion.readers.timing import datetime_at_us
 from fusion.readers.unmeasured import drop_blank_rows
 from fusion.recording import QualityFlag, Recording
+from fusion.units import acc_scale_g, gyr_scale_dps
 
 MAGIC = b"PAR1"
 BATCH_ROWS = 65_536

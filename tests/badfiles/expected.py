@@ -273,6 +273,8 @@ SIGNALS = (
     read("85 nominal", "shift.csv", given("# rate_hz: 100\n" + t.canon())),
     read("86 m/s2", "shift.csv", s.scaled(9.80665, 1.0), "W-UNITS"),
     read("86 mg", "shift.csv", s.scaled(1000.0, 1.0), "W-UNITS"),
+    read("86 mg under g", "shift.csv", s.scaled(1000.0, 1.0, HEADER), "W-UNITS"),
+    read("86 m/s2 under g", "shift.csv", s.scaled(9.80665, 1.0, HEADER), "W-UNITS"),
     read("86 rad/s", "shift.csv", s.scaled(1.0, 0.0174533, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
     refused("86 x2", "shift.csv", s.scaled(2.0, 1.0), "E-SCALE"),
     refused("86 x0.5", "shift.csv", s.scaled(0.5, 1.0, HEADER), "E-SCALE"),
