@@ -8,7 +8,7 @@ what contradicts itself and cannot be put right is refused.
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import timedelta
-from math import sqrt
+from math import isclose, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,10 @@ from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measu
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
 from fusion.rest_length import measure_rest_scale
 from fusion.rest_probes import find_gyro_offset_dps, measure_rests_g, moving_mean, probe_blocks
+from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
 
-STANDARD_GRAVITY = 9.80665
-DEG_PER_RAD = 180.0 / np.pi
+USUAL_UNITS_G = (1.0, 1e-3, 1 / STANDARD_GRAVITY)
+"""g, mg, m/s2: what one of them is under the name of another."""
 REST_TOLERANCE = 0.10
 MOVING_TOLERANCE = 0.20
 """Where no still moment is found, the median of a moving arm must do."""
@@ -59,7 +60,7 @@ def check_physics(recording: Recording) -> Recording:
         Less than a second, which tells nothing of a unit.
     """
     checked = _correct_rest_length(_check_gravity(recording))
-    unit = checked.understood.get("angular_rate_unit", "deg/s")
+    unit = _known_unit(checked.understood.get("angular_rate_unit", "deg/s"))
     candidates = _rate_candidates(unit)
     cut_off = find_flat_range([segment.gyr_dps for segment in checked.segments])
     windows = cut_windows(checked.segments, SAME_SHARE * (cut_off or np.inf))
@@ -252,16 +253,21 @@ def find_rest_g(segments: Sequence[Segment]) -> tuple[float, bool]:
     return (float(np.median(lengths)) if len(lengths) else 0.0), False
 
 
+def _known_unit(unit: str) -> str:
+    """The unit as stated, "" where nothing is stated that says how large it is ("raw", "lsb")."""
+    return unit if unit == "registers" or acc_scale_g(unit) or gyr_scale_dps(unit) else ""
+
+
 def _check_gravity(recording: Recording) -> Recording:
     rest, is_still = find_rest_g(recording.segments)
     tolerance = REST_TOLERANCE if is_still else MOVING_TOLERANCE
-    unit = recording.understood.get("acceleration_unit", "g")
+    unit = _known_unit(recording.understood.get("acceleration_unit", "g"))
     is_stated = unit not in ("", "registers")
     if is_stated and (abs(rest - 1.0) <= tolerance or not is_still):
         return recording
     if unit == "" and abs(rest - 1.0) <= tolerance:
         return recording
-    factor = _find_acc_factor(rest, unit, tolerance, is_still=is_still)
+    factor = _find_acc_factor(rest, unit, tolerance)
     if factor is None:
         present_s = sum(segment.duration_us for segment in recording.segments) / MICROSECONDS
         if present_s < SHORTEST_S:
@@ -274,14 +280,16 @@ def _check_gravity(recording: Recording) -> Recording:
     return replace(scaled, flags=(*scaled.flags, flag))
 
 
-def _find_acc_factor(rest: float, unit: str, tolerance: float, *, is_still: bool) -> float | None:
+def _find_acc_factor(rest: float, unit: str, tolerance: float) -> float | None:
+    """What makes 1 g of what is read at rest in a unit; one that is stated is set aside for slips only."""
     if unit == "registers":
         candidates: tuple[float, ...] = SENSITIVITIES_G
     elif unit == "":
         candidates = (1 / STANDARD_GRAVITY, 1e-3, WIDE_RANGE_FACTOR, *SENSITIVITIES_G)
     else:
-        # a stated unit is set aside for the well-known slips only, and only on still evidence
-        candidates = (1 / STANDARD_GRAVITY, WIDE_RANGE_FACTOR) if is_still else ()
+        stated_g = acc_scale_g(unit) or 1.0
+        slips = [true_g / stated_g for true_g in USUAL_UNITS_G if not isclose(true_g, stated_g)]
+        candidates = (*slips, WIDE_RANGE_FACTOR)
         tolerance = min(tolerance, 0.05)
     fitting = [factor for factor in candidates if abs(rest * factor - 1.0) <= tolerance]
     return min(fitting, key=lambda factor: abs(rest * factor - 1.0)) if fitting else None

@@ -14,6 +14,7 @@ from fusion.readers.profile_proposal import ProfileProposal, check_profile, prop
 from fusion.readers.sensor_faults import exclude_faults, refuse_dead
 from fusion.readers.source import Source, hash_source, open_source
 from fusion.readers.timing import flag_days
+from fusion.readers.unmeasured import leave_out_held, leave_out_zeros
 from fusion.readers.unpacking import unpack
 from fusion.recording import Recording
 
@@ -88,7 +89,8 @@ def read_recording(
     else:
         recording = _read_recognised(content, rate_hz)
     hashed = replace(recording, sha256=sha256 or hash_source(source))
-    return flag_days(refuse_impossible_rates(exclude_faults(check_physics(refuse_dead(hashed)))))
+    measured = leave_out_held(refuse_dead(leave_out_zeros(hashed)))
+    return flag_days(refuse_impossible_rates(exclude_faults(check_physics(measured))))
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:

@@ -14,7 +14,6 @@ import numpy as np
 from fusion.errors import EpochFile, NoGyroscope, TooShort, UnknownColumns
 from fusion.readers.columns import choose_vector
 from fusion.readers.gt3x_info import parse_offset_s
-from fusion.readers.held_rows import drop_held_rows
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
 from fusion.readers.table_clock import judge_clock, settle_changes, tell_clock
@@ -24,7 +23,7 @@ from fusion.readers.text_layout import CALENDAR, TextLayout
 from fusion.readers.text_stream import decode_head, find_form
 from fusion.readers.text_table import TablePlan, read_table
 from fusion.readers.timing import hash_serial
-from fusion.recording import QualityFlag, Recording
+from fusion.recording import Recording
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
 DEVICE_RANGES = (16.0, 2000.0)
@@ -60,15 +59,11 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     if plan.stamp_kind == CALENDAR_TIME:
         clock = tell_clock(layout, plan, int(rows.columns.stamps[0]))
         changes = settle_changes(rows, layout, plan)
-        held = drop_held_rows(rows.columns)
         grid = cut_stamped(rows.columns)
     else:
         clock, changes = judge_clock(parse_start(header)), ()
-        held = drop_held_rows(rows.columns)
         grid = cut_counted(rows.columns, header_rate_hz(header))
     flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, form, layout))
-    if held:
-        flags += (QualityFlag("W-STUCK-PART", held),)
     return Recording(
         device="gt9x",
         sha256="",

@@ -4,7 +4,6 @@ The alias table was gathered from the layouts seen in the wild (libraries of Ard
 x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
 """
 
-import math
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -67,23 +66,6 @@ COUNTER_STEMS = frozenset(
 AXIS_WORDS = ("axis", "axe")
 PREFIXES = ("lsm9ds1", "imu", "sensor", "raw", "cal", "calib", "calibrated")
 
-GRAVITY = 9.80665
-ACC_UNITS_G = {
-    **dict.fromkeys(("g", "gs", "gn"), 1.0),
-    "mg": 1e-3,
-    **dict.fromkeys(("m/s2", "ms2", "mps2", "m/s/s", "mss", "m/sec2", "ms-2", "m.s-2"), 1 / GRAVITY),
-    "mm/s2": 1e-3 / GRAVITY,
-}
-DEG_PER_RAD = math.degrees(1.0)
-DEGREE_WORDS = (
-    *("dps", "deg/s", "degs", "deg/sec", "degrees/s", "degrees/sec", "degps", "degs-1"),
-    *("deg.s-1", "degres/s", "degre/s", "degres/sec"),
-)
-GYR_UNITS_DPS = {
-    **dict.fromkeys(DEGREE_WORDS, 1.0),
-    **dict.fromkeys(("mdps", "mdeg/s"), 1e-3),
-    **dict.fromkeys(("rad/s", "rads", "rps", "rad/sec", "radps", "rads-1"), DEG_PER_RAD),
-}
 TIME_UNITS_EXPONENT = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "secondes"), 6),
     **dict.fromkeys(("ms", "msec", "millis", "milliseconds", "millisecondes"), 3),
@@ -164,16 +146,6 @@ def _time_unit(stem: str, unit: str | None) -> str | None:
     if unit in TIME_UNITS_EXPONENT:
         return unit
     return stem if stem in TIME_UNITS_EXPONENT else None
-
-
-def acc_scale_g(unit: str | None) -> float | None:
-    """Factor to g; None where the unit is unknown or raw counts."""
-    return ACC_UNITS_G.get(unit) if unit else None
-
-
-def gyr_scale_dps(unit: str | None) -> float | None:
-    """Factor to deg/s; None where the unit is unknown or raw counts."""
-    return GYR_UNITS_DPS.get(unit) if unit else None
 
 
 def choose_vector(columns: Sequence[Column], channel: Channel) -> tuple[int, int, int] | None:

@@ -7,11 +7,10 @@ tables before the rows are read.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from fusion.errors import UnusableTime
+from fusion.readers.date_order import DateOrder, order_dates
 
-DateOrder = Literal["ymd", "dmy", "mdy"]
 FIELD_END = r"(?=[\" ]*(?:[,;\t|\r\n]|$))"
 ZONE = (
     r"(?P<zone>Z(?![A-Za-z])|[+\-]\d{2}:?\d{2}(?!\d)|[+\-]\d{2}" + FIELD_END
@@ -51,7 +50,6 @@ NAMED_ZONES_H = {
 }
 """Hours east of UTC: RFC 5322 §4.3, the French names of Eastern time, Central European time."""
 LARGEST_OFFSET_S = 14 * 3600
-FORMAT_WORDS = re.compile(r"date[ _]format[ :=]+([Mdy])", re.IGNORECASE)
 SNIFFED_LINES = 400
 FIELDS_OF_A_ROW = 5
 
@@ -61,7 +59,8 @@ class DateDialect:
     """How stamps are written: a pattern over lines, and the order of day, month and year.
 
     ``offset_s``: seconds east of UTC, where the first row tells them; ``has_date``: false where the stamps
-    are a time of day only; ``is_iso``: they are as the kernels read them, nothing is to be rewritten.
+    are a time of day only; ``is_iso``: they are as the kernels read them, nothing is to be rewritten;
+    ``is_doubtful``: day and month may be the other way round.
     """
 
     pattern: re.Pattern[str]
@@ -69,6 +68,7 @@ class DateDialect:
     offset_s: int | None = None
     has_date: bool = True
     is_iso: bool = False
+    is_doubtful: bool = False
 
 
 def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
@@ -112,7 +112,8 @@ def _describe(
         is_utc = all(match is not None and match.group(1) for match in plain)
         return DateDialect(pattern, "ymd", 0, is_iso=True) if is_utc else None
     parts = [(match["first"], match["second"], match["third"]) for match in found.values()]
-    return DateDialect(pattern, _find_order(parts, head, order), _find_offset_s(found))
+    order, is_doubtful = order_dates(parts, head, order)
+    return DateDialect(pattern, order, _find_offset_s(found), is_doubtful=is_doubtful)
 
 
 def _find_offset_s(found: dict[int, re.Match[str]]) -> int | None:
@@ -153,17 +154,3 @@ def _refuse_strange_stamps(lines: dict[int, str]) -> None:
     strange = [k for k, line in lines.items() if re.search(r"\d:\d\d(?!\d)", line)]
     if 2 * len(strange) > len(lines):
         raise UnusableTime(why="form", line=strange[0])
-
-
-def _find_order(parts: Sequence[tuple[str, ...]], head: str, order: DateOrder | None) -> DateOrder:
-    if all(len(part[0]) == 4 for part in parts):
-        return "ymd"
-    if max(int(part[0]) for part in parts) > 12:
-        return "dmy"
-    if max(int(part[1]) for part in parts) > 12:
-        return "mdy"
-    word = FORMAT_WORDS.search(head)
-    told = order or ({"M": "mdy", "d": "dmy"}.get(word.group(1)) if word else None)
-    if told not in ("dmy", "mdy"):
-        raise UnusableTime(why="date-order")
-    return "dmy" if told == "dmy" else "mdy"

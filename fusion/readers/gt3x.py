@@ -39,7 +39,7 @@ from fusion.readers.gt3x_primary import PROBED_EVERY_S, ROW_BYTES, PrimarySecond
 from fusion.readers.gt3x_schema import RowDecoder, make_decoder, parse_schema
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
-from fusion.readers.timing import find_gaps, flag_spans, trust_clock
+from fusion.readers.timing import flag_gaps, flag_spans, trust_clock
 from fusion.readers.zones import find_zone, follow_zone
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
@@ -210,7 +210,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
             *unset,
             *flag_spans("W-SLEEP", [span for span in excluded if span.reason == "asleep"]),
             *flag_spans("W-DOCKED", [span for span in excluded if span.reason == "docked"]),
-            *flag_spans("W-GAP", find_gaps(segments, duration_us, excluded)),
+            *flag_gaps(segments, duration_us, excluded),
         ),
         understood=_describe(text, log, timeline),
         serial_hash=text.serial_hash,

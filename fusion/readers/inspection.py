@@ -1,7 +1,7 @@
 """What `acromion inspect` tells: what the reader took the file for, and what is wrong with it."""
 
 from fusion.readers.sanity import measure_sanity
-from fusion.readers.timing import find_gaps
+from fusion.readers.timing import find_missing
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
 LISTED_GAPS = 100
@@ -11,13 +11,13 @@ LISTED_GAPS = 100
 def inspect_recording(recording: Recording) -> dict[str, object]:
     """A JSON-ready description of a recording, for the person and for the maker of a logger.
 
-    ``recorded_s`` = ``present_s`` + ``missing_s``, to the microsecond; ``excluded`` names time that the
-    device itself says it did not measure, or not on the arm.
+    ``recorded_s`` = ``present_s`` + ``missing_s``, to the microsecond; ``gaps`` are all holes, those of up
+    to 50 ms too; ``samples`` are those that were measured; ``excluded`` names time that the device itself
+    says it did not measure, or not on the arm.
     """
-    gaps = sorted(
-        find_gaps(recording.segments, recording.duration_us, recording.excluded),
-        key=lambda gap: -gap.duration_us,
-    )
+    holes = find_missing(recording.segments, recording.duration_us, recording.excluded)
+    gaps = sorted(holes, key=lambda gap: -gap.duration_us)
+    bridged_rows = sum(stop - first for s in recording.segments for first, stop in s.bridged)
     missing_us = sum(gap.duration_us for gap in gaps)
     return {
         "device": recording.device,
@@ -31,12 +31,12 @@ def inspect_recording(recording: Recording) -> dict[str, object]:
         "rate_hz": round(recording.rate_hz, 4),
         "nominal_rate_hz": _number(recording.understood.get("nominal_rate_hz")),
         "jitter_us": _number(recording.understood.get("jitter_us")),
-        "samples": sum(len(segment) for segment in recording.segments),
+        "samples": sum(len(segment) for segment in recording.segments) - bridged_rows,
         "segments": len(recording.segments),
         "gap_count": len(gaps),
         "gaps": [_describe_span(gap) for gap in gaps[:LISTED_GAPS]],
         "excluded": [{**_describe_span(span), "reason": span.reason} for span in recording.excluded],
-        "bridged_rows": sum(stop - first for s in recording.segments for first, stop in s.bridged),
+        "bridged_rows": bridged_rows,
         "counter_wraps": sum(flag.count for flag in recording.flags if flag.code == "W-WRAP"),
         "sanity": measure_sanity(recording),
         "acc_range_g": recording.acc_range_g,

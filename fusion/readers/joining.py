@@ -6,8 +6,9 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 from fusion.errors import UnusableJoin
-from fusion.readers.sensor_faults import cut_rows
+from fusion.readers.row_ranges import cut_rows
 from fusion.readers.timing import flag_days, flag_spans
+from fusion.readers.zones import is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
 LONGEST_OVERLAP_US = 2 * MICROSECONDS
@@ -20,7 +21,8 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
 
     Their order does not matter. The same file given twice counts once (W-DUP-FILE). At a seam up to 2 s of
     the later file are dropped where the earlier one still runs (W-DUP). What lies between is missing (W-GAP).
-    Where the offset to UTC changed between two files, hours are told in that of the first (W-DST).
+    Where the offset to UTC changed between two files, hours are told in that of the first (W-DST, or W-OFFSET
+    where no zone's clocks were changed so about then).
 
     Raises
     ------
@@ -87,10 +89,12 @@ def _append(joined: Recording, later: Recording, offset_us: int) -> Recording:
 
 
 def _flag_change(first: datetime, start: datetime, offset_us: int) -> tuple[QualityFlag, ...]:
-    step = (start.utcoffset() or timedelta()) - (first.utcoffset() or timedelta())
+    offsets_s = [round((one.utcoffset() or timedelta()).total_seconds()) for one in (first, start)]
+    if offsets_s[0] == offsets_s[1]:
+        return ()
+    code = "W-DST" if is_change_of_offset(start, *offsets_s) else "W-OFFSET"
     at_s = offset_us / MICROSECONDS
-    facts = {"step_s": round(step.total_seconds())}
-    return (QualityFlag("W-DST", 1, 0.0, at_s, at_s, facts),) if step else ()
+    return (QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": offsets_s[1] - offsets_s[0]}),)
 
 
 def _move(segment: Segment, offset_us: int) -> Segment:

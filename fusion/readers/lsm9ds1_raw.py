@@ -23,6 +23,7 @@ from fusion.readers.text_layout import TextLayout, find_layout
 from fusion.readers.text_stream import decode_head, find_form
 from fusion.readers.text_table import TablePlan, read_table
 from fusion.readers.timing import trust_clock
+from fusion.readers.unmeasured import drop_blank_rows
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
@@ -69,7 +70,9 @@ def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # n
         _take_block(columns, block)
         lost_bytes = rest_bytes
     columns.trim()
-    flags = (QualityFlag("W-TRUNC-TAIL", facts={"n": lost_bytes}),) if lost_bytes else ()
+    flags = drop_blank_rows(columns)
+    if lost_bytes:
+        flags += (QualityFlag("W-TRUNC-TAIL", facts={"n": lost_bytes}),)
     return _build(columns, flags, "LSM9DS1 registers, 26-byte records")
 
 

@@ -9,14 +9,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
-from fusion.readers.columns import (
-    TIME_UNITS_EXPONENT,
-    Column,
-    acc_scale_g,
-    choose_vector,
-    gyr_scale_dps,
-    understand_column,
-)
+from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector, understand_column
 from fusion.readers.samples import SampleColumns
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
@@ -24,7 +17,9 @@ from fusion.readers.stamp_repair import undo_daylight_saving
 from fusion.readers.table_clock import TableClock, judge_clock, read_epoch
 from fusion.readers.text_kernel import LARGEST_VALUE
 from fusion.readers.timing import datetime_at_us
+from fusion.readers.unmeasured import drop_blank_rows
 from fusion.recording import QualityFlag, Recording
+from fusion.units import acc_scale_g, gyr_scale_dps
 
 MAGIC = b"PAR1"
 BATCH_ROWS = 65_536
@@ -141,6 +136,7 @@ def _build(
 ) -> Recording:
     absent, rate_hz = told
     has_time = stamp_kind is not None
+    blank = drop_blank_rows(columns) if has_time else ()
     n_rows, first_us = columns.rows, int(columns.stamps[0])
     if not has_time and rate_hz is None:
         raise UnknownRate(h="-", m="-")
@@ -148,7 +144,7 @@ def _build(
     is_wall = has_time and clock.start is not None and clock.start.tzinfo is None
     changes = undo_daylight_saving(columns.stamps) if is_wall else ()
     grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
-    flags = (*changes, *grid.flags)
+    flags = (*blank, *changes, *grid.flags)
     if absent:
         flags = (QualityFlag("W-NAN", absent), *flags)
     return Recording(

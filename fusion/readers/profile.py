@@ -6,9 +6,10 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from fusion.errors import UnknownColumns, UnusableProfile
-from fusion.readers.columns import ACC_UNITS_G, GYR_UNITS_DPS, TIME_UNITS_EXPONENT, Channel, Column
-from fusion.readers.date_dialects import DateOrder
+from fusion.readers.columns import TIME_UNITS_EXPONENT, Channel, Column
+from fusion.readers.date_order import DateOrder
 from fusion.readers.text_layout import TextLayout, split_fields
+from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
 Place = str | int
 """A column by its name in the header, or by its number, counted from 1."""

@@ -6,19 +6,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from fusion.errors import UnknownFormat
-from fusion.readers.columns import (
-    ACC_UNITS_G,
-    GYR_UNITS_DPS,
-    TIME_UNITS_EXPONENT,
-    Column,
-    choose_vector,
-    understand_column,
-)
+from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector, understand_column
 from fusion.readers.profile import ColumnProfile, Place, apply_profile
 from fusion.readers.source import open_source
 from fusion.readers.table_plan import guess_time_exponent, plan_table
 from fusion.readers.text_layout import TextLayout, find_layout, split_fields
 from fusion.readers.text_stream import decode_head, find_form
+from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
 SHOWN_ROWS = 5
 Vector = tuple[Place, Place, Place]

@@ -55,6 +55,14 @@ class SampleColumns:
         """Give back the room that was not used."""
         self._resize(self.rows)
 
+    def keep(self, chosen: NDArray[np.bool_]) -> None:
+        """Keep some of the rows, shape (rows,), in place."""
+        kept = int(chosen.sum())
+        for values in (self.acc, self.gyr, self.stamps):
+            values[:kept] = values[: self.rows][chosen]
+        self.rows = kept
+        self.trim()
+
     def open_holes(self, rows: NDArray[np.int64], added: NDArray[np.int64]) -> None:
         """Put ``added`` interpolated rows in before each of ``rows``; stamps stay as they are.
 

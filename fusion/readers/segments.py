@@ -23,8 +23,8 @@ from fusion.readers.grid import (
 from fusion.readers.samples import SampleColumns
 from fusion.readers.stamp_repair import sort_late_rows, spread_coarse_stamps
 from fusion.readers.text_kernel import PAUSE
-from fusion.readers.timing import find_gaps, flag_spans
-from fusion.recording import MICROSECONDS, QualityFlag, Segment, Span
+from fusion.readers.timing import flag_gaps
+from fusion.recording import MICROSECONDS, QualityFlag, Segment
 
 JITTER_PART = 0.25
 """Stamps that scatter by more than this part of a period are worth a word."""
@@ -50,7 +50,7 @@ def cut_stamped(columns: SampleColumns, wrap_us: int = 0) -> Grid:
     duration_us = segments[-1].end_us
     jitter_us = max(fit.jitter_us for fit in fits)
     flags = mended + _flag_time(holes, (int(counts[0]), int(counts[1])), jitter_us / period_us)
-    flags += flag_spans("W-GAP", [*find_gaps(segments, duration_us), *_bridged_spans(segments)])
+    flags += flag_gaps(segments, duration_us)
     return Grid(segments, duration_us, flags, period_us, jitter_us)
 
 
@@ -107,17 +107,6 @@ def _place_segments(columns: SampleColumns, holes: Holes, runs: list[_Run]) -> t
     return tuple(segments)
 
 
-def _bridged_spans(segments: tuple[Segment, ...]) -> list[Span]:
-    return [
-        Span(
-            segment.start_us + round(first * MICROSECONDS / segment.rate_hz),
-            round((stop - first) * MICROSECONDS / segment.rate_hz),
-        )
-        for segment in segments
-        for first, stop in segment.bridged
-    ]
-
-
 def _flag_time(holes: Holes, counts: tuple[int, int], jitter: float) -> tuple[QualityFlag, ...]:
     found = {
         "W-WRAP": counts[0],
@@ -153,7 +142,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
             start_us += round((numbers[first] - numbers[first - 1] - 1) * period_us)
         segments.append(Segment(start_us, rate_hz, columns.acc[first:stop], columns.gyr[first:stop]))
     duration_us = segments[-1].end_us
-    flags = flag_spans("W-GAP", find_gaps(segments, duration_us))
+    flags = flag_gaps(segments, duration_us)
     n_pauses = int(np.count_nonzero(np.diff(pauses)))
     if n_pauses:
         flags += (QualityFlag("W-PAUSE", n_pauses),)

@@ -7,7 +7,6 @@ sensor included, gives a false alarm.
 # mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.errors import DeadSensor
-from fusion.readers.held_rows import is_repeat
+from fusion.readers.row_ranges import Ranges, Rows, cut_rows, join_ranges, place_rows
 from fusion.readers.timing import flag_spans
 from fusion.recording import MICROSECONDS, Recording, Segment, Span
 
@@ -23,8 +22,6 @@ SENSORS = ("accelerometer", "gyroscope")
 DEAD_US = 10 * MICROSECONDS
 STUCK_S = 2.0
 """A channel that keeps one value so long while another moves is stuck."""
-HELD_S = 1.0
-"""Six channels that keep their values so long were not measured."""
 COARSE_PART = 0.5
 MOVING_G, MOVING_DPS = 0.15, 30.0
 SPIKE_RATIO = 20.0
@@ -32,7 +29,6 @@ SPIKE_RATIO = 20.0
 LEAST_SPIKE_G, LEAST_SPIKE_DPS = 1.0, 150.0
 AROUND_ROWS = 5
 SCANNED_ROWS = 512
-Rows = NDArray[np.int64]
 
 
 def refuse_dead(recording: Recording) -> Recording:
@@ -69,38 +65,24 @@ def has_only(values: NDArray[np.float32], axis: int, value: float) -> bool:
 
 
 def exclude_faults(recording: Recording) -> Recording:
-    """Take spikes and stuck stretches out of the analysed time, and say so.
+    """Take spikes, and stretches in which a channel stuck, out of the analysed time, and say so.
 
     Spikes are replaced by the mean of their neighbours, for the filters only, in place; stuck stretches end
     the segment.
     """
     spikes = [span for segment in recording.segments for span in _mend_spikes(segment)]
-    ranges = [find_stuck_rows(segment) for segment in recording.segments]
-    stuck = [
-        _span(segment, first, stop, "stuck")
-        for segment, rows in zip(recording.segments, ranges, strict=True)
-        for first, stop in rows
-    ]
+    pairs = [(segment, find_stuck_rows(segment)) for segment in recording.segments]
+    stuck = [place_rows(segment, *pair, "stuck") for segment, rows in pairs for pair in rows]
     if not spikes and not stuck:
         return recording
-    segments = tuple(
-        piece
-        for segment, rows in zip(recording.segments, ranges, strict=True)
-        for piece in cut_rows(segment, rows)
-    )
+    segments = tuple(piece for segment, rows in pairs for piece in cut_rows(segment, rows))
+    flags = flag_spans("W-SPIKE", spikes) + flag_spans("W-STUCK-PART", stuck, filled="stuck")
     return replace(
         recording,
         segments=segments or recording.segments[:1],
         excluded=(*recording.excluded, *spikes, *stuck),
-        flags=(*recording.flags, *flag_spans("W-SPIKE", spikes), *flag_spans("W-STUCK-PART", stuck)),
+        flags=(*recording.flags, *flags),
     )
-
-
-def _span(segment: Segment, first: int, stop: int, reason: str) -> Span:
-    start_us, end_us = (
-        segment.start_us + round(row * MICROSECONDS / segment.rate_hz) for row in (first, stop)
-    )
-    return Span(start_us, end_us - start_us, reason)
 
 
 def _mend_spikes(segment: Segment) -> list[Span]:
@@ -108,7 +90,7 @@ def _mend_spikes(segment: Segment) -> list[Span]:
     found = mend_spikes(segment.acc_g, LEAST_SPIKE_G, marked)
     found += mend_spikes(segment.gyr_dps, LEAST_SPIKE_DPS, marked)
     rows = np.flatnonzero(marked).tolist() if found else []
-    return [_span(segment, row, row + 1, "spikes") for row in rows]
+    return [place_rows(segment, row, row + 1, "spikes") for row in rows]
 
 
 @njit(cache=True, nogil=True)
@@ -166,17 +148,16 @@ def largest_step(values: NDArray[np.float32], row: int, axis: int) -> float:
     return largest
 
 
-def find_stuck_rows(segment: Segment) -> list[tuple[int, int]]:
-    """Row ranges, apart and in order, in which a channel stuck or nothing was measured."""
-    held = find_held_runs(segment.acc_g, segment.gyr_dps, round(HELD_S * segment.rate_hz))
-    found = [(int(first), int(stop)) for first, stop in held]
+def find_stuck_rows(segment: Segment) -> Ranges:
+    """Row ranges, apart and in order, in which a channel stuck while another moved."""
+    found: list[tuple[int, int]] = []
     shortest = round(STUCK_S * segment.rate_hz)
     for values in (segment.acc_g, segment.gyr_dps):
         for axis in range(3):
             runs = find_flat_runs(values, axis, shortest)
             if len(runs) and not is_coarse(values, axis, runs):
                 found += [(int(a), int(b)) for a, b in runs if _is_moving(segment, int(a), int(b))]
-    return _join(sorted(found))
+    return join_ranges(sorted(found))
 
 
 def is_coarse(values: NDArray[np.float32], axis: int, runs: Rows) -> bool:
@@ -202,16 +183,6 @@ def _is_moving(segment: Segment, first: int, stop: int) -> bool:
     return bool(acc_range_g > MOVING_G or gyr_range_dps > MOVING_DPS)
 
 
-def _join(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    joined: list[tuple[int, int]] = []
-    for first, stop in ranges:
-        if joined and first <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
-        else:
-            joined.append((first, stop))
-    return joined
-
-
 @njit(cache=True, nogil=True)
 def find_flat_runs(values: NDArray[np.float32], axis: int, shortest: int) -> Rows:
     """Runs of one value, at least ``shortest`` rows long, shape (m, 2): first row and first row after.
@@ -231,45 +202,3 @@ def find_flat_runs(values: NDArray[np.float32], axis: int, shortest: int) -> Row
             found += 1
         k = stop - 1 + max(shortest, 1)
     return runs[:found]
-
-
-@njit(cache=True, nogil=True)
-def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest: int) -> Rows:
-    """Runs in which all six channels keep their values, shape (m, 2).
-
-    Such a run holds one of any ``shortest - 1`` repeats that follow each other: only there is looked around.
-    """
-    stride = max(shortest - 1, 1)
-    runs = np.empty((len(acc) // stride + 1, 2), np.int64)
-    found, k = 0, stride
-    while k < len(acc):
-        first, stop = k, k
-        while first > 0 and k - first < shortest and is_repeat(acc, gyr, first):
-            first -= 1
-        while first < k and stop < len(acc) and is_repeat(acc, gyr, stop):
-            stop += 1
-        if stop - first >= shortest:
-            runs[found, 0], runs[found, 1] = first, stop
-            found += 1
-        k = max(k, stop - 1) + stride
-    return runs[:found]
-
-
-def cut_rows(segment: Segment, ranges: Sequence[tuple[int, int]]) -> list[Segment]:
-    """What is left of a segment without some of its rows."""
-    if not ranges:
-        return [segment]
-    edges = [0, *(row for pair in ranges for row in pair), len(segment)]
-    pairs = zip(edges[::2], edges[1::2], strict=True)
-    return [_take_rows(segment, first, stop) for first, stop in pairs if stop > first]
-
-
-def _take_rows(segment: Segment, first: int, stop: int) -> Segment:
-    bridged = [(max(a, first) - first, min(b, stop) - first) for a, b in segment.bridged]
-    return replace(
-        segment,
-        start_us=_span(segment, 0, first, "").end_us,
-        acc_g=segment.acc_g[first:stop],
-        gyr_dps=segment.gyr_dps[first:stop],
-        bridged=tuple((a, b) for a, b in bridged if b > a),
-    )

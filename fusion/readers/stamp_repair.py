@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timing import datetime_at_us
+from fusion.readers.zones import is_change_of_wall_clock
 from fusion.recording import MICROSECONDS, QualityFlag
 
 LONGEST_DELAY_US = MICROSECONDS
@@ -23,10 +24,6 @@ FULL_RUN = 0.1
 HOUR_US = 3600 * MICROSECONDS
 FIRST_ROWS = 4097
 PART_ROWS = 1 << 14
-CHANGE_HOURS = (1, 2, 3)
-"""Hours of the wall clock at which a country's clocks change."""
-CHANGE_MONTHS = (3, 4, 9, 10, 11)
-SUNDAY = 6
 
 
 @njit(cache=True, nogil=True)
@@ -148,7 +145,7 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
 def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     """Take an hour's step out of wall-clock stamps where the clocks were changed, in place.
 
-    Only a step of exactly one hour on a Sunday of spring or autumn, at a full hour of the night, with no row
+    Only a step of exactly one hour, at a moment at which the clocks of some zone step so, with no row
     missing, is taken for that. The stamps go on by the clock of the first row.
     """
     first_steps = np.diff(stamps[:FIRST_ROWS])
@@ -158,11 +155,13 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     for place in _find_long_steps(stamps, HOUR_US // 2):
         step_us = int(stamps[place + 1] - stamps[place])
         is_hour = abs(abs(step_us - usual) - HOUR_US) <= max(1.5 * usual, 1.0)
-        if not is_hour or not _is_change(int(stamps[place]) + round(usual)):
+        hour_us = HOUR_US if step_us > 0 else -HOUR_US
+        reading = datetime_at_us(int(stamps[place]) + round(usual)) if is_hour else None
+        if reading is None or not is_change_of_wall_clock(reading, hour_us // MICROSECONDS):
             continue
-        at_s = float(stamps[place + 1] - np.sign(step_us) * HOUR_US - stamps[0]) / MICROSECONDS
-        stamps[place + 1 :] -= np.int64(np.sign(step_us) * HOUR_US)
-        flags += (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": int(np.sign(step_us)) * 3600}),)
+        at_s = float(stamps[place + 1] - hour_us - stamps[0]) / MICROSECONDS
+        stamps[place + 1 :] -= np.int64(hour_us)
+        flags += (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": hour_us // MICROSECONDS}),)
     return flags
 
 
@@ -173,12 +172,3 @@ def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int
         for first in range(0, len(stamps), PART_ROWS)
         for place in np.flatnonzero(np.abs(np.diff(stamps[first : first + PART_ROWS + 1])) > longer_than_us)
     ]
-
-
-def _is_change(unix_us: int) -> bool:
-    """Whether clocks may change at this reading of the wall clock, give or take a second."""
-    moment = datetime_at_us(unix_us + MICROSECONDS // 2)
-    if moment is None:
-        return False
-    is_full_hour = (moment.minute, moment.second) == (0, 0) and moment.hour in CHANGE_HOURS
-    return is_full_hour and moment.weekday() == SUNDAY and moment.month in CHANGE_MONTHS

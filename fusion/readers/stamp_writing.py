@@ -7,9 +7,12 @@ are told by the first one's, so that an hour is neither lost nor won, and the ch
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 
-from fusion.readers.date_dialects import DateDialect, DateOrder, parse_zone_s
+from fusion.readers.date_dialects import DateDialect, parse_zone_s
+from fusion.readers.date_order import DateOrder
+from fusion.readers.timing import datetime_at_us
+from fusion.readers.zones import is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag
 
 NOON = 12
@@ -21,10 +24,23 @@ MOST_CHANGES = 20
 
 @dataclass(frozen=True, slots=True)
 class OffsetChange:
-    """The first stamp with another offset, microseconds since 1970 on the first row's clock, and the step."""
+    """The first stamp with another offset, microseconds since 1970 on the first row's clock, and the offsets.
+
+    ``first_s``: that of the first row; seconds east of UTC.
+    """
 
     at_us: int
-    step_s: int
+    before_s: int
+    after_s: int
+    first_s: int
+
+    @property
+    def is_daylight_saving(self) -> bool:
+        """Whether the clocks of some zone were changed so about then."""
+        moment = datetime_at_us(self.at_us - self.first_s * MICROSECONDS)
+        return moment is not None and is_change_of_offset(
+            moment.replace(tzinfo=UTC), self.before_s, self.after_s
+        )
 
 
 class StampWriter:
@@ -72,7 +88,7 @@ class StampWriter:
             return None
         if offset_s != self._offset_s and self._offset_s is not None:
             at_us = (moment - EPOCH) // timedelta(microseconds=1)
-            self.changes.append(OffsetChange(at_us, offset_s - self._offset_s))
+            self.changes.append(OffsetChange(at_us, self._offset_s, offset_s, self._dialect.offset_s))
         self._offset_s = offset_s
         return moment.isoformat(timespec="microseconds")
 
@@ -119,9 +135,13 @@ def rewrite_pieces(pieces: Iterable[bytes], writer: StampWriter | None) -> Itera
 
 
 def flag_changes(changes: Iterable[OffsetChange], first_stamp_us: int) -> tuple[QualityFlag, ...]:
-    """Say where the offset from UTC changed; of a clock that changes all the time, the first places."""
+    """Say where the offset from UTC changed; of a clock that changes all the time, the first places.
+
+    W-DST where the clocks of some zone were changed so about then, W-OFFSET elsewhere.
+    """
     return tuple(
-        QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": change.step_s})
+        QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": change.after_s - change.before_s})
         for change in list(changes)[:MOST_CHANGES]
+        for code in ["W-DST" if change.is_daylight_saving else "W-OFFSET"]
         for at_s in [(change.at_us - first_stamp_us) / MICROSECONDS]
     )

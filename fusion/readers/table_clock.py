@@ -59,6 +59,8 @@ def tell_clock(layout: TextLayout, plan: TablePlan, first_stamp_us: int) -> Tabl
         if layout.dates is not None and not layout.dates.has_date and start is not None:
             flags = (QualityFlag("W-NO-DATE", facts={"time_of_day": f"{start:%H:%M:%S}"}),)
             start = None
+        elif layout.dates is not None and layout.dates.is_doubtful and start is not None:
+            flags = (QualityFlag("W-DATE-ORDER", facts={"date": f"{start:%Y-%m-%d}"}),)
     elif start is None and counts_since_1970(plan, first_stamp_us):
         start = read_epoch(first_stamp_us)
     return judge_clock(start, flags)

@@ -5,16 +5,11 @@ from itertools import pairwise
 from statistics import median
 
 from fusion.errors import NoGyroscope, UnknownColumns
-from fusion.readers.columns import (
-    TIME_UNITS_EXPONENT,
-    Column,
-    acc_scale_g,
-    choose_vector,
-    gyr_scale_dps,
-)
+from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector
 from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, IGNORED, NUMERIC_TIME, STAMP
 from fusion.readers.text_layout import CALENDAR, TextLayout
 from fusion.readers.text_table import TablePlan
+from fusion.units import acc_scale_g, gyr_scale_dps
 
 PLAUSIBLE_RATE_HZ = (8.0, 2000.0)
 COUNTER_BITS = 32

@@ -8,7 +8,8 @@ from functools import lru_cache
 
 from fusion.errors import AmbiguousDecimal, UnknownColumns
 from fusion.readers.columns import Column, understand_column
-from fusion.readers.date_dialects import DateDialect, DateOrder, find_dates
+from fusion.readers.date_dialects import DateDialect, find_dates
+from fusion.readers.date_order import DateOrder
 from fusion.readers.stamp_writing import StampWriter
 
 DELIMITERS = (";", "\t", ",", "|", " ")

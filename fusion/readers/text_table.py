@@ -1,7 +1,7 @@
 """A table of samples, read as its layout says."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from fusion.readers.text_layout import TextLayout
 from fusion.readers.text_lines import parse_lines, parse_plain_lines
 from fusion.readers.text_marks import SPARE_MARKS
 from fusion.readers.text_stream import TextForm, drop_lines, read_line_pieces, read_text_pieces
+from fusion.readers.unmeasured import drop_blank_rows
 from fusion.recording import QualityFlag
 
 EXCEL_ROWS = 1_048_576
@@ -57,7 +58,8 @@ class TablePlan:
 class TableRows:
     """The rows that were read and what was met on the way.
 
-    ``changes``: where the offset from UTC that the stamps carry changed.
+    ``changes``: where the offset from UTC that the stamps carry changed; ``blank``: rows of zeros without a
+    stamp, which are left out.
     """
 
     columns: SampleColumns
@@ -65,13 +67,14 @@ class TableRows:
     first_line: int
     is_cut: bool
     changes: tuple[OffsetChange, ...] = ()
+    blank: tuple[QualityFlag, ...] = ()
 
     @property
     def flags(self) -> tuple[QualityFlag, ...]:
         """Rows that were left out and why."""
         bad = int(self.tally[BAD])
         tail = int(self.is_cut and bad > 0 and self.tally[LAST_BAD_LINE] == self.tally[LINES])
-        flags = []
+        flags = list(self.blank)
         if bad > tail:
             line = int(self.tally[FIRST_BAD_LINE]) + self.first_line
             flags.append(QualityFlag("W-ROWS-DROPPED", bad - tail, facts={"line": line}))
@@ -127,7 +130,7 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
     changes = tuple(writer.changes) if writer else ()
     rows = TableRows(columns, tally, layout.first_line, not end.is_whole, changes)
     _refuse_rows(rows)
-    return rows
+    return rows if plan.stamp_kind == COUNTER else replace(rows, blank=drop_blank_rows(columns))
 
 
 def make_rules(layout: TextLayout, plan: TablePlan) -> Rules:

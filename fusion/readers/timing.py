@@ -43,7 +43,35 @@ def find_gaps(
     return tuple(gaps)
 
 
-def flag_spans(code: str, spans: Sequence[Span]) -> tuple[QualityFlag, ...]:
+def bridged_spans(segments: Iterable[Segment]) -> list[Span]:
+    """Holes that were bridged for the filters: their time is missing too."""
+    return [
+        Span(
+            segment.start_us + round(first * MICROSECONDS / segment.rate_hz),
+            round((stop - first) * MICROSECONDS / segment.rate_hz),
+            "gap",
+        )
+        for segment in segments
+        for first, stop in segment.bridged
+    ]
+
+
+def find_missing(
+    segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
+) -> tuple[Span, ...]:
+    """All holes in order of time: between the segments, after the last, and those that were bridged."""
+    holes = [*find_gaps(segments, duration_us, excluded), *bridged_spans(segments)]
+    return tuple(sorted(holes, key=lambda hole: hole.start_us))
+
+
+def flag_gaps(
+    segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
+) -> tuple[QualityFlag, ...]:
+    """Say where time is missing (W-GAP)."""
+    return flag_spans("W-GAP", find_missing(segments, duration_us, excluded))
+
+
+def flag_spans(code: str, spans: Sequence[Span], **facts: str) -> tuple[QualityFlag, ...]:
     """One flag for all spans of a kind: how many, how long together, where (the longest); none for none."""
     if not spans:
         return ()
@@ -51,7 +79,7 @@ def flag_spans(code: str, spans: Sequence[Span]) -> tuple[QualityFlag, ...]:
     first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
     longest = sorted(spans, key=lambda span: -span.duration_us)[:MOST_TOLD]
     told = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
-    return (QualityFlag(code, len(spans), total_s, first_s, last_s, spans_s=told),)
+    return (QualityFlag(code, len(spans), total_s, first_s, last_s, facts, told),)
 
 
 def datetime_at_us(unix_us: int) -> datetime | None:

@@ -1,11 +1,13 @@
 """Clocks that follow a zone: the offset at the first sample, and whether it changed before the last.
 
-Only files that count UTC and name their zone are concerned; a device's own wall clock is never converted.
+Only files that count UTC and name their zone follow it; a device's own wall clock is never converted. Of
+other files the zones of the world tell whether a step of the clock can be daylight saving.
 """
 
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+from functools import cache
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 from fusion.recording import QualityFlag
 
@@ -21,6 +23,9 @@ WINDOWS_ZONES = {
     "Amsterdam, Berlin, Bern, Rome, Stockholm, Vienna": "Europe/Berlin",
 }
 """Parts of Windows' display names, as ActiGraph's METADATA records hold them."""
+
+
+DAY, NEAR = timedelta(days=1), timedelta(seconds=2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +58,34 @@ def follow_zone(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> FollowedZ
     at_s = _find_change_s(first_unix_s, duration_s, zone)
     step_s = round((after - before).total_seconds())
     return FollowedZone(start, (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": step_s}),))
+
+
+@cache
+def list_zones() -> tuple[ZoneInfo, ...]:
+    """All zones that this machine knows."""
+    return tuple(ZoneInfo(name) for name in sorted(available_timezones()))
+
+
+def is_change_of_offset(moment: datetime, before_s: int, after_s: int) -> bool:
+    """Whether some zone went from one offset to the other within a day of a moment, which is aware.
+
+    A day: loggers notice the change when they are next connected, or do it at midnight.
+    """
+    steps = ((moment - DAY, timedelta(seconds=before_s)), (moment + DAY, timedelta(seconds=after_s)))
+    return any(
+        all(one.astimezone(zone).utcoffset() == offset for one, offset in steps) for zone in list_zones()
+    )
+
+
+def is_change_of_wall_clock(reading: datetime, step_s: int) -> bool:
+    """Whether some zone's clocks step so at this reading, which is naive, give or take two seconds."""
+    return any(_step_s(reading, zone) == step_s for zone in list_zones())
+
+
+def _step_s(reading: datetime, zone: ZoneInfo) -> float:
+    before = (reading - NEAR).replace(tzinfo=zone).astimezone(UTC)
+    offsets = [one.astimezone(zone).utcoffset() or timedelta() for one in (before, before + 2 * NEAR)]
+    return (offsets[1] - offsets[0]).total_seconds()
 
 
 def _find_change_s(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> float:

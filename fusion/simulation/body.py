@@ -13,11 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.simulation.motion import Channel
+from fusion.units import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
-
-STANDARD_GRAVITY = 9.80665
-"""m/s2 of 1 g."""
 
 
 @dataclass(frozen=True, slots=True)

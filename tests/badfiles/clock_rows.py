@@ -27,6 +27,15 @@ CLOCKS = (
             ("spring, offsets, early", "2027-03-14T01:20:00", 1, ("-05:00", "-04:00"), 3),
         )
     ),
+    read(
+        "56 offset changed in June",
+        "shift.csv",
+        given(t.clock_changed("2026-06-10T10:50:00", -1, ("-04:00", "-05:00"))),
+        "W-OFFSET",
+    ),
+    read(
+        "56 hour back in June", "shift.csv", given(t.clock_changed("2026-06-07T01:59:30", -1)), "W-CLOCK-BACK"
+    ),
     read("57 EDT", "shift.csv", given(t.zoned(" EDT"))),
     read("57 HAE", "shift.csv", given(t.zoned(" HAE"))),
     refused("57 name of several zones", "shift.csv", given(t.zoned(" AST")), "E-TIME"),

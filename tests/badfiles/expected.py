@@ -233,6 +233,18 @@ TABLES = (
     read("79 two columns", "shift.csv", given(t.date_and_time())),
     read("79 ActiLife", "shift.csv", given(t.actilife("dd/MM/yyyy", "14/03/2026"))),
     read("79 ActiLife lying", "shift.csv", given(t.actilife("dd/MM/yyyy", "03/14/2026"))),
+    read(
+        "79 ActiLife, saved again in French",
+        "shift.csv",
+        given(t.resaved("%d/%m/%Y %H:%M:%S.%f", datetime(2026, 3, 2, 8), "3/2/2026")),  # noqa: DTZ001
+        "W-LOCALE",
+    ),
+    read(
+        "79 ActiLife, header of another day",
+        "shift.csv",
+        given(t.resaved("%d/%m/%Y %H:%M:%S.%f", datetime(2026, 3, 2, 8), "9/9/2025")),  # noqa: DTZ001
+        "W-LOCALE W-DATE-ORDER",
+    ),
     read("79 ActiLife stamps", "shift.csv", given(t.actilife(stamps=True))),
     refused("80 tenths", "shift.csv", given(t.excel_times()), "E-TIME"),
     refused("80 minutes", "shift.csv", given(t.excel_minutes()), "E-TIME"),
@@ -255,11 +267,14 @@ TABLES = (
     refused("84 cut", "shift.mvnx", given(f"{XML}<mvnx version='4'><subject><frames>"), "E-XML"),
 )
 
+FILLED = "W-STUCK-PART W-GAP"
 SIGNALS = (
     read("85", "shift.csv", given("# rate_hz: 104\n" + t.canon()), "W-DRIFT"),
     read("85 nominal", "shift.csv", given("# rate_hz: 100\n" + t.canon())),
     read("86 m/s2", "shift.csv", s.scaled(9.80665, 1.0), "W-UNITS"),
     read("86 mg", "shift.csv", s.scaled(1000.0, 1.0), "W-UNITS"),
+    read("86 mg under g", "shift.csv", s.scaled(1000.0, 1.0, HEADER), "W-UNITS"),
+    read("86 m/s2 under g", "shift.csv", s.scaled(9.80665, 1.0, HEADER), "W-UNITS"),
     read("86 rad/s", "shift.csv", s.scaled(1.0, 0.0174533, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
     refused("86 x2", "shift.csv", s.scaled(2.0, 1.0), "E-SCALE"),
     refused("86 x0.5", "shift.csv", s.scaled(0.5, 1.0, HEADER), "E-SCALE"),
@@ -303,7 +318,18 @@ SIGNALS = (
     refused("89 one axis", "shift.csv", s.altered(s.dead_axis), "E-DEAD"),
     refused("89 all zero", "shift.csv", s.altered(s.all_zero), "E-DEAD"),
     read("89 part", "shift.csv", s.altered(s.freeze_axis), "W-STUCK-PART W-SHORT", (50.0, 0.0, 10.0)),
-    read("89 zeros", "shift.csv", s.altered(s.zero_part), "W-STUCK-PART W-SHORT", (57.0, 0.0, 3.0)),
+    read("89 zeros", "shift.csv", s.altered(s.zero_part), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
+    read("89 zeros, 10 ms", "shift.csv", s.altered(s.zeros_of(1)), f"{FILLED} W-SHORT", (59.95, 0.05, 0.0)),
+    read("89 zeros, 0.4 s", "shift.csv", s.altered(s.zeros_of(40)), f"{FILLED} W-SHORT", (58.0, 2.0, 0.0)),
+    read(
+        "89 zeros, 0.4 s, GT9X",
+        "shift.csv",
+        s.rewritten(s.zeros_of(40), s.write_actilife),
+        f"{FILLED} W-SHORT",
+        (58.0, 2.0, 0.0),
+    ),
+    read("89 zeros, 1.4 s every 10 s", "shift.csv", s.tumbled(s.zeros_of(140)), FILLED, (207.8, 32.2, 0.0)),
+    read("89 repeats", "shift.csv", s.altered(s.repeats), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
     read("90", "shift.csv", s.altered(s.spikes), "W-SPIKE W-SHORT", (59.92, 0.0, 0.08)),
     read("95 days", "shift.gt3x", g.three_days, "W-GAP W-MULTIDAY W-LOWCOVER", (60.0, 158_400.0, 0.0)),
     refused("95 tiny", "shift.csv", given(t.canon()[:200]), "E-SHORT"),

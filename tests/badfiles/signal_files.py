@@ -83,11 +83,18 @@ def readings(times: int = 1) -> Matrix:
 
 def altered(change: Callable[[Matrix], None], header: str = HEADER, times: int = 1) -> Callable[[], bytes]:
     """The minute with its readings changed in place."""
+    return rewritten(change, lambda columns: changed(columns, header), times)
+
+
+def rewritten(
+    change: Callable[[Matrix], None], write: Callable[[Matrix], str], times: int = 1
+) -> Callable[[], bytes]:
+    """The same, as another device writes it."""
 
     def make() -> bytes:
         columns = readings(times)
         change(columns)
-        return changed(columns, header).encode()
+        return write(columns).encode()
 
     return make
 
@@ -160,6 +167,21 @@ def all_zero(columns: Matrix) -> None:
 
 def zero_part(columns: Matrix) -> None:
     columns[2000:2300] = 0.0
+
+
+def zeros_of(rows: int, every: int = 1000) -> Callable[[Matrix], None]:
+    """Holes of so many rows, one every so many, filled with zeros."""
+
+    def change(columns: Matrix) -> None:
+        for first in range(1500, len(columns) - rows, every):
+            columns[first : first + rows] = 0.0
+
+    return change
+
+
+def repeats(columns: Matrix) -> None:
+    """Three seconds in which a program went on writing the last row."""
+    columns[2001:2301] = columns[2000]
 
 
 def spikes(columns: Matrix) -> None:

@@ -32,7 +32,11 @@ def values(rate_hz: float = 100.0, times: int = 1) -> tuple[str, ...]:
 
 
 def stamped(stamps: Sequence[object], rows: Sequence[str], header: str = HEADER) -> str:
-    return header + "\n" + "".join(f"{stamp},{row}\n" for stamp, row in zip(stamps, rows, strict=True))
+    return stamped_with(",", stamps, rows, header)
+
+
+def stamped_with(mark: str, stamps: Sequence[object], rows: Sequence[str], header: str) -> str:
+    return header + "\n" + "".join(f"{stamp}{mark}{row}\n" for stamp, row in zip(stamps, rows, strict=True))
 
 
 @cache
@@ -241,6 +245,14 @@ def actilife(
         return head + ACTILIFE_COLUMNS + "\n" + "".join(row + "\n" for row in values())
     times = calendar("%Y-%m-%dT%H:%M:%S.%f0")
     return head + stamped([f"{stamp}0000"[:27] for stamp in times], values(), "Timestamp," + ACTILIFE_COLUMNS)
+
+
+def resaved(pattern: str, first: datetime, header_date: str, order: str = "M/d/yyyy") -> str:
+    """An export of ActiLife that a French spreadsheet saved again: other dates, `;`, decimal commas."""
+    head = ACTILIFE.format(order=order, date=header_date, epoch="00:00:00")
+    names = ";".join(["Timestamp", *ACTILIFE_COLUMNS.split(",")])
+    stamps = [stamp.replace(".", ",") for stamp in calendar(pattern, first=first)]
+    return head + stamped_with(";", stamps, [french(row) for row in values()], names)
 
 
 def counts() -> str:

@@ -89,7 +89,13 @@ def test_a_table_of_a_gt9x_is_judged_like_any_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "unit"), [(9.80665, ""), (1000.0, ""), (2 / 3, ""), (2 / 3, "g"), (9.80665, "g")]
+    ("factor", "unit"),
+    [
+        *((9.80665, ""), (1000.0, ""), (2 / 3, "")),
+        *((2 / 3, "g"), (9.80665, "g"), (1000.0, "g")),
+        *((1e-3, "mg"), (9.80665e-3, "mg"), (1 / 9.80665, "m/s2"), (1000 / 9.80665, "m/s2")),
+        *((1000.0, "lsb"), (1 / 0.000732, "raw")),
+    ],
 )
 def test_acceleration_in_another_unit_becomes_g(factor: float, unit: str) -> None:
     acc, gyr = swinging_arm()
@@ -108,6 +114,16 @@ def test_a_rest_that_no_unit_explains_is_refused(factor: float) -> None:
         check_physics(recording_of(acc * factor, gyr, **STATED))
 
     assert refusal.value.facts == {"g": factor}
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3], ids=["mdps under dps", "dps under mdps"])
+def test_thousandths_of_a_degree_are_told_from_degrees(factor: float) -> None:
+    acc, gyr = swinging_arm()
+
+    checked = check_physics(recording_of(acc, factor * gyr, **STATED))
+
+    assert checked.segments[0].gyr_dps == pytest.approx(gyr, abs=1e-3)
+    assert told(checked) == ["angular rate"]
 
 
 @pytest.mark.parametrize("unit", ["", "dps"], ids=["not stated", "stated wrongly"])

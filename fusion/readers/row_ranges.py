@@ -1,0 +1,131 @@
+"""Ranges of rows: found where all channels rest, joined, and taken out of a segment."""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.recording import MICROSECONDS, Segment, Span
+
+Rows = NDArray[np.int64]
+Ranges = Sequence[tuple[int, int]]
+"""First row and first row after, in order."""
+
+
+@njit(cache=True, nogil=True)
+def is_repeat(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int) -> bool:
+    """Whether a row equals the one before on all channels."""
+    for axis in range(3):
+        if acc[row, axis] != acc[row - 1, axis] or gyr[row, axis] != gyr[row - 1, axis]:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest: int) -> Rows:
+    """Runs in which all six channels keep their values, shape (m, 2).
+
+    Such a run holds one of any ``shortest - 1`` repeats that follow each other: only there is looked around.
+    """
+    stride = max(shortest - 1, 1)
+    runs = np.empty((len(acc) // stride + 1, 2), np.int64)
+    found, k = 0, stride
+    while k < len(acc):
+        first, stop = k, k
+        while first > 0 and k - first < shortest and is_repeat(acc, gyr, first):
+            first -= 1
+        while first < k and stop < len(acc) and is_repeat(acc, gyr, stop):
+            stop += 1
+        if stop - first >= shortest:
+            runs[found, 0], runs[found, 1] = first, stop
+            found += 1
+        k = max(k, stop - 1) + stride
+    return runs[:found]
+
+
+@njit(cache=True, nogil=True)
+def is_zero(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int) -> bool:
+    """Whether a row is zero on all channels."""
+    for axis in range(3):  # noqa: SIM110 (numba compiles no generator expressions)
+        if acc[row, axis] != 0.0 or gyr[row, axis] != 0.0:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def count_zero_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32]) -> int:
+    """How many runs of zero rows there are."""
+    count, was_zero = 0, False
+    for row in range(len(acc)):
+        is_now = is_zero(acc, gyr, row)
+        count += int(is_now and not was_zero)
+        was_zero = is_now
+    return count
+
+
+@njit(cache=True, nogil=True)
+def find_zero_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], count: int) -> Rows:
+    """The ``count`` runs of zero rows, shape (m, 2)."""
+    runs = np.empty((count, 2), np.int64)
+    found, row = 0, 0
+    while row < len(acc):
+        stop = row
+        while stop < len(acc) and is_zero(acc, gyr, stop):
+            stop += 1
+        if stop > row:
+            runs[found, 0], runs[found, 1] = row, stop
+            found += 1
+        row = stop + 1
+    return runs
+
+
+@njit(cache=True, nogil=True)
+def mark_zeros(acc: NDArray[np.float32], gyr: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which rows are zero on all channels, shape (n,)."""
+    marked = np.empty(len(acc), np.bool_)
+    for row in range(len(acc)):
+        marked[row] = is_zero(acc, gyr, row)
+    return marked
+
+
+def place_rows(segment: Segment, first: int, stop: int, reason: str = "") -> Span:
+    """Rows as a stretch of the recording."""
+    start_us, end_us = (
+        segment.start_us + round(row * MICROSECONDS / segment.rate_hz) for row in (first, stop)
+    )
+    return Span(start_us, end_us - start_us, reason)
+
+
+def join_ranges(ranges: Ranges) -> list[tuple[int, int]]:
+    """Make one of ranges, ordered by their first rows, that overlap or touch."""
+    joined: list[tuple[int, int]] = []
+    for first, stop in ranges:
+        if joined and first <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
+        else:
+            joined.append((first, stop))
+    return joined
+
+
+def cut_rows(segment: Segment, ranges: Ranges) -> list[Segment]:
+    """What is left of a segment without some of its rows."""
+    if not ranges:
+        return [segment]
+    edges = [0, *(row for pair in ranges for row in pair), len(segment)]
+    pairs = zip(edges[::2], edges[1::2], strict=True)
+    return [_take_rows(segment, first, stop) for first, stop in pairs if stop > first]
+
+
+def _take_rows(segment: Segment, first: int, stop: int) -> Segment:
+    bridged = [(max(a, first) - first, min(b, stop) - first) for a, b in segment.bridged]
+    return replace(
+        segment,
+        start_us=place_rows(segment, 0, first).end_us,
+        acc_g=segment.acc_g[first:stop],
+        gyr_dps=segment.gyr_dps[first:stop],
+        bridged=tuple((a, b) for a, b in bridged if b > a),
+    )

@@ -1,0 +1,129 @@
+"""Rows in which nothing was measured: zeros on all six channels, and values that were carried forward.
+
+A sensor that measures never reads zero on all channels at once: at rest there is gravity, in free fall there
+is noise. Such rows fill a hole, however short, as repeats do that a program wrote. Their time is missing:
+up to 50 ms it is bridged for the filters only, like any hole; longer, the segment ends (CONTRACT §5).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.errors import UnusableTime
+from fusion.readers.grid import LONGEST_BRIDGE_US
+from fusion.readers.row_ranges import (
+    Rows,
+    count_zero_runs,
+    cut_rows,
+    find_held_runs,
+    find_zero_runs,
+    join_ranges,
+    mark_zeros,
+    place_rows,
+)
+from fusion.readers.samples import SampleColumns
+from fusion.readers.timing import flag_gaps, flag_spans
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+
+HELD_S, HELD_ROWS = 0.5, 50
+"""Identical readings on six channels for so long and so often: no sensor of this kind is that quiet."""
+MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
+"""One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.grid)."""
+
+
+def leave_out_zeros(recording: Recording) -> Recording:
+    """Take rows that are zero on all six channels for missing, and say so (W-STUCK-PART).
+
+    Where no row is left, the recording comes back as it is: the sensor is dead.
+
+    Raises
+    ------
+    UnusableTime
+        One row in ten begins such a hole.
+    """
+    return _leave_out(recording, _find_zeros, "zeros")
+
+
+def leave_out_held(recording: Recording) -> Recording:
+    """Take rows that only repeat the last measured one, for long, for missing (W-STUCK-PART)."""
+    return _leave_out(recording, _find_held, "held")
+
+
+def _find_zeros(segment: Segment) -> Rows:
+    count = count_zero_runs(segment.acc_g, segment.gyr_dps)
+    if is_too_frequent(count, len(segment)):
+        raise UnusableTime(why="irregular")
+    return find_zero_runs(segment.acc_g, segment.gyr_dps, count)
+
+
+def _find_held(segment: Segment) -> Rows:
+    """Runs of repeats; the row that they repeat was measured."""
+    shortest = max(HELD_ROWS, round(HELD_S * segment.rate_hz))
+    runs = find_held_runs(segment.acc_g, segment.gyr_dps, shortest)
+    runs[:, 0] += 1
+    return runs
+
+
+def _leave_out(recording: Recording, find: Callable[[Segment], Rows], filled: str) -> Recording:
+    found = [find(segment) for segment in recording.segments]
+    lost = sum(int((runs[:, 1] - runs[:, 0]).sum()) for runs in found)
+    rows = sum(len(segment) for segment in recording.segments)
+    if lost == 0 or rows - lost <= len(recording.segments):
+        return recording
+    pairs = list(zip(recording.segments, found, strict=True))
+    spans = [place_rows(segment, int(a), int(b)) for segment, runs in pairs for a, b in runs]
+    segments = tuple(piece for segment, runs in pairs for piece in open_hole(segment, runs))
+    flags = tuple(flag for flag in recording.flags if flag.code != "W-GAP")
+    flags += flag_gaps(segments, recording.duration_us, recording.excluded)
+    flags += flag_spans("W-STUCK-PART", spans, filled=filled)
+    return replace(recording, segments=segments, flags=flags)
+
+
+def open_hole(segment: Segment, runs: Rows) -> list[Segment]:
+    """What is left of a segment without some runs of rows; the short ones are bridged, in place."""
+    if len(runs) == 0:
+        return [segment]
+    bridged = set(segment.bridged)
+    every = join_ranges(sorted([*bridged, *((int(first), int(stop)) for first, stop in runs)]))
+    holes = [pair for pair in every if pair not in bridged]
+    most_rows = int(LONGEST_BRIDGE_US * segment.rate_hz / MICROSECONDS + 1e-3) - 1
+    is_short = {(a, b): a > 0 and b < len(segment) and b - a <= most_rows for a, b in holes}
+    short = [pair for pair in holes if is_short[pair]]
+    for first, stop in short:
+        bridge_rows(segment.acc_g, first, stop)
+        bridge_rows(segment.gyr_dps, first, stop)
+    kept = replace(segment, bridged=tuple(pair for pair in every if is_short.get(pair, True)))
+    return cut_rows(kept, [pair for pair in holes if not is_short[pair]])
+
+
+def bridge_rows(values: NDArray[np.float32], first: int, stop: int) -> None:
+    """Lay a straight line over rows, in place, from the one before to the one after."""
+    weights = np.linspace(0.0, 1.0, stop - first + 2)[1:-1, None]
+    values[first:stop] = (1.0 - weights) * values[first - 1] + weights * values[stop]
+
+
+def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Take out stamped rows of zeros that stand for no time: neither a sample nor a hole.
+
+    Such are rows whose stamp is zero too (a block of a card that was never written), and all of them where
+    they stand between the samples everywhere (read before the sensor had a new one).
+    """
+    runs = count_zero_runs(columns.acc, columns.gyr)
+    if runs == 0:
+        return ()
+    is_blank = mark_zeros(columns.acc, columns.gyr)
+    if not is_too_frequent(runs, columns.rows):
+        is_blank &= columns.stamps == 0
+        is_blank[0] &= is_blank.sum() > 1  # a clock may well begin at zero
+    dropped = int(is_blank.sum())
+    if dropped in (0, columns.rows):
+        return ()
+    columns.keep(~is_blank)
+    return (QualityFlag("W-ROWS-DROPPED", dropped),)
+
+
+def is_too_frequent(runs: int, rows: int) -> bool:
+    """Whether so many runs of rows are no holes of a sampling."""
+    return runs > MOST_RUNS_SHARE * rows + FREE_RUNS
