@@ -2,8 +2,10 @@
 
 The server that children come from loads the science; it is started before this process loads the command
 line, so that both load side by side. This module is all that a child loads of the command line.
+Meanwhile the garbage collector rests: modules are never let go.
 """
 
+import gc
 import importlib
 import sys
 
@@ -17,4 +19,8 @@ def main() -> None:
     asked = sys.argv[1:]
     if asked and asked[0] in _ANALYSING and "--help" not in asked:
         warm_up()
-    importlib.import_module("app.cli").main()
+    gc.disable()
+    command_line = importlib.import_module("app.cli")
+    gc.freeze()
+    gc.enable()
+    command_line.main()

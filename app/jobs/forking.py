@@ -7,7 +7,7 @@ import multiprocessing
 from multiprocessing import forkserver
 from typing import Any
 
-PRELOADED = ["app.workflow", "app.inspection"]
+PRELOADED = ["app.jobs.preloaded"]
 
 
 def choose_context() -> Any:

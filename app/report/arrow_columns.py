@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 def lay_numbers(values: NDArray[np.float64] | NDArray[np.float32]) -> pa.Array:
     """Give a column of numbers, none of them absent; shape (n,)."""
-    values = np.ascontiguousarray(values)
-    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(values)])
+    close = pa.py_buffer(np.ascontiguousarray(values))
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, close])
 
 
 def lay_flags(flags: NDArray[np.bool_]) -> pa.Array:

@@ -85,7 +85,7 @@ def _add_segment(
 ) -> None:
     """Count a segment; its filtered angle, the largest thing here, is let go before the next."""
     angle = filter_elevation(segment)
-    counts = [partial(day.speeds.add_vertical, segment, angle), *day.list_counts(angle)]
+    counts: list[Count] = [partial(day.speeds.add_vertical, segment, angle), *day.list_counts(angle)]
     if sampled is not None and len(sampled) == len(segment):
         counts.insert(1, partial(day.speeds.add_samples, sampled, gyro_bias_dps, angle.valid))
     _count(counts, len(segment))
