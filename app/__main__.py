@@ -1,5 +1,5 @@
 """Run the command line as ``python -m app``."""
 
-from app.cli import main
+from app.start import main
 
 main()

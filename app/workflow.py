@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,14 +75,23 @@ def make_report(
     results = encode_results(findings, subject)
     (out / RESULTS).write_bytes(results)
     (out / FINDINGS).write_bytes(encode_findings(findings, subject))
-    for name, table in export_results(json.loads(results)).items():
-        (out / name).write_bytes(table)
-    write_elevation(analysis.elevation, out / "elevation.parquet")
-    if known.cache is not None:
-        write_day_of(analysis, out / DAY_NAME)
-    write_reports(findings, subject, request, out)
+    with ThreadPoolExecutor(1) as beside:  # packing angles lets go of the interpreter, as drawing pages does
+        written = [
+            beside.submit(write_elevation, analysis.elevation, out / "elevation.parquet"),
+            beside.submit(_write_tables, json.loads(results), out),
+        ]
+        write_reports(findings, subject, request, out)
+        for work in written:
+            work.result()
     if "pdf" in request.kinds:
         _write_fhir(json.loads(results), request, out)
+    if known.cache is not None:
+        write_day_of(analysis, out / DAY_NAME)
+
+
+def _write_tables(results: dict[str, Any], out: Path) -> None:
+    for name, table in export_results(results).items():
+        (out / name).write_bytes(table)
 
 
 def _write_fhir(results: dict[str, Any], request: ReportRequest, out: Path) -> None:

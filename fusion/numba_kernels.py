@@ -30,3 +30,13 @@ def inner(function: Callable[Given, Result]) -> Callable[Given, Result]:
     made = _compile(nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True)
     compiled: Callable[Given, Result] = made(function)
     return compiled
+
+
+@kernel
+def _add_one(number: int) -> int:
+    return number + 1
+
+
+def make_ready() -> None:
+    """Load what the first kernel of a process needs: it takes as long as fifty kernels."""
+    _add_one(0)

@@ -16,7 +16,7 @@ from app.batch.plan import Task
 from app.batch.run import Outcome, run_tasks
 from app.batch.tables import write_tables
 from app.errors import Interrupted
-from app.jobs.attempt import warm_up
+from app.jobs.forking import warm_up
 from app.report.messages import describe_problem
 from app.report.numbers import format_duration
 from app.report.wording import fill, load_wording

@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import Any
 
 from app.decoded import NOTHING_KNOWN, KnownLogs
 from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
+from app.jobs.forking import choose_context
 from app.request import OnStage, ReportRequest, Stage
 from app.settings import Settings
 from app.storage import ResultFile, seal_folder
@@ -119,19 +119,13 @@ def choose_limits(settings: Settings, size_bytes: int) -> Limits:
     return Limits(settings.memory_limit_bytes, wall_s)
 
 
-def warm_up() -> None:
-    """Have the fork server import the science now, so that the first job need not wait for it."""
-    if _choose_context().get_start_method() == "forkserver":
-        forkserver.ensure_running()
-
-
 def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     """Make the attempt in a child process and wait for it.
 
     ``on_progress`` is called several times a second with the stage and the fraction done; when it answers
     False the child is killed.
     """
-    context = _choose_context()
+    context = choose_context()
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_work, args=(attempt, theirs), daemon=True)
     child.start()
@@ -142,15 +136,6 @@ def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
         child.kill()
         child.join()
         ours.close()
-
-
-def _choose_context() -> Any:
-    """Prefer the fork server: it has imported the science already, and it has no threads of ours."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["app.workflow", "app.inspection"])
-    return context
 
 
 def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: OnProgress) -> Outcome:

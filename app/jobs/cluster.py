@@ -19,8 +19,9 @@ from sqlalchemy import Connection, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from app.jobs.attempt import MakeReport, warm_up
+from app.jobs.attempt import MakeReport
 from app.jobs.database import connect, lock_tables
+from app.jobs.forking import warm_up
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import Crashed, RecordedProblem
-from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, choose_limits, run_attempt, warm_up
+from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, choose_limits, run_attempt
+from app.jobs.forking import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
 

@@ -28,8 +28,8 @@ from app.jobs.attempt import (
     choose_limits,
     load_and_make_report,
     run_attempt,
-    warm_up,
 )
+from app.jobs.forking import warm_up
 from app.jobs.heart import Heart
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self

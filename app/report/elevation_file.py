@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from app.report.arrow_columns import lay_flags, lay_numbers
 from fusion.recording import MICROSECONDS
 
 if TYPE_CHECKING:
@@ -52,5 +53,6 @@ def _thin_tables(segment: ElevationSegment) -> Iterator[pa.Table]:
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         taken = rows[first : first + _ROWS_AT_ONCE]
         time_s = segment.start_us / MICROSECONDS + taken / segment.rate_hz
-        columns = [time_s, segment.elevation_deg[taken], segment.valid[taken]]
-        yield pa.table(columns, schema=_SCHEMA)
+        angle, valid = segment.elevation_deg[taken], segment.valid[taken]
+        columns = [lay_numbers(time_s), lay_numbers(angle), lay_flags(valid)]
+        yield pa.Table.from_arrays(columns, schema=_SCHEMA)

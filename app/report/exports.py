@@ -1,12 +1,13 @@
 """Everything that is taken out of ``results.json`` for other programs."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from app.report.arrow_columns import lay_some_numbers, lay_some_texts
 from app.report.dictionary import encode_dictionary
 from app.report.redcap import encode_redcap_dictionary, encode_redcap_import
 from app.report.summary import COLUMNS, encode_summary, summarise_results
@@ -31,9 +32,9 @@ def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
 def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:
     """Write one typed row for each recording: text or float64, null where it is not computable."""
     rows = [summarise_results(results) for results in every]
-    types = {"text": pa.string(), "number": pa.float64()}
-    schema = pa.schema([pa.field(column.name, types[column.kind]) for column in COLUMNS])
-    columns = [pa.array([row[field.name] for row in rows], field.type) for field in schema]
+    lay: dict[str, Callable[..., pa.Array]] = {"text": lay_some_texts, "number": lay_some_numbers}
+    columns = [lay[column.kind]([row[column.name] for row in rows]) for column in COLUMNS]
     body = io.BytesIO()
-    pq.write_table(pa.table(columns, schema=schema), body, compression="zstd")
+    table = pa.Table.from_arrays(columns, [column.name for column in COLUMNS])
+    pq.write_table(table, body, compression="zstd")
     return body.getvalue()

@@ -1,7 +1,10 @@
 """From elevation to all figures of a recording: one segment at a time, then the day."""
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +23,15 @@ from fusion.exposure.parts import profile_minutes, summarise_parts
 from fusion.exposure.peaks import find_peak_windows
 from fusion.exposure.rows import IntArray, find_end_us
 from fusion.exposure.stretches import sum_time
-from fusion.exposure.tally import DayTally, start_day
+from fusion.exposure.tally import Count, DayTally, start_day
 from fusion.exposure.types import Exposure, PartExposure
 from fusion.exposure.variation import describe_hours
 from fusion.recording import MICROSECONDS, Recording, Segment
 
 MAIN_THRESHOLD_DEG = 60
 UNDIVIDED = DayDivision()
+ROWS_FOR_TWO = 100_000
+"""Fewer rows are counted before a thread has begun."""
 
 
 def summarise_exposure(  # noqa: PLR0913  each is an input of its own
@@ -80,10 +85,21 @@ def _add_segment(
 ) -> None:
     """Count a segment; its filtered angle, the largest thing here, is let go before the next."""
     angle = filter_elevation(segment)
-    day.add(angle)
-    day.speeds.add_vertical(segment, angle)
+    counts: list[Count] = [partial(day.speeds.add_vertical, segment, angle), *day.list_counts(angle)]
     if sampled is not None and len(sampled) == len(segment):
-        day.speeds.add_samples(sampled, gyro_bias_dps, angle.valid)
+        counts.insert(1, partial(day.speeds.add_samples, sampled, gyro_bias_dps, angle.valid))
+    _count(counts, len(segment))
+
+
+def _count(counts: Sequence[Count], rows: int) -> None:
+    """Count one thing after the other, of many rows two at a time: the kernels let go of the interpreter."""
+    if rows < ROWS_FOR_TWO:
+        for count in counts:
+            count()
+        return
+    with ThreadPoolExecutor(2) as pool:
+        for counted in [pool.submit(count) for count in counts]:
+            counted.result()
 
 
 def _measure_length(elevation: Elevation, samples: Recording | None) -> int:

@@ -1,7 +1,9 @@
 """What the segments of a day leave behind: sums that are filled in place, and stays in time order."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,8 @@ from fusion.exposure.stretches import Stretches, cut_day
 from fusion.exposure.types import Velocity
 from fusion.exposure.velocity import SpeedTally, measure_generalised, measure_inclination
 from fusion.recording import MICROSECONDS, BoolArray, Segment
+
+Count = Callable[[], None]
 
 EXACT = np.zeros(1)
 """The errors of the angle where none is known: the angle as it was read."""
@@ -106,19 +110,18 @@ class DayTally:
     cycles: CycleTally
     stays: dict[int, list[Stays]] = field(default_factory=lambda: {c: [] for c in THRESHOLDS_DEG})
 
-    def add(self, angle: MetricAngle) -> None:
-        """Count one segment's angle."""
-        self.by_hour.add(angle)
-        self.by_stretch.add(angle)
-        self.by_second.add(angle)
+    def list_counts(self, angle: MetricAngle) -> list[Count]:
+        """List what is to be counted of one segment's angle; each fills sums of its own, in any order."""
+        counts: list[Count] = [partial(self._add_stays, angle)]
+        if self.errors is not None:
+            counts.append(partial(self.errors.add, angle))
+        tallies = (self.eva, self.cycles, self.by_hour, self.by_stretch, self.by_second, self.frequency)
+        counts += [partial(tally.add, angle) for tally in tallies]
+        return [*counts, partial(self.speeds.inclination.add_inclination, angle)]
+
+    def _add_stays(self, angle: MetricAngle) -> None:
         for threshold_deg, stays in self.stays.items():
             stays.append(find_stays(angle, threshold_deg))
-        self.cycles.add(angle)
-        self.eva.add(angle)
-        self.frequency.add(angle)
-        if self.errors is not None:
-            self.errors.add(angle)
-        self.speeds.inclination.add_inclination(angle)
 
     def list_entries(self, threshold_deg: int) -> IntArray:
         """Give the times of the entries above a threshold."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from fusion.orientation.smoothed import SmoothedNodes
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
@@ -45,6 +44,16 @@ def estimate_sigma(
     """Standard deviation of the elevation, deg, one value as in ``smoothed.disagreement_deg``."""
     settings = settings or UncertaintySettings()
     offset_deg = settings.offset_times * float(np.degrees(accelerometer.offset_sd_g))
-    between = uniform_filter1d(smoothed.disagreement_deg**2 / 2.0, settings.over_values, mode="nearest")
+    between = average_around(smoothed.disagreement_deg**2 / 2.0, settings.over_values)
     steady = settings.floor_deg**2 + offset_deg**2
     return np.asarray(np.sqrt(steady + settings.disagreement_share * between))
+
+
+def average_around(values: Table, count: int) -> Table:
+    """Mean of ``count`` values (odd) around each; the first and the last value stand for what is beyond.
+
+    Shape (n,). To the bit what ``scipy.ndimage.uniform_filter1d`` gives with the mode "nearest".
+    """
+    padded = np.pad(values, count // 2, mode="edge")
+    first = np.cumsum(padded[:count])[-1:]
+    return np.asarray(np.cumsum(np.concatenate([first, padded[count:] - padded[:-count]])) / count)

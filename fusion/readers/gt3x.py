@@ -124,15 +124,10 @@ def decode_log(pieces: Iterable[bytes]) -> DeviceLog:
     """Scan and decode log.bin in one pass over its pieces."""
     log = DeviceLog()
     for piece in scan_pieces(_count_bytes(pieces, log), log.tally):
-        for kind, unix_s, first, size in _watched_records(piece):
-            if kind == SENSOR_DATA:
-                _take_samples(log, piece.buffer, unix_s, first, size)
-            elif kind == SCHEMA:
-                _take_schema(log, piece.buffer[first : first + size].tobytes())
-            elif size > 1 and kind == ACTIVITY2:
-                log.primary.note(unix_s, piece.buffer[first : first + size].tobytes())
-            else:
-                log.events.note(kind, unix_s, piece.buffer[first : first + size].tobytes())
+        records = _watched_records(piece)
+        schemas = np.flatnonzero(records[:, 0] == SCHEMA)
+        for part in np.split(records, schemas):  # each but the first begins with a schema
+            _take_records(log, piece.buffer, part)
     log.columns.trim()
     return log
 
@@ -143,14 +138,30 @@ def _count_bytes(pieces: Iterable[bytes], log: DeviceLog) -> Iterator[bytes]:
         yield piece
 
 
-def _watched_records(piece: ScannedPiece) -> list[list[int]]:
+def _watched_records(piece: ScannedPiece) -> NDArray[np.int64]:
     kinds, sizes = piece.records[:, 0], piece.records[:, 3]
     is_watched = np.isin(kinds, WATCHED)
     # of the primary accelerometer its one-byte dock events are read, and a second now and then
     is_activity = ((kinds == ACTIVITY) | (kinds == ACTIVITY2)) & (sizes != 1)
     is_probed = (kinds == ACTIVITY2) & (sizes >= ROW_BYTES) & (piece.records[:, 1] % PROBED_EVERY_S == 0)
-    chosen: list[list[int]] = piece.records[is_watched & (~is_activity | is_probed)].tolist()
-    return chosen
+    return np.asarray(piece.records[is_watched & (~is_activity | is_probed)])
+
+
+def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
+    """Take records of which only the first may be a schema: then all samples are of one schema."""
+    is_sample = records[:, 0] == SENSOR_DATA
+    for kind, unix_s, first, size in records[~is_sample].tolist():
+        payload = buffer[first : first + size].tobytes()
+        if kind == SCHEMA:
+            _take_schema(log, payload)
+        elif size > 1 and kind == ACTIVITY2:
+            log.primary.note(unix_s, payload)
+        else:
+            log.events.note(kind, unix_s, payload)
+    if log.decoder is None:
+        _hold_samples(log, buffer, records[is_sample])
+    else:
+        _take_samples(log, log.decoder, buffer, records[is_sample])
 
 
 def _take_schema(log: DeviceLog, payload: bytes) -> None:
@@ -161,29 +172,40 @@ def _take_schema(log: DeviceLog, payload: bytes) -> None:
     log.decoder = make_decoder(schema)
     log.n_schemas += 1
     waiting, log.held = log.held, []
-    log.n_undecoded -= len(waiting)
-    for unix_s, rows in waiting:
-        _take_samples(log, np.frombuffer(rows, np.uint8), unix_s, 0, len(rows))
+    if log.decoder is not None:
+        log.n_undecoded -= len(waiting)
+        for unix_s, rows in waiting:
+            record = np.array([[SENSOR_DATA, unix_s, 0, len(rows)]])
+            _take_samples(log, log.decoder, np.frombuffer(rows, np.uint8), record)
 
 
-def _take_samples(log: DeviceLog, buffer: NDArray[np.uint8], unix_s: int, first: int, size: int) -> None:
-    decoder = log.decoder
-    schema_id = int(buffer[first]) | int(buffer[first + 1]) << 8 if size >= 2 else -1
-    if decoder is None or decoder.schema.schema_id != schema_id:
-        log.n_undecoded += 1
-        if log.n_schemas == 0 and len(log.held) < MAX_HELD_RECORDS:
+def _hold_samples(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
+    """Keep samples that came before the first schema."""
+    log.n_undecoded += len(records)
+    if log.n_schemas == 0:
+        for _, unix_s, first, size in records[: MAX_HELD_RECORDS - len(log.held)].tolist():
             log.held.append((unix_s, buffer[first : first + size].tobytes()))
-        return
-    n_rows, odd_bytes = divmod(size - 2, decoder.schema.row_bytes)
-    if n_rows == 0 or odd_bytes:
-        log.n_undecoded += 1
-        return
+
+
+def _take_samples(
+    log: DeviceLog, decoder: RowDecoder, buffer: NDArray[np.uint8], records: NDArray[np.int64]
+) -> None:
+    """Decode the records that are of the decoder's schema and hold whole rows."""
+    firsts, sizes = records[:, 2], records[:, 3]
+    n_rows, odd_bytes = np.divmod(sizes - 2, decoder.schema.row_bytes)
+    fits = (sizes >= 2) & (n_rows > 0) & (odd_bytes == 0)
+    fits[fits] = decoder.find_own(buffer, firsts[fits])
+    log.n_undecoded += int(np.count_nonzero(~fits))
+    unix_s, firsts, n_rows = records[fits, 1], firsts[fits], n_rows[fits]
     columns = log.columns
-    columns.make_room(n_rows)
-    rows = slice(columns.rows, columns.rows + n_rows)
-    decoder.decode(buffer, first + 2, columns.acc[rows], columns.gyr[rows])
-    log.placed.append((unix_s, columns.rows, n_rows, log.n_schemas))
-    columns.rows += n_rows
+    stops = columns.rows + np.cumsum(n_rows)
+    total = int(n_rows.sum())
+    columns.make_room(total)
+    rows = slice(columns.rows, columns.rows + total)
+    decoder.decode(buffer, firsts + 2, n_rows, (columns.acc[rows], columns.gyr[rows]))
+    places = zip(unix_s.tolist(), (stops - n_rows).tolist(), n_rows.tolist(), strict=True)
+    log.placed += [(*place, log.n_schemas) for place in places]
+    columns.rows += total
 
 
 def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Recording:

@@ -151,6 +151,40 @@ def decode_link_rows(
         byte += 21
 
 
+@njit(cache=True, nogil=True)
+def decode_records(
+    buffer: NDArray[np.uint8],
+    records: tuple[NDArray[np.int64], NDArray[np.int64]],
+    layout: tuple[int, NDArray[np.int64], NDArray[np.float64]],
+    acc: NDArray[np.float32],
+    gyr: NDArray[np.float32],
+) -> None:
+    """Decode records of any schema one after the other. ``records``: first byte, number of rows of each."""
+    firsts, n_rows = records
+    row = 0
+    for k in range(len(firsts)):
+        stop = row + n_rows[k]
+        decode_rows(buffer, firsts[k], layout, acc[row:stop], gyr[row:stop])
+        row = stop
+
+
+@njit(cache=True, nogil=True)
+def decode_link_records(
+    buffer: NDArray[np.uint8],
+    records: tuple[NDArray[np.int64], NDArray[np.int64]],
+    divisors: NDArray[np.float64],
+    acc: NDArray[np.float32],
+    gyr: NDArray[np.float32],
+) -> None:
+    """The same for the GT9X Link's own layout."""
+    firsts, n_rows = records
+    row = 0
+    for k in range(len(firsts)):
+        stop = row + n_rows[k]
+        decode_link_rows(buffer, firsts[k], divisors, acc[row:stop], gyr[row:stop])
+        row = stop
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RowDecoder:
     """A schema made ready for the kernels."""
@@ -160,14 +194,26 @@ class RowDecoder:
     divisors: NDArray[np.float64]
     is_link_layout: bool
 
+    def find_own(self, buffer: NDArray[np.uint8], firsts: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Tell which payloads, of two bytes or more, begin with the number of this schema."""
+        return np.asarray(buffer[firsts] + 256 * buffer[firsts + 1].astype(np.int64) == self.schema.schema_id)
+
     def decode(
-        self, buffer: NDArray[np.uint8], byte: int, acc: NDArray[np.float32], gyr: NDArray[np.float32]
+        self,
+        buffer: NDArray[np.uint8],
+        firsts: NDArray[np.int64],
+        n_rows: NDArray[np.int64],
+        samples: tuple[NDArray[np.float32], NDArray[np.float32]],
     ) -> None:
-        """Decode ``len(acc)`` rows that begin at ``byte``."""
+        """Decode records one after the other: ``n_rows[k]`` rows that begin at ``firsts[k]``.
+
+        ``samples``: acceleration and angular rate, with room for all rows.
+        """
         if self.is_link_layout:
-            decode_link_rows(buffer, byte, self.divisors, acc, gyr)
+            decode_link_records(buffer, (firsts, n_rows), self.divisors, *samples)
         else:
-            decode_rows(buffer, byte, (self.schema.row_bytes, self.fields, self.divisors), acc, gyr)
+            layout = (self.schema.row_bytes, self.fields, self.divisors)
+            decode_records(buffer, (firsts, n_rows), layout, *samples)
 
 
 LINK_FIELDS = np.array([[1, 1, offset, 16] for offset in (0, 16, 32, 64, 80, 96)], np.int64)

@@ -24,3 +24,24 @@ def test_writing_a_report_loads_no_compiler(module: str) -> None:
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
 
     assert loaded.stdout.strip() == ""
+
+
+def test_the_road_leaves_out_packages_that_take_long_to_load() -> None:
+    heavy = {"pandas", "scipy.signal", "scipy.ndimage", "scipy.stats", "scipy.sparse"}
+    program = f"import sys, app.workflow; print(*sorted({heavy} & set(sys.modules)))"
+
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+
+    assert loaded.stdout.strip() == ""
+
+
+def test_writing_the_tables_does_not_load_pandas() -> None:
+    program = (
+        "import sys, numpy; from app.report.arrow_columns import *; from app.report.exports import *;"
+        "encode_parquet([]); lay_numbers(numpy.zeros(1)); lay_flags(numpy.ones(1, bool));"
+        "print('pandas' in sys.modules)"
+    )
+
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+
+    assert loaded.stdout.strip() == "False"

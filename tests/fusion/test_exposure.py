@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure import Exposure, summarise_exposure
-from fusion.exposure.metric_filter import filter_angle, filter_elevation
+from fusion.exposure.metric_filter import design_filter, filter_angle, filter_elevation
 from tests.factories import elevate
 
 START = datetime(2026, 3, 2, 7, 12, 30)  # noqa: DTZ001 - a device's own clock, which has no zone
@@ -47,6 +47,13 @@ def test_the_metric_filter_is_scipys_to_the_last_digit(rate_hz: float) -> None:
 
     expected = sosfiltfilt(butter(2, 5, fs=rate_hz, output="sos"), noise.astype(np.float64))
     assert filter_angle(noise, rate_hz) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 32.0, 99.87, 100.0, 119.0, 476.0, 500.0, 952.0, 1000.0])
+def test_the_section_is_scipys_to_the_bit(rate_hz: float) -> None:
+    expected = butter(2, 5, fs=rate_hz, output="sos")[0]
+
+    assert design_filter(rate_hz) == (*expected[:3], *expected[4:])
 
 
 @pytest.mark.parametrize("rows", [2, 5, 9, 10])

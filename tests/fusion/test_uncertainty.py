@@ -4,11 +4,12 @@ import io
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.orientation.smoothed import SmoothedNodes
-from fusion.orientation.uncertainty import UncertaintySettings, estimate_sigma
+from fusion.orientation.uncertainty import UncertaintySettings, average_around, estimate_sigma
 from fusion.pipeline import AnalysisSettings, analyse
 from fusion.readers import read_recording
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
@@ -36,6 +37,13 @@ def test_an_accelerometer_that_could_not_be_calibrated_counts_as_delivered() -> 
 
     # 0.04 g = 2.292 deg, times 0.5.
     assert sigma_deg == pytest.approx([1.146], abs=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 4, 9, 3600])
+def test_nine_seconds_are_averaged_as_scipy_does_to_the_bit(count: int) -> None:
+    values = np.random.default_rng(count).exponential(5.0, count)
+
+    assert np.array_equal(average_around(values, 9), uniform_filter1d(values, 9, mode="nearest"))
 
 
 def test_there_is_one_value_for_each_second() -> None:

@@ -1,0 +1,25 @@
+"""Where children come from: a server of them that has loaded the science once.
+
+It is a small module of its own, so that the command line can start that server before it has loaded itself.
+"""
+
+import multiprocessing
+from multiprocessing import forkserver
+from typing import Any
+
+PRELOADED = ["app.jobs.preloaded"]
+
+
+def choose_context() -> Any:
+    """Prefer the fork server: it has imported the science already, and it has no threads of ours."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(PRELOADED)
+    return context
+
+
+def warm_up() -> None:
+    """Have the fork server import the science now, so that the first job need not wait for it."""
+    if choose_context().get_start_method() == "forkserver":
+        forkserver.ensure_running()
