@@ -67,7 +67,7 @@ def _encode_run(outcomes: Sequence[Outcome], request: ReportRequest, made_at: da
 def _record(outcome: Outcome) -> dict[str, str | None]:
     task = outcome.task
     return {
-        "file": task.log.name,
+        "file": task.request.file_name,
         "path": task.name,
         "folder": task.folder.name,
         "code": outcome.code,
