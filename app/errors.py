@@ -12,7 +12,7 @@
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
       CannotPair       two analyses are not both arms of one shift (422)
-      NoSuchFile       the analysis ended without this file (404)
+      NoSuchFile       the analysis ended without this file (404); NoSuchRange: not so many bytes (416)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
                        StoreMismatch, DatabaseTooOld, DatabaseTooNew
@@ -175,7 +175,7 @@ class StaleVersion(AppError):
 
 
 class NotHere(AppError):
-    """No such page, recording or analysis."""
+    """No such page, recording or analysis. Facts: id, where one was named."""
 
     code = "E-NOT-FOUND"
 
@@ -184,6 +184,12 @@ class NoSuchFile(NotHere):
     """The analysis ended without this file. Facts: name."""
 
     code = "E-NO-FILE"
+
+
+class NoSuchRange(AppError):
+    """A part of a file behind its end. Facts: size (bytes)."""
+
+    code = "E-RANGE"
 
 
 class CannotPair(AppError):

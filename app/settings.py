@@ -48,6 +48,9 @@ class Settings(BaseSettings):
         A worker that has not beaten for ``lease_s`` has lost its job.
     max_attempts
         Deaths after which a recording is given up.
+    max_put_backs
+        Times that an analysis waits for room on a full disk, 2 s at first and 60 s at most (20: a quarter of
+        an hour in all), before it fails with E-DISK.
     memory_limit_bytes
         Address space of one analysis (numba and BLAS map far more than they touch).
     wall_limit_s, wall_limit_s_per_gb
@@ -82,6 +85,7 @@ class Settings(BaseSettings):
     lease_s: float = 30.0
     heartbeat_s: float = 3.0
     max_attempts: int = 3
+    max_put_backs: int = 20
     memory_limit_bytes: int = 6 * GIB
     wall_limit_s: float = 600.0
     wall_limit_s_per_gb: float = 1200.0

@@ -192,7 +192,7 @@ def write_durably(path: Path, content: bytes) -> None:
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
     part.write_bytes(content)
     sync_file(part)
-    part.rename(path)
+    part.replace(path)
     sync_folder(path.parent)
 
 
