@@ -5,7 +5,7 @@
       UnusableSettings, UnusableParticipants, UnusableList   a file that steers a run cannot be used
       UploadRefused    the bytes were not taken: FileTooLarge 413, DiskFull 507, SlowUpload 408
                        (tus: WrongOffset 409, UnknownProtocol 412, LockedUpload 423, WrongDigest 460)
-      Busy             the queue is full (503)
+      Busy             the queue is full (503); TooMany: so many uploads at once are not taken (429)
       StaleVersion     changed by somebody else meanwhile (412)
       KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409)
       ForeignWebhook   a webhook may not lead there (422)
@@ -148,6 +148,12 @@ class Busy(AppError):
     """More work waits than is allowed."""
 
     code = "E-BUSY"
+
+
+class TooMany(AppError):
+    """As many uploads as are taken at once are under way. Facts: max."""
+
+    code = "E-TOO-MANY"
 
 
 class KeyReused(AppError):

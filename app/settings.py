@@ -37,6 +37,9 @@ class Settings(BaseSettings):
         Worker processes that ``serve`` keeps alive.
     max_upload_bytes, min_free_bytes
         Largest recording taken; free space below which no upload is taken.
+    max_uploads_at_once
+        Uploads whose bytes are taken at the same time (each costs about a megabyte of memory); more are
+        told to come again.
     max_cache_bytes
         Space for decoded samples, which make a second analysis of a recording quick.
     root_path
@@ -79,6 +82,7 @@ class Settings(BaseSettings):
     workers: int = 1
     max_upload_bytes: int = 4 * GIB
     min_free_bytes: int = 2 * GIB
+    max_uploads_at_once: int = 32
     max_cache_bytes: int = 4 * GIB
     root_path: str = ""
     watch_dir: Path | None = None

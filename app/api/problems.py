@@ -97,7 +97,7 @@ def answer_refusal(request: Request, error: Refusal) -> JSONResponse:
         headers["Allow"] = str(error.facts["allowed"])
     if isinstance(error, NoSuchRange):
         headers["Content-Range"] = f"bytes */{error.facts['size']}"
-    if view.retryable and view.status in (409, 423, 503, 507):
+    if view.retryable and view.status in (409, 423, 429, 503, 507):
         headers["Retry-After"] = "5"
     if request.url.path.startswith("/api/v1/uploads"):
         headers |= TUS_HEADERS
