@@ -5,14 +5,14 @@
       UnusableSettings, UnusableParticipants, UnusableList   a file that steers a run cannot be used
       UploadRefused    the bytes were not taken: FileTooLarge 413, DiskFull 507, SlowUpload 408
                        (tus: WrongOffset 409, UnknownProtocol 412, LockedUpload 423, WrongDigest 460)
-      Busy             the queue is full (503)
+      Busy             the queue is full (503); TooMany: so many uploads at once are not taken (429)
       StaleVersion     changed by somebody else meanwhile (412)
       KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409)
       ForeignWebhook   a webhook may not lead there (422)
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
       CannotPair       two analyses are not both arms of one shift (422)
-      NoSuchFile       the analysis ended without this file (404)
+      NoSuchFile       the analysis ended without this file (404); NoSuchRange: not so many bytes (416)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
                        StoreMismatch, DatabaseTooOld, DatabaseTooNew
@@ -150,6 +150,12 @@ class Busy(AppError):
     code = "E-BUSY"
 
 
+class TooMany(AppError):
+    """As many uploads as are taken at once are under way. Facts: max."""
+
+    code = "E-TOO-MANY"
+
+
 class KeyReused(AppError):
     """The idempotency key was used for another request."""
 
@@ -175,7 +181,7 @@ class StaleVersion(AppError):
 
 
 class NotHere(AppError):
-    """No such page, recording or analysis."""
+    """No such page, recording or analysis. Facts: id, where one was named."""
 
     code = "E-NOT-FOUND"
 
@@ -184,6 +190,12 @@ class NoSuchFile(NotHere):
     """The analysis ended without this file. Facts: name."""
 
     code = "E-NO-FILE"
+
+
+class NoSuchRange(AppError):
+    """A part of a file behind its end. Facts: size (bytes)."""
+
+    code = "E-RANGE"
 
 
 class CannotPair(AppError):

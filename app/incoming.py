@@ -9,11 +9,13 @@ was written but never acknowledged, and is cut off before more is taken.
 import hashlib
 import os
 import threading
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from app.errors import TooMany
 from app.storage import name_full_disk, sync_folder
 
 
@@ -56,6 +58,30 @@ class GrowingFile:
     def close(self) -> None:
         """Let go of the file."""
         self._file.close()
+
+
+@dataclass(slots=True)
+class Turns:
+    """How many uploads are taken at once: each costs memory while its bytes come. For one thread."""
+
+    most: int
+    taken: int = 0
+
+    @contextmanager
+    def take(self) -> Iterator[None]:
+        """Be one of them until the end of the block.
+
+        Raises
+        ------
+        TooMany
+        """
+        if self.taken >= self.most:
+            raise TooMany(max=self.most)
+        self.taken += 1
+        try:
+            yield
+        finally:
+            self.taken -= 1
 
 
 @dataclass(slots=True)

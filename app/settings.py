@@ -37,6 +37,9 @@ class Settings(BaseSettings):
         Worker processes that ``serve`` keeps alive.
     max_upload_bytes, min_free_bytes
         Largest recording taken; free space below which no upload is taken.
+    max_uploads_at_once
+        Uploads whose bytes are taken at the same time (each costs about a megabyte of memory); more are
+        told to come again.
     max_cache_bytes
         Space for decoded samples, which make a second analysis of a recording quick.
     root_path
@@ -48,6 +51,9 @@ class Settings(BaseSettings):
         A worker that has not beaten for ``lease_s`` has lost its job.
     max_attempts
         Deaths after which a recording is given up.
+    max_put_backs
+        Times that an analysis waits for room on a full disk, 2 s at first and 60 s at most (20: a quarter of
+        an hour in all), before it fails with E-DISK.
     memory_limit_bytes
         Address space of one analysis (numba and BLAS map far more than they touch).
     wall_limit_s, wall_limit_s_per_gb
@@ -76,12 +82,14 @@ class Settings(BaseSettings):
     workers: int = 1
     max_upload_bytes: int = 4 * GIB
     min_free_bytes: int = 2 * GIB
+    max_uploads_at_once: int = 32
     max_cache_bytes: int = 4 * GIB
     root_path: str = ""
     watch_dir: Path | None = None
     lease_s: float = 30.0
     heartbeat_s: float = 3.0
     max_attempts: int = 3
+    max_put_backs: int = 20
     memory_limit_bytes: int = 6 * GIB
     wall_limit_s: float = 600.0
     wall_limit_s_per_gb: float = 1200.0

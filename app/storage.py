@@ -28,8 +28,7 @@ from app.errors import DiskFull, FileTooLarge, FolderTaken
 if sys.platform != "win32":
     import fcntl
 
-COPY_BYTES = 1 << 18
-"""Each running upload holds three such pieces; larger ones are no faster and cost memory."""
+COPY_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +192,7 @@ def write_durably(path: Path, content: bytes) -> None:
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
     part.write_bytes(content)
     sync_file(part)
-    part.rename(path)
+    part.replace(path)
     sync_folder(path.parent)
 
 

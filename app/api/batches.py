@@ -44,6 +44,7 @@ class BatchWish(BaseModel):
     name: Annotated[str, Field(max_length=200)] = ""
     settings: AnalysisSettings = AnalysisSettings()
     items: Annotated[list[BatchItem], Field(min_length=1, max_length=10_000)]
+    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
 
 
 class BatchCounts(BaseModel):
@@ -61,7 +62,10 @@ class BatchView(BaseModel):
 
     id: str
     name: str
-    item_count: int
+    item_count: Annotated[int, Field(description="Analyses in it: the same work asked twice counts once.")]
+    duplicate_count: Annotated[
+        int, Field(description="Items that needed no new analysis: asked twice, or analysed alike before.")
+    ]
     counts: BatchCounts
     is_over: bool
     created_at: str
@@ -70,14 +74,14 @@ class BatchView(BaseModel):
 
 @router.post("", status_code=202)
 def create_batch(wish: BatchWish, services: UsedServices, language: UsedLanguage) -> BatchView:
-    """Analyse many stored recordings."""
+    """Analyse many stored recordings; the same bytes with the same settings are not analysed twice."""
     check_queue(services, len(wish.items))
     items = []
     for item in wish.items:
         row = services.recordings.get(item.recording_id)
         settings = _merge(wish.settings, item.settings or {})
         items.append((row, build_request(row, settings, language, services.settings.paper)))
-    batch = services.batches.add(wish.name, items)
+    batch = services.batches.add(wish.name, items, again=wish.again)
     headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
     return JSONResponse(view_batch(batch).model_dump(), 202, headers)  # type: ignore[return-value]
 
@@ -118,6 +122,7 @@ def view_batch(batch: Batch) -> BatchView:
         id=batch.id,
         name=batch.name,
         item_count=batch.item_count,
+        duplicate_count=batch.duplicate_count,
         counts=BatchCounts(**{state.value: number for state, number in batch.counts.items()}),
         is_over=batch.is_over,
         created_at=batch.created_at,

@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 
 from app.api.allowed import Place, say_allowed_of, say_allowed_to
 from app.api.services import choose_language
-from app.errors import AppError, BadParameter, InternalError, NotHere, RecordedProblem, WrongVerb
+from app.errors import AppError, BadParameter, InternalError, NoSuchRange, NotHere, RecordedProblem, WrongVerb
 from app.outcomes import find_outcome_of_code
 from app.report.messages import describe_flag, describe_problem
 from app.report.wording import Language
@@ -95,7 +95,9 @@ def answer_refusal(request: Request, error: Refusal) -> JSONResponse:
         headers["Connection"] = "close"  # there may be a body that nobody will read
     if isinstance(error, WrongVerb) and error.facts.get("allowed"):
         headers["Allow"] = str(error.facts["allowed"])
-    if view.retryable and view.status in (409, 423, 503, 507):
+    if isinstance(error, NoSuchRange):
+        headers["Content-Range"] = f"bytes */{error.facts['size']}"
+    if view.retryable and view.status in (409, 423, 429, 503, 507):
         headers["Retry-After"] = "5"
     if request.url.path.startswith("/api/v1/uploads"):
         headers |= TUS_HEADERS

@@ -70,9 +70,7 @@ async def analyze(
     job, existed = await receive_recording(request, services, commit)
     wait_s = read_preference(request.headers.get("prefer", ""))
     job = await wait_for_end(request, services, job.id, wait_s)
-    view = view_analysis(job, language)
-    if existed:
-        view.duplicate_of = job.id
+    view = _view(job, language, existed=existed)
     return _accept(view.model_dump(exclude_unset=True), job)
 
 
@@ -98,13 +96,14 @@ def create_analyses(
     wish: AnalysisWish, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
 ) -> StartedAnalyses:
     """Analyse stored recordings; what has been analysed alike comes back as it is (``duplicate_of``)."""
-    check_queue(services)
+    check_queue(services, len(wish.recording_ids))
     rows = [services.recordings.get(recording_id) for recording_id in wish.recording_ids]
-    flow: WayIn = way_in if len(rows) == 1 else "api"
-    pairs = [_start(services, row, wish, language, flow) for row in rows]
-    views = [view for view, _ in pairs]
+    paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
+    asked = [(row, build_request(row, wish.settings, language, paper)) for row in rows]
+    pairs = [_start(services, row, request, flow, again=wish.again) for row, request in asked]
+    views = [_view(job, language, existed=existed) for job, existed in pairs]
     items = [view.model_dump(exclude_unset=True) for view in views]
-    return _accept(items[0] | {"items": items}, pairs[0][1])  # type: ignore[return-value]
+    return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]
 
 
 @router.post("/analyses/{analysis_id}/cancel", response_model_exclude_unset=True)
@@ -156,16 +155,18 @@ def build_request(
 
 
 def _start(
-    services: Services, row: StoredRow, wish: AnalysisWish, language: Language, way_in: WayIn
-) -> tuple[AnalysisView, Job]:
-    request = build_request(row, wish.settings, language, services.settings.paper)
-    same = None if wish.again else services.store.find_same(row.sha256, request)
-    if same is not None:
-        view = view_analysis(same, language)
-        view.duplicate_of = same.id
-        return view, same
-    job = services.store.add_analysis((row.id, row.sha256), request, way_in)
-    return view_analysis(job, language), job
+    services: Services, row: StoredRow, request: ReportRequest, way_in: WayIn, *, again: bool
+) -> tuple[Job, bool]:
+    """Give the analysis, and whether it was there before."""
+    same = None if again else services.store.find_same(row.sha256, request)
+    return same or services.store.add_analysis((row.id, row.sha256), request, way_in), same is not None
+
+
+def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:
+    view = view_analysis(job, language)
+    if existed:
+        view.duplicate_of = job.id
+    return view
 
 
 def _accept(body: dict[str, Any], job: Job) -> JSONResponse:

@@ -9,6 +9,7 @@ from fastapi.responses import FileResponse
 from starlette.background import BackgroundTask
 
 from app.api.guard import REPORT_POLICY
+from app.api.ranges import check_range
 from app.api.services import Services
 from app.errors import NoSuchFile, NotFinished
 from app.jobs.job import Job, JobState
@@ -36,7 +37,7 @@ def serve_file(request: Request, services: Services, job: Job, name: str) -> Res
 
     Raises
     ------
-    NotFinished, NoSuchFile
+    NotFinished, NoSuchFile, NoSuchRange
     """
     token = check_succeeded(job, name)
     file = services.store.find_file(job.id, name)
@@ -45,6 +46,7 @@ def serve_file(request: Request, services: Services, job: Job, name: str) -> Res
     headers = head_file(name, file.sha256)
     if _is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
+    check_range(request, file.size_bytes)
     path = services.storage.fetch_result(job.id, token, name)
     return FileResponse(
         path,

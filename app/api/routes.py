@@ -75,6 +75,12 @@ def get_elevation(analysis_id: str, request: Request, services: UsedServices) ->
     return _serve(request, services, analysis_id, "elevation.parquet")
 
 
+@router.get("/analyses/{analysis_id}/fhir.json", response_class=FileResponse)
+def get_fhir(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """The report with its PDF, and its figures as observations, as a FHIR R4 bundle."""
+    return _serve(request, services, analysis_id, "fhir.json")
+
+
 @router.get("/analyses/{analysis_id}/report.html", response_class=FileResponse)
 def get_report_html(
     analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None

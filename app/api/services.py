@@ -5,7 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from app.incoming import Incoming
+from app.incoming import Incoming, Turns
 from app.jobs.batches import BatchStore
 from app.jobs.inspecting import Inspector
 from app.jobs.kept_answers import AnswerStore
@@ -36,6 +36,7 @@ class Services:
     batches: BatchStore
     answers: AnswerStore
     webhooks: WebhookStore
+    turns: Turns
 
 
 def open_services(settings: Settings) -> Services:
@@ -60,6 +61,7 @@ def open_services(settings: Settings) -> Services:
         batches=BatchStore(*rows),
         answers=AnswerStore(*rows),
         webhooks=WebhookStore(*rows),
+        turns=Turns(settings.max_uploads_at_once),
     )
 
 

@@ -30,8 +30,15 @@ async def take_bytes(
 
     Raises
     ------
-    LockedUpload, WrongOffset, WrongLength, WrongDigest, BrokenUpload, SlowUpload, DiskFull
+    LockedUpload, WrongOffset, WrongLength, WrongDigest, BrokenUpload, SlowUpload, DiskFull, TooMany
     """
+    with services.turns.take():
+        return await _take_alone(request, services, upload_id, offset_bytes, checksum)
+
+
+async def _take_alone(
+    request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str
+) -> UploadRow:
     if not services.incoming.take(upload_id):
         raise LockedUpload
     try:

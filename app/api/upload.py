@@ -12,8 +12,11 @@ from starlette.requests import ClientDisconnect
 
 from app.api.services import Services
 from app.errors import BadChecksum, BadParameter, BrokenUpload, WrongDigest
-from app.storage import COPY_BYTES, StoredRecording, Upload, too_large
+from app.storage import StoredRecording, Upload, too_large
 from fusion.errors import EmptyFile
+
+PIECE_BYTES = 256 << 10
+"""Written at once: each upload holds some four such pieces, and larger ones are not written sooner."""
 
 T = TypeVar("T")
 Copy = Callable[[Request, Callable[[bytes], None]], Awaitable[None]]
@@ -46,15 +49,16 @@ async def store_recording(
 
     Raises
     ------
-    FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter
+    FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter, TooMany
     """
     check_announcement(request, services)
-    upload = await run_in_threadpool(services.storage.open_upload, services.settings.max_upload_bytes)
-    try:
-        await copy(request, upload.write)
-        return await run_in_threadpool(_acknowledge, upload, services, commit)
-    finally:
-        await run_in_threadpool(upload.discard)
+    with services.turns.take():
+        upload = await run_in_threadpool(services.storage.open_upload, services.settings.max_upload_bytes)
+        try:
+            await copy(request, upload.write)
+            return await run_in_threadpool(_acknowledge, upload, services, commit)
+        finally:
+            await run_in_threadpool(upload.discard)
 
 
 def refuse_form(request: Request) -> None:
@@ -127,7 +131,7 @@ async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], Non
     try:
         async for chunk in chunks:
             waiting += chunk
-            if len(waiting) >= COPY_BYTES:
+            if len(waiting) >= PIECE_BYTES:
                 piece, waiting = bytes(waiting), bytearray()
                 if writing is not None:
                     await writing

@@ -44,8 +44,7 @@ class Marker:
 
 def make_marker(task: Task) -> Marker:
     """Say what the products of a task are made from: the same three give the same figures."""
-    digest = _hash_files(task)
-    settings = json.dumps(task.request.name_settings(), sort_keys=True)
+    digest, settings = _hash_files(task), _write_settings(task)
     parts = [digest, task.request.file_name, settings, software_version(), software_revision()]
     fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
     language = task.request.languages[0]
@@ -67,7 +66,13 @@ def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
 def is_up_to_date(task: Task) -> bool:
     """Tell whether the report that is there holds the figures that the task would make."""
     before = read_marker(task.folder)
-    return before is not None and before.fingerprint == make_marker(task).fingerprint
+    if before is None or before.settings != _write_settings(task):  # the log need not be read
+        return False
+    return before.fingerprint == make_marker(task).fingerprint
+
+
+def _write_settings(task: Task) -> str:
+    return json.dumps(task.request.name_settings(), sort_keys=True)
 
 
 def write_marker(folder: Path, marker: Marker) -> None:

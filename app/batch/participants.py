@@ -5,7 +5,9 @@ A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``cal
 the settings of the run; what it leaves empty does not.
 """
 
+import os
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +17,8 @@ from app.batch.plan import Task
 from app.errors import UnusableParticipants
 from app.request import SUBJECT_ALLOWED, check_subject
 from fusion.choices import Pose, Side
-from fusion.diary import read_diary
+from fusion.diary import DiaryEntry, read_diary
+from fusion.errors import UnusableDiary
 from fusion.small_tables import decode_text, list_rows, plain_word
 
 COLUMNS: Mapping[str, str] = {
@@ -48,9 +51,9 @@ def read_participants(content: bytes, folder: Path) -> tuple[Participant, ...]:
     Raises
     ------
     UnusableParticipants
-        With the line, the reason and what is allowed.
+        With the line, the reason and what is allowed; also where a diary named in it is not there.
     fusion.errors.UnusableDiary, OSError
-        When a diary named in it cannot be used or opened.
+        When a diary named in it (the fact ``diary``) cannot be used, or opened.
     """
     rows = list_rows(decode_text(content))
     names = _name_columns(*next(rows, (1, [])))
@@ -77,9 +80,15 @@ def assign_participants(
 
 
 def _fits(log: Path, file: str) -> bool:
-    """Compare the last parts of the path, without regard to case."""
-    wanted = [part.casefold() for part in re.split(r"[/\\]", file) if part not in {"", "."}]
-    return [part.casefold() for part in log.resolve().parts[-len(wanted) :]] == wanted
+    """Compare the last parts of the path, where the recording was named: a link is not followed."""
+    wanted = _list_parts(file)
+    return _list_parts(os.path.normpath(log.absolute()))[-len(wanted) :] == wanted
+
+
+def _list_parts(path: str) -> list[str]:
+    """Give the parts of a path without regard to case, and to how accents are written (macOS, Windows)."""
+    whole = unicodedata.normalize("NFC", path).casefold()
+    return [part for part in re.split(r"[/\\]", whole) if part not in {"", "."}]
 
 
 def _name_columns(line: int, cells: list[str]) -> list[str]:
@@ -98,16 +107,17 @@ def _name_columns(line: int, cells: list[str]) -> list[str]:
 def _read_row(line: int, row: Mapping[str, str], readers: Mapping[str, "Reader"]) -> Participant:
     if not row["file"]:
         raise UnusableParticipants(line=line, why="no file named", value="", allowed="")
-    said: dict[str, Any] = {}
-    for name, reader in readers.items():
-        if text := row.get(name, ""):
-            try:
-                said[reader.field] = reader.read(text)
-            except ValueError:
-                raise UnusableParticipants(
-                    line=line, why="value", value=text[:60], allowed=reader.allowed
-                ) from None
-    return Participant(row["file"], line, said)
+    told = {reader: text for name, reader in readers.items() if (text := row.get(name, ""))}
+    return Participant(row["file"], line, {r.field: _read_cell(line, text, r) for r, text in told.items()})
+
+
+def _read_cell(line: int, text: str, reader: "Reader") -> Any:
+    try:
+        return reader.read(text)
+    except ValueError:
+        raise UnusableParticipants(line=line, why="value", value=text[:60], allowed=reader.allowed) from None
+    except FileNotFoundError:
+        raise UnusableParticipants(line=line, why="no such file", value=text[:60], allowed="") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +135,15 @@ def _readers(folder: Path) -> Mapping[str, Reader]:
         "side": Reader("side", _read_side, "|".join(get_args(Side))),
         "pose": Reader("pose", _read_pose, "|".join(get_args(Pose))),
         "calibration": Reader("calibration_windows_s", _read_windows, "5-15 / 5-15 20-30"),
-        "diary": Reader("diary", lambda name: read_diary((folder / name).read_bytes()), "FILE.csv"),
+        "diary": Reader("diary", lambda name: _read_diary_beside(folder, name), "FILE.csv"),
     }
+
+
+def _read_diary_beside(folder: Path, name: str) -> tuple[DiaryEntry, ...]:
+    try:
+        return read_diary((folder / name).read_bytes())
+    except UnusableDiary as slip:
+        raise UnusableDiary(**slip.facts, diary=name) from None
 
 
 def _read_side(text: str) -> Side:
@@ -152,9 +169,9 @@ def _read_windows(text: str) -> tuple[tuple[float, float], ...]:
 
 
 def _check_each_once(people: Iterable[Participant]) -> None:
-    seen: dict[str, int] = {}
+    seen: set[tuple[str, ...]] = set()
     for person in people:
-        name = person.file.casefold()
-        if name in seen:
+        parts = tuple(_list_parts(person.file))
+        if parts in seen:
             raise UnusableParticipants(line=person.line, why="file twice", value=person.file[:60], allowed="")
-        seen[name] = person.line
+        seen.add(parts)

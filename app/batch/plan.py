@@ -1,5 +1,6 @@
 """Which recordings are to be done, and where the products of each go."""
 
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +8,7 @@ from pathlib import Path
 
 from app.report.origin import Origin
 from app.report.subject import clean_text
-from app.request import ReportRequest
+from app.request import ReportRequest, clean_file_name
 
 MARKER = "done.json"
 """Written last into a recording's folder: the folder is ours, and complete."""
@@ -45,20 +46,25 @@ class Task:
     @property
     def name(self) -> str:
         """Tell it apart from every other of the run."""
-        return self.path or self.log.name
+        return self.path or show_path(Path(self.log.name))
 
     @property
     def origin(self) -> Origin:
         """Say in the tables which recording it is."""
         who = self.request
-        return Origin(self.log.name, who.subject, who.side, self.name, self.folder.name)
+        return Origin(who.file_name, who.subject, who.side, self.name, self.folder.name)
 
 
 TellPath = Callable[[Path], str]
 
 
+def show_path(path: Path) -> str:
+    """Write a path as text that any file takes: bytes of its name that are not UTF-8 become U+FFFD."""
+    return os.fsencode(path).decode("utf-8", "replace")
+
+
 def _tell_name(log: Path) -> str:
-    return log.name
+    return show_path(Path(log.name))
 
 
 def plan_tasks(
@@ -69,7 +75,7 @@ def plan_tasks(
     return [
         Task(
             log,
-            replace(request, file_name=log.name),
+            replace(request, file_name=clean_file_name(log.name)),
             out / _free_name(name_folder(log), taken),
             force,
             tell_path(log),

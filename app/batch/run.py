@@ -11,6 +11,7 @@ from app.batch.folder import (
     Marker,
     find_last_version,
     has_report,
+    is_up_to_date,
     list_changes,
     make_marker,
     open_staging,
@@ -22,7 +23,7 @@ from app.batch.folder import (
     use_plain_names,
     write_marker,
 )
-from app.batch.plan import Task
+from app.batch.plan import MARKER, Task
 from app.decoded import KnownLogs
 from app.errors import Crashed
 from app.jobs.attempt import (
@@ -60,7 +61,7 @@ class Outcome:
 
 
 def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> Iterator[Outcome]:
-    """Do the tasks, so many at once; outcomes come as they are ready.
+    """Do the tasks, so many at once; outcomes come as they are ready, those of an earlier run first.
 
     When the caller stops asking (Ctrl-C), the analyses under way are ended and leave nothing behind.
     """
@@ -70,7 +71,8 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
         return do_task(task, lambda stage, fraction: _tell(task, stage, fraction, on_progress, stopping))
 
     with ThreadPoolExecutor(workers) as pool:
-        futures = [pool.submit(do, task) for task in tasks]
+        begun = sorted(tasks, key=lambda task: not (task.folder / MARKER).exists())
+        futures = [pool.submit(do, task) for task in begun]
         try:
             for future in as_completed(futures):
                 yield future.result()
@@ -92,6 +94,20 @@ def do_task(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
         return _do_or_repeat(task, go_on)
     except OSError as error:
         return Outcome(task, code="E-FILE", facts={"why": error.strerror or str(error)})
+
+
+def find_done(task: Task) -> Outcome | None:
+    """Give what an earlier run made of the same bytes by the same settings; None where it is not whole."""
+    try:
+        if task.force or not is_up_to_date(task):
+            return None
+        before = read_marker(task.folder)
+        if before is None or not has_report(task.folder, before, task.request):
+            return None
+        switch_language(task.folder, before, task.request.languages[0])
+        return Outcome(task, _read_answer(task), repeated=True, version=before.version)
+    except OSError:
+        return None
 
 
 def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.batch.plan import MARKER
+from app.batch.plan import MARKER, show_path
 from app.errors import UnusableList
 
 SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".zip", ".parquet", ".bin", ".mvnx")
@@ -27,7 +27,8 @@ class Found:
     def tell_path(self, log: Path) -> str:
         """Say where a recording lies, from the folder that was named; with no part of the way to that."""
         way = _lay_out(log)
-        return (way.relative_to(self.base) if way.is_relative_to(self.base) else way).as_posix()
+        below = way.relative_to(self.base) if way.is_relative_to(self.base) else way
+        return Path(show_path(below)).as_posix()
 
 
 def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:

@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
 from importlib.metadata import version
@@ -28,25 +28,36 @@ from app.report.tables import FRENCH_EXCEL, Cell, Row, encode_table
 from app.report.wording import load_wording
 from app.report.workbook import encode_workbook
 from app.request import ReportRequest
+from app.storage import write_durably
 from app.version import software_revision, software_version
 
 _PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")
 
 
 def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime) -> None:
-    """Write what stands beside the recordings' folders: summary, problems, periods, dictionary, run."""
+    """Write what stands beside the recordings' folders: summary, problems, periods, dictionary, run.
+
+    Each is the old one or the new one, whole, whatever ends us meanwhile.
+    """
     out.mkdir(parents=True, exist_ok=True)
+    for name, content in _encode_tables(outcomes, request, made_at):
+        write_durably(out / name, content)
+
+
+def _encode_tables(
+    outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime
+) -> Iterator[tuple[str, bytes]]:
     rows = [_summarise(outcome) for outcome in outcomes]
-    (out / "summary.csv").write_bytes(encode_summary(rows))
-    (out / "summary_fr.csv").write_bytes(encode_summary(rows, FRENCH_EXCEL))
-    (out / "summary.xlsx").write_bytes(encode_workbook([_read_results(o) for o in outcomes if not o.code]))
-    (out / "problems.csv").write_bytes(encode_table(PROBLEM_COLUMNS, _list_problems(outcomes, request)))
-    (out / "periods.csv").write_bytes(encode_table(PERIOD_COLUMNS, _list_periods(outcomes)))
-    (out / "dictionary.csv").write_bytes(encode_dictionary())
-    (out / "index.html").write_bytes(_render_index(outcomes, request))
-    (out / "settings.yaml").write_bytes(encode_settings(request))
-    (out / "methods.md").write_bytes(_write_methods(outcomes, request))
-    (out / "run.json").write_bytes(_encode_run(outcomes, request, made_at))
+    yield "summary.csv", encode_summary(rows)
+    yield "summary_fr.csv", encode_summary(rows, FRENCH_EXCEL)
+    yield "summary.xlsx", encode_workbook([_read_results(o) for o in outcomes if not o.code])
+    yield "problems.csv", encode_table(PROBLEM_COLUMNS, _list_problems(outcomes, request))
+    yield "periods.csv", encode_table(PERIOD_COLUMNS, _list_periods(outcomes))
+    yield "dictionary.csv", encode_dictionary()
+    yield "index.html", _render_index(outcomes, request)
+    yield "settings.yaml", encode_settings(request)
+    yield "methods.md", _write_methods(outcomes, request)
+    yield "run.json", _encode_run(outcomes, request, made_at)
 
 
 def _encode_run(outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime) -> bytes:
@@ -67,7 +78,7 @@ def _encode_run(outcomes: Sequence[Outcome], request: ReportRequest, made_at: da
 def _record(outcome: Outcome) -> dict[str, str | None]:
     task = outcome.task
     return {
-        "file": task.log.name,
+        "file": task.request.file_name,
         "path": task.name,
         "folder": task.folder.name,
         "code": outcome.code,

@@ -3,6 +3,9 @@
 One module for each kind of command; they are given their names here, in the order in which help lists them.
 """
 
+import io
+import sys
+
 import typer
 
 from app.cli.analysing import exposure, run
@@ -31,4 +34,7 @@ for command in (
 
 def main() -> None:
     """Enter from the command ``acromion``."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a sign that the terminal cannot write must end no run
+            stream.reconfigure(errors="replace")
     app()

@@ -10,7 +10,7 @@ import typer
 from app.batch.capacity import Capacity, choose_workers, measure_capacity
 from app.batch.folder import is_up_to_date
 from app.batch.participants import Participant, assign_participants
-from app.batch.plan import Task, plan_joined, plan_tasks
+from app.batch.plan import Task, plan_joined, plan_tasks, show_path
 from app.batch.settings_file import apply_settings
 from app.batch.sources import find_recordings
 from app.cli.options import (
@@ -190,7 +190,8 @@ def _tell_plan(tasks: Sequence[Task], language: Language) -> None:
     words = load_wording(language, "run")["outcome"]
     for task in tasks:
         done = not task.force and is_up_to_date(task)
-        typer.echo(f"{words['would_skip' if done else 'would_do']}: {task.log} -> {task.folder}")
+        told = words["would_skip" if done else "would_do"]
+        typer.echo(f"{told}: {show_path(task.log)} -> {show_path(task.folder)}")
 
 
 def _note(name: str, language: Language, **facts: str) -> None:

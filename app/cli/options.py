@@ -92,7 +92,7 @@ def _take_file(path: Path | None, language: Language, nothing: T, read: Callable
     try:
         return read(path)
     except (FusionError, AppError) as refusal:
-        print_problem(path.name, refusal.code, refusal.facts, language)
+        print_problem(str(refusal.facts.get("diary", path.name)), refusal.code, refusal.facts, language)
     except OSError as error:
         print_problem(path.name, "E-FILE", {"why": error.strerror or ""}, language)
     except UnicodeDecodeError:

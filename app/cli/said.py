@@ -1,9 +1,11 @@
 """What the command line says: one line for each outcome, one for each problem, and the exit code."""
 
 import json
+import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import IntEnum
@@ -12,8 +14,8 @@ from typing import Any
 
 import typer
 
-from app.batch.plan import Task
-from app.batch.run import Outcome, run_tasks
+from app.batch.plan import Task, show_path
+from app.batch.run import Outcome, find_done, run_tasks
 from app.batch.tables import write_tables
 from app.errors import Interrupted
 from app.jobs.forking import warm_up
@@ -48,21 +50,43 @@ Tell = Callable[[Outcome, Progress], None]
 def report_progress(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> list[Outcome]:
     """Do the tasks, telling each outcome as it comes; give them in the order of the tasks.
 
-    Ctrl-C ends the run: what was not reached is an outcome, too (E-INTERRUPTED).
+    Ctrl-C ends the run, and SIGTERM does: what was not reached is an outcome, too (E-INTERRUPTED), but for
+    what an earlier run has done.
     """
-    warm_up()
     tell = tell or tell_outcome
     outcomes: list[Outcome] = []
     start_s = time.monotonic()
     try:
-        for outcome in run_tasks(tasks, workers, _show_stage if tell is tell_outcome else _show_nothing):
-            outcomes.append(outcome)
-            left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
-            tell(outcome, Progress(len(outcomes), len(tasks), left_s))
+        with _taking(signal.default_int_handler, signal.SIGTERM):
+            warm_up()
+            for outcome in run_tasks(tasks, workers, _show_stage if tell is tell_outcome else _show_nothing):
+                outcomes.append(outcome)
+                left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
+                tell(outcome, Progress(len(outcomes), len(tasks), left_s))
     except KeyboardInterrupt:
-        done = [outcome.task for outcome in outcomes]
-        outcomes += [Outcome(task, code=Interrupted.code) for task in tasks if task not in done]
+        outcomes += _account_for_rest(tasks, [outcome.task for outcome in outcomes])
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
+
+
+@contextmanager
+def _taking(how: Any, *numbers: int) -> Iterator[None]:
+    """Take signals so until the end of the block."""
+    before = {number: signal.signal(number, how) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _account_for_rest(tasks: Sequence[Task], reached: Sequence[Task]) -> list[Outcome]:
+    """Say what became of the tasks that a cut run did not reach; a second Ctrl-C takes them for not done."""
+    rest = [task for task in tasks if task not in reached]
+    found: dict[str, Outcome | None] = {}
+    with suppress(KeyboardInterrupt):
+        for task in rest:
+            found[task.name] = find_done(task)
+    return [found.get(task.name) or Outcome(task, code=Interrupted.code) for task in rest]
 
 
 def _guess_left_s(outcomes: Sequence[Outcome], total: int, elapsed_s: float) -> float | None:
@@ -90,7 +114,7 @@ def tell_outcome(outcome: Outcome, progress: Progress) -> None:
     if outcome.code:
         print_problem(counter + outcome.task.name, outcome.code, outcome.facts, request.languages[0])
         return
-    typer.echo(f"{counter}{outcome.task.name} -> {outcome.task.folder}{_tell_version(outcome)}")
+    typer.echo(f"{counter}{outcome.task.name} -> {show_path(outcome.task.folder)}{_tell_version(outcome)}")
     for line in outcome.answer:
         typer.echo(f"  {line}")
 
@@ -114,8 +138,8 @@ def tell_problem(outcome: Outcome, _progress: Progress) -> None:
 def tell_as_json(outcome: Outcome, progress: Progress) -> None:
     """Say it in one line for a program: file, folder, code of the failure or null, how far the run is."""
     line = {
-        "file": str(outcome.task.log),
-        "folder": str(outcome.task.folder),
+        "file": show_path(outcome.task.log),
+        "folder": show_path(outcome.task.folder),
         "code": outcome.code,
         "repeated": outcome.repeated,
         "done": progress.done,
@@ -149,7 +173,8 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
     language = request.languages[0]
     if outcomes:
         try:
-            write_tables(out, outcomes, request, datetime.now(UTC))
+            with _taking(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # the tables are a second's work
+                write_tables(out, outcomes, request, datetime.now(UTC))
         except OSError as error:
             print_problem(str(out), "E-FILE", {"why": error.strerror or ""}, language)
             raise typer.Exit(Exit.NOTHING_DONE) from None

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from app.decoded import NOTHING_KNOWN, KnownLogs
-from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
+from app.errors import AttemptFailed, DiskFull, InternalError, OutOfMemory, OutOfTime
 from app.jobs.forking import choose_context
 from app.request import OnStage, ReportRequest, Stage
 from app.settings import Settings
-from app.storage import ResultFile, seal_folder
+from app.storage import ResultFile, name_full_disk, seal_folder
 from fusion.errors import Fact, FusionError
 
 if sys.platform != "win32":
@@ -181,9 +181,10 @@ def _work(attempt: Attempt, pipe: Connection) -> None:
 
 def _try(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
-        attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
-        return Finished(seal_folder(attempt.out))
-    except FusionError as refusal:
+        with name_full_disk():
+            attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
+            return Finished(seal_folder(attempt.out))
+    except (FusionError, DiskFull) as refusal:
         return Refused(refusal.code, refusal.facts)
     except MemoryError:
         return _refuse(OutOfMemory(max=round(attempt.limits.memory_bytes / 1e9, 1)))

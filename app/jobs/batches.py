@@ -3,25 +3,33 @@
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from sqlalchemy import Engine, func, insert, select, update
+from sqlalchemy import Connection, Engine, Select, func, insert, select
 
 from app.errors import NotHere
 from app.jobs.job import Job, JobState
+from app.jobs.moves import replace_job
 from app.jobs.queueing import enqueue_all
-from app.jobs.reading import read_job, select_jobs, tell_now
+from app.jobs.reading import read_job, select_items, select_jobs, tell_now
 from app.jobs.recordings import StoredRow
-from app.jobs.tables import analyses, batches
+from app.jobs.tables import analyses, batch_items, batches
+from app.jobs.versions import AT_ONCE, identify_work, select_same
+from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """A batch and how many of its analyses are in each state; one that was repeated counts once."""
+    """A batch and how many of its analyses are in each state; one that was repeated counts once.
+
+    ``duplicate_count``: of what was asked, how much was not analysed anew, for it had been asked already.
+    """
 
     id: str
     name: str
     item_count: int
+    duplicate_count: int
     created_at: str
     counts: Mapping[JobState, int]
 
@@ -37,14 +45,28 @@ class BatchStore:
     def __init__(self, engine: Engine, reader: Engine) -> None:
         self._engine, self._reader = engine, reader
 
-    def add(self, name: str, items: Sequence[tuple[StoredRow, ReportRequest]]) -> Batch:
-        """Queue an analysis for each item, in one commit."""
+    def add(
+        self, name: str, items: Sequence[tuple[StoredRow, ReportRequest]], *, again: bool = False
+    ) -> Batch:
+        """Queue an analysis for each item, in one commit.
+
+        The same bytes with the same settings are analysed once: an item that is asked twice counts once, and
+        what was analysed alike before, by this engine, is taken as it is unless ``again`` is asked.
+        """
         batch_id = f"ba_{secrets.token_hex(8)}"
-        row = {"id": batch_id, "name": name, "item_count": len(items), "created_at": tell_now()}
+        asked: dict[str, tuple[StoredRow, ReportRequest]] = {}
+        for item in items:
+            asked.setdefault(identify_work(item[0].sha256, item[1]), item)
         with self._engine.begin() as connection:
-            connection.execute(insert(batches).values(row))
-            wanted = [(recording.id, recording.sha256, request) for recording, request in items]
-            enqueue_all(connection, wanted, "api", batch_id)
+            known = {} if again else _find_known(connection, list(asked))
+            wanted = {key: item for key, item in asked.items() if key not in known}
+            row = {"id": batch_id, "name": name, "created_at": tell_now()}
+            counts = {"item_count": len(asked), "duplicate_count": len(items) - len(wanted)}
+            connection.execute(insert(batches).values(row | counts))
+            plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
+            known |= dict(zip(wanted, enqueue_all(connection, plain, "api", batch_id), strict=True))
+            _insert_items(connection, batch_id, [known[key] for key in asked])
+            announce_batch(connection, batch_id)
         return self.get(batch_id)
 
     def get(self, batch_id: str) -> Batch:
@@ -56,16 +78,16 @@ class BatchStore:
         """
         counted = (
             select(analyses.c.state, func.count())
-            .where(analyses.c.batch_id == batch_id, analyses.c.replaced_by.is_(None))
+            .where(analyses.c.id.in_(select_items(batch_id)))
             .group_by(analyses.c.state)
         )
         with self._reader.connect() as connection:
             row = connection.execute(select(batches).where(batches.c.id == batch_id)).one_or_none()
             found = {JobState(state): number for state, number in connection.execute(counted)}
         if row is None:
-            raise NotHere
+            raise NotHere(id=batch_id)
         counts = {state: found.get(state, 0) for state in JobState}
-        return Batch(row.id, row.name, row.item_count, row.created_at, counts)
+        return Batch(row.id, row.name, row.item_count, row.duplicate_count, row.created_at, counts)
 
     def list_newest(self, limit: int) -> tuple[Batch, ...]:
         """Give the batches asked for last, the newest first."""
@@ -76,22 +98,40 @@ class BatchStore:
 
     def list_jobs(self, batch_id: str) -> tuple[Job, ...]:
         """Give the analyses that count, in the order in which they were asked for."""
-        query = select_jobs().where(analyses.c.batch_id == batch_id, analyses.c.replaced_by.is_(None))
         with self._reader.connect() as connection:
-            rows = connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)).all()
+            rows = connection.execute(_select_jobs_of(batch_id).order_by(batch_items.c.place)).all()
         return tuple(read_job(row) for row in rows)
 
     def retry_failed(self, batch_id: str) -> int:
         """Queue every failed analysis of the batch again, in one commit; gives how many."""
-        failed = select_jobs().where(
-            analyses.c.batch_id == batch_id,
-            analyses.c.state == JobState.FAILED,
-            analyses.c.replaced_by.is_(None),
-        )
+        failed = _select_jobs_of(batch_id).where(analyses.c.state == JobState.FAILED)
         with self._engine.begin() as connection:
-            jobs = [read_job(row) for row in connection.execute(failed.with_for_update())]
+            jobs = [read_job(row) for row in connection.execute(failed.with_for_update(of=analyses))]
             wanted = [(job.recording_id, job.sha256, job.request) for job in jobs]
             repeated = enqueue_all(connection, wanted, "api", batch_id)
             for job, again in zip(jobs, repeated, strict=True):
-                connection.execute(update(analyses).where(analyses.c.id == job.id).values(replaced_by=again))
+                replace_job(connection, job.id, again)
         return len(jobs)
+
+
+def _select_jobs_of(batch_id: str) -> Select[Any]:
+    mine = select_jobs().join(batch_items, batch_items.c.analysis_id == analyses.c.id)
+    return mine.where(batch_items.c.batch_id == batch_id)
+
+
+def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
+    """Give the analysis of each key that has one, the oldest."""
+    found: dict[str, str] = {}
+    for first in range(0, len(keys), AT_ONCE):
+        query = select_same(keys[first : first + AT_ONCE]).with_only_columns(analyses.c.key, analyses.c.id)
+        for key, analysis_id in connection.execute(query):
+            found.setdefault(key, analysis_id)
+    return found
+
+
+def _insert_items(connection: Connection, batch_id: str, analysis_ids: Sequence[str]) -> None:
+    rows = [
+        {"batch_id": batch_id, "place": place, "analysis_id": analysis_id}
+        for place, analysis_id in enumerate(analysis_ids)
+    ]
+    connection.execute(insert(batch_items), rows)

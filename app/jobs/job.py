@@ -42,7 +42,8 @@ class Job:
 
     ``token`` names the attempt that runs now or that succeeded; only its holder may move the job on.
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` say why a
-    failed job failed. ``replaced_by`` names the job that repeats it.
+    failed job failed, or what holds up one that is not over. ``replaced_by`` names the job that repeats it.
+    ``put_backs`` counts how often it was held up by a full disk.
     """
 
     id: str
@@ -63,6 +64,7 @@ class Job:
     problem_facts: Mapping[str, Fact]
     batch_id: str | None = None
     replaced_by: str | None = None
+    put_backs: int = 0
 
     @property
     def is_over(self) -> bool:

@@ -7,7 +7,7 @@ from sqlalchemy import Connection, Update, func, update
 
 from app.jobs.job import TRANSITIONS, Claimer, JobState, list_sources
 from app.jobs.reading import tell_now
-from app.jobs.tables import analyses
+from app.jobs.tables import analyses, batch_items
 from app.jobs.webhooks import announce_end
 
 
@@ -17,6 +17,8 @@ def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> Non
         "token": secrets.token_hex(8),
         "stage": None,
         "progress": 0.0,
+        "problem_code": None,
+        "problem_facts": None,
         "attempts": analyses.c.attempts + 1,
         "beats": analyses.c.beats + 1,
         "claimer_place": claimer.place,
@@ -42,6 +44,19 @@ def move_job(
     if moved and not TRANSITIONS[to]:
         announce_end(connection, analysis_id, to)
     return moved
+
+
+def cancel_job(connection: Connection, analysis_id: str) -> None:
+    """Stop a job unless it is over; what held it up is not why it ended."""
+    ended = {"ended_at": tell_now(), "problem_code": None, "problem_facts": None}
+    move_job(connection, analysis_id, JobState.CANCELLED, ended)
+
+
+def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
+    """Let the job that repeats another take its place, in every batch that asked for it."""
+    connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(replaced_by=again))
+    mine = batch_items.c.analysis_id == analysis_id
+    connection.execute(update(batch_items).where(mine).values(analysis_id=again))
 
 
 def is_changed(connection: Connection, change: Update) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, cast
 from sqlalchemy import Row, Select, func, select
 
 from app.jobs.job import Job, JobState
-from app.jobs.tables import analyses, recordings
+from app.jobs.tables import analyses, batch_items, recordings
 from app.request import ReportRequest
 from fusion.errors import Fact
 
@@ -24,6 +24,11 @@ def select_jobs() -> Select[Any]:
     joined = select(analyses, *about).join(recordings, analyses.c.recording_id == recordings.c.id)
     # coalesce, so that no planner starts from this index: nearly every recording is stored
     return joined.where(func.coalesce(recordings.c.state, "") == STORED)
+
+
+def select_items(batch_id: str) -> Select[Any]:
+    """Select the ids of the analyses that a batch asked for."""
+    return select(batch_items.c.analysis_id).where(batch_items.c.batch_id == batch_id)
 
 
 def read_job(row: Row[Any]) -> Job:
@@ -47,6 +52,7 @@ def read_job(row: Row[Any]) -> Job:
         problem_facts=read_facts(row.problem_facts),
         batch_id=row.batch_id,
         replaced_by=row.replaced_by,
+        put_backs=row.put_backs,
     )
 
 

@@ -9,6 +9,7 @@ from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, 
 
 from app.errors import NotHere, StaleVersion
 from app.jobs.job import JobState
+from app.jobs.moves import cancel_job
 from app.jobs.reading import REFERENCE, STORED, TRASHED, tell_now
 from app.jobs.tables import analyses, recordings, result_files, uploads
 from app.request import ReportRequest
@@ -110,7 +111,7 @@ class RecordingStore:
         with self._reader.connect() as connection:
             row = connection.execute(query).one_or_none()
         if row is None or (row.state == TRASHED and not trashed):
-            raise NotHere
+            raise NotHere(id=recording_id)
         return _read_row(row)
 
     def list_page(
@@ -158,17 +159,15 @@ class RecordingStore:
         """Take a recording out of every list and stop its analyses; nothing is deleted yet."""
         self.get(recording_id)
         going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
+        mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
         with self._engine.begin() as connection:
             connection.execute(
                 update(recordings)
                 .where(recordings.c.id == recording_id)
                 .values(state=TRASHED, trashed_s=0.0, version=recordings.c.version + 1)
             )
-            connection.execute(
-                update(analyses)
-                .where(analyses.c.recording_id == recording_id, going_on)
-                .values(state=JobState.CANCELLED, ended_at=tell_now())
-            )
+            for analysis_id in connection.execute(mine).scalars().all():
+                cancel_job(connection, analysis_id)
 
     def restore(self, recording_id: str) -> StoredRow:
         """Take a recording out of the trash."""

@@ -12,12 +12,12 @@ from app.errors import NotHere, StoreMismatch
 from app.jobs.answers import Answer, insert_answer
 from app.jobs.database import READ_ONLY, lock_tables, open_database
 from app.jobs.job import Claim, Claimer, Job, JobState
-from app.jobs.moves import is_changed, move_job, start_job
+from app.jobs.moves import cancel_job, is_changed, move_job, replace_job, start_job
 from app.jobs.queueing import WayIn, enqueue
-from app.jobs.reading import read_job, select_jobs, tell_now
+from app.jobs.reading import read_job, select_items, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.tables import analyses, facts, recordings, result_files
-from app.jobs.versions import identify_work
+from app.jobs.versions import identify_work, select_same
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
@@ -95,13 +95,7 @@ class JobStore:
 
     def find_same(self, sha256: str, request: ReportRequest) -> Job | None:
         """Give the analysis of the same bytes with the same settings by the same engine, if there is one."""
-        useful = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
-        query = (
-            select_jobs()
-            .where(analyses.c.key == identify_work(sha256, request), analyses.c.state.in_(useful))
-            .order_by(analyses.c.created_at)
-            .limit(1)
-        )
+        query = select_same([identify_work(sha256, request)]).limit(1)
         with self._reader.connect() as connection:
             row = connection.execute(query).one_or_none()
         return read_job(row) if row else None
@@ -124,7 +118,7 @@ class JobStore:
             if connection.execute(repeated).scalar() is None:
                 recording = (job.recording_id, job.sha256)
                 again = enqueue(connection, recording, job.request, way_in, job.batch_id)
-                connection.execute(update(analyses).where(mine).values(replaced_by=again))
+                replace_job(connection, job.id, again)
         return self.get(str(self.get(analysis_id).replaced_by))
 
     def get(self, analysis_id: str) -> Job:
@@ -149,7 +143,8 @@ class JobStore:
         query = select_jobs()
         for name, value in asdict(wanted).items():
             if value:
-                query = query.where(analyses.c[name] == value)
+                is_wanted = analyses.c.id.in_(select_items(value)) if name == "batch_id" else None
+                query = query.where(analyses.c[name] == value if is_wanted is None else is_wanted)
         if after is not None:
             query = query.where(is_after((analyses.c.created_at, analyses.c.id), after))
         newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
@@ -253,6 +248,13 @@ class JobStore:
         with self._engine.begin() as connection:
             return move_job(connection, analysis_id, JobState.QUEUED, back, token)
 
+    def hold_up(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
+        """Say what holds an attempt up, and how often its job was put back for it."""
+        facts = json.dumps({"tries": put_backs} if put_backs else {})
+        mine = (analyses.c.id == analysis_id, analyses.c.token == token)
+        told = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
+        self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(told))
+
     def cancel(self, analysis_id: str) -> Job:
         """Stop the job unless it is over; its worker sees that the attempt counts no more.
 
@@ -261,7 +263,7 @@ class JobStore:
         NotHere
         """
         with self._engine.begin() as connection:
-            move_job(connection, analysis_id, JobState.CANCELLED, {"ended_at": tell_now()})
+            cancel_job(connection, analysis_id)
         return self.get(analysis_id)
 
     def list_claims(self) -> tuple[Claim, ...]:

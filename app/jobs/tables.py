@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "0003"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0004"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 metadata = MetaData()
 
@@ -72,6 +72,7 @@ analyses = Table(
     Column("turn", Integer, nullable=False, server_default="0"),
     Column("batch_id", String(32)),
     Column("replaced_by", String(32)),
+    Column("put_backs", Integer, nullable=False, server_default="0"),
     Index("analyses_in_turn", "state", "priority", "turn", "created_at", "id"),
     Index("analyses_by_age", "created_at", "id"),
     Index("analyses_by_state", "state", "created_at", "id"),
@@ -86,6 +87,16 @@ batches = Table(
     Column("name", Text, nullable=False),
     Column("item_count", Integer, nullable=False),
     Column("created_at", String(32), nullable=False),
+    Column("duplicate_count", Integer, nullable=False, server_default="0"),
+)
+
+# Which analyses a batch asked for, in order; one may stand in several batches.
+batch_items = Table(
+    "batch_items",
+    metadata,
+    Column("batch_id", ForeignKey("batches.id"), primary_key=True),
+    Column("place", Integer, primary_key=True),
+    Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), nullable=False, index=True),
 )
 
 kept_answers = Table(

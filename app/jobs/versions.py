@@ -7,10 +7,12 @@ version: its number goes to the next.
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
-from sqlalchemy import Connection, select
+from sqlalchemy import Connection, Select, select
 
 from app.jobs.job import JobState
+from app.jobs.reading import select_jobs
 from app.jobs.tables import analyses
 from app.request import ReportRequest, compare_settings
 from app.version import software_revision, software_version
@@ -27,6 +29,12 @@ def identify_work(sha256: str, request: ReportRequest) -> str:
     plain = replace(request, version=1, changes=(), reason="")
     parts = (sha256, plain.to_json(), software_version(), software_revision())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def select_same(keys: Sequence[str]) -> Select[Any]:
+    """Select the analyses with such keys that are there or on their way, the oldest first."""
+    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(_COUNTED))
+    return select_jobs().where(*mine).order_by(analyses.c.created_at, analyses.c.id)
 
 
 def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:

@@ -13,8 +13,8 @@ from sqlalchemy import Connection, Engine, delete, func, insert, select, update
 
 from app.errors import NotHere
 from app.jobs.job import JobState
-from app.jobs.reading import tell_now
-from app.jobs.tables import analyses, batches, deliveries, webhooks
+from app.jobs.reading import select_items, tell_now
+from app.jobs.tables import analyses, batch_items, batches, deliveries, webhooks
 
 Event = Literal["analysis.finished", "batch.finished"]
 EVENTS: tuple[Event, ...] = get_args(Event)
@@ -115,23 +115,33 @@ class WebhookStore:
 
 
 def announce_end(connection: Connection, analysis_id: str, state: JobState) -> None:
-    """Write down what is to be told of an analysis that has just ended, and of its batch if that has, too."""
-    hooks = connection.execute(select(webhooks.c.id, webhooks.c.events)).all()
+    """Write down what is to be told of an analysis that has just ended, and of a batch that has with it."""
+    hooks = _list_hooks(connection)
     if not hooks:
         return
     told = {"analysis_id": analysis_id, "state": state.value}
-    _announce(connection, [(hook.id, hook.events) for hook in hooks], "analysis.finished", told)
-    batch_id = connection.execute(select(analyses.c.batch_id).where(analyses.c.id == analysis_id)).scalar()
-    if batch_id is not None and _is_over(connection, batch_id):
-        told = {"batch_id": batch_id}
-        _announce(connection, [(hook.id, hook.events) for hook in hooks], "batch.finished", told)
+    _announce(connection, hooks, "analysis.finished", told)
+    of_it = select(batch_items.c.batch_id).where(batch_items.c.analysis_id == analysis_id)
+    for batch_id in connection.execute(of_it.distinct().order_by(batch_items.c.batch_id)).scalars().all():
+        announce_batch(connection, batch_id)
+
+
+def announce_batch(connection: Connection, batch_id: str) -> None:
+    """Write down what is to be told of a batch, if it is over."""
+    hooks = _list_hooks(connection)
+    if hooks and _is_over(connection, batch_id):
+        _announce(connection, hooks, "batch.finished", {"batch_id": batch_id})
+
+
+def _list_hooks(connection: Connection) -> list[tuple[str, str]]:
+    return [(hook.id, hook.events) for hook in connection.execute(select(webhooks.c.id, webhooks.c.events))]
 
 
 def _is_over(connection: Connection, batch_id: str) -> bool:
     """Count what goes on, one ending at a time: two last ones must not each take the other for unfinished."""
     connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
     going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
-    count = select(func.count()).where(analyses.c.batch_id == batch_id, going_on)
+    count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)
     return connection.execute(count).scalar_one() == 0
 
 

@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ from app.stores import load_extra, open_storage
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
+LONGEST_PAUSE_S = 60.0
 
 logger = logging.getLogger(__name__)
 
@@ -133,16 +134,43 @@ def _insist(bench: Bench, change: Callable[[], None]) -> None:
 
 
 def _attempt_patiently(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
-    """Put the job back, uncounted, when it is the store or the disk that fails."""
+    """Hold the job, then put it back, uncounted, when it is the store or the disk that fails."""
     try:
-        return _attempt(bench, job, token, heart)
-    except (StoreAway, DiskFull) as trouble:
-        logger.warning("%s: put back for now: %s", job.id, trouble.code)
-        bench.stopping.wait(TROUBLE_S)
-        return Stopped()
+        outcome = _attempt(bench, job, token, heart)
+    except StoreAway as trouble:
+        return _hold(bench, job, heart, HeldUp(trouble.code, job.put_backs, TROUBLE_S))
+    except DiskFull:
+        outcome = Refused(DiskFull.code, {})
     except FileNotFoundError:
         logger.exception("%s: the recording %s is gone", job.id, job.recording_id)
         return Refused(StoreDamaged.code, {})
+    if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
+        return outcome
+    bench.storage.drop_attempt(job.id, token)  # what was written until then takes room, too
+    if job.put_backs >= bench.settings.max_put_backs:
+        return Refused(DiskFull.code, {"tries": job.put_backs + 1})
+    pause_s = min(TROUBLE_S * 2**job.put_backs, LONGEST_PAUSE_S)
+    return _hold(bench, job, heart, HeldUp(DiskFull.code, job.put_backs + 1, pause_s))
+
+
+@dataclass(frozen=True, slots=True)
+class HeldUp:
+    """What is in the way of a job, how often it was put back for a full disk, and how long it waits now."""
+
+    code: str
+    put_backs: int
+    pause_s: float
+
+
+def _hold(bench: Bench, job: Job, heart: Heart, held: HeldUp) -> Outcome:
+    """Tell what is in the way, and keep the job for a while: a peer at the same disk would fare no better."""
+    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, held.pause_s, held.code)
+    with suppress(OperationalError):  # the database may lie on the disk that is full
+        bench.store.hold_up(job.id, str(job.token), held.code, held.put_backs)
+    end_s = time.monotonic() + held.pause_s
+    while time.monotonic() < end_s and _tell_unless_stopping(bench, heart, None, 0.0):
+        bench.stopping.wait(IDLE_S)
+    return Stopped()
 
 
 def _attempt(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:

@@ -1,5 +1,6 @@
 """Small takers of ``make_report``'s place: an attempt's child process imports them by name."""
 
+import errno
 import os
 import signal
 import time
@@ -76,3 +77,9 @@ def write_in_a_second(log: Path, request: ReportRequest, out: Path, on_stage: On
     on_stage("fusing", 0.5)
     time.sleep(1)
     write_report(log, request, out, on_stage)
+
+
+def find_no_room(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Meet a full disk half-way."""
+    (out / "results.json").write_bytes(b"{")
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

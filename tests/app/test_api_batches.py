@@ -101,7 +101,7 @@ def test_failed_ones_can_be_tried_again_and_count_once(client: TestClient, bench
 
 
 def test_batches_take_turns(client: TestClient, store: JobStore) -> None:
-    first, second = start(client, 3)["id"], start(client, 3)["id"]
+    first, second = start(client, 3)["id"], start(client, 3, settings={"side": "left"})["id"]
 
     order = []
     while job := store.claim(stand_ins.NOBODY):
@@ -122,3 +122,57 @@ def test_a_single_request_waits_for_one_round_only(client: TestClient, store: Jo
 def test_a_batch_that_is_not_there_is_not_found(client: TestClient) -> None:
     assert client.get(f"{URL}/ba_none").status_code == 404
     assert client.get(f"{URL}/ba_none/summary.csv").status_code == 404
+
+
+def test_the_same_item_twice_is_analysed_once(client: TestClient, bench: OpenBench) -> None:
+    one, other = {"recording_id": keep(client, 0)}, {"recording_id": keep(client, 1)}
+    batch = client.post(URL, json={"items": [one, other, one]}).json()
+    worker = bench(stand_ins.refuse)
+    while run_next(worker):
+        pass
+
+    rows = read(client.get(batch["links"]["summary_csv"]).text)
+
+    assert (batch["item_count"], batch["duplicate_count"], batch["counts"]["queued"]) == (2, 1, 2)
+    assert [row["file_name"] for row in rows] == ["0.csv", "1.csv"]
+
+
+def test_what_was_analysed_before_is_taken_as_it_is(client: TestClient, bench: OpenBench) -> None:
+    items = [{"recording_id": keep(client, 0)}]
+    client.post(URL, json={"items": items})
+    run_next(bench(stand_ins.write_report))
+
+    again = client.post(URL, json={"items": items}).json()
+
+    assert (again["is_over"], again["duplicate_count"], again["counts"]["succeeded"]) == (True, 1, 1)
+    listed = client.get(again["links"]["analyses"]).json()["items"]
+    assert [analysis["recording_id"] for analysis in listed] == [items[0]["recording_id"]]
+
+
+def test_a_batch_may_ask_for_everything_anew(client: TestClient) -> None:
+    items = [{"recording_id": keep(client, 0)}]
+    client.post(URL, json={"items": items})
+
+    anew = client.post(URL, json={"items": items, "again": True}).json()
+
+    assert (anew["duplicate_count"], anew["counts"]["queued"]) == (0, 1)
+
+
+def test_a_repetition_takes_its_place_in_every_batch_that_asked(client: TestClient, bench: OpenBench) -> None:
+    items = [{"recording_id": keep(client, 0)}]
+    first, second = (client.post(URL, json={"items": items}).json() for _ in range(2))
+    run_next(bench(stand_ins.refuse))
+
+    client.post(first["links"]["retry_failed"])
+    run_next(bench(stand_ins.write_report))
+
+    assert client.get(second["links"]["self"]).json()["counts"]["succeeded"] == 1
+
+
+def test_a_recording_that_is_not_there_is_named(client: TestClient, store: JobStore) -> None:
+    items = [{"recording_id": keep(client, 0)}, {"recording_id": "rec_none"}]
+
+    refused = client.post(URL, json={"items": items})
+
+    assert (refused.status_code, "rec_none" in refused.json()["detail"]) == (404, True)
+    assert store.list_newest() == ()

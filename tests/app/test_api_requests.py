@@ -224,6 +224,37 @@ def test_a_full_queue_refuses_more(settings: Settings) -> None:
     assert answer.headers["retry-after"] == "5"
 
 
+@pytest.mark.parametrize("address", ["/api/v1/analyze", "/api/v1/recordings"])
+def test_more_uploads_at_once_than_are_taken_are_told_to_come_again(settings: Settings, address: str) -> None:
+    application = create_app(settings.model_copy(update={"max_uploads_at_once": 0}))
+    with TestClient(application, base_url="http://localhost") as client:
+        answer = client.post(address, content=b"x")
+
+        stored = client.get("/api/v1/recordings").json()["items"]
+
+    assert (answer.status_code, answer.json()["code"]) == (429, "E-TOO-MANY")
+    assert (answer.headers["retry-after"], stored) == ("5", [])
+
+
+def test_the_turn_of_an_upload_that_ended_badly_is_free_again(settings: Settings) -> None:
+    application = create_app(settings.model_copy(update={"max_uploads_at_once": 1}))
+    with TestClient(application, base_url="http://localhost") as client:
+        client.post("/api/v1/analyze", content=b"")
+
+        assert client.post("/api/v1/analyze", content=b"x").status_code == 202
+
+
+def test_of_several_recordings_none_is_analysed_where_one_is_not_there(
+    client: TestClient, store: JobStore
+) -> None:
+    wish = {"recording_ids": [keep(client), "rec_none"]}
+
+    refused = client.post(URL, json=wish)
+
+    assert (refused.status_code, "rec_none" in refused.json()["detail"]) == (404, True)
+    assert store.list_newest() == ()
+
+
 def test_a_person_goes_before_a_hundred_scripts(client: TestClient, store: JobStore) -> None:
     for k in range(100):
         client.post("/api/v1/analyze", content=bytes([k]))

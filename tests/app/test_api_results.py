@@ -192,3 +192,44 @@ def test_a_file_that_is_not_offered_is_not_found(client: TestClient, bench: Open
     address = analyse(client, bench, stand_ins.write_report)
 
     assert client.get(f"{address}/done.json").status_code == 404
+
+
+def test_every_link_of_an_analysis_leads_somewhere(client: TestClient, bench: OpenBench) -> None:
+    links = client.get(analyse(client, bench, stand_ins.write_report)).json()["links"]
+    read = [link for name, link in links.items() if name not in {"cancel", "retry"}]
+
+    refused = {link: client.get(link) for link in read}
+
+    assert [link for link, answer in refused.items() if "E-NOT-FOUND" in answer.text] == []
+
+
+@pytest.mark.parametrize("asked", ["lines=1-2", "bytes=5-2", "bytes=-", "bytes=one-two", "0-3"])
+def test_a_range_that_cannot_be_understood_gives_the_whole_file(
+    client: TestClient, bench: OpenBench, asked: str
+) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    answer = client.get(f"{address}/results.json", headers={"range": asked})
+
+    assert (answer.status_code, answer.content) == (200, stand_ins.RESULTS)
+
+
+@pytest.mark.parametrize("asked", ["bytes=100000-", "bytes=-0", "bytes=0-3,100000-"])
+def test_a_range_behind_the_end_is_refused(client: TestClient, bench: OpenBench, asked: str) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    answer = client.get(f"{address}/results.json", headers={"range": asked})
+
+    assert (answer.status_code, answer.json()["code"]) == (416, "E-RANGE")
+    assert answer.headers["content-range"] == f"bytes */{len(stand_ins.RESULTS)}"
+
+
+@pytest.mark.parametrize(("asked", "part"), [("bytes=-4", -4), ("BYTES=100-", 100)])
+def test_the_end_of_a_file_can_be_asked_for(
+    client: TestClient, bench: OpenBench, asked: str, part: int
+) -> None:
+    address = analyse(client, bench, stand_ins.write_report)
+
+    answer = client.get(f"{address}/results.json", headers={"range": asked})
+
+    assert (answer.status_code, answer.content) == (206, stand_ins.RESULTS[part:])

@@ -87,6 +87,15 @@ def test_the_first_bytes_may_come_with_the_announcement(client: TestClient) -> N
     assert (answer.status_code, answer.headers["upload-offset"]) == (201, "4")
 
 
+def test_bytes_beyond_what_is_taken_at_once_are_told_to_come_again(settings: Settings) -> None:
+    application = create_app(settings.model_copy(update={"max_uploads_at_once": 0}))
+    with TestClient(application, base_url="http://localhost") as client:
+        address = announce(client, 3)
+
+        assert append(client, address, 0, b"abc") == 429
+        assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
+
+
 def test_bytes_for_another_place_are_refused(client: TestClient) -> None:
     address = announce(client, 10)
 

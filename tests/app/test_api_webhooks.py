@@ -172,6 +172,34 @@ def test_a_batch_is_told_once_when_its_last_one_ends(
     assert [json.loads(body)["data"] for _, body in listener.heard] == [{"batch_id": batch["id"]}]
 
 
+def test_a_batch_of_what_is_done_already_is_told_at_once(
+    open_client: TestClient, bench: OpenBench, listener: Listener
+) -> None:
+    items = [{"recording_id": open_client.post("/api/v1/recordings", content=b"x").json()["id"]}]
+    open_client.post("/api/v1/batches", json={"items": items})
+    run_next(bench(stand_ins.write_report))
+    subscribe(open_client, listener.url, events=["batch.finished"])
+
+    again = open_client.post("/api/v1/batches", json={"items": items}).json()
+    tell_webhooks(services_of(open_client.app), 1.0)
+
+    assert [json.loads(body)["data"] for _, body in listener.heard] == [{"batch_id": again["id"]}]
+
+
+def test_a_batch_that_ends_because_its_recording_is_thrown_away_is_told(
+    open_client: TestClient, listener: Listener
+) -> None:
+    subscribe(open_client, listener.url, events=["batch.finished"])
+    recording = open_client.post("/api/v1/recordings", content=b"x").json()
+    items = [{"recording_id": recording["id"]}]
+    batch = open_client.post("/api/v1/batches", json={"items": items}).json()
+
+    open_client.delete(recording["links"]["self"])
+    tell_webhooks(services_of(open_client.app), 1.0)
+
+    assert [json.loads(body)["data"] for _, body in listener.heard] == [{"batch_id": batch["id"]}]
+
+
 @pytest.mark.parametrize(
     "url",
     [

@@ -287,3 +287,42 @@ def test_a_holder_beats_while_the_store_is_slow(
 def test_a_large_file_is_given_more_time(settings: Settings) -> None:
     assert choose_limits(settings, 1_000_000).wall_s == 600.0
     assert choose_limits(settings, 2_000_000_000).wall_s == 2400.0
+
+
+def test_a_job_that_finds_the_disk_full_goes_back_and_says_so(
+    store: JobStore, settings: Settings, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.find_no_room))
+
+    held = store.get(job.id)
+    assert (held.state, held.attempts, held.put_backs) == (JobState.QUEUED, 0, 1)
+    assert (held.problem_code, held.problem_facts) == ("E-DISK", {"tries": 1})
+    assert not list((settings.data_dir / "analyses").glob("*/*"))
+
+
+def test_a_job_that_finds_the_disk_full_too_often_fails(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    worker = bench(stand_ins.find_no_room, max_put_backs=1)
+
+    run_next(worker)
+    run_next(worker)
+
+    failed = store.get(job.id)
+    assert (failed.state, failed.problem_code) == (JobState.FAILED, "E-DISK")
+    assert failed.problem_facts == {"tries": 2}
+
+
+def test_room_again_makes_the_report_and_the_trouble_is_forgotten(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    run_next(bench(stand_ins.find_no_room))
+
+    run_next(bench(stand_ins.write_report))
+
+    done = store.get(job.id)
+    assert (done.state, done.problem_code) == (JobState.SUCCEEDED, None)

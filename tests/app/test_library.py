@@ -189,7 +189,8 @@ def test_a_batch_shows_its_own_analyses_and_no_other(
 ) -> None:
     add_job(b"alone")
     row = RecordingStore(store.engine, store.reader).get(add_job(b"in it").recording_id)
-    batch = BatchStore(store.engine, store.reader).add("spring", [(row, ReportRequest("shift.gt3x"))])
+    asked = [(row, ReportRequest("shift.gt3x", side="left"))]
+    batch = BatchStore(store.engine, store.reader).add("spring", asked)
 
     (entry,) = library.list_page(LibraryFilter(batch=batch.id), 10)
 

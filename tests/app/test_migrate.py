@@ -12,6 +12,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect, text
 
 from app.errors import DatabaseTooNew, DatabaseTooOld
+from app.jobs.batches import BatchStore
 from app.jobs.database import connect, open_database, read_revision
 from app.jobs.migrate import configure, migrate, upgrade
 from app.jobs.store import JobStore
@@ -104,6 +105,26 @@ def test_an_earlier_release_s_rows_are_copied_and_kept(engine: Engine, database:
     assert copy is not None
     with zipfile.ZipFile(copy) as archive:
         assert json.loads(archive.read("rows/recordings.jsonl"))["file_name"] == "Équipe.gt3x"
+
+
+def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(engine: Engine, database: str) -> None:
+    asked = ReportRequest("a.gt3x").to_json()
+    common = f"'rec_1', '{asked}', 'api', 'queued', 0, 0, 0"
+    columns = "id, recording_id, request, way_in, state, progress, attempts, beats, created_at, batch_id"
+    make_earlier(engine)
+    with engine.begin() as connection:
+        upgrade(connection, "0003")
+        connection.exec_driver_sql("INSERT INTO batches VALUES ('ba_1', 'spring', 2, '2026')")
+        for name, moment in (("an_b", "2026-02"), ("an_a", "2026-03")):
+            row = f"'{name}', {common}, '{moment}-02T07:00:00+00:00', 'ba_1'"
+            connection.exec_driver_sql(f"INSERT INTO analyses ({columns}) VALUES ({row})")
+        upgrade(connection)
+
+    store = JobStore(database)
+    batches = BatchStore(store.engine, store.reader)
+    assert [job.id for job in batches.list_jobs("ba_1")] == ["an_b", "an_a"]
+    assert (batches.get("ba_1").item_count, batches.get("ba_1").duplicate_count) == (2, 0)
+    store.close()
 
 
 def test_a_migration_that_fails_leaves_the_tables_as_they_were(engine: Engine) -> None:

@@ -8,6 +8,7 @@ from app.batch.participants import assign_participants, read_participants
 from app.batch.plan import Task
 from app.errors import UnusableParticipants
 from app.request import ReportRequest
+from fusion.errors import UnusableDiary
 
 
 def read_one(text: str, folder: Path = Path()) -> dict[str, object]:
@@ -104,3 +105,35 @@ def test_a_row_for_no_recording_is_given_back() -> None:
     _, unmatched = assign_participants([make_task("a.gt3x")], people)
 
     assert [row.line for row in unmatched] == [2]
+
+
+def test_accents_may_be_written_in_one_sign_or_in_two() -> None:
+    people = read_participants("file,subject\nZoé.gt3x,S01\n".encode(), Path())
+
+    tasks, _ = assign_participants([make_task("in/Zoe\u0301.gt3x")], people)
+
+    assert tasks[0].request.subject == "S01"
+
+
+def test_a_link_is_known_by_where_it_was_named(tmp_path: Path) -> None:
+    (tmp_path / "S01.gt3x").symlink_to(tmp_path / "archive.gt3x")
+    people = read_participants(b"file,subject\nS01.gt3x,S01\n", Path())
+
+    tasks, _ = assign_participants([make_task(str(tmp_path / "S01.gt3x"))], people)
+
+    assert tasks[0].request.subject == "S01"
+
+
+def test_a_diary_that_is_not_there_is_named_with_its_line() -> None:
+    facts = refusal("file,diary\na.gt3x,lost.csv\n").facts
+
+    assert (facts["line"], facts["why"], facts["value"]) == (2, "no such file", "lost.csv")
+
+
+def test_a_slip_in_a_diary_names_the_diary(tmp_path: Path) -> None:
+    (tmp_path / "d.csv").write_text("start,end,kind\nten,10:15,break\n")
+
+    with pytest.raises(UnusableDiary) as caught:
+        read_participants(b"file,diary\na.gt3x,d.csv\n", tmp_path)
+
+    assert caught.value.facts["diary"] == "d.csv"

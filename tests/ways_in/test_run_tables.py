@@ -1,6 +1,7 @@
 """The tables of a run: every row says which recording it is about, also after a run that was cut."""
 
 import csv
+import os
 import shutil
 import signal
 import subprocess
@@ -84,30 +85,25 @@ def test_the_page_lists_the_recordings_by_where_they_lie(twins: Path) -> None:
     assert '<a href="arm-2/report.html">p2/arm.gt3x</a>' in page
 
 
+def cut_run(folder: Path, *options: str, by: signal.Signals = signal.SIGINT) -> int:
+    """Run over a folder, one at a time, and cut it after the first recording; gives the exit code."""
+    words = ["run", str(folder), "-o", str(folder / "out"), "-j", "1", "--json-log", *options]
+    command = [sys.executable, "-c", START, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
+        assert run.stdout is not None
+        run.stdout.readline()
+        run.send_signal(by)
+        run.stdout.read()
+    return run.returncode
+
+
 @pytest.fixture(scope="module")
 def cut(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
     """A run of three that got Ctrl-C after the first: its exit code and its results."""
     folder = tmp_path_factory.mktemp("cut")
     for name in ("a", "b", "c"):
         shutil.copy(shift_gt3x, folder / f"{name}.gt3x")
-    command = [
-        sys.executable,
-        "-c",
-        START,
-        "run",
-        str(folder),
-        "-o",
-        str(folder / "out"),
-        "-j",
-        "1",
-        "--json-log",
-    ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
-        assert run.stdout is not None
-        run.stdout.readline()
-        run.send_signal(signal.SIGINT)
-        run.stdout.read()
-    return run.returncode, folder / "out"
+    return cut_run(folder), folder / "out"
 
 
 def test_a_run_that_was_cut_says_so_by_its_exit_code(cut: tuple[int, Path]) -> None:
@@ -128,3 +124,31 @@ def test_the_problems_of_a_run_that_was_cut_say_how_to_go_on(cut: tuple[int, Pat
     fixes = {row["fix"] for row in read_table(cut[1] / "problems.csv")}
 
     assert fixes == {"Give the same command again: it goes on from here, and what is done is not done twice."}
+
+
+def test_what_an_earlier_run_has_done_stays_in_the_tables_of_one_that_was_cut(
+    shift_gt3x: Path, tmp_path: Path
+) -> None:
+    for name in ("b", "c"):
+        shutil.copy(shift_gt3x, tmp_path / f"{name}.gt3x")
+    CliRunner().invoke(app, ["run", str(tmp_path), "-o", str(tmp_path / "out"), "--report", "html"])
+    for name in ("a", "d"):
+        shutil.copy(shift_gt3x, tmp_path / f"{name}.gt3x")
+
+    code = cut_run(tmp_path, "--report", "html", by=signal.SIGTERM)
+
+    codes = {row["file_name"]: row["error_code"] for row in read_table(tmp_path / "out" / "summary.csv")}
+    done = {"b.gt3x": "", "c.gt3x": ""}
+    assert (code, codes) == (130, {"a.gt3x": "E-INTERRUPTED", **done, "d.gt3x": "E-INTERRUPTED"})
+
+
+def test_a_name_that_is_not_utf_8_stops_no_run(shift_gt3x: Path, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    shutil.copy(shift_gt3x, tmp_path / "in" / os.fsdecode(b"caf\xe9.gt3x"))
+    shutil.copy(shift_gt3x, tmp_path / "in" / "plain.gt3x")
+
+    run = CliRunner().invoke(app, ["run", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--json-log"])
+
+    rows = [(row["file_name"], row["path"]) for row in read_table(tmp_path / "out" / "summary.csv")]
+    assert run.exit_code == 0
+    assert rows == [("caf.gt3x", "caf\N{REPLACEMENT CHARACTER}.gt3x"), ("plain.gt3x", "plain.gt3x")]

@@ -83,7 +83,7 @@ export class TusUpload {
       this.on.smaller(this.piece);
       return { recording: null };
     }
-    if ([404, 409, 410, 423].includes(answer.status)) throw new Lost(); // ask again where it stands
+    if ([404, 409, 410, 423, 429].includes(answer.status)) throw new Lost(); // ask again where it stands
     throw refuse(answer);
   }
 
