@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from app.decoded import NOTHING_KNOWN, KnownLogs
-from app.errors import AttemptFailed, InternalError, OutOfMemory, OutOfTime
+from app.errors import AppError, AttemptFailed, InternalError, OutOfMemory, OutOfTime
 from app.request import OnStage, ReportRequest, Stage
 from app.settings import Settings
 from app.storage import ResultFile, seal_folder
@@ -191,7 +191,7 @@ def _try(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
         attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
         return Finished(seal_folder(attempt.out))
-    except FusionError as refusal:
+    except (FusionError, AppError) as refusal:
         return Refused(refusal.code, refusal.facts)
     except MemoryError:
         return _refuse(OutOfMemory(max=round(attempt.limits.memory_bytes / 1e9, 1)))

@@ -2,6 +2,7 @@
 // most. A piece that is refused as too large is halved; a lost network is waited for.
 
 import { fingerprint, forget, recall, remember } from "./memory.js";
+import { rest } from "../say.js";
 
 const KIB = 1024;
 const FIRST_PIECE = 1024 * KIB; // small, so that the server soon sees what the file is
@@ -9,7 +10,7 @@ const LARGEST_PIECE = 64 * 1024 * KIB;
 const SMALLEST_PIECE = 512 * KIB;
 const MOST_TRIES = 12;
 const LONGEST_PAUSE_MS = 20000;
-const TUS = { "Tus-Resumable": "1.0.0" };
+export const TUS = { "Tus-Resumable": "1.0.0" };
 
 export class Refusal extends Error {
   constructor(problem) {
@@ -38,7 +39,7 @@ export class TusUpload {
         tries = this.offset > before ? 1 : tries + 1;
         if (tries > MOST_TRIES) throw error;
         this.on.waiting();
-        await pause(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+        await rest(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
       }
     }
   }
@@ -49,7 +50,6 @@ export class TusUpload {
       answer = await this.sendPiece();
       this.on.piece();
     }
-    forget(fingerprint(this.file));
     return answer.recording;
   }
 
@@ -62,12 +62,12 @@ export class TusUpload {
         this.address = known;
         return this.read(answer);
       }
-      forget(fingerprint(this.file));
+      forget(this.file);
     }
     const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, this.words) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
-    remember(this.file, this.address);
+    remember(this.file, { address: this.address, ...this.words });
     this.offset = 0;
     return { recording: null };
   }
@@ -95,6 +95,7 @@ export class TusUpload {
 
   ask(method, address, headers, body = null) {
     return new Promise((resolve, reject) => {
+      if (this.stopped) return reject(new Lost());
       const request = new XMLHttpRequest();
       this.request = request;
       request.open(method, address);
@@ -106,13 +107,22 @@ export class TusUpload {
     });
   }
 
-  // Stop at once; what the server holds is given up unless it is to be gone on with.
-  stop(isGivenUp) {
+  // Stop at once; what has come is given up.
+  stop() {
     this.stopped = true;
     this.request?.abort();
-    if (!isGivenUp) return;
-    forget(fingerprint(this.file));
-    if (this.address) fetch(this.address, { method: "DELETE", headers: TUS }).catch(() => {});
+    forget(this.file);
+    return giveUp(this.address);
+  }
+}
+
+// Have the server drop what it holds of an upload: again and again, for it may still be taking the last piece
+// (423), or be out of reach.
+export async function giveUp(address) {
+  for (let tries = 0; address && tries < MOST_TRIES; tries += 1) {
+    const answer = await fetch(address, { method: "DELETE", headers: TUS }).catch(() => null);
+    if (answer && answer.status !== 423) return;
+    await rest(Math.min(250 * 2 ** tries, LONGEST_PAUSE_MS));
   }
 }
 
@@ -131,12 +141,4 @@ function isOurs(answer) {
 
 function refuse(answer) {
   return isOurs(answer) ? new Refusal(JSON.parse(answer.responseText)) : new Lost();
-}
-
-// Wait, but no longer than until the network is back.
-function pause(milliseconds) {
-  return new Promise((resolve) => {
-    const timer = setTimeout(resolve, milliseconds);
-    window.addEventListener("online", () => (clearTimeout(timer), resolve()), { once: true });
-  });
 }
