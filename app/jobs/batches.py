@@ -9,7 +9,7 @@ from sqlalchemy import Engine, func, insert, select, update
 from app.errors import NotHere
 from app.jobs.job import Job, JobState
 from app.jobs.queueing import enqueue_all
-from app.jobs.reading import read_job, select_jobs, tell_now
+from app.jobs.reading import counts_in_batch, read_job, select_jobs, tell_now
 from app.jobs.recordings import StoredRow
 from app.jobs.tables import analyses, batches
 from app.request import ReportRequest
@@ -55,9 +55,7 @@ class BatchStore:
         NotHere
         """
         counted = (
-            select(analyses.c.state, func.count())
-            .where(analyses.c.batch_id == batch_id, analyses.c.replaced_by.is_(None))
-            .group_by(analyses.c.state)
+            select(analyses.c.state, func.count()).where(counts_in_batch(batch_id)).group_by(analyses.c.state)
         )
         with self._reader.connect() as connection:
             row = connection.execute(select(batches).where(batches.c.id == batch_id)).one_or_none()
@@ -76,18 +74,14 @@ class BatchStore:
 
     def list_jobs(self, batch_id: str) -> tuple[Job, ...]:
         """Give the analyses that count, in the order in which they were asked for."""
-        query = select_jobs().where(analyses.c.batch_id == batch_id, analyses.c.replaced_by.is_(None))
+        query = select_jobs().where(counts_in_batch(batch_id))
         with self._reader.connect() as connection:
             rows = connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)).all()
         return tuple(read_job(row) for row in rows)
 
     def retry_failed(self, batch_id: str) -> int:
         """Queue every failed analysis of the batch again, in one commit; gives how many."""
-        failed = select_jobs().where(
-            analyses.c.batch_id == batch_id,
-            analyses.c.state == JobState.FAILED,
-            analyses.c.replaced_by.is_(None),
-        )
+        failed = select_jobs().where(counts_in_batch(batch_id), analyses.c.state == JobState.FAILED)
         with self._engine.begin() as connection:
             jobs = [read_job(row) for row in connection.execute(failed.with_for_update())]
             wanted = [(job.recording_id, job.sha256, job.request) for job in jobs]

@@ -42,7 +42,7 @@ class Job:
 
     ``token`` names the attempt that runs now or that succeeded; only its holder may move the job on.
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` say why a
-    failed job failed. ``replaced_by`` names the job that repeats it.
+    failed job failed. ``replaced_by`` names the job that repeats it, or the report that stays after it.
     """
 
     id: str

@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Engine, Select, and_, case, func, or_, sel
 
 from app.jobs.answers import Answer
 from app.jobs.job import Job, JobState
-from app.jobs.reading import STORED, read_job, select_jobs
+from app.jobs.reading import STORED, counts_in_batch, read_job, select_jobs
 from app.jobs.tables import analyses, answers, recordings
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
@@ -153,7 +153,7 @@ def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
     told = (answers.c.verdict, answers.c.start, answers.c.recorded_s, answers.c.above_60_percent)
     is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(),)
     if wanted.batch:
-        is_shown = (analyses.c.batch_id == wanted.batch, analyses.c.replaced_by.is_(None))
+        is_shown = (counts_in_batch(wanted.batch),)
     report_id = _find_own_report() if wanted.batch else _find_report()
     query = (
         select(analyses, *about, *told, report_id.label("report_id"))

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, cast
 
-from sqlalchemy import Row, Select, func, select
+from sqlalchemy import ColumnElement, Row, Select, and_, exists, func, select
 
 from app.jobs.job import Job, JobState
 from app.jobs.tables import analyses, recordings
@@ -24,6 +24,17 @@ def select_jobs() -> Select[Any]:
     joined = select(analyses, *about).join(recordings, analyses.c.recording_id == recordings.c.id)
     # coalesce, so that no planner starts from this index: nearly every recording is stored
     return joined.where(func.coalesce(recordings.c.state, "") == STORED)
+
+
+def counts_in_batch(batch_id: str) -> ColumnElement[bool]:
+    """Say which analyses of a batch count: each that was not repeated in it, one that was withdrawn, too."""
+    newer = analyses.alias()
+    repeats = exists().where(
+        newer.c.id == analyses.c.replaced_by,
+        newer.c.batch_id == batch_id,
+        newer.c.created_at > analyses.c.created_at,
+    )
+    return and_(analyses.c.batch_id == batch_id, ~repeats)
 
 
 def read_job(row: Row[Any]) -> Job:

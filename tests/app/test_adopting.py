@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from app.errors import NotHere
-from app.jobs.job import Job
+from app.jobs.batches import BatchStore
+from app.jobs.job import Job, JobState
 from app.jobs.library import Library, LibraryFilter
 from app.jobs.queueing import WayIn
 from app.jobs.recordings import RecordingStore, StoredRow
@@ -109,3 +110,16 @@ def test_without_a_report_there_is_nothing_to_withdraw_to(store: JobStore, add_j
 
     with pytest.raises(NotHere):
         store.withdraw(job.id)
+
+
+def test_in_its_batch_what_was_withdrawn_still_counts_as_failed(store: JobStore, first: Job) -> None:
+    batches = BatchStore(store.engine, store.reader)
+    row = RecordingStore(store.engine, store.reader).get(first.recording_id)
+    batch = batches.add("spring", [(row, replace(first.request, diary=BREAK))])
+    fail_next(store)
+    (failed,) = batches.list_jobs(batch.id)
+
+    store.withdraw(failed.id)
+
+    assert batches.get(batch.id).counts[JobState.FAILED] == 1
+    assert [job.id for job in batches.list_jobs(batch.id)] == [failed.id]
