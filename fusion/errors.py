@@ -90,6 +90,12 @@ class DamagedFile(UnreadableFile):
     code = "E-CORRUPT"
 
 
+class BlankFile(DamagedFile):
+    """Every byte is zero: room was kept, nothing was written. Facts: n (bytes)."""
+
+    code = "E-BLANK"
+
+
 class TruncatedArchive(DamagedFile):
     """The archive has lost its index. Facts: n (bytes)."""
 

@@ -4,6 +4,7 @@ import base64
 import binascii
 import hashlib
 import time
+import zlib
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,8 +13,8 @@ from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
 
 from app.api.services import Services
-from app.api.upload import copy_body
-from app.errors import BadChecksum, LockedUpload, WrongDigest, WrongLength, WrongOffset
+from app.api.upload import PIECE_BYTES, copy_body
+from app.errors import BadChecksum, LockedUpload, WrongDigest, WrongLength, WrongMediaType, WrongOffset
 from app.incoming import GrowingFile
 from app.jobs.uploads import UploadRow
 
@@ -21,16 +22,18 @@ OFFSET_BODY = "application/offset+octet-stream"
 CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
 SYNC_S = 0.5
 HEAD_BYTES = 2 << 20
+_GZIP_WINDOW = 16 + zlib.MAX_WBITS
 
 
 async def take_bytes(
     request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str = ""
 ) -> UploadRow:
-    """Append the body to an upload.
+    """Append the body to an upload; one that was packed (Content-Encoding: gzip) is unpacked as it comes.
 
     Raises
     ------
-    LockedUpload, WrongOffset, WrongLength, WrongDigest, BrokenUpload, SlowUpload, DiskFull, TooMany
+    LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload, DiskFull,
+    TooMany
     """
     with services.turns.take():
         return await _take_alone(request, services, upload_id, offset_bytes, checksum)
@@ -39,14 +42,16 @@ async def take_bytes(
 async def _take_alone(
     request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str
 ) -> UploadRow:
+    unpacker = _choose_unpacker(request.headers.get("content-encoding", ""))
     if not services.incoming.take(upload_id):
         raise LockedUpload
     try:
         row = await run_in_threadpool(services.uploads.get, upload_id)
         _check_place(request, row, offset_bytes)
         body = await run_in_threadpool(_open_body, services, row, checksum)
+        body.unpacker = unpacker
         try:
-            await copy_body(request, body.write)
+            await copy_body(request, body.take)
             await run_in_threadpool(body.check)
         finally:
             await run_in_threadpool(body.end)
@@ -59,7 +64,8 @@ def _check_place(request: Request, row: UploadRow, offset_bytes: int) -> None:
     if row.offset_bytes != offset_bytes:
         raise WrongOffset(expected=row.offset_bytes)
     announced = request.headers.get("content-length", "")
-    if announced.isdecimal() and offset_bytes + int(announced) > row.length_bytes:
+    is_plain = "content-encoding" not in request.headers
+    if is_plain and announced.isdecimal() and offset_bytes + int(announced) > row.length_bytes:
         raise WrongLength
 
 
@@ -108,6 +114,14 @@ def read_head(path: Path, offset_bytes: int) -> bytes:
         return b""
 
 
+def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
+    if encoding.strip().lower() in ("", "identity"):
+        return None
+    if encoding.strip().lower() != "gzip":
+        raise WrongMediaType(found=encoding[:60], allowed="gzip")
+    return zlib.decompressobj(_GZIP_WINDOW)
+
+
 def _open_body(services: Services, row: UploadRow, checksum: str) -> "_Body":
     digest, expected = _read_checksum(checksum) if checksum else (None, b"")
     file = GrowingFile(services.incoming.path(row.id), row.offset_bytes)
@@ -127,7 +141,7 @@ def _read_checksum(header: str) -> "tuple[hashlib._Hash, bytes]":
 
 @dataclass(slots=True)
 class _Body:
-    """The bytes of one request; with a checksum they count once it is right, else once they are safe.
+    """The bytes of one request. They count once they are safe; packed or with a checksum, once that is right.
 
     The disk is waited for beside the network: while ``counting`` makes bytes durable, more are written.
     """
@@ -140,6 +154,28 @@ class _Body:
     synced_s: float = field(default_factory=time.monotonic)
     beside: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "count"))
     counting: "Future[None] | None" = None
+    unpacker: "zlib._Decompress | None" = None
+
+    @property
+    def is_checked(self) -> bool:
+        """Nothing counts before the last byte: gzip, too, ends with a checksum."""
+        return self.digest is not None or self.unpacker is not None
+
+    def take(self, chunk: bytes) -> None:
+        """Take the next bytes of the body; however well they are packed, a little at a time is unpacked.
+
+        Raises
+        ------
+        WrongDigest, WrongLength, DiskFull
+        """
+        while self.unpacker is not None and chunk:
+            try:
+                piece = self.unpacker.decompress(chunk, PIECE_BYTES)
+            except zlib.error:
+                raise WrongDigest from None
+            chunk = self.unpacker.unconsumed_tail
+            self.write(piece)
+        self.write(chunk)
 
     def write(self, chunk: bytes) -> None:
         if self.file.offset_bytes + len(chunk) > self.row.length_bytes:
@@ -148,10 +184,13 @@ class _Body:
         self.file.write(chunk)
         if self.digest is not None:
             self.digest.update(chunk)
-        elif time.monotonic() - self.synced_s > SYNC_S and (self.counting is None or self.counting.done()):
+        if not self.is_checked and time.monotonic() - self.synced_s > SYNC_S and self._is_idle():
             self.wait()
             self.counting = self.beside.submit(self._count, self.file.flush())
             self.synced_s = time.monotonic()
+
+    def _is_idle(self) -> bool:
+        return self.counting is None or self.counting.done()
 
     def wait(self) -> None:
         """Wait for what is being counted, and raise what hindered it."""
@@ -175,21 +214,22 @@ class _Body:
     def end(self) -> None:
         """Keep what came, however the request ended; bytes that cannot be checked are not kept."""
         try:
-            if self.digest is None:
+            if not self.is_checked:
                 self.count()
         finally:
             self.beside.shutdown()
             self.file.close()
 
     def check(self) -> None:
-        """Compare the checksum, and only then let the bytes count.
+        """Compare the checksum, that of gzip, too, and only then let the bytes count.
 
         Raises
         ------
         WrongDigest
         """
-        if self.digest is None:
-            return
-        if self.digest.digest() != self.expected:
+        if self.unpacker is not None and not self.unpacker.eof:
             raise WrongDigest
-        self.count()
+        if self.digest is not None and self.digest.digest() != self.expected:
+            raise WrongDigest
+        if self.is_checked:
+            self.count()

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from app.decoded import NOTHING_KNOWN, KnownLogs
-from app.errors import AttemptFailed, DiskFull, InternalError, OutOfMemory, OutOfTime
+from app.errors import AppError, AttemptFailed, InternalError, OutOfMemory, OutOfTime
 from app.jobs.forking import choose_context
 from app.request import OnStage, ReportRequest, Stage
 from app.settings import Settings
@@ -184,7 +184,7 @@ def _try(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
         with name_full_disk():
             attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
             return Finished(seal_folder(attempt.out))
-    except (FusionError, DiskFull) as refusal:
+    except (FusionError, AppError) as refusal:
         return Refused(refusal.code, refusal.facts)
     except MemoryError:
         return _refuse(OutOfMemory(max=round(attempt.limits.memory_bytes / 1e9, 1)))

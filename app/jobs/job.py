@@ -42,8 +42,8 @@ class Job:
 
     ``token`` names the attempt that runs now or that succeeded; only its holder may move the job on.
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` say why a
-    failed job failed, or what holds up one that is not over. ``replaced_by`` names the job that repeats it.
-    ``put_backs`` counts how often it was held up by a full disk.
+    failed job failed, or what holds up one that is not over. ``put_backs`` counts how often a full disk held
+    it up. ``replaced_by`` names the job that repeats it, or the report that stays after it.
     """
 
     id: str

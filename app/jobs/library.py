@@ -114,7 +114,7 @@ class Library:
         if wanted.batch:
             return job.created_at.isoformat(timespec="microseconds"), job.id
         newest = select(analyses.c.created_at, analyses.c.id).where(
-            analyses.c.recording_id == job.recording_id
+            analyses.c.recording_id == job.recording_id, analyses.c.replaced_by.is_(None)
         )
         with self._reader.connect() as connection:
             row = connection.execute(newest.order_by(*_newest_first()).limit(1)).one()
@@ -170,9 +170,10 @@ def _is_stored(*, is_walked: bool) -> ColumnElement[bool]:
 
 
 def _select_newest() -> Any:
-    """Select the newest analysis of the same recording."""
+    """Select the newest analysis of the same recording; one that was repeated or withdrawn counts no more."""
     other = analyses.alias()
-    newest = select(other.c.id).where(other.c.recording_id == analyses.c.recording_id)
+    counts = (other.c.recording_id == analyses.c.recording_id, other.c.replaced_by.is_(None))
+    newest = select(other.c.id).where(*counts)
     return newest.order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1).scalar_subquery()
 
 

@@ -10,11 +10,11 @@ import secrets
 from collections.abc import Sequence
 from typing import Literal
 
-from sqlalchemy import Connection, func, insert, select
+from sqlalchemy import ColumnElement, Connection, exists, func, insert, select
 
 from app.jobs.job import JobState
 from app.jobs.reading import tell_now
-from app.jobs.tables import analyses
+from app.jobs.tables import analyses, recordings
 from app.jobs.versions import identify_work, number_versions
 from app.request import ReportRequest
 
@@ -64,6 +64,32 @@ def enqueue_all(
     if rows:
         connection.execute(insert(analyses), rows)
     return [str(row["id"]) for row in rows]
+
+
+def find_next(connection: Connection) -> str | None:
+    """Give the waiting job whose turn it is, locked for this transaction; None when none may begin.
+
+    The analyses of one recording are made one after another: each report says which one it replaces.
+    """
+    query = (
+        select(analyses.c.id, analyses.c.recording_id)
+        .join(recordings, analyses.c.recording_id == recordings.c.id)
+        .where(analyses.c.state == JobState.QUEUED, ~_runs(analyses.c.recording_id))
+        .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
+        .limit(1)
+        .with_for_update(key_share=True, skip_locked=True)
+    )
+    row = connection.execute(query).one_or_none()
+    # A peer may have begun another of this recording after our question was put and before we had the lock.
+    if row is None or connection.execute(select(_runs(row.recording_id))).scalar():
+        return None
+    return str(row.id)
+
+
+def _runs(recording_id: ColumnElement[str] | str) -> ColumnElement[bool]:
+    """Say whether an analysis of a recording is under way."""
+    other = analyses.alias()
+    return exists().where(other.c.recording_id == recording_id, other.c.state == JobState.RUNNING)
 
 
 def _find_turn(connection: Connection, batch_id: str | None) -> int:

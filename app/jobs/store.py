@@ -9,15 +9,16 @@ from sqlalchemy import Engine, Executable, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
 from app.errors import NotHere, StoreMismatch
+from app.jobs.adopting import adopt_description
 from app.jobs.answers import Answer, insert_answer
 from app.jobs.database import READ_ONLY, lock_tables, open_database
 from app.jobs.job import Claim, Claimer, Job, JobState
 from app.jobs.moves import cancel_job, is_changed, move_job, replace_job, start_job
-from app.jobs.queueing import WayIn, enqueue
+from app.jobs.queueing import WayIn, enqueue, find_next
 from app.jobs.reading import read_job, select_items, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.tables import analyses, facts, recordings, result_files
-from app.jobs.versions import identify_work, select_same
+from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
@@ -121,6 +122,22 @@ class JobStore:
                 replace_job(connection, job.id, again)
         return self.get(str(self.get(analysis_id).replaced_by))
 
+    def withdraw(self, analysis_id: str) -> Job:
+        """Let an analysis that failed count no more, for the report before it does; gives that report's.
+
+        Raises
+        ------
+        NotHere
+            No such analysis failed, or no report was there before.
+        """
+        job = self.get(analysis_id)
+        reports = self.list_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id), 1)
+        if job.state is not JobState.FAILED or not reports:
+            raise NotHere
+        mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
+        self.run(update(analyses).where(*mine).values(replaced_by=reports[0].id))
+        return reports[0]
+
     def get(self, analysis_id: str) -> Job:
         """Give one job.
 
@@ -174,17 +191,11 @@ class JobStore:
 
     def claim(self, claimer: Claimer) -> Job | None:
         """Take the job whose turn it is (:mod:`app.jobs.queueing`), or None when nothing waits."""
-        next_one = (
-            select(analyses.c.id)
-            .where(analyses.c.state == JobState.QUEUED)
-            .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
-            .limit(1)
-            .with_for_update(skip_locked=True)
-        )
         with self._engine.begin() as connection:
-            analysis_id = connection.execute(next_one).scalar_one_or_none()
+            analysis_id = find_next(connection)
             if analysis_id is None:
                 return None
+            renumber(connection, analysis_id)
             start_job(connection, analysis_id, claimer)
         return self.get(analysis_id)
 
@@ -225,6 +236,7 @@ class JobStore:
             won = move_job(connection, analysis_id, JobState.SUCCEEDED, ended, token)
             if won:
                 connection.execute(insert(result_files), rows)
+                adopt_description(connection, analysis_id)
             if won and answer is not None:
                 insert_answer(connection, analysis_id, answer)
         return won

@@ -1,7 +1,7 @@
 """Which version of a recording's report an analysis makes: other settings, or another engine, make the next.
 
-The number stands in the request, so that the report itself can say it. What failed or was cancelled has no
-version: its number goes to the next.
+The number stands in the request, so that the report itself can say it. It is given when the analysis is asked
+for, and once more when it begins, by what has a report by then: what failed or was cancelled has no version.
 """
 
 import hashlib
@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sqlalchemy import Connection, Select, select
+from sqlalchemy import Connection, Select, select, update
 
 from app.jobs.job import JobState
 from app.jobs.reading import select_jobs
-from app.jobs.tables import analyses
+from app.jobs.tables import analyses, recordings
 from app.request import ReportRequest, compare_settings
 from app.version import software_revision, software_version
 
@@ -40,7 +40,7 @@ def select_same(keys: Sequence[str]) -> Select[Any]:
 def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:
     """Give each request the version that its report will be, and what is different from the one before."""
     earlier: dict[str, list[tuple[str, ReportRequest]]] = {}
-    for recording_id, key, request in _list_earlier(connection, {item[0] for item in items}):
+    for recording_id, key, request in _list_earlier(connection, {item[0] for item in items}, _COUNTED):
         earlier.setdefault(recording_id, []).append((key, request))
     numbered = []
     for recording_id, sha256, request in items:
@@ -51,13 +51,29 @@ def number_versions(connection: Connection, items: Sequence[Item]) -> list[Repor
     return numbered
 
 
-def _list_earlier(connection: Connection, recordings: set[str]) -> Iterator[tuple[str, str, ReportRequest]]:
-    """Give every report that is there or on its way: recording, key, request; the oldest first."""
+def renumber(connection: Connection, analysis_id: str) -> None:
+    """Number an analysis that begins by the reports that are there: those on their way may have failed."""
+    query = select(recordings.c.id, recordings.c.sha256, analyses.c.request).join(
+        recordings, analyses.c.recording_id == recordings.c.id
+    )
+    row = connection.execute(query.where(analyses.c.id == analysis_id)).one()
+    asked = ReportRequest.from_json(row.request)
+    there = [(key, old) for _, key, old in _list_earlier(connection, {row.id}, (JobState.SUCCEEDED,))]
+    numbered = asked if asked.reference else _number(there, row.sha256, asked)
+    if numbered != asked:
+        change = update(analyses).where(analyses.c.id == analysis_id)
+        connection.execute(change.values(request=numbered.to_json()))
+
+
+def _list_earlier(
+    connection: Connection, of: set[str], states: Sequence[JobState]
+) -> Iterator[tuple[str, str, ReportRequest]]:
+    """Give every analysis of some recordings in these states: recording, key, request; the oldest first."""
     columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
-    ordered = sorted(recordings)
+    ordered = sorted(of)
     for first in range(0, len(ordered), AT_ONCE):
         some = ordered[first : first + AT_ONCE]
-        query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(_COUNTED))
+        query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(states))
         for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
             yield row.recording_id, row.key or "", ReportRequest.from_json(row.request)
 

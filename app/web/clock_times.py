@@ -45,6 +45,10 @@ class DayClock:
         hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
         return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
 
+    def tell_bounds(self) -> str:
+        """Write from when to when a moment may be."""
+        return f"{self.tell(0.0)} … {self.tell(self.duration_s)}"
+
     def read(self, text: str, name: str) -> float:
         """Read a moment that a person typed, in seconds from the first sample.
 
@@ -56,8 +60,7 @@ class DayClock:
         try:
             (placed,) = place_diary(read_diary(row), self.start, self.duration_us).periods
         except (UnusableDiary, ValueError):
-            allowed = f"{self.tell(0.0)} … {self.tell(self.duration_s)}"
-            raise BadParameter(name=name, value=text[:60], allowed=allowed) from None
+            raise BadParameter(name=name, value=text[:60], allowed=self.tell_bounds()) from None
         return placed.start_us / MICROSECONDS
 
 

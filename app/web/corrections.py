@@ -74,6 +74,9 @@ def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
     starts, ends = form.get("window_start", []), form.get("window_end", [])
     for start, end in zip_longest(starts, ends, fillvalue=""):
         if start.strip() or end.strip():
+            if not (start.strip() and end.strip()):
+                told = " – ".join(moment.strip() or "?" for moment in (start, end))
+                raise BadParameter(name="calibration", value=told[:60], allowed=clock.tell_bounds())
             yield _check_order(*(clock.read(moment.strip(), "calibration") for moment in (start, end)))
 
 

@@ -1,6 +1,6 @@
 """The day of one analysis: its curve in pieces, how still a window is, the diary, and another analysis."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from app.api.services import Services, UsedServices
 from app.day_file import NAME, DayFile, open_day
 from app.errors import NoSuchFile
 from app.jobs.job import Job, JobState
-from app.request import ReportRequest
 from app.storage import borrow_result
 from app.web.clock_times import DayClock, place_rows
 from app.web.corrections import BOM, COLUMNS, correct_request, read_rows, write_csv
@@ -62,7 +61,6 @@ async def analyse_again(analysis_id: str, request: Request, services: UsedServic
     job = await run_in_threadpool(services.store.get, analysis_id)
     clock = DayClock.of(find_day(services, job).facts)
     corrected = correct_request(job.request, form, clock)
-    await run_in_threadpool(_describe_recording, services, job.recording_id, corrected)
     recording = (job.recording_id, job.sha256)
     again = await run_in_threadpool(services.store.add_analysis, recording, corrected, "web")
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
@@ -86,16 +84,6 @@ async def export_diary(analysis_id: str, request: Request, services: UsedService
     body = write_csv([tuple(row[name] for name in COLUMNS) for row in rows], bom=BOM)
     headers = {"Content-Disposition": 'attachment; filename="diary.csv"'}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
-
-
-def _describe_recording(services: Services, recording_id: str, corrected: ReportRequest) -> None:
-    """Let the recording, too, say whose arm it is and what the day held: later analyses go by it."""
-    row = services.recordings.get(recording_id)
-    about = replace(row.about, subject=corrected.subject, side=corrected.side)
-    if about != row.about:
-        row = services.recordings.describe(row, about)
-    if corrected.diary != row.diary:
-        services.recordings.put_diary(row, corrected.diary)
 
 
 def find_day(services: Services, job: Job) -> DayFile:

@@ -112,6 +112,13 @@ def retry(analysis_id: str, request: Request, services: UsedServices) -> Respons
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 
+@router.post("/analyses/{analysis_id}/withdraw")
+def withdraw(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Leave the report as it is: the attempt after it that failed counts no more."""
+    report = services.store.withdraw(analysis_id)
+    return RedirectResponse(f"{find_base(request)}/analyses/{report.id}", status_code=303)
+
+
 def answer_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own."""
     language = choose_language(request)

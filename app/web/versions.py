@@ -46,8 +46,8 @@ class History:
         return max(earlier, key=lambda other: (other.request.version, other.created_at), default=None)
 
     def find_failed(self) -> Job | None:
-        """Give the newest analysis if it failed, and with it what the person wanted."""
-        newest = self.jobs[0] if self.jobs else None
+        """Give the newest analysis that counts if it failed, and with it what the person wanted."""
+        newest = next((job for job in self.jobs if job.replaced_by is None), None)
         return newest if newest is not None and newest.state is JobState.FAILED else None
 
     def find_report(self) -> Job | None:

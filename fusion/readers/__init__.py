@@ -7,7 +7,7 @@ from typing import BinaryIO
 from fusion.errors import EmptyFile
 from fusion.physics import check_physics, refuse_impossible_rates
 from fusion.readers import actilife_csv, gt3x, lsm9ds1_csv, lsm9ds1_raw, parquet
-from fusion.readers.contents import check_extension, explain_refusal, name_content
+from fusion.readers.contents import check_extension, explain_refusal, name_content, refuse_blank
 from fusion.readers.joining import join_recordings
 from fusion.readers.profile import ColumnProfile, parse_profile
 from fusion.readers.profile_proposal import ProfileProposal, check_profile, propose_profile
@@ -84,6 +84,7 @@ def read_recording(
     if source.size_bytes == 0:
         raise EmptyFile
     content = unpack(source)
+    refuse_blank(content)
     if profile is not None and name_content(content.head) == "text":
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
     else:

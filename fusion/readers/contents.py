@@ -3,6 +3,7 @@
 import re
 
 from fusion.errors import (
+    BlankFile,
     FusionError,
     RefusedXml,
     TooShort,
@@ -12,7 +13,7 @@ from fusion.errors import (
     WrongExtension,
 )
 from fusion.readers.columns import understand_column
-from fusion.readers.source import Source
+from fusion.readers.source import Source, read_chunks
 from fusion.readers.text_layout import DELIMITERS, SNIFFED_LINES, find_layout, split_fields
 from fusion.readers.text_stream import decode_head, find_form
 
@@ -48,6 +49,23 @@ def name_content(head: bytes) -> str:
     if start.startswith((b"{", b"[")):
         return "JSON"
     return "binary" if b"\0" in head and not find_form(head).encoding else "text"
+
+
+def refuse_blank(source: Source) -> None:
+    """Refuse a file of zeros: a card keeps room for what the logger has not written yet.
+
+    Raises
+    ------
+    BlankFile
+    """
+    if any(source.head):
+        return
+    n_bytes = 0
+    for chunk in read_chunks(source):
+        if chunk.count(0) < len(chunk):
+            return
+        n_bytes += len(chunk)
+    raise BlankFile(n=n_bytes)
 
 
 def explain_refusal(source: Source) -> FusionError:

@@ -1,6 +1,7 @@
 """``/api/v1/uploads``: tus 1.0.0, as its own text asks."""
 
 import base64
+import gzip
 import hashlib
 from pathlib import Path
 
@@ -281,3 +282,54 @@ def test_two_writers_at_once_are_not_let_in(client: TestClient) -> None:
 def test_an_upload_that_is_not_there_is_not_found(client: TestClient) -> None:
     assert client.head(f"{URL}/up_none", headers=TUS).status_code == 404
     assert append(client, f"{URL}/..%2f..%2fserver.lock", 0, b"x") == 404
+
+
+PACKED = {"content-encoding": "gzip"}
+
+
+def test_packed_pieces_give_the_bytes_that_were_packed(
+    client: TestClient, storage: Storage, store: JobStore
+) -> None:
+    address = announce(client, 300_000)
+    first, second = bytes(200_000), b"b" * 100_000
+
+    assert append(client, address, 0, gzip.compress(first), **PACKED) == 204
+    assert append(client, address, 200_000, gzip.compress(second), **PACKED) == 204
+
+    recording_id = client.head(address, headers=TUS).headers["acromion-recording"]
+    recording = client.get(f"/api/v1/recordings/{recording_id}").json()
+    assert recording["sha256"] == hashlib.sha256(first + second).hexdigest()
+    assert recording["size_bytes"] == 300_000
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        gzip.compress(b"a" * 90_000)[:-9],
+        gzip.compress(b"a" * 90_000)[:-8] + b"12345678",
+        b"not packed at all",
+    ],
+    ids=["cut", "altered", "plain"],
+)
+def test_of_a_packed_piece_that_is_not_right_nothing_counts(client: TestClient, body: bytes) -> None:
+    address = announce(client, 100_000)
+
+    status = append(client, address, 0, body, **PACKED)
+
+    assert status == 460
+    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
+
+
+def test_a_piece_that_unpacks_to_more_than_was_announced_is_refused(client: TestClient) -> None:
+    address = announce(client, 1000)
+
+    status = append(client, address, 0, gzip.compress(bytes(50_000_000)), **PACKED)
+
+    assert status == 400
+    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
+
+
+def test_another_packing_is_not_taken(client: TestClient) -> None:
+    address = announce(client, 1000)
+
+    assert append(client, address, 0, b"x", **{"content-encoding": "br"}) == 415

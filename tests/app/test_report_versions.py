@@ -90,3 +90,29 @@ def test_another_recording_begins_at_version_1(store: JobStore, add_job: AddJob)
     again(store, add_job(b"one"), MOVED)
 
     assert add_job(b"two").request.version == 1
+
+
+def test_what_failed_in_between_leaves_no_gap_and_is_compared_with_by_nobody(
+    store: JobStore, add_job: AddJob
+) -> None:
+    first = add_job()
+    finish_next(store)
+    again(store, first, replace(MOVED, side="left"))
+    again(store, first, replace(MOVED, side="left", pose="side-lean"))
+
+    fail_next(store)
+    begun = store.claim(ME)
+
+    assert begun is not None
+    assert begun.request.version == 2
+    assert set(begun.request.changes) == {"side", "pose", "calibration_windows_s"}
+
+
+def test_two_of_one_recording_are_made_one_after_the_other(store: JobStore, add_job: AddJob) -> None:
+    first = add_job()
+    again(store, first, MOVED)
+    other = add_job(b"another recording")
+
+    begun = [store.claim(ME) for _ in range(3)]
+
+    assert [job.id if job else None for job in begun] == [first.id, other.id, None]

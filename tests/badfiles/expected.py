@@ -21,6 +21,7 @@ HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
 
 CONTAINERS = (
     refused("1", "shift.csv", given(b""), "E-EMPTY"),
+    refused("1 zeros", "shift.csv", given(bytes(200_000)), "E-BLANK"),
     refused("2", "shift.gt3x", given(t.canon()), "E-EXT"),
     refused("3 xlsx", "shift.csv", t.workbook, "E-TYPE"),
     refused("3 docx", "shift.csv", given(g.archive({"word/document.xml": "<d/>"})), "E-TYPE"),

@@ -7,11 +7,13 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
 from fusion.simulation import write_recordings
+from tests.pages.steps import see_end
 from tests.ways_in.servers import RunningServer
 
 HOURS = 0.05
@@ -72,7 +74,7 @@ def batch(server: RunningServer, right: str, unknown: str) -> str:
     items = [{"recording_id": server.see(job)["recording_id"]} for job in (right, unknown)]
     told = server.client.post("/api/v1/batches", json={"name": "spring", "items": items}).json()
     for item in server.client.get(told["links"]["analyses"]).json()["items"]:
-        server.see(item["id"], wait=60)
+        see_end(server, item["id"])
     return str(told["id"])
 
 
@@ -82,7 +84,7 @@ def unknown(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> 
     table = tmp_path_factory.mktemp("unknown") / "unknown.csv"
     table.write_text("".join(f"{10 * k};0.0{k % 9};0.0;1.0;0.1;0.2;0.3\n" for k in range(300)))
     job = server.send(table)
-    assert server.see(job["id"], wait=60)["state"] == "failed"
+    assert see_end(server, job["id"])["state"] == "failed"
     return str(job["id"])
 
 
@@ -102,9 +104,9 @@ def shown(browser: Browser, server: RunningServer, right: str) -> Iterator[Page]
 
 
 @contextmanager
-def open_page(browser: Browser) -> Iterator[Page]:
+def open_page(browser: Browser, color_scheme: Literal["light", "dark"] = "light") -> Iterator[Page]:
     """Open a page in a context of its own, and see in the end that nothing was amiss."""
-    context = browser.new_context(accept_downloads=True, locale="en-CA")
+    context = browser.new_context(accept_downloads=True, locale="en-CA", color_scheme=color_scheme)
     opened = context.new_page()
     opened.set_default_timeout(30_000)
     complaints: list[str] = []
@@ -134,7 +136,7 @@ def is_complaint(message: ConsoleMessage) -> bool:
 def finish(server: RunningServer, recording: Path, **wishes: str) -> str:
     """Analyse a recording by the API; gives the analysis."""
     job = server.send(recording, **wishes)
-    assert server.see(job["id"], wait=60)["state"] == "succeeded"
+    assert see_end(server, job["id"])["state"] == "succeeded"
     return str(job["id"])
 
 
@@ -142,5 +144,5 @@ def repeat(server: RunningServer, analysis_id: str, state: str, **settings: obje
     """Analyse a recording again by other settings; gives the analysis."""
     wish = {"recording_ids": [server.see(analysis_id)["recording_id"]], "settings": settings}
     again = server.client.post("/api/v1/analyses", json=wish).json()["id"]
-    assert server.see(again, wait=60)["state"] == state
+    assert see_end(server, again)["state"] == state
     return str(again)

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.ways_in.servers import RunningServer
@@ -33,6 +34,15 @@ def wait_for_end(page: Page, name: str, state: str = "succeeded") -> Locator:
     row = find_row(page, name)
     expect(row).to_have_attribute("data-state", state, timeout=END_MS)
     return row
+
+
+def see_end(server: RunningServer, analysis_id: str) -> dict[str, Any]:
+    """Wait for the end of an analysis; the first of a fresh checkout waits for the compiler, too."""
+    for _ in range(5):
+        view = server.see(analysis_id, wait=60)
+        if view["state"] not in ("queued", "running"):
+            return view
+    pytest.fail("the analysis does not end")
 
 
 def make_file(folder: Path, name: str, megabytes: float = 0.001) -> Path:

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from urllib.parse import parse_qs
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -158,7 +159,39 @@ def test_what_cannot_be_is_refused_beside_what_was_typed(day: Page) -> None:
     day.get_by_role("button", name="Analyse again").click()
 
     expect(day.locator("#refused")).to_contain_text("E-DIARY")
+    expect(day.locator("#refused").get_by_role("link", name="Back to all recordings")).to_have_count(0)
     expect(row.locator("[name=label]")).to_have_value("backwards")
+
+
+def test_of_a_window_whose_one_end_is_typed_the_other_stays_as_shown(day: Page) -> None:
+    start, end = day.locator(".window").first.locator("input").all()
+    shown = end.get_attribute("placeholder") or pytest.fail("no window was found")
+
+    start.fill("07:00:01")
+    with day.expect_request("**/again") as sent:
+        day.get_by_role("button", name="Analyse again").click()
+
+    windows = parse_qs(sent.value.post_data or "")
+    assert (windows["window_start"], windows["window_end"]) == (["07:00:01"], [shown])
+
+
+def test_a_time_that_cannot_be_is_marked_where_it_was_typed(day: Page) -> None:
+    field = day.locator(".window").first.locator("input").first
+
+    field.fill("25:99")
+    field.press("Tab")
+
+    expect(field).to_have_attribute("aria-invalid", "true")
+
+
+def test_what_was_typed_is_not_left_without_a_question(day: Page, server: RunningServer) -> None:
+    asked: list[str] = []
+    day.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+    add_period(day, "break", "not sent yet")
+
+    day.goto(server.address)
+
+    assert asked == ["beforeunload"]
 
 
 def test_every_change_is_undone(day: Page) -> None:

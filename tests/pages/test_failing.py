@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from fusion.simulation import write_recordings
-from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home
+from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -62,7 +62,7 @@ def test_the_details_are_copied_without_what_is_personal(
 
 def test_a_failed_analysis_keeps_the_file(page: Page, server: RunningServer, tmp_path: Path) -> None:
     job = server.send(make_file(tmp_path, "kept.csv"))
-    assert server.see(job["id"], wait=60)["state"] == "failed"
+    assert see_end(server, job["id"])["state"] == "failed"
     page.goto(f"{server.address}analyses/{job['id']}?lang=en")
 
     page.get_by_role("button", name="Try again").click()
@@ -113,6 +113,16 @@ def test_an_address_that_is_not_there_says_so_and_leads_back(page: Page, server:
     expect(page.get_by_role("link", name="Back to all recordings")).to_be_visible()
 
 
+def test_two_that_are_no_pair_are_refused_by_what_is_wrong(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    answer = page.goto(f"{server.address}beside/pair?first={right}&second={right}&lang=en")
+
+    assert answer is not None
+    assert answer.status == 422
+    expect(page.get_by_role("heading", level=1)).to_have_text("The two recordings cannot be paired")
+
+
 def test_a_person_says_what_the_columns_of_an_unknown_table_are(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
@@ -123,7 +133,7 @@ def test_a_person_says_what_the_columns_of_an_unknown_table_are(
     names = ";".join(f"c{number}" for number in range(lines[first].count(",") + 1))
     strange.write_text("\n".join([names, *(line.replace(",", ";") for line in lines[first:])]))
     job = server.send(strange)
-    assert server.see(job["id"], wait=60)["state"] == "failed"
+    assert see_end(server, job["id"])["state"] == "failed"
     page.goto(f"{server.address}analyses/{job['id']}?lang=en")
 
     page.get_by_role("link", name="Say what the columns are").click()

@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 
 from fusion.simulation import write_recordings
 from tests.pages.conftest import finish
-from tests.pages.steps import find_row, make_file, open_home
+from tests.pages.steps import find_row, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -55,7 +55,7 @@ def test_groups_show_how_many_and_which_need_attention(
     page: Page, server: RunningServer, right: str, tmp_path: Path
 ) -> None:
     job = server.send(make_file(tmp_path, "trouble.csv"))
-    server.see(job["id"], wait=60)
+    see_end(server, job["id"])
     open_home(page, server)
 
     page.get_by_role("link", name="No report").click()
@@ -70,7 +70,7 @@ def test_problems_and_figures_are_taken_as_tables(
     page: Page, server: RunningServer, right: str, tmp_path: Path
 ) -> None:
     job = server.send(make_file(tmp_path, "table.csv"), subject="S099")
-    code = server.see(job["id"], wait=60)["problem"]["code"]
+    code = see_end(server, job["id"])["problem"]["code"]
     open_home(page, server)
     search(page, "S099")
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pypdf
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
-from tests.pages.conftest import keep_picture
+from tests.pages.conftest import keep_picture, open_page
 from tests.pages.steps import open_analysis
 from tests.ways_in.servers import RunningServer
 from tests.ways_in.test_three_ways import run_command
@@ -95,10 +95,23 @@ def test_each_figure_has_its_definition_by_one_click_hover_or_key(shown: Page) -
     expect(shown.locator(".figures .define span").filter(has_text="shoulder height").first).to_be_visible()
 
 
+def test_the_poses_are_printed_on_one_sheet_in_dark_ink(browser: Browser, server: RunningServer) -> None:
+    with open_page(browser, color_scheme="dark") as page:
+        page.goto(f"{server.address}help/poses?lang=fr")
+
+        printed = page.pdf(format="Letter", prefer_css_page_size=False)
+        page.emulate_media(media="print")
+        ink = page.evaluate("getComputedStyle(document.body).color")
+
+    assert len(pypdf.PdfReader(io.BytesIO(printed)).pages) == 1
+    assert ink == "rgb(29, 42, 46)"
+
+
 def test_the_page_prints_without_its_forms(page: Page, server: RunningServer, right: str) -> None:
     open_analysis(page, server, right)
 
     page.emulate_media(media="print")
 
     expect(page.locator("#correction")).to_be_hidden()
+    expect(page.get_by_role("navigation").first).to_be_hidden()
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible()

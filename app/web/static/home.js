@@ -3,7 +3,7 @@
 import { $, fill, say } from "./say.js";
 import { refresh, showTitle } from "./rows.js";
 import { keepRecordings, readDrop } from "./upload/drop.js";
-import { recall } from "./upload/memory.js";
+import { recall, write } from "./upload/memory.js";
 import { Queue } from "./upload/queue.js";
 
 const form = $("drop");
@@ -18,10 +18,22 @@ function showQueue() {
 
 // Uploads that a reload or a closed browser has cut: the same files, chosen again, go on where they stopped.
 function showInterrupted() {
-  const going = new Set([...queue.all].map((entry) => entry.file.name));
-  const names = Object.values(recall()).map((kept) => kept.name).filter((name) => !going.has(name));
+  const names = listInterrupted().map(([, { name }]) => name);
   $("interrupted").hidden = !names.length;
-  $("interrupted").textContent = fill(words.interrupted, { names: names.join(", ") });
+  $("interrupted").querySelector("span").textContent = fill(words.interrupted, { names: names.join(", ") });
+}
+
+function listInterrupted() {
+  const going = new Set([...queue.all].map((entry) => entry.file.name));
+  return Object.entries(recall()).filter(([, { name }]) => !going.has(name));
+}
+
+// The person wants them no more: neither the browser nor the server keeps anything of them.
+function leaveInterrupted() {
+  const left = Object.fromEntries(listInterrupted());
+  write(Object.fromEntries(Object.entries(recall()).filter(([print]) => !left[print])));
+  for (const { address } of Object.values(left)) queue.leave(address);
+  showInterrupted();
 }
 
 function take({ files, ignored }) {
@@ -50,6 +62,7 @@ function listen() {
       if (name === "drop") take(await readDrop(event.dataTransfer));
     });
   }
+  $("interrupted").querySelector("button").addEventListener("click", leaveInterrupted);
   $("retry-all").addEventListener("click", () => queue.retryAll());
   window.addEventListener("beforeunload", (event) => queue.isBusy && event.preventDefault());
 }

@@ -1,4 +1,5 @@
-// Small things that every page shares: telling a screen reader, copying a text, opening a chooser of files.
+// Small things that every page shares: telling a screen reader, waiting, copying a text, opening a chooser of
+// files.
 
 export const $ = (id) => document.getElementById(id);
 
@@ -11,6 +12,14 @@ export function say(text) {
   if (!place) return;
   place.textContent = "";
   setTimeout(() => (place.textContent = text), 50); // so that the same text is told twice
+}
+
+// Wait, but no longer than until the network is back.
+export function rest(milliseconds) {
+  return new Promise((resolve) => {
+    const timer = setTimeout(resolve, milliseconds);
+    window.addEventListener("online", () => (clearTimeout(timer), resolve()), { once: true });
+  });
 }
 
 export async function copy(button) {

@@ -14,6 +14,9 @@ export function listenToForm(day) {
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
   form.addEventListener("focusin", (event) => chooseOf(day, event.target));
   form.addEventListener("submit", (event) => send(day, event));
+  let sent = tell(form);
+  window.addEventListener("beforeunload", (event) => sent === tell(form) || event.preventDefault());
+  form.addEventListener("sent", () => (sent = tell(form)));
   $("import").addEventListener("change", () => importDiary(day));
   document.addEventListener("keydown", (event) => {
     const isTyping = event.target.matches("input, textarea, select");
@@ -22,6 +25,19 @@ export function listenToForm(day) {
     undo(day);
   });
   for (const button of form.querySelectorAll(".window [data-do]")) button.hidden = false;
+}
+
+// All that a person has said, so that none of it is lost by leaving the page.
+function tell(form) {
+  return new URLSearchParams(new FormData(form)).toString();
+}
+
+// Of a window whose one end is typed the other is sent as it is shown.
+function complete(form) {
+  for (const row of form.querySelectorAll(".window")) {
+    const ends = [...row.querySelectorAll("input")];
+    if (ends.some((end) => end.value.trim())) for (const end of ends) end.value ||= end.placeholder;
+  }
 }
 
 function chooseOf(day, target) {
@@ -97,11 +113,12 @@ async function importDiary(day) {
 async function send(day, event) {
   if (event.submitter && "plain" in event.submitter.dataset) return; // a download, as the browser does it
   event.preventDefault();
+  complete(day.bands.form);
   const [button, text] = [$("again"), $("again").textContent];
   [button.disabled, button.textContent] = [true, day.words.busy];
   try {
     const answer = await fetch(day.bands.form.action, { method: "POST", body: new URLSearchParams(new FormData(day.bands.form)) });
-    if (answer.ok) return location.assign(answer.url);
+    if (answer.ok) return day.bands.form.dispatchEvent(new Event("sent")), location.assign(answer.url);
     refuse(await answer.text());
   } catch (error) {
     $("day-failed").hidden = false;
@@ -113,7 +130,10 @@ async function send(day, event) {
 function refuse(page) {
   const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
   const box = $("refused");
-  box.replaceChildren(...(said ? [...document.importNode(said, true).children] : []));
+  const parts = said ? [...document.importNode(said, true).children] : [];
+  box.replaceChildren(...parts.filter((part) => !part.matches("[data-page]")));
+  const heading = box.querySelector("h1");
+  heading?.replaceWith(Object.assign(document.createElement("p"), { className: "problem-title", textContent: heading.textContent }));
   box.hidden = false;
   box.scrollIntoView({ block: "nearest" });
 }

@@ -1,5 +1,5 @@
-// Which uploads are half done, so that the same file chosen again goes on where it stopped. The browser keeps
-// it; the bytes themselves are on the server.
+// Which uploads are half done, and what was said of each, so that the same file chosen again goes on where it
+// stopped. The browser keeps it until the analysis is asked for; the bytes themselves are on the server.
 
 const KEY = "acromion.uploads";
 
@@ -15,17 +15,20 @@ export function recall() {
   }
 }
 
-export function remember(file, address) {
-  write({ ...recall(), [fingerprint(file)]: { address, name: file.name } });
+// told: {address} and what a person says of the file.
+export function remember(file, told) {
+  const print = fingerprint(file);
+  const kept = recall();
+  write({ ...kept, [print]: { ...kept[print], name: file.name, ...told } });
 }
 
-export function forget(print) {
+export function forget(file) {
   const kept = recall();
-  delete kept[print];
+  delete kept[fingerprint(file)];
   write(kept);
 }
 
-function write(kept) {
+export function write(kept) {
   try {
     localStorage.setItem(KEY, JSON.stringify(kept));
   } catch {

@@ -2,8 +2,9 @@
 // analysis is asked for; from then on the server alone knows it.
 
 import { $, fill, say } from "../say.js";
+import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
-import { Refusal, TusUpload } from "./tus.js";
+import { giveUp, Refusal, TUS, TusUpload } from "./tus.js";
 import { tellSize } from "./sizes.js";
 
 const AT_ONCE = 3;
@@ -18,7 +19,9 @@ export class Queue {
   add(files, wishes) {
     for (const file of files) {
       const entry = { file };
-      entry.row = new Row(file, wishes, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
+      const kept = recall()[fingerprint(file)] || {}; // said before a reload
+      const said = { subject: wishes.subject || kept.subject || "", side: wishes.side || kept.side || "" };
+      entry.row = new Row(file, said, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
     }
@@ -45,7 +48,7 @@ export class Queue {
     if (file.size > Number(words.maxBytes)) return this.refuseLarge(entry);
     this.going.add(entry);
     row.show("uploading");
-    entry.upload = new TusUpload(file, this.say(row), this.api + "/uploads", {
+    entry.upload = new TusUpload(file, row.wishes(), this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.look(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
@@ -58,11 +61,6 @@ export class Queue {
     }
     this.going.delete(entry);
     this.next();
-  }
-
-  say(row) {
-    const { subject, side } = row.wishes();
-    return { subject, side };
   }
 
   refuseLarge({ row, file }) {
@@ -98,37 +96,61 @@ export class Queue {
     return [device, rate, [start, zone].filter(Boolean).join(" ")].filter(Boolean).join(" · ");
   }
 
-  // The bytes are safe: ask for the analysis, unless the same bytes have one.
+  // The bytes are safe: ask for the analysis, unless the same bytes have one. Until it is asked for, the file
+  // is remembered: another try, or the same file after a reload, goes on from here.
   async hand(entry, recordingId) {
     entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
     const { subject, side } = entry.row.wishes();
-    if (recording.duplicate_of && !entry.isWanted) {
+    if (recording.duplicate_of) {
       const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
       if (earlier.items.length) {
-        await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" });
+        await this.drop(entry, recordingId);
         return this.offer(entry, recording.duplicate_of, earlier.items[0]);
       }
     }
+    if (entry.isCancelled) return this.drop(entry, recordingId);
     if (subject !== recording.subject || side !== (recording.side || "")) {
       await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
     }
-    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: { lang: document.documentElement.lang }, again: Boolean(entry.isWanted) });
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: { lang: document.documentElement.lang } });
     this.added(entry);
+  }
+
+  async drop(entry, recordingId) {
+    await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" });
+    forget(entry.file);
+  }
+
+  // Of an upload that nobody wants any more nothing is kept, nor the recording it became, unless that is analysed.
+  async leave(address) {
+    const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
+    const recordingId = answer?.headers.get("Acromion-Recording");
+    await giveUp(address);
+    if (!recordingId || (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items.length) return;
+    await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" });
   }
 
   offer(entry, recordingId, { id, created_at: when }) {
     const page = this.api.replace(/\/api\/v1$/, "") + `/analyses/${id}`;
-    entry.row.duplicate({ page, when: when.slice(0, 10) }, async () => {
-      const { subject, side } = entry.row.wishes();
-      const said = Object.entries({ subject, side }).filter(([, value]) => value); // the rest is as it was
-      const settings = { lang: document.documentElement.lang, ...Object.fromEntries(said) };
+    entry.row.duplicate({ page, when: when.slice(0, 10) }, () => this.repeat(entry, recordingId));
+  }
+
+  async repeat(entry, recordingId) {
+    const { row } = entry;
+    const said = Object.entries(row.wishes()).filter(([, value]) => value); // the rest is as it was
+    const settings = { lang: document.documentElement.lang, ...Object.fromEntries(said) };
+    try {
       await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true });
       this.added(entry);
-    });
+    } catch (error) {
+      const problem = error instanceof Refusal ? error.problem : { title: row.words.network, fix: row.words.networkFix };
+      row.note(`${problem.title}. ${problem.fix}`);
+    }
   }
 
   added(entry) {
+    forget(entry.file);
     say(fill(entry.row.words.added, { name: entry.file.name }));
     this.onAdded().finally(() => this.remove(entry));
   }
@@ -146,7 +168,8 @@ export class Queue {
   }
 
   cancel(entry) {
-    entry.upload?.stop(true);
+    entry.isCancelled = true;
+    entry.upload?.stop();
     this.waiting = this.waiting.filter((other) => other !== entry);
     this.remove(entry);
     this.onChange();

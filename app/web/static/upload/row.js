@@ -1,9 +1,10 @@
 // One chosen file in the list, from waiting to handed over. Every text of a person is set as text.
 
 import { $, fill, say } from "../say.js";
+import { remember } from "./memory.js";
 import { tellSize } from "./sizes.js";
 
-const DRAW_MS = 250;
+const DRAW_MS = 1000;
 
 export class Row {
   constructor(file, wishes, acts) {
@@ -17,6 +18,7 @@ export class Row {
     this.part("[name=side]").value = wishes.side;
     for (const [name, act] of Object.entries(acts)) this.part(`[data-do=${name}]`).addEventListener("click", act);
     for (const button of this.item.querySelectorAll("[data-do]")) button.setAttribute("aria-label", `${button.textContent}: ${file.name}`);
+    this.part(".asked").addEventListener("change", () => this.state === "waiting" || remember(file, this.wishes()));
     $("uploads").append(this.item);
     this.show("waiting");
   }
@@ -89,7 +91,7 @@ export class Row {
     box.hidden = false;
     box.querySelector("a").href = analysis.page;
     box.querySelector("a").textContent = fill(this.words.duplicateOpen, { when: analysis.when });
-    box.querySelector("button").addEventListener("click", again, { once: true });
+    box.querySelector("button").onclick = again;
     say(`${this.file.name}: ${this.words.duplicate}`);
   }
 

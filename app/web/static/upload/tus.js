@@ -2,14 +2,18 @@
 // most. A piece that is refused as too large is halved; a lost network is waited for.
 
 import { fingerprint, forget, recall, remember } from "./memory.js";
+import { rest } from "../say.js";
 
 const KIB = 1024;
 const FIRST_PIECE = 1024 * KIB; // small, so that the server soon sees what the file is
 const LARGEST_PIECE = 64 * 1024 * KIB;
 const SMALLEST_PIECE = 512 * KIB;
+const PACKED_PIECE = 8192 * KIB; // a packed piece counts whole or not at all
+const FAST = 12e6; // bytes a second: on such a network packing only costs time
+const PACKS_WELL = /\.(csv|tsv|txt|mvnx)$/i;
 const MOST_TRIES = 12;
 const LONGEST_PAUSE_MS = 20000;
-const TUS = { "Tus-Resumable": "1.0.0" };
+export const TUS = { "Tus-Resumable": "1.0.0" };
 
 export class Refusal extends Error {
   constructor(problem) {
@@ -23,7 +27,7 @@ class Lost extends Error {}
 export class TusUpload {
   // on: {progress(bytes), piece(), smaller(bytes), waiting()}
   constructor(file, words, root, on) {
-    Object.assign(this, { file, words, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false });
+    Object.assign(this, { file, words, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
   }
 
   // Send the whole file; gives the id of the recording.
@@ -38,7 +42,7 @@ export class TusUpload {
         tries = this.offset > before ? 1 : tries + 1;
         if (tries > MOST_TRIES) throw error;
         this.on.waiting();
-        await pause(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+        await rest(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
       }
     }
   }
@@ -49,7 +53,6 @@ export class TusUpload {
       answer = await this.sendPiece();
       this.on.piece();
     }
-    forget(fingerprint(this.file));
     return answer.recording;
   }
 
@@ -62,22 +65,28 @@ export class TusUpload {
         this.address = known;
         return this.read(answer);
       }
-      forget(fingerprint(this.file));
+      forget(this.file);
     }
     const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, this.words) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
-    remember(this.file, this.address);
+    remember(this.file, { address: this.address, ...this.words });
     this.offset = 0;
     return { recording: null };
   }
 
   async sendPiece() {
-    const size = this.offset ? this.piece : Math.min(FIRST_PIECE, this.piece);
+    const isPacked = this.shouldPack();
+    const size = this.offset ? Math.min(this.piece, isPacked ? PACKED_PIECE : this.piece) : Math.min(FIRST_PIECE, this.piece);
     const body = this.file.slice(this.offset, this.offset + size);
     const headers = { "Upload-Offset": this.offset, "Content-Type": "application/offset+octet-stream" };
-    const answer = await this.ask("PATCH", this.address, headers, body);
-    if (answer.status === 204) return this.read(answer);
+    const began = performance.now();
+    if (isPacked) headers["Content-Encoding"] = "gzip";
+    const answer = await this.ask("PATCH", this.address, headers, isPacked ? await pack(body) : body, body.size);
+    if (answer.status === 204) {
+      this.speed[isPacked ? "packed" : "plain"] = (1000 * body.size) / (performance.now() - began);
+      return this.read(answer);
+    }
     if (answer.status === 413 && this.piece > SMALLEST_PIECE && !isOurs(answer)) {
       this.piece = Math.max(SMALLEST_PIECE, Math.min(size, this.piece) / 2);
       this.on.smaller(this.piece);
@@ -87,33 +96,54 @@ export class TusUpload {
     throw refuse(answer);
   }
 
+  // Tables are packed where the network is the slower part, each piece by itself: offsets stay those of the file.
+  shouldPack() {
+    const { plain, packed = Infinity } = this.speed;
+    return PACKS_WELL.test(this.file.name) && "CompressionStream" in window && plain < Math.min(FAST, packed);
+  }
+
   read(answer) {
     this.offset = Number(answer.getResponseHeader("Upload-Offset"));
     this.on.progress(this.offset);
     return { recording: answer.getResponseHeader("Acromion-Recording") };
   }
 
-  ask(method, address, headers, body = null) {
+  // size: how many bytes of the file the body is, where it is packed.
+  ask(method, address, headers, body = null, size = 0) {
     return new Promise((resolve, reject) => {
+      if (this.stopped) return reject(new Lost());
       const request = new XMLHttpRequest();
       this.request = request;
       request.open(method, address);
       for (const [name, value] of Object.entries({ ...TUS, ...headers })) request.setRequestHeader(name, value);
-      request.upload.addEventListener("progress", (event) => body && this.on.progress(this.offset + event.loaded));
+      request.upload.addEventListener("progress", (event) => body && this.on.progress(this.offset + (event.loaded / body.size) * size));
       request.addEventListener("load", () => ([502, 503, 504, 408].includes(request.status) && !isOurs(request) ? reject(new Lost()) : resolve(request)));
       for (const end of ["error", "abort", "timeout"]) request.addEventListener(end, () => reject(new Lost()));
       request.send(body);
     });
   }
 
-  // Stop at once; what the server holds is given up unless it is to be gone on with.
-  stop(isGivenUp) {
+  // Stop at once; what has come is given up.
+  stop() {
     this.stopped = true;
     this.request?.abort();
-    if (!isGivenUp) return;
-    forget(fingerprint(this.file));
-    if (this.address) fetch(this.address, { method: "DELETE", headers: TUS }).catch(() => {});
+    forget(this.file);
+    return giveUp(this.address);
   }
+}
+
+// Have the server drop what it holds of an upload: again and again, for it may still be taking the last piece
+// (423), or be out of reach.
+export async function giveUp(address) {
+  for (let tries = 0; address && tries < MOST_TRIES; tries += 1) {
+    const answer = await fetch(address, { method: "DELETE", headers: TUS }).catch(() => null);
+    if (answer && answer.status !== 423) return;
+    await rest(Math.min(250 * 2 ** tries, LONGEST_PAUSE_MS));
+  }
+}
+
+function pack(blob) {
+  return new Response(blob.stream().pipeThrough(new CompressionStream("gzip"))).blob();
 }
 
 function describe(file, words) {
@@ -131,12 +161,4 @@ function isOurs(answer) {
 
 function refuse(answer) {
   return isOurs(answer) ? new Refusal(JSON.parse(answer.responseText)) : new Lost();
-}
-
-// Wait, but no longer than until the network is back.
-function pause(milliseconds) {
-  return new Promise((resolve) => {
-    const timer = setTimeout(resolve, milliseconds);
-    window.addEventListener("online", () => (clearTimeout(timer), resolve()), { once: true });
-  });
 }

@@ -1,0 +1,168 @@
+"""Uploads that are broken off: cancelled, left, gone on with; nothing comes back, nothing is sent twice."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, Request, Route, expect
+
+from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home, see_end
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+UPLOADS, ANALYSES = "**/api/v1/uploads/*", "**/api/v1/analyses"
+
+
+def lose_pieces(route: Route) -> None:
+    route.abort() if route.request.method == "PATCH" else route.continue_()
+
+
+def lose_later_pieces(route: Route) -> None:
+    is_later = route.request.method == "PATCH" and route.request.headers["upload-offset"] != "0"
+    route.abort() if is_later else route.continue_()
+
+
+def lose_wishes(route: Route) -> None:
+    route.abort() if route.request.method == "POST" else route.continue_()
+
+
+def list_sent(page: Page) -> list[str]:
+    """Have the methods of all requests about uploads told from now on."""
+    sent: list[str] = []
+
+    def note(request: Request) -> None:
+        if "/uploads" in request.url and not request.url.endswith("/inspection"):
+            sent.append(request.method)
+
+    page.on("request", note)
+    return sent
+
+
+def test_a_cancelled_upload_does_not_come_back_with_the_network(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+    page.route(UPLOADS, lose_pieces)
+    page.set_input_files("#files", make_file(tmp_path, "ghost.csv"))
+    row = find_upload(page, "ghost.csv")
+    expect(row.locator(".pill")).to_have_text("Waiting for the network")
+
+    with page.expect_request(lambda request: request.method == "DELETE"):
+        row.get_by_role("button", name="Cancel").click()
+    page.unroute(UPLOADS)
+    page.wait_for_timeout(2500)  # longer than the pause before the next try
+
+    expect(page.locator(".row", has_text="ghost.csv")).to_have_count(0)
+
+
+def test_what_has_come_of_a_cancelled_upload_is_dropped_even_while_a_piece_is_taken(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+    network = page.context.new_cdp_session(page)
+    slow = {"offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": 2e6}
+    network.send("Network.enable")
+    network.send("Network.emulateNetworkConditions", slow)
+    with page.expect_request(lambda request: request.headers.get("upload-offset", "0") != "0") as piece:
+        page.set_input_files("#files", make_file(tmp_path, "half.csv", 8))
+    page.wait_for_timeout(300)
+
+    find_upload(page, "half.csv").get_by_role("button", name="Cancel").click()
+    with page.expect_response(lambda a: a.request.method == "DELETE" and a.status == 204, timeout=END_MS):
+        pass
+
+    headers = {"Tus-Resumable": "1.0.0"}
+    assert server.client.head(piece.value.url, headers=headers).status_code == 404
+
+
+def test_where_the_analysis_could_not_be_asked_for_another_try_sends_no_byte_again(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+    page.route(ANALYSES, lose_wishes)
+    page.set_input_files("#files", make_file(tmp_path, "asked.csv"))
+    row = find_upload(page, "asked.csv")
+    expect(row).to_contain_text("The connection was lost")
+    page.unroute(ANALYSES)
+    sent = list_sent(page)
+
+    row.get_by_role("button", name="Try again").click()
+
+    expect(find_row(page, "asked.csv")).to_be_visible()
+    assert sent == ["HEAD"]
+
+
+def test_a_page_closed_before_the_analysis_was_asked_for_says_which_file_to_choose_again(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = make_file(tmp_path, "closed_early.csv")
+    open_home(page, server)
+    page.route(ANALYSES, lose_wishes)
+    page.set_input_files("#files", file)
+    expect(find_upload(page, "closed_early.csv")).to_contain_text("The connection was lost")
+    page.unroute(ANALYSES)
+
+    page.reload()
+    expect(page.locator("#interrupted")).to_contain_text("closed_early.csv")
+    sent = list_sent(page)
+    page.set_input_files("#files", file)
+
+    expect(find_row(page, "closed_early.csv")).to_be_visible()
+    assert sent == ["HEAD"]
+
+
+def test_what_was_said_of_a_file_outlasts_a_reload(page: Page, server: RunningServer, tmp_path: Path) -> None:
+    file = make_file(tmp_path, "outlasts.csv", 2)
+    page.on("dialog", lambda dialog: dialog.accept())
+    open_home(page, server)
+    page.fill("#subject", "S078")
+    page.route(UPLOADS, lose_later_pieces)
+    page.set_input_files("#files", file)
+    row = find_upload(page, "outlasts.csv")
+    expect(row.locator(".pill")).to_have_text("Waiting for the network")
+    row.get_by_label("Arm").select_option("right")
+
+    page.reload()
+    page.unroute(UPLOADS)
+    page.set_input_files("#files", file)
+
+    expect(find_row(page, "outlasts.csv")).to_contain_text("subject S078 · right arm", timeout=END_MS)
+
+
+def test_uploads_that_were_cut_are_given_up_by_a_click(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    page.on("dialog", lambda dialog: dialog.accept())
+    open_home(page, server)
+    page.route(UPLOADS, lose_later_pieces)
+    page.set_input_files("#files", make_file(tmp_path, "given_up.csv", 2))
+    expect(find_upload(page, "given_up.csv").locator(".pill")).to_have_text("Waiting for the network")
+    page.reload()
+    page.unroute(UPLOADS)
+
+    with page.expect_response(lambda answer: answer.request.method == "DELETE") as deleted:
+        page.get_by_role("button", name="Give them up").click()
+
+    assert deleted.value.status == 204
+    expect(page.locator("#interrupted")).to_be_hidden()
+
+
+def test_a_known_file_is_analysed_again_at_the_second_try(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = make_file(tmp_path, "known.csv")
+    job = server.send(file)
+    see_end(server, job["id"])
+    open_home(page, server)
+    page.set_input_files("#files", file)
+    row = find_upload(page, "known.csv")
+    again = row.get_by_role("button", name="Analyse again")
+    page.route(ANALYSES, lose_wishes)
+
+    again.click()
+    expect(row.locator(".row-note")).to_contain_text("The connection was lost")
+    page.unroute(ANALYSES)
+    again.click()
+
+    expect(row).to_have_count(0)
+    expect(find_row(page, "known.csv")).to_be_visible()
