@@ -10,14 +10,7 @@ from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
 from fusion.postures import find_angle_deg, find_hanging, find_striding_moments
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
-from fusion.remount import (
-    AxisPart,
-    WornParts,
-    find_remounts,
-    flag_pose_unlike_walking,
-    flag_remounts,
-    part_recording,
-)
+from fusion.remount import AxisPart, find_remounts, flag_pose_unlike_walking, flag_remounts
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.gyro_scale import GyroScale, leave_gyro_scale
@@ -36,6 +29,7 @@ from fusion.sensor_errors.stillness import (
 )
 from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stretches
 from fusion.two_point import scale_to_unit, share_between
+from fusion.worn_parts import WornParts, part_recording
 
 Vector = NDArray[np.float64]
 WHOLE_DAY_S = (-np.inf, np.inf)

@@ -122,13 +122,13 @@ def test_a_window_in_which_the_arm_was_raised_is_told() -> None:
 
 
 @pytest.mark.parametrize("method", ["published", "live", "smoothed"])
-def test_a_part_that_may_have_turned_widens_the_range_whatever_the_method(method: MethodName) -> None:
+def test_a_part_with_an_axis_of_its_own_widens_the_range_whatever_the_method(method: MethodName) -> None:
     recording, _ = work((walk_about, 1500.0))
     samples = calibrate(recording, "n-pose")
     half_s = recording.duration_us / MICROSECONDS / 2.0
-    doubted = AxisPart(half_s, np.inf, samples.calibration.arm_axis, 18.0, is_doubted=True)
+    turned = AxisPart(half_s, np.inf, samples.calibration.arm_axis, 18.0)
 
-    sigma_deg = estimate_elevation(replace(samples, remounts=(doubted,)), method).bias_sigma_deg
+    sigma_deg = estimate_elevation(replace(samples, remounts=(turned,)), method).bias_sigma_deg
 
     # Half of the time 18 deg: 18 / sqrt(2) = 12.7 deg, and the method's own beside it.
     assert sigma_deg is not None
