@@ -32,8 +32,6 @@ from fusion.recording import QualityFlag
 from fusion.worn_parts import WornPart, WornParts
 
 Table = NDArray[np.float64]
-UNLIKE_WALKING_DEG = 30.0
-"""Between a calibration pose and walking: 10 deg at most was seen; a load carried may add to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,13 +147,3 @@ def flag_remounts(parts: Sequence[AxisPart], duration_s: float) -> tuple[Quality
     facts = {"calibrated": len(parts) - left_out, "left_out": left_out}
     seconds = sum(end_s - start_s for start_s, end_s in spans)
     return (QualityFlag("W-REMOUNT", len(parts), seconds, spans[0][0], spans[-1][1], facts, tuple(spans)),)
-
-
-def flag_pose_unlike_walking(
-    worn: WornParts, window_s: tuple[float, float], arm_axis: Table
-) -> tuple[QualityFlag, ...]:
-    """W-POSE-DOUBT where the axis from a window (start, length) is far from how the arm hangs in walking."""
-    hangs = worn.find_home(window_s[0]).find_hanging()
-    if hangs is None or find_angle_deg(hangs, arm_axis) <= UNLIKE_WALKING_DEG:
-        return ()
-    return (QualityFlag("W-POSE-DOUBT", 1, window_s[1], window_s[0], sum(window_s)),)

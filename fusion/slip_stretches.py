@@ -87,7 +87,7 @@ def _compare_walking(
     walked = np.concatenate([[0], np.cumsum(np.bincount(interval, minlength=len(edges) + 1)[1:-1])])
     within = walked[stop] - walked[first]
     fewer = np.minimum(within, walked[-1] - within)
-    angle_deg = _find_angles_deg(_scale(here.T), _scale(there.T))
+    angle_deg = _find_angles_deg(*(_scale(sums.T.astype(np.float64)) for sums in (here, there)))
     return np.where(fewer >= LEAST_STRIDING, angle_deg, np.nan), fewer
 
 

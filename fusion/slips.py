@@ -32,7 +32,7 @@ class SlipRules:
 
     - where walking shows the arm hanging within ``hangs_alike_deg`` on both sides: none, nothing turned;
     - where it shows it hanging apart (``hangs_apart_deg`` for two slips): ``known_apart`` for one slip and
-      ``known_between`` for two, the more the more was walked on both sides (``walked_min``, minutes);
+      ``known_between`` for two, more where more was walked on both sides (from ``walked_min`` on);
     - without walking: ``known`` and ``turned_deg`` between the commonest directions (``turned_short_deg``
       where a side is shorter than ``short_s``) for one; the first of ``known_between`` and
       ``turned_between_deg`` for two, as an hour at the wheel between two on foot looks like 45 deg.
@@ -50,9 +50,9 @@ class SlipRules:
     hangs_alike_deg: float = 10.0
     hangs_apart_deg: float = 15.0
     known: float = 0.45
-    walked_min: tuple[float, float, float] = (0.5, 1.0, 2.0)
-    known_apart: tuple[float, float, float] = (0.5, 0.65, 0.95)
-    known_between: tuple[float, float, float] = (0.1, 0.35, 0.7)
+    walked_min: tuple[float, float] = (1.0, 2.0)
+    known_apart: tuple[float, float, float] = (0.5, 0.5, 0.9)
+    known_between: tuple[float, float, float] = (0.1, 0.35, 0.45)
     turned_deg: float = 15.0
     turned_short_deg: float = 45.0
     turned_between_deg: float = 60.0
@@ -142,7 +142,8 @@ def _list_usable(
         edges[last] - edges[stop] >= rules.least_moments
     )
     least_s = np.where(stop == last, rules.least_s, rules.between_s)
-    return before & (after | (stop == last)) & (inside_s >= least_s) & (moments >= rules.least_moments)
+    enough = (inside_s >= least_s) & (moments >= rules.least_moments)
+    return np.asarray(before & (after | (stop == last)) & enough)
 
 
 def _find_times(counted: CountedMoments, moments: Rows) -> Table:
@@ -153,7 +154,7 @@ def _bound_one(found: Stretches, is_short: NDArray[np.bool_], rules: SlipRules) 
     """What two sides of one slip may know of each other at most; 0 where nothing turned."""
     turned_deg = np.where(is_short, rules.turned_short_deg, rules.turned_deg)
     unseen = np.where(found.angle_deg >= turned_deg, rules.known, 0.0)
-    walked = np.interp(found.strides * STRIDE_MIN, rules.walked_min, rules.known_apart)
+    walked = np.take(rules.known_apart, _grade_walking(found, rules))
     seen = np.where(found.hangs_deg >= rules.hangs_alike_deg, walked, 0.0)
     return np.where(np.isnan(found.hangs_deg), unseen, seen)
 
@@ -161,9 +162,14 @@ def _bound_one(found: Stretches, is_short: NDArray[np.bool_], rules: SlipRules) 
 def _bound_between(found: Stretches, rules: SlipRules) -> Table:
     """The same for a stretch between two slips."""
     unseen = np.where(found.angle_deg >= rules.turned_between_deg, rules.known_between[0], 0.0)
-    walked = np.interp(found.strides * STRIDE_MIN, rules.walked_min, rules.known_between)
+    walked = np.take(rules.known_between, _grade_walking(found, rules))
     seen = np.where(found.hangs_deg >= rules.hangs_apart_deg, walked, 0.0)
     return np.where(np.isnan(found.hangs_deg), unseen, seen)
+
+
+def _grade_walking(found: Stretches, rules: SlipRules) -> Rows:
+    """How many of the limits of walking are reached, 0 to 2."""
+    return np.asarray(np.digitize(found.strides * STRIDE_MIN, rules.walked_min))
 
 
 def _narrow(counted: CountedMoments, edges: tuple[int, int, int], rules: SlipRules) -> tuple[int, int]:

@@ -1,5 +1,7 @@
 """Which quiet stretches could be the calibration pose, and how good each is."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,7 @@ from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise
 Vector = NDArray[np.float64]
 
 
-def find_quiet_windows(blocks: list[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
+def find_quiet_windows(blocks: Sequence[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
     """Windows of the length a pose is held for that are still and near 1 g."""
     table = summarise_windows(blocks, rules.length_s)
     off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)

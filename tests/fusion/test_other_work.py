@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.calibration import calibrate, propose_still_periods
+from fusion.calibration import calibrate
 from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation
+from fusion.pose_windows import propose_still_periods
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.remount import AxisPart
 from fusion.simulation.activities import HANGING, Activity, hold_still, lift, stand, walk

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.calibration import Calibration, StillPeriod
+from fusion.calibration import Calibration
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import summarise_exposure
+from fusion.pose_windows import StillPeriod
 from fusion.quality import Quality, TimeAccount, account_time, assess_quality, find_exclusions, leave_out
 from fusion.quality.exclusions import make_disjoint
 from fusion.recording import QualityFlag, Recording, Segment, Span
