@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from fusion.calibration import calibrate
 from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation
+from fusion.pipeline import analyse
 from fusion.pose_windows import propose_still_periods
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.remount import AxisPart
-from fusion.simulation.activities import HANGING, Activity, hold_still, lift, stand, walk
+from fusion.simulation.activities import HANGING, Activity, assemble, hold_still, lift, stand, walk
 from fusion.simulation.choreography import Choreography
 from fusion.simulation.motion import Channel
 from fusion.simulation.shift import PlannedActivity, wear_sensor
@@ -120,6 +121,43 @@ def test_a_window_in_which_the_arm_was_raised_is_told() -> None:
 
     assert truth_deg[round((wheel.start_s + 1.0) * RATE_HZ)] > 35.0
     assert [(flag.code, flag.first_s) for flag in flags] == [("W-POSE-DOUBT", wheel.start_s)]
+
+
+def test_at_the_wheel_without_any_walking_the_pose_is_said_not_to_be_confirmed() -> None:
+    # The wheel is taken for the pose, 39 deg wrong; the pose was held before it.
+    recording, truth_deg = work((sit_at(45.0), 1800.0))
+
+    analysis = analyse(recording)
+
+    (flag,) = [flag for flag in analysis.quality.flags if flag.code == "W-POSE-ALONE"]
+    assert truth_deg[round((analysis.calibration.still.start_s + 1.0) * RATE_HZ)] > 30.0
+    assert (flag.facts["deg"], analysis.quality.verdict) == (25.0, "poor")
+    assert analysis.exposure.angle_sigma_deg == pytest.approx(25.0, abs=1.0)
+
+
+def test_at_a_bench_without_any_walking_the_first_pose_held_is_less_certain() -> None:
+    recording, _ = work((assemble, 1800.0))
+
+    flags = [flag for flag in calibrate(recording, "n-pose").flags if flag.code == "W-POSE-ALONE"]
+
+    assert [flag.facts["deg"] for flag in flags] == [6.0]
+
+
+def test_a_window_that_a_person_gave_needs_no_walking() -> None:
+    recording, _ = work((assemble, 1800.0))
+
+    assert calibrate(recording, "n-pose", ((2.0, 12.0),)).flags == ()
+
+
+def test_where_the_sensor_was_off_each_part_has_a_proposal() -> None:
+    made = work((walk_about, 1500.0), (walk_about, 1500.0))
+    recording, _ = cut_out(*made, 1400.0, 1800.0)
+
+    starts_s = [still.start_s for still in propose_still_periods(recording)]
+
+    assert starts_s[0] < POSE_S
+    assert any(start_s > 1800.0 for start_s in starts_s)
+    assert calibrate(recording, "n-pose").calibration.still.start_s == starts_s[0]
 
 
 @pytest.mark.parametrize("method", ["published", "live", "smoothed"])
