@@ -130,7 +130,8 @@ def test_at_the_wheel_without_any_walking_the_pose_is_said_not_to_be_confirmed()
     analysis = analyse(recording)
 
     (flag,) = [flag for flag in analysis.quality.flags if flag.code == "W-POSE-ALONE"]
-    assert truth_deg[round((analysis.calibration.still.start_s + 1.0) * RATE_HZ)] > 30.0
+    assert flag.first_s is not None
+    assert truth_deg[round((flag.first_s + 1.0) * RATE_HZ)] > 30.0
     assert (flag.facts["deg"], analysis.quality.verdict) == (25.0, "poor")
     assert analysis.exposure.angle_sigma_deg == pytest.approx(25.0, abs=1.0)
 

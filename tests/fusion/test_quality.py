@@ -260,6 +260,11 @@ def test_a_caveat_weighs_what_it_costs_in_8_hours(code: str, seconds: float, ver
     assert judge(8.0, QualityFlag(code, seconds=seconds)).verdict == verdict
 
 
+@pytest.mark.parametrize(("deg", "verdict"), [(6.0, "caution"), (25.0, "poor")])
+def test_a_pose_that_nothing_confirms_weighs_by_what_was_held_before_it(deg: float, verdict: str) -> None:
+    assert judge(8.0, QualityFlag("W-POSE-ALONE", facts={"deg": deg})).verdict == verdict
+
+
 def test_the_gravest_caveat_comes_first() -> None:
     quality = judge(8.0, QualityFlag("W-DUP"), QualityFlag("W-BIAS"), QualityFlag("W-NO-STILL"))
 
