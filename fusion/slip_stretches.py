@@ -19,16 +19,14 @@ Counts = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CountedMoments:
-    """Calm and walking moments by c cells of direction.
+    """Moments by c cells of direction.
 
-    ``calm_cell`` (n,) and ``stride_cell`` (m,) say which; ``centre`` (c, 3) are unit vectors; ``near`` (c, c)
-    is 1 where two cells lie near each other.
+    ``cell`` (n,) says which; ``centre`` (c, 3) are unit vectors; ``near`` (c, c) is 1 where two cells lie
+    near each other.
     """
 
-    calm: Moments
-    strides: Moments
-    calm_cell: Rows
-    stride_cell: Rows
+    moments: Moments
+    cell: Rows
     centre: Table
     near: Counts
 
@@ -49,56 +47,59 @@ class Stretches:
     strides: NDArray[np.int64]
 
 
-def count_moments(calm: Moments, strides: Moments, cell_deg: float) -> CountedMoments:
-    """Sort moments into cells; walking is put into those of the calm moments."""
-    cell = tell_directions(calm.up, cell_deg)
-    sums = [np.bincount(cell, calm.up[:, axis]) for axis in range(3)]
+def count_moments(moments: Moments, cell_deg: float) -> CountedMoments:
+    """Sort moments into cells."""
+    cell = tell_directions(moments.up, cell_deg)
+    sums = [np.bincount(cell, moments.up[:, axis]) for axis in range(3)]
     centre = _scale(np.stack(sums, axis=1).astype(np.float64))
     near = (centre @ centre.T >= cos_deg(NEAR_DEG)).astype(np.float32)
-    return CountedMoments(calm, strides, cell, np.argmax(strides.up @ centre.T, axis=1), centre, near)
+    return CountedMoments(moments, cell, centre, near)
 
 
-def compare_stretches(counted: CountedMoments, edges: Rows, first: Rows, stop: Rows) -> Stretches:
+def compare_stretches(
+    calm: CountedMoments, strides: CountedMoments, edges: Rows, first: Rows, stop: Rows
+) -> Stretches:
     """Hold stretches against the rest of what lies between the outermost edges.
 
     ``edges`` (e,): calm moments, in order, where a stretch may begin or end; ``first``, ``stop`` (k,): places
     in ``edges``.
     """
-    interval = np.searchsorted(edges, np.arange(len(counted.calm_cell)), "right")
-    sums = _add_up(counted.calm_cell, interval, len(edges), counted.near)
-    inside, beside = _part(sums[0], first, stop)
+    interval = np.searchsorted(edges, np.arange(len(calm.cell)), "right")
+    inside, beside = _part(_add_up(calm, interval, len(edges))[0], first, stop)
     at, to, row = inside.argmax(axis=1), beside.argmax(axis=1), np.arange(len(first))
     known = beside[row, at] / beside[row, to] + inside[row, to] / inside[row, at]
-    angle_deg = _find_angles_deg(counted.centre[at], counted.centre[to])
-    return Stretches(known.astype(np.float64), angle_deg, *_compare_walking(counted, edges, first, stop))
+    angle_deg = _find_angles_deg(calm.centre[at], calm.centre[to])
+    edges_s = np.append(calm.moments.time_s, np.inf)[edges]
+    return Stretches(known.astype(np.float64), angle_deg, *_compare_walking(strides, edges_s, first, stop))
 
 
 def _compare_walking(
-    counted: CountedMoments, edges: Rows, first: Rows, stop: Rows
+    strides: CountedMoments, edges_s: Table, first: Rows, stop: Rows
 ) -> tuple[Table, NDArray[np.int64]]:
     """Angle between the directions of walking, NaN where it is not known, and the lesser count."""
-    calm_s = np.append(counted.calm.time_s, np.inf)
-    interval = np.searchsorted(calm_s[edges], counted.strides.time_s, "right")
-    sums = _add_up(counted.stride_cell, interval, len(edges), counted.near, *counted.strides.up.T)
+    interval = np.searchsorted(edges_s, strides.moments.time_s, "right")
+    walked = np.concatenate([[0], np.cumsum(np.bincount(interval, minlength=len(edges_s) + 1)[1:-1])])
+    within = walked[stop] - walked[first]
+    fewer = np.minimum(within, walked[-1] - within)
+    if fewer.max(initial=0) < LEAST_STRIDING:
+        return np.full(len(first), np.nan), fewer
+    sums = _add_up(strides, interval, len(edges_s), *strides.moments.up.T)
     inside, beside = _part(sums[0], first, stop)
     at, to = inside.argmax(axis=1), beside.argmax(axis=1)
     here = sums[1:, stop, at] - sums[1:, first, at]
     there = sums[1:, -1, to] - (sums[1:, stop, to] - sums[1:, first, to])
-    walked = np.concatenate([[0], np.cumsum(np.bincount(interval, minlength=len(edges) + 1)[1:-1])])
-    within = walked[stop] - walked[first]
-    fewer = np.minimum(within, walked[-1] - within)
     angle_deg = _find_angles_deg(*(_scale(sums.T.astype(np.float64)) for sums in (here, there)))
     return np.where(fewer >= LEAST_STRIDING, angle_deg, np.nan), fewer
 
 
-def _add_up(cell: Rows, interval: Rows, edges: int, near: Counts, *weights: Table) -> Counts:
+def _add_up(counted: CountedMoments, interval: Rows, edges: int, *weights: Table) -> Counts:
     """Count, and sum weights, near each cell from the first edge to each: (1 + weights, edges, c)."""
-    cells = len(near)
-    place, bins = interval * cells + cell, (edges + 1) * cells
+    cells = len(counted.near)
+    place, bins = interval * cells + counted.cell, (edges + 1) * cells
     tables = np.stack([np.bincount(place, weight, bins) for weight in (None, *weights)])
     tables = tables.reshape(-1, edges + 1, cells)[:, :edges].astype(np.float32)
     tables[:, 0] = 0.0
-    return np.asarray(np.cumsum(tables, axis=1) @ near)
+    return np.asarray(np.cumsum(tables, axis=1) @ counted.near)
 
 
 def _part(sums: Counts, first: Rows, stop: Rows) -> tuple[Counts, Counts]:

@@ -72,14 +72,28 @@ class Slip:
     end_s: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Day:
+    """Calm and walking moments of one stretch of wear, and the rules."""
+
+    calm: CountedMoments
+    strides: CountedMoments
+    rules: SlipRules
+
+    @property
+    def time_s(self) -> Table:
+        """Times of the calm moments."""
+        return self.calm.moments.time_s
+
+
 def find_slips(calm: Moments, strides: Moments, rules: SlipRules | None = None) -> list[Slip]:
     """Find slips within one stretch of wear, in order of time; those that overlap are one."""
     rules = rules or SlipRules()
     few = calm.thin(rules.most_moments)
     if len(few.up) < 2 * rules.least_moments or few.time_s[-1] - few.time_s[0] < 2.0 * rules.least_s:
         return []
-    counted = count_moments(few, strides, rules.cell_deg)
-    found = sorted(_search(counted, 0, len(few.up), rules), key=lambda slip: slip.first_s)
+    day = _Day(count_moments(few, rules.cell_deg), count_moments(strides, rules.cell_deg), rules)
+    found = sorted(_search(day, 0, len(few.up)), key=lambda slip: slip.first_s)
     return list(_join(found))
 
 
@@ -96,31 +110,32 @@ def _join(slips: list[Slip]) -> Iterator[Slip]:
         yield joined
 
 
-def _search(counted: CountedMoments, first: int, stop: int, rules: SlipRules) -> Iterator[Slip]:
-    found = _find_turned(counted, first, stop, rules)
+def _search(day: _Day, first: int, stop: int) -> Iterator[Slip]:
+    found, rules = _find_turned(day, first, stop), day.rules
     if found is None:
         return
     cuts = [place for place in found if first < place < stop]
     start = first
     for cut, end in zip(cuts, [*cuts[1:], stop], strict=True):
-        before, after = _narrow(counted, (start, cut, end), rules)
-        yield Slip(counted.calm.time_s[before] - rules.margin_s, counted.calm.time_s[after] + rules.margin_s)
-        yield from _search(counted, start, before, rules)
+        before, after = _narrow(day, (start, cut, end))
+        yield Slip(day.time_s[before] - rules.margin_s, day.time_s[after] + rules.margin_s)
+        yield from _search(day, start, before)
         start = after
-    yield from _search(counted, start, stop, rules)
+    yield from _search(day, start, stop)
 
 
-def _find_turned(counted: CountedMoments, first: int, stop: int, rules: SlipRules) -> tuple[int, int] | None:
+def _find_turned(day: _Day, first: int, stop: int) -> tuple[int, int] | None:
     """The stretch that differs most; one between two slips only where it does so by more than one slip."""
+    rules = day.rules
     edges = np.unique(np.linspace(first, stop, rules.places + 1).astype(np.intp))
     starts, ends = np.triu_indices(len(edges), 1)
-    usable = _list_usable(counted, edges, (starts, ends), rules)
+    usable = _list_usable(day, edges, (starts, ends))
     starts, ends = starts[usable], ends[usable]
     if len(starts) == 0:
         return None
-    compared = compare_stretches(counted, edges, starts, ends)
+    compared = compare_stretches(day.calm, day.strides, edges, starts, ends)
     is_one = ends == len(edges) - 1
-    seconds = _find_times(counted, edges)
+    seconds = _find_times(day, edges)
     short = np.minimum(seconds[starts] - seconds[0], seconds[ends] - seconds[starts]) < rules.short_s
     bound = np.where(is_one, _bound_one(compared, short, rules), _bound_between(compared, rules))
     known = np.where(compared.known < bound, compared.known, ALIKE)
@@ -130,12 +145,10 @@ def _find_turned(counted: CountedMoments, first: int, stop: int, rules: SlipRule
     return int(edges[starts[best]]), int(edges[ends[best]])
 
 
-def _list_usable(
-    counted: CountedMoments, edges: Rows, span: tuple[Rows, Rows], rules: SlipRules
-) -> NDArray[np.bool_]:
+def _list_usable(day: _Day, edges: Rows, span: tuple[Rows, Rows]) -> NDArray[np.bool_]:
     """Stretches, from a time to the end or to a later time, with enough in them, before and after."""
-    (first, stop), last = span, len(edges) - 1
-    seconds = _find_times(counted, edges)
+    (first, stop), last, rules = span, len(edges) - 1, day.rules
+    seconds = _find_times(day, edges)
     inside_s, moments = seconds[stop] - seconds[first], edges[stop] - edges[first]
     before = (seconds[first] - seconds[0] >= rules.least_s) & (edges[first] - edges[0] >= rules.least_moments)
     after = (seconds[last] - seconds[stop] >= rules.least_s) & (
@@ -146,8 +159,8 @@ def _list_usable(
     return np.asarray(before & (after | (stop == last)) & enough)
 
 
-def _find_times(counted: CountedMoments, moments: Rows) -> Table:
-    return counted.calm.time_s[np.minimum(moments, len(counted.calm.time_s) - 1)]
+def _find_times(day: _Day, moments: Rows) -> Table:
+    return day.time_s[np.minimum(moments, len(day.time_s) - 1)]
 
 
 def _bound_one(found: Stretches, is_short: NDArray[np.bool_], rules: SlipRules) -> Table:
@@ -172,7 +185,7 @@ def _grade_walking(found: Stretches, rules: SlipRules) -> Rows:
     return np.asarray(np.digitize(found.strides * STRIDE_MIN, rules.walked_min))
 
 
-def _narrow(counted: CountedMoments, edges: tuple[int, int, int], rules: SlipRules) -> tuple[int, int]:
+def _narrow(day: _Day, edges: tuple[int, int, int]) -> tuple[int, int]:
     """First and last moment between which the slip lies.
 
     Twice over: how common each moment is before and after, as a logarithm of both shares; the sum of what
@@ -182,17 +195,17 @@ def _narrow(counted: CountedMoments, edges: tuple[int, int, int], rules: SlipRul
     first, place, stop = edges
     start = end = place
     for _ in range(2):
-        before = _share(counted, first, start)
-        after = _share(counted, end, stop)
-        speaks = np.log((before + 0.02) / (after + 0.02))[counted.calm_cell[first:stop]]
+        before = _share(day, first, start)
+        after = _share(day, end, stop)
+        speaks = np.log((before + 0.02) / (after + 0.02))[day.calm.cell[first:stop]]
         total = np.concatenate([[0.0], np.cumsum(speaks)])
-        likely = np.flatnonzero(total >= total.max() - rules.evidence)
+        likely = np.flatnonzero(total >= total.max() - day.rules.evidence)
         start = int(np.clip(first + likely[0], first + 1, stop - 1))
         end = int(np.clip(first + likely[-1], start, stop - 1))
     return start, end
 
 
-def _share(counted: CountedMoments, first: int, stop: int) -> Table:
+def _share(day: _Day, first: int, stop: int) -> Table:
     """Share of the moments near each cell, (c,)."""
-    count = np.bincount(counted.calm_cell[first:stop], minlength=len(counted.near))
-    return np.asarray(count @ counted.near / max(stop - first, 1), dtype=np.float64)
+    count = np.bincount(day.calm.cell[first:stop], minlength=len(day.calm.near))
+    return np.asarray(count @ day.calm.near / max(stop - first, 1), dtype=np.float64)
