@@ -1,6 +1,6 @@
 """Where the arm hung still, and what that says about the sensor: arm axis and gyroscope offset."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
 from fusion.pose_doubts import (
+    doubt_proposal,
     flag_pose_alone,
     flag_pose_unlike_walking,
     flag_short_windows,
@@ -50,12 +51,15 @@ class Calibration:
 
     ``arm_axis`` is a unit vector, shape (3,), in the sensor frame along the upper arm towards the shoulder
     (it points to the zenith when the arm hangs), so that elevation is the angle between it and the vertical.
+    ``sigma_deg``: standard deviation of the axis where less is known of it than of any pose that is held; 0
+    otherwise.
     """
 
     pose: Pose
     still: StillPeriod
     arm_axis: Vector
     second: StillPeriod | None = None
+    sigma_deg: float = 0.0
 
     @property
     def windows(self) -> tuple[StillPeriod, ...]:
@@ -132,8 +136,10 @@ def calibrate(
     if windows_s:
         flags = flag_short_windows(calibration.windows)
     else:
+        sigma_deg = doubt_proposal(recording, blocks, worn, still)
+        calibration = replace(calibration, sigma_deg=sigma_deg)
         flags = (*flag_unquiet(still), *flag_unseen_lean(pose, still))
-        flags += flag_pose_alone(recording, blocks, worn, still, axis)
+        flags += flag_pose_alone(worn, still, sigma_deg)
     remounts = find_remounts(worn, (still.start_s, axis))
     flags += flag_remounts(remounts, recording.duration_us / MICROSECONDS)
     flags += flag_pose_unlike_walking(worn, still, axis)

@@ -141,14 +141,14 @@ def analyse(
 
 def _doubt_pose(samples: CalibratedSamples) -> float:
     """Standard deviation of the pose: it grows as a window falls short of 5 s, up to that of none held, and
-    where nothing confirms the pose.
+    where little or nothing confirms the pose.
     """
-    alone_deg = [float(flag.facts["deg"]) for flag in samples.flags if flag.code == "W-POSE-ALONE"]
-    if any(flag.code == "W-NO-STILL" for flag in samples.flags):
-        return max([UNHELD_SIGMA_DEG, *alone_deg])
-    held_s = min(still.duration_s for still in samples.calibration.windows)
+    calibration = samples.calibration
+    held_s = min(still.duration_s for still in calibration.windows)
     held_deg = min(UNHELD_SIGMA_DEG, POSE_SIGMA_DEG * math.sqrt(max(1.0, HELD_S / held_s)))
-    return max([held_deg, *alone_deg])
+    if any(flag.code == "W-NO-STILL" for flag in samples.flags):
+        held_deg = UNHELD_SIGMA_DEG
+    return max(held_deg, calibration.sigma_deg)
 
 
 def _doubt_method(

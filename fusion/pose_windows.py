@@ -53,7 +53,8 @@ def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPer
     """Quiet stretches of 5 to 10 s that could be the calibration pose, the likeliest first.
 
     The order is by the product of three factors. Good enough: the score, where it is under a half. Early:
-    halved after ten minutes. Hanging: within 20 deg of the direction in which the arm hangs while walking.
+    halved after ten minutes. Hanging: within 10 deg of the direction in which the arm hangs while walking; half at
+    20 deg, hardly beyond.
     Where nobody walked, seen again: how much of the still time has the same direction of gravity within 20
     deg, where that is under a quarter of the commonest direction's; this puts behind a sensor that lay on a
     desk before it was strapped on. Each stretch of stillness counts for at most 10 s.

@@ -52,10 +52,11 @@ def rank_stretches(
 
 
 def _hang(gravity_g: Vector, hangs: Vector, rules: CalibrationRules) -> Vector:
-    """1 where the arm hangs as it does in walking, little elsewhere."""
+    """1 where the arm hangs as it does in walking, half where nearly so, little elsewhere."""
     cosine = gravity_g @ hangs / np.linalg.norm(gravity_g, axis=1)
-    near = cosine >= np.cos(np.radians(rules.same_direction_deg))
-    return np.where(near, 1.0, rules.elsewhere)
+    apart_deg = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    near = np.interp(apart_deg, (rules.hanging_deg, rules.same_direction_deg), (1.0, rules.nearly_hanging))
+    return np.where(apart_deg <= rules.same_direction_deg, near, rules.elsewhere)
 
 
 def _agree(gravity_g: Vector, seconds: Vector, within_deg: float) -> Vector:
