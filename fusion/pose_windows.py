@@ -53,11 +53,11 @@ def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPer
     """Quiet stretches of 5 to 10 s that could be the calibration pose, the likeliest first.
 
     The order is by the product of three factors. Good enough: the score, where it is under a half. Early:
-    halved after ten minutes. Hanging: within 10 deg of the direction in which the arm hangs while walking; half at
-    20 deg, hardly beyond.
-    Where nobody walked, seen again: how much of the still time has the same direction of gravity within 20
-    deg, where that is under a quarter of the commonest direction's; this puts behind a sensor that lay on a
-    desk before it was strapped on. Each stretch of stillness counts for at most 10 s.
+    halved after ten minutes. Hanging: within 10 deg of the direction in which the arm hangs while walking;
+    half at 20 deg, hardly beyond. Where nobody walked, seen again: how much of the still time has the same
+    direction of gravity within 20 deg, where that is under a quarter of the commonest direction's; this puts
+    behind a sensor that lay on a desk before it was strapped on. Each stretch of stillness counts for at most
+    10 s.
 
     Where the sensor slipped or was off, each part has an order of its own, by its own walking: first the
     proposals of the part in which the pose is sought, then the best one of each other part.

@@ -150,6 +150,25 @@ def test_a_window_that_a_person_gave_needs_no_walking() -> None:
     assert calibrate(recording, "n-pose", ((2.0, 12.0),)).flags == ()
 
 
+def test_where_another_posture_was_held_first_the_pose_is_as_certain_as_walking_tells() -> None:
+    # The arm is held at 45 deg for ten minutes, then hangs now and then: a window like walking is proposed,
+    # which may be off by what it differs from walking and walking from the axis (7.1 deg), twice the sigma.
+    whole, _ = work((sit_at(45.0), 600.0), (walk_about, 1200.0))
+
+    samples = calibrate(cut_start(whole, POSE_S + 5.0), "n-pose")
+
+    assert samples.flags == ()
+    assert 7.1 / 1.96 <= samples.calibration.sigma_deg < 14.0
+
+
+def cut_start(recording: Recording, first_s: float) -> Recording:
+    """The same without its beginning, and so without the pose."""
+    (whole,) = recording.segments
+    first = round(first_s * whole.rate_hz)
+    late = Segment(0, whole.rate_hz, whole.acc_g[first:], whole.gyr_dps[first:])
+    return replace(recording, segments=(late,), duration_us=late.duration_us)
+
+
 def test_where_the_sensor_was_off_each_part_has_a_proposal() -> None:
     made = work((walk_about, 1500.0), (walk_about, 1500.0))
     recording, _ = cut_out(*made, 1400.0, 1800.0)
