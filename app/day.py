@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from app.day_file import DaySegment, write_day
-from fusion.calibration import propose_still_periods
 from fusion.elevation import ElevationSegment
 from fusion.pipeline import Analysis
+from fusion.pose_windows import propose_still_periods
 from fusion.quality import propose_nonwear
 from fusion.recording import MICROSECONDS, Segment, Span
 from fusion.sensor_errors.runs import view_segment

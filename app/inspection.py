@@ -14,7 +14,7 @@ from app.report.subject import clean_text
 from app.report.wording import Language, Words, fill, load_wording
 from app.request import OnStage, ReportRequest
 from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
-from fusion.calibration import propose_still_periods
+from fusion.pose_windows import propose_still_periods
 from fusion.quality import propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.head import inspect_head

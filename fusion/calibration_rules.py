@@ -29,6 +29,8 @@ class CalibrationRules:
 
     longest_proposal_s: float = 10.0
     same_direction_deg: float = 20.0
+    hanging_deg: float = 10.0
+    nearly_hanging: float = 0.5
     good_score: float = 0.5
     good_agreement: float = 0.25
     elsewhere: float = 0.02

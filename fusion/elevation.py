@@ -78,7 +78,7 @@ class Elevation:
 
     ``bias_sigma_deg`` is the standard deviation of the angle over the whole recording, the pose left out: for
     `smoothed` the root mean square of the seconds' own; with what is not known of the axis where the sensor
-    turned or may have. None for a ready angle series.
+    turned. None for a ready angle series.
     """
 
     segments: tuple[ElevationSegment, ...]
@@ -121,7 +121,7 @@ def _summarise_sigma(segments: tuple[ElevationSegment, ...]) -> float:
 
 
 def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
-    """Variance of the arm axis in turned and doubted parts, deg^2, as a mean over all valid rows."""
+    """Variance of the arm axis in turned parts, deg^2, as a mean over all valid rows."""
     squares = rows = 0.0
     for segment in segments:
         rows += np.count_nonzero(segment.valid)
@@ -259,7 +259,7 @@ def _measure_anew(
 
 
 def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> None:
-    """Add, second by second, what is not known of the axis in the parts where it turned or may have."""
+    """Add, second by second, what is not known of the axis in the parts where it turned."""
     if segment.sigma_deg is None:
         return
     seconds = segment.start_us / MICROSECONDS + np.arange(len(segment.sigma_deg))

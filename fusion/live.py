@@ -18,7 +18,7 @@ class LiveElevation:
     """
 
     def __init__(self, rate_hz: float, arm_axis: ArrayLike | None = None) -> None:
-        """Start afresh; ``arm_axis``, shape (3,): towards the shoulder, in the sensor's frame.
+        """Start afresh; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
 
         Raises
         ------

@@ -140,11 +140,15 @@ def analyse(
 
 
 def _doubt_pose(samples: CalibratedSamples) -> float:
-    """Standard deviation of the pose: it grows as a window falls short of 5 s, up to that of none held."""
+    """Standard deviation of the pose: it grows as a window falls short of 5 s, up to that of none held, and
+    where little or nothing confirms the pose.
+    """
+    calibration = samples.calibration
+    held_s = min(still.duration_s for still in calibration.windows)
+    held_deg = min(UNHELD_SIGMA_DEG, POSE_SIGMA_DEG * math.sqrt(max(1.0, HELD_S / held_s)))
     if any(flag.code == "W-NO-STILL" for flag in samples.flags):
-        return UNHELD_SIGMA_DEG
-    held_s = min(still.duration_s for still in samples.calibration.windows)
-    return min(UNHELD_SIGMA_DEG, POSE_SIGMA_DEG * math.sqrt(max(1.0, HELD_S / held_s)))
+        held_deg = UNHELD_SIGMA_DEG
+    return max(held_deg, calibration.sigma_deg)
 
 
 def _doubt_method(

@@ -1,10 +1,12 @@
 """Where a sensor slipped or turned on the arm while it was worn.
 
-The moments of a stretch are parted at each of some hundred times, and both sides compared
-(:func:`fusion.postures.compare_postures`): the sensor slipped where the sides know each other least, if they
-know less of each other than other work would explain. Then each side is searched again. From such a time the
-slip is narrowed down: moments that look like before speak for before, and the like; what speaks for neither
-side clearly is the slip itself, which may take minutes.
+Stretches of a day are held against the rest of it (:mod:`fusion.slip_stretches`): those from a time to the
+end, for a sensor that slipped and stayed so, and those between two times, for one that was pushed back. The
+sensor sat otherwise where both sides know each other's commonest direction less than other work would explain
+and where walking, in which the arm hangs whatever the work is, does not contradict; where walking shows the
+arm hanging in another direction, less is asked of the postures. What is found is searched again. From such
+a time the slip is narrowed down: moments that look like before speak for before, and the like; what speaks
+for neither side clearly is the slip itself, which may take minutes.
 """
 
 from collections.abc import Iterator
@@ -13,146 +15,188 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.postures import NEAR_DEG, Moments, Table, compare_hanging, cos_deg
-from fusion.rest_probes import tell_directions
+from fusion.postures import Moments, Table
+from fusion.slip_stretches import CountedMoments, Rows, Stretches, compare_stretches, count_moments
+
+ALIKE = 2.0
+STRIDE_MIN = 2.0 / 60.0
+"""A moment of walking is a window of 2 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlipRules:
     """When two sides of a day are told apart.
 
-    Both have ``least_moments`` moments and ``least_s`` seconds; their commonest directions differ by
-    ``turned_deg``, or by ``turned_short_deg`` where a side is shorter than ``short_s``; and they know each
-    other by less than ``known`` of 2 (below ``doubted`` the slip is not sure).
-    Seen on simulated days: 900 stretches of 20 minutes to 4 hours without a turn come down to 0.44, a day of
-    eight hours put in order of its activities (hours of one kind of work and then hours of another) to 0.32;
-    with a turn of 45 deg it is 0.15 or less, with one of 30 deg 0.1 to 0.8. In minutes a worker can look
-    turned by 40 deg.
-    A slip over minutes leaves most of its beginning and end to either side; ``margin_s`` is added to both.
-    ``evidence``: how far the sum of logarithms may fall short (moments follow each other in like poses).
+    Both have ``least_moments`` moments and ``least_s`` seconds, a stretch between two slips ``between_s``.
+    They know each other by less than these bounds (of 2):
+
+    - where walking shows the arm hanging within ``hangs_alike_deg`` on both sides: none, nothing turned;
+    - where it shows it hanging apart (``hangs_apart_deg`` for two slips): ``known_apart`` for one slip and
+      ``known_between`` for two, more where more was walked on both sides (from ``walked_min`` on);
+    - without walking: ``known`` and ``turned_deg`` between the commonest directions (``turned_short_deg``
+      where a side is shorter than ``short_s``) for one; the first of ``known_between`` and
+      ``turned_between_deg`` for two, as an hour at the wheel between two on foot looks like 45 deg.
+
+    The figures behind the bounds stand in decision 32. Of stretches that are as good, one that reaches to the
+    end is taken, unless another is known less by ``clearer``. A slip over minutes leaves most of its
+    beginning and end to either side; ``margin_s`` is added to both. ``evidence``: how far the sum of
+    logarithms may fall short (moments follow each other in like poses).
     """
 
     least_moments: int = 60
     least_s: float = 300.0
     short_s: float = 900.0
+    between_s: float = 600.0
+    hangs_alike_deg: float = 10.0
+    hangs_apart_deg: float = 15.0
+    known: float = 0.45
+    walked_min: tuple[float, float] = (1.0, 2.0)
+    known_apart: tuple[float, float, float] = (0.5, 0.5, 0.9)
+    known_between: tuple[float, float, float] = (0.1, 0.35, 0.45)
     turned_deg: float = 15.0
     turned_short_deg: float = 45.0
-    known: float = 0.3
-    doubted: float = 0.45
-    most_moments: int = 1000
+    turned_between_deg: float = 60.0
+    clearer: float = 0.1
+    most_moments: int = 2000
     cell_deg: float = 7.0
-    places: int = 120
+    places: int = 100
+    long_s: float = 5 * 3600.0
+    fine_places: int = 30
     evidence: float = 10.0
     margin_s: float = 300.0
 
 
-HANGS_ALIKE_DEG = 10.0
-
-
 @dataclass(frozen=True, slots=True)
 class Slip:
-    """The slip lies somewhere in this stretch; ``is_doubted`` where the evidence is weak."""
+    """The slip lies somewhere in this stretch."""
 
     first_s: float
     end_s: float
-    is_doubted: bool = False
-
-    @property
-    def middle_s(self) -> float:
-        """Where the recording is cut if the slip is doubted."""
-        return (self.first_s + self.end_s) / 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Counted:
-    """Moments by cells of direction: ``before`` (n + 1, c) counts those before each; ``near`` (c, c)."""
+class _Day:
+    """Calm and walking moments of one stretch of wear, and the rules."""
 
-    time_s: Table
-    cell: NDArray[np.intp]
-    centre: NDArray[np.float64]
-    before: NDArray[np.float32]
-    near: NDArray[np.float32]
+    calm: CountedMoments
+    strides: CountedMoments
+    rules: SlipRules
 
-
-def find_slips_in_wear(calm: Moments, strides: Moments) -> list[Slip]:
-    """Slips by all calm moments, but for those over which the arm hangs alike in walking."""
-    found = find_slips(calm)
-    edges_s = [-np.inf, *(slip.middle_s for slip in found), np.inf]
-    return [
-        slip
-        for slip, start_s, stop_s in zip(found, edges_s[:-2], edges_s[2:], strict=True)
-        if not _hangs_alike(strides.within(start_s, slip.first_s), strides.within(slip.end_s, stop_s))
-    ]
+    @property
+    def time_s(self) -> Table:
+        """Times of the calm moments."""
+        return self.calm.moments.time_s
 
 
-def _hangs_alike(before: Moments, after: Moments) -> bool:
-    turned_deg = compare_hanging(before, after)
-    return turned_deg is not None and turned_deg < HANGS_ALIKE_DEG
-
-
-def find_slips(moments: Moments, rules: SlipRules | None = None) -> list[Slip]:
-    """Find slips within one stretch of wear, in order of time."""
+def find_slips(calm: Moments, strides: Moments, rules: SlipRules | None = None) -> list[Slip]:
+    """Find slips within one stretch of wear, in order of time; those that overlap are one."""
     rules = rules or SlipRules()
-    few = moments.thin(rules.most_moments)
+    few = calm.thin(rules.most_moments)
     if len(few.up) < 2 * rules.least_moments or few.time_s[-1] - few.time_s[0] < 2.0 * rules.least_s:
         return []
-    return sorted(_search(_count(few, rules), 0, len(few.up), rules), key=lambda slip: slip.first_s)
+    day = _Day(count_moments(few, rules.cell_deg), count_moments(strides, rules.cell_deg), rules)
+    found = sorted(_search(day, 0, len(few.up)), key=lambda slip: slip.first_s)
+    return list(_join(found))
 
 
-def _count(moments: Moments, rules: SlipRules) -> _Counted:
-    cell = tell_directions(moments.up, rules.cell_deg)
-    cells = int(cell.max()) + 1
-    sums = [np.bincount(cell, moments.up[:, axis], cells) for axis in range(3)]
-    centre = np.asarray(np.stack(sums, axis=1), dtype=np.float64)
-    centre = centre / np.linalg.norm(centre, axis=1, keepdims=True)
-    one_each = np.zeros((len(cell) + 1, cells), dtype=np.float32)
-    one_each[np.arange(len(cell)) + 1, cell] = 1.0
-    near = (centre @ centre.T >= cos_deg(NEAR_DEG)).astype(np.float32)
-    return _Counted(moments.time_s, cell, centre, np.cumsum(one_each, axis=0), near)
+def _join(slips: list[Slip]) -> Iterator[Slip]:
+    for number, slip in enumerate(slips):
+        if number == 0:
+            joined = slip
+        elif slip.first_s <= joined.end_s:
+            joined = Slip(joined.first_s, max(joined.end_s, slip.end_s))
+        else:
+            yield joined
+            joined = slip
+    if slips:
+        yield joined
 
 
-def _search(counted: _Counted, first: int, stop: int, rules: SlipRules) -> Iterator[Slip]:
-    places = _list_places(counted.time_s, first, stop, rules)
-    if len(places) == 0:
+def _search(day: _Day, first: int, stop: int) -> Iterator[Slip]:
+    found, rules = _find_turned(day, first, stop), day.rules
+    if found is None:
         return
-    known, angle_deg = _part(counted, first, stop, places)
-    time_s = counted.time_s
-    side_s = np.minimum(time_s[places] - time_s[first], time_s[stop - 1] - time_s[places])
-    least_deg = np.where(side_s < rules.short_s, rules.turned_short_deg, rules.turned_deg)
-    known = np.where(angle_deg >= least_deg, known, 2.0)
-    best = int(np.argmin(known))
-    if known[best] >= rules.doubted:
-        return
-    start, end = _narrow(counted, (first, int(places[best]), stop), rules)
-    margin_s = rules.margin_s
-    yield Slip(time_s[start] - margin_s, time_s[end] + margin_s, bool(known[best] >= rules.known))
-    if known[best] < rules.known:
-        yield from _search(counted, first, start, rules)
-        yield from _search(counted, end, stop, rules)
+    cuts = [place for place in found if first < place < stop]
+    start = first
+    for cut, end in zip(cuts, [*cuts[1:], stop], strict=True):
+        before, after = _narrow(day, (start, cut, end))
+        yield Slip(day.time_s[before] - rules.margin_s, day.time_s[after] + rules.margin_s)
+        yield from _search(day, start, before)
+        start = after
+    yield from _search(day, start, stop)
 
 
-def _list_places(time_s: Table, first: int, stop: int, rules: SlipRules) -> NDArray[np.intp]:
-    """Where to part, so that both sides are long enough."""
-    places = np.unique(np.linspace(first, stop, rules.places).astype(np.intp))
-    enough = (places - first >= rules.least_moments) & (stop - places >= rules.least_moments)
-    places = places[enough]
-    long = (time_s[places] - time_s[first] >= rules.least_s) & (
-        time_s[stop - 1] - time_s[places] >= rules.least_s
+def _find_turned(day: _Day, first: int, stop: int) -> tuple[int, int] | None:
+    """The stretch that differs most; one between two slips only where it does so by more than one slip."""
+    rules = day.rules
+    edges, fine = _place_edges(day, first, stop)
+    starts, ends = np.triu_indices(len(edges), 1)
+    kept = (starts % fine == 0) & (ends % fine == 0) | (ends - starts <= rules.fine_places) & (fine > 1)
+    starts, ends = starts[kept], ends[kept]
+    usable = _list_usable(day, edges, (starts, ends))
+    starts, ends = starts[usable], ends[usable]
+    if len(starts) == 0:
+        return None
+    compared = compare_stretches(day.calm, day.strides, edges, starts, ends)
+    is_one = ends == len(edges) - 1
+    seconds = _find_times(day, edges)
+    short = np.minimum(seconds[starts] - seconds[0], seconds[ends] - seconds[starts]) < rules.short_s
+    bound = np.where(is_one, _bound_one(compared, short, rules), _bound_between(compared, rules))
+    known = np.where(compared.known < bound, compared.known, ALIKE)
+    best = int(np.argmin(known - rules.clearer * is_one))
+    if known[best] == ALIKE:
+        return None
+    return int(edges[starts[best]]), int(edges[ends[best]])
+
+
+def _place_edges(day: _Day, first: int, stop: int) -> tuple[Rows, int]:
+    """Where stretches may begin and end; of a long day twice as often, the number being 2 then."""
+    rules = day.rules
+    fine = 2 if day.time_s[stop - 1] - day.time_s[first] > rules.long_s else 1
+    return np.linspace(first, stop, fine * rules.places + 1).astype(np.intp), fine
+
+
+def _list_usable(day: _Day, edges: Rows, span: tuple[Rows, Rows]) -> NDArray[np.bool_]:
+    """Stretches, from a time to the end or to a later time, with enough in them, before and after."""
+    (first, stop), last, rules = span, len(edges) - 1, day.rules
+    seconds = _find_times(day, edges)
+    inside_s, moments = seconds[stop] - seconds[first], edges[stop] - edges[first]
+    before = (seconds[first] - seconds[0] >= rules.least_s) & (edges[first] - edges[0] >= rules.least_moments)
+    after = (seconds[last] - seconds[stop] >= rules.least_s) & (
+        edges[last] - edges[stop] >= rules.least_moments
     )
-    return np.asarray(places[long])
+    least_s = np.where(stop == last, rules.least_s, rules.between_s)
+    enough = (inside_s >= least_s) & (moments >= rules.least_moments)
+    return np.asarray(before & (after | (stop == last)) & enough)
 
 
-def _part(counted: _Counted, first: int, stop: int, places: NDArray[np.intp]) -> tuple[Table, Table]:
-    """How well the sides know each other, and the angle between their commonest directions, at each place."""
-    before = (counted.before[places] - counted.before[first]) @ counted.near
-    after = (counted.before[stop] - counted.before[places]) @ counted.near
-    rows, at, to = np.arange(len(places)), before.argmax(axis=1), after.argmax(axis=1)
-    known = after[rows, at] / after[rows, to] + before[rows, to] / before[rows, at]
-    cosine = (counted.centre[at] * counted.centre[to]).sum(axis=1)
-    return known.astype(np.float64), np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+def _find_times(day: _Day, moments: Rows) -> Table:
+    return day.time_s[np.minimum(moments, len(day.time_s) - 1)]
 
 
-def _narrow(counted: _Counted, edges: tuple[int, int, int], rules: SlipRules) -> tuple[int, int]:
+def _bound_one(found: Stretches, is_short: NDArray[np.bool_], rules: SlipRules) -> Table:
+    """What two sides of one slip may know of each other at most; 0 where nothing turned."""
+    turned_deg = np.where(is_short, rules.turned_short_deg, rules.turned_deg)
+    unseen = np.where(found.angle_deg >= turned_deg, rules.known, 0.0)
+    walked = np.take(rules.known_apart, _grade_walking(found, rules))
+    seen = np.where(found.hangs_deg >= rules.hangs_alike_deg, walked, 0.0)
+    return np.where(np.isnan(found.hangs_deg), unseen, seen)
+
+
+def _bound_between(found: Stretches, rules: SlipRules) -> Table:
+    """The same for a stretch between two slips."""
+    unseen = np.where(found.angle_deg >= rules.turned_between_deg, rules.known_between[0], 0.0)
+    walked = np.take(rules.known_between, _grade_walking(found, rules))
+    seen = np.where(found.hangs_deg >= rules.hangs_apart_deg, walked, 0.0)
+    return np.where(np.isnan(found.hangs_deg), unseen, seen)
+
+
+def _grade_walking(found: Stretches, rules: SlipRules) -> Rows:
+    """How many of the limits of walking are reached, 0 to 2."""
+    return np.asarray(np.digitize(found.strides * STRIDE_MIN, rules.walked_min))
+
+
+def _narrow(day: _Day, edges: tuple[int, int, int]) -> tuple[int, int]:
     """First and last moment between which the slip lies.
 
     Twice over: how common each moment is before and after, as a logarithm of both shares; the sum of what
@@ -162,11 +206,17 @@ def _narrow(counted: _Counted, edges: tuple[int, int, int], rules: SlipRules) ->
     first, place, stop = edges
     start = end = place
     for _ in range(2):
-        before = (counted.before[start] - counted.before[first]) @ counted.near / max(start - first, 1)
-        after = (counted.before[stop] - counted.before[end]) @ counted.near / max(stop - end, 1)
-        speaks = np.log((before + 0.02) / (after + 0.02))[counted.cell[first:stop]]
+        before = _share(day, first, start)
+        after = _share(day, end, stop)
+        speaks = np.log((before + 0.02) / (after + 0.02))[day.calm.cell[first:stop]]
         total = np.concatenate([[0.0], np.cumsum(speaks)])
-        likely = np.flatnonzero(total >= total.max() - rules.evidence)
+        likely = np.flatnonzero(total >= total.max() - day.rules.evidence)
         start = int(np.clip(first + likely[0], first + 1, stop - 1))
         end = int(np.clip(first + likely[-1], start, stop - 1))
     return start, end
+
+
+def _share(day: _Day, first: int, stop: int) -> Table:
+    """Share of the moments near each cell, (c,)."""
+    count = np.bincount(day.calm.cell[first:stop], minlength=len(day.calm.near))
+    return np.asarray(count @ day.calm.near / max(stop - first, 1), dtype=np.float64)

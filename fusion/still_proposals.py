@@ -1,5 +1,7 @@
 """Which quiet stretches could be the calibration pose, and how good each is."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,7 @@ from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise
 Vector = NDArray[np.float64]
 
 
-def find_quiet_windows(blocks: list[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
+def find_quiet_windows(blocks: Sequence[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
     """Windows of the length a pose is held for that are still and near 1 g."""
     table = summarise_windows(blocks, rules.length_s)
     off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
@@ -50,10 +52,11 @@ def rank_stretches(
 
 
 def _hang(gravity_g: Vector, hangs: Vector, rules: CalibrationRules) -> Vector:
-    """1 where the arm hangs as it does in walking, little elsewhere."""
+    """1 where the arm hangs as it does in walking, half where nearly so, little elsewhere."""
     cosine = gravity_g @ hangs / np.linalg.norm(gravity_g, axis=1)
-    near = cosine >= np.cos(np.radians(rules.same_direction_deg))
-    return np.where(near, 1.0, rules.elsewhere)
+    apart_deg = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    near = np.interp(apart_deg, (rules.hanging_deg, rules.same_direction_deg), (1.0, rules.nearly_hanging))
+    return np.where(apart_deg <= rules.same_direction_deg, near, rules.elsewhere)
 
 
 def _agree(gravity_g: Vector, seconds: Vector, within_deg: float) -> Vector:

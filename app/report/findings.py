@@ -21,8 +21,9 @@ from fusion.quality.types import Quality, TimeAccount
 from fusion.recording import Span
 
 if TYPE_CHECKING:
-    from fusion.calibration import Calibration, StillPeriod
+    from fusion.calibration import Calibration
     from fusion.pipeline import Analysis
+    from fusion.pose_windows import StillPeriod
 
 SCHEMA = "acromion.findings/1"
 
@@ -52,7 +53,7 @@ class SettingsFacts:
 
 @dataclass(frozen=True, slots=True)
 class StillFacts:
-    """A still period, as in :class:`fusion.calibration.StillPeriod`."""
+    """A still period, as in :class:`fusion.pose_windows.StillPeriod`."""
 
     start_s: float
     duration_s: float

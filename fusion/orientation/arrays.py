@@ -19,6 +19,7 @@ class UnusableArrays(UnusableRecording, ValueError):
     code = "E-ARRAYS"
 
 
+UNIT_WITHIN = 0.01
 OTHER_UNIT = 3.0
 """The factor from 1 g at which the median length tells another unit: nobody moves so hard throughout."""
 
@@ -52,14 +53,16 @@ def check_rate(rate_hz: float) -> None:
 
 
 def check_direction(axis: object) -> NDArray[np.float64]:
-    """Give a direction as a vector of its own, shape (3,); its length does not matter.
+    """Give a unit vector as an array of its own, shape (3,).
+
+    Another length (over 1 % off) tells that it is no direction, but an acceleration, or a slip of the pen.
 
     Raises
     ------
     UnusableArrays
     """
     vector = np.array(_as_floats(axis), dtype=np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+    if vector.shape != (3,) or not abs(np.linalg.norm(vector) - 1.0) <= UNIT_WITHIN:
         raise UnusableArrays(why="axis", axis=str(vector.tolist()))
     return vector
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from fusion.calibration import Calibration
+from fusion.pose_doubts import ALONE_FIRST_SIGMA_DEG
 from fusion.quality.spans import flag_spans
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
@@ -38,10 +39,10 @@ def assess_quality(
     """Collect every caveat and give the verdict with the codes of all that count, the gravest first.
 
     Poor: less than 2 h or half of the recording analysed, no still period, a calibration in a stretch that is
-    not trusted, a sensor that sat otherwise for half of the recording, sensor upside down. Caution: less
-    than 4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (also that the
-    sensor may not have been worn). A note (a
-    duplicate second, the N-pose) leaves the verdict good.
+    not trusted or in a posture that nothing confirms while another was held before it, a sensor that sat
+    otherwise for half of the recording, sensor upside down. Caution: less than 4 h, 1 % or more missing, 0.1
+    % or more clipped, any other doubt about the signal (also that the sensor may not have been worn). A note
+    (a duplicate second, the N-pose) leaves the verdict good.
     """
     given = (*recording.flags, *calibration_flags)
     told = {flag.code for flag in given}
@@ -61,6 +62,8 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> int:
         return POOR if flag.seconds < POOR_H * HOUR_S else CAUTION
     if flag.code == "W-REMOUNT":
         return POOR if 2 * flag.seconds * MICROSECONDS >= time.recorded_us else CAUTION
+    if flag.code == "W-POSE-ALONE":
+        return POOR if float(flag.facts["deg"]) > ALONE_FIRST_SIGMA_DEG else CAUTION
     if flag.code in GRAVE:
         return POOR
     return NOTE if flag.code in NOTES else CAUTION

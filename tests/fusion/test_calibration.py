@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.calibration import (
-    calibrate,
-    find_still_period,
-    propose_still_periods,
-)
+from fusion.calibration import calibrate
 from fusion.calibration_rules import score_still_period
 from fusion.elevation import estimate_elevation
 from fusion.errors import UnusableCalibration
+from fusion.pose_windows import propose_still_periods
 from fusion.recording import Recording, Segment
 from fusion.two_point import share_between
 from tests.factories import hold, record
@@ -72,7 +69,7 @@ def test_the_samples_are_not_copied() -> None:
 def test_the_first_quiet_stretch_is_proposed_where_all_are_alike() -> None:
     recording = rest((10.0, None), (8.0, tilted(0.0)), (10.0, None), (8.0, tilted(0.0)), (10.0, None))
 
-    still = find_still_period(recording)
+    still = propose_still_periods(recording)[0]
 
     assert still.start_s == pytest.approx(10.0, abs=0.5)
     assert still.duration_s == pytest.approx(8.0, abs=1.0)
@@ -86,14 +83,14 @@ def test_proposals_come_in_order_and_at_most_as_many_as_asked() -> None:
 
 
 def test_of_a_long_stretch_the_first_ten_seconds_stand_for_it() -> None:
-    assert find_still_period(rest((60.0, tilted(0.0)))).duration_s == pytest.approx(10.0)
+    assert propose_still_periods(rest((60.0, tilted(0.0))))[0].duration_s == pytest.approx(10.0)
 
 
 def test_a_sensor_that_lay_on_a_desk_first_is_not_taken_for_the_pose() -> None:
     worn = [(10.0, None), (7.0, tilted(0.0))] * 12
     recording = rest((60.0, tilted(90.0)), *worn)
 
-    still = find_still_period(recording)
+    still = propose_still_periods(recording)[0]
 
     assert still.start_s > 60.0
     assert still.gravity_g == pytest.approx(tilted(0.0), abs=0.01)
@@ -193,8 +190,8 @@ def test_a_gt9x_must_read_1_g_within_a_twentieth() -> None:
     off = rest((20.0, 1.07 * tilted(0.0)), (20.0, tilted(0.0)))
     gt9x = replace(off, device="gt9x")
 
-    assert find_still_period(off).start_s < 20.0
-    assert find_still_period(gt9x).start_s > 19.0
+    assert propose_still_periods(off)[0].start_s < 20.0
+    assert propose_still_periods(gt9x)[0].start_s > 19.0
 
 
 def test_an_arm_held_at_95_deg_after_hanging_is_calibrated_on_the_hanging() -> None:

@@ -107,8 +107,10 @@ def test_an_empty_chunk_gives_no_row_and_changes_nothing(axis: NDArray[np.float6
     assert np.array_equal(live.update(made.acc_g, made.gyr_dps), expected, equal_nan=True)
 
 
-@pytest.mark.parametrize("axis", [[1.0, 0.0], [np.nan, 0.0, 1.0], [0.0, 0.0, 0.0], ["a", "b", "c"]])
-def test_an_arm_axis_that_is_no_direction_is_refused_at_once(axis: list[object]) -> None:
+@pytest.mark.parametrize(
+    "axis", [[1.0, 0.0], [np.nan, 0.0, 1.0], [0.0, 0.0, 0.0], ["a", "b", "c"], [0.0, 0.0, 9.81]]
+)
+def test_an_arm_axis_that_is_no_unit_vector_is_refused_at_once(axis: list[object]) -> None:
     with pytest.raises(UnusableArrays):
         LiveElevation(100.0, np.array(axis))
 

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.calibration import calibrate, propose_still_periods
+from fusion.calibration import calibrate
 from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation
+from fusion.pipeline import analyse
+from fusion.pose_windows import propose_still_periods
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.remount import AxisPart
-from fusion.simulation.activities import HANGING, Activity, hold_still, lift, stand, walk
+from fusion.simulation.activities import HANGING, Activity, assemble, hold_still, lift, stand, walk
 from fusion.simulation.choreography import Choreography
 from fusion.simulation.motion import Channel
 from fusion.simulation.shift import PlannedActivity, wear_sensor
@@ -121,14 +123,71 @@ def test_a_window_in_which_the_arm_was_raised_is_told() -> None:
     assert [(flag.code, flag.first_s) for flag in flags] == [("W-POSE-DOUBT", wheel.start_s)]
 
 
+def test_at_the_wheel_without_any_walking_the_pose_is_said_not_to_be_confirmed() -> None:
+    # The wheel is taken for the pose, 39 deg wrong; the pose was held before it.
+    recording, truth_deg = work((sit_at(45.0), 1800.0))
+
+    analysis = analyse(recording)
+
+    (flag,) = [flag for flag in analysis.quality.flags if flag.code == "W-POSE-ALONE"]
+    assert flag.first_s is not None
+    assert truth_deg[round((flag.first_s + 1.0) * RATE_HZ)] > 30.0
+    assert (flag.facts["deg"], analysis.quality.verdict) == (25.0, "poor")
+    assert analysis.exposure.angle_sigma_deg == pytest.approx(25.0, abs=1.0)
+
+
+def test_at_a_bench_without_any_walking_the_first_pose_held_is_less_certain() -> None:
+    recording, _ = work((assemble, 1800.0))
+
+    flags = [flag for flag in calibrate(recording, "n-pose").flags if flag.code == "W-POSE-ALONE"]
+
+    assert [flag.facts["deg"] for flag in flags] == [6.0]
+
+
+def test_a_window_that_a_person_gave_needs_no_walking() -> None:
+    recording, _ = work((assemble, 1800.0))
+
+    assert calibrate(recording, "n-pose", ((2.0, 12.0),)).flags == ()
+
+
+def test_where_another_posture_was_held_first_the_pose_is_as_certain_as_walking_tells() -> None:
+    # The arm is held at 45 deg for ten minutes, then hangs now and then: a window like walking is proposed,
+    # which may be off by what it differs from walking and walking from the axis (7.1 deg), twice the sigma.
+    whole, _ = work((sit_at(45.0), 600.0), (walk_about, 1200.0))
+
+    samples = calibrate(cut_start(whole, POSE_S + 5.0), "n-pose")
+
+    assert samples.flags == ()
+    assert 7.1 / 1.96 <= samples.calibration.sigma_deg < 14.0
+
+
+def cut_start(recording: Recording, first_s: float) -> Recording:
+    """The same without its beginning, and so without the pose."""
+    (whole,) = recording.segments
+    first = round(first_s * whole.rate_hz)
+    late = Segment(0, whole.rate_hz, whole.acc_g[first:], whole.gyr_dps[first:])
+    return replace(recording, segments=(late,), duration_us=late.duration_us)
+
+
+def test_where_the_sensor_was_off_each_part_has_a_proposal() -> None:
+    made = work((walk_about, 1500.0), (walk_about, 1500.0))
+    recording, _ = cut_out(*made, 1400.0, 1800.0)
+
+    starts_s = [still.start_s for still in propose_still_periods(recording)]
+
+    assert starts_s[0] < POSE_S
+    assert any(start_s > 1800.0 for start_s in starts_s)
+    assert calibrate(recording, "n-pose").calibration.still.start_s == starts_s[0]
+
+
 @pytest.mark.parametrize("method", ["published", "live", "smoothed"])
-def test_a_part_that_may_have_turned_widens_the_range_whatever_the_method(method: MethodName) -> None:
+def test_a_part_with_an_axis_of_its_own_widens_the_range_whatever_the_method(method: MethodName) -> None:
     recording, _ = work((walk_about, 1500.0))
     samples = calibrate(recording, "n-pose")
     half_s = recording.duration_us / MICROSECONDS / 2.0
-    doubted = AxisPart(half_s, np.inf, samples.calibration.arm_axis, 18.0, is_doubted=True)
+    turned = AxisPart(half_s, np.inf, samples.calibration.arm_axis, 18.0)
 
-    sigma_deg = estimate_elevation(replace(samples, remounts=(doubted,)), method).bias_sigma_deg
+    sigma_deg = estimate_elevation(replace(samples, remounts=(turned,)), method).bias_sigma_deg
 
     # Half of the time 18 deg: 18 / sqrt(2) = 12.7 deg, and the method's own beside it.
     assert sigma_deg is not None

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.calibration import Calibration, StillPeriod
+from fusion.calibration import Calibration
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import summarise_exposure
+from fusion.pose_windows import StillPeriod
 from fusion.quality import Quality, TimeAccount, account_time, assess_quality, find_exclusions, leave_out
 from fusion.quality.exclusions import make_disjoint
 from fusion.recording import QualityFlag, Recording, Segment, Span
@@ -257,6 +258,11 @@ def test_less_than_half_analysed_is_poor() -> None:
 )
 def test_a_caveat_weighs_what_it_costs_in_8_hours(code: str, seconds: float, verdict: str) -> None:
     assert judge(8.0, QualityFlag(code, seconds=seconds)).verdict == verdict
+
+
+@pytest.mark.parametrize(("deg", "verdict"), [(6.0, "caution"), (25.0, "poor")])
+def test_a_pose_that_nothing_confirms_weighs_by_what_was_held_before_it(deg: float, verdict: str) -> None:
+    assert judge(8.0, QualityFlag("W-POSE-ALONE", facts={"deg": deg})).verdict == verdict
 
 
 def test_the_gravest_caveat_comes_first() -> None:

@@ -1,0 +1,215 @@
+"""Where the arm was held still: windows that could be the calibration pose, and those asked for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.calibration_rules import CalibrationRules, rules_for, score_still_period
+from fusion.errors import UnusableCalibration
+from fusion.postures import find_angle_deg, find_hanging, find_striding_moments
+from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.sensor_errors.accelerometer import calibrate_accelerometer, leave_accelerometer
+from fusion.sensor_errors.runs import view_segment
+from fusion.sensor_errors.stillness import (
+    QuarterSeconds,
+    find_still_moments,
+    reduce_run,
+    summarise_windows,
+)
+from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stretches
+from fusion.worn_parts import WornParts, part_recording
+
+Vector = NDArray[np.float64]
+Blocks = Sequence[QuarterSeconds]
+WHOLE_DAY_S = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StillPeriod:
+    """A stretch in which the arm did not move.
+
+    Attributes
+    ----------
+    start_s, duration_s
+        Seconds from the recording's first sample.
+    gravity_g
+        Shape (3,): mean acceleration, points to the zenith.
+    gyro_bias_dps
+        Shape (3,): mean angular rate.
+    score
+        0 to 1: how still, how near 1 g, how long (definition in ``score_still_period``).
+    """
+
+    start_s: float
+    duration_s: float
+    gravity_g: Vector
+    gyro_bias_dps: Vector
+    score: float
+
+
+def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPeriod, ...]:
+    """Quiet stretches of 5 to 10 s that could be the calibration pose, the likeliest first.
+
+    The order is by the product of three factors. Good enough: the score, where it is under a half. Early:
+    halved after ten minutes. Hanging: within 10 deg of the direction in which the arm hangs while walking;
+    half at 20 deg, hardly beyond. Where nobody walked, seen again: how much of the still time has the same
+    direction of gravity within 20 deg, where that is under a quarter of the commonest direction's; this puts
+    behind a sensor that lay on a desk before it was strapped on. Each stretch of stillness counts for at most
+    10 s.
+
+    Where the sensor slipped or was off, each part has an order of its own, by its own walking: first the
+    proposals of the part in which the pose is sought, then the best one of each other part.
+    """
+    blocks = reduce_recording(recording)
+    stills = find_still_moments(blocks)
+    worn = part_recording(blocks, stills, calibrate_accelerometer(stills))
+    return _propose_by_part(recording, blocks, worn, most)
+
+
+def choose_still_period(recording: Recording, blocks: Blocks, worn: WornParts) -> StillPeriod:
+    """The best proposal; where nothing is quiet for 5 s, the best 2 s (W-NO-STILL).
+
+    Raises
+    ------
+    UnusableCalibration
+        ``why`` "none": no 2 s in one piece; "moving": even the best 2 s move too much.
+    """
+    proposals = _propose_by_part(recording, blocks, worn, 1)
+    return proposals[0] if proposals else _find_best_moment(recording, blocks)
+
+
+def _propose_by_part(
+    recording: Recording, blocks: Blocks, worn: WornParts, most: int
+) -> tuple[StillPeriod, ...]:
+    """Proposals of the whole day, or where the sensor slipped or was off, of its parts.
+
+    A pose is held when the sensor has just been strapped on. How the arm hangs is seen in another direction
+    after a slip: by the walking of a whole day a raised arm before the slip may pass for a hanging one.
+    """
+    found = _propose(recording, blocks, most)
+    homes = worn.list_for_pose(found[0].start_s) if found else ()
+    by_part = {part.start_s: _propose(recording, blocks, most, (part.start_s, part.end_s)) for part in homes}
+    home = next((start_s for start_s, proposals in by_part.items() if proposals), None)
+    if home is None:
+        return found
+    others = [part for part in worn.parts if part.start_s != home] if most > 1 else []
+    best = [_propose(recording, blocks, 1, (part.start_s, part.end_s)) for part in others]
+    elsewhere = [proposals[0] for proposals in best if proposals][: most - 1]
+    return (*by_part[home][: most - len(elsewhere)], *elsewhere)
+
+
+def reduce_recording(recording: Recording) -> list[QuarterSeconds]:
+    """Every segment in blocks of a quarter second."""
+    return [reduce_run(view_segment(segment)) for segment in recording.segments]
+
+
+def _propose(
+    recording: Recording,
+    blocks: Blocks,
+    most: int,
+    within_s: tuple[float, float] = WHOLE_DAY_S,
+) -> tuple[StillPeriod, ...]:
+    rules = rules_for(recording.device)
+    quiet = find_quiet_windows(blocks, rules)
+    quiet = quiet.select(
+        (quiet.start_s >= within_s[0]) & (quiet.start_s + rules.longest_proposal_s <= within_s[1])
+    )
+    if len(quiet) == 0:
+        return ()
+    first, end_s = join_stretches(quiet, rules)
+    hangs = find_hanging(find_striding_moments(blocks, leave_accelerometer()).within(*within_s))
+    order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules, hangs), kind="stable")[:most]
+    return tuple(_measure(recording, float(quiet.start_s[first[k]]), float(end_s[k]), rules) for k in order)
+
+
+def measure_pair(
+    recording: Recording, windows_s: tuple[tuple[float, float], ...]
+) -> tuple[StillPeriod, StillPeriod]:
+    """Measure the two windows of the two-point pose, hanging and level.
+
+    Raises
+    ------
+    UnusableCalibration
+    """
+    if len(windows_s) != 2:
+        raise UnusableCalibration(why="count", start_s=0.0, end_s=0.0)
+    hanging, level = (measure_asked(recording, window) for window in windows_s)
+    if not 60.0 <= find_angle_deg(hanging.gravity_g, level.gravity_g) <= 120.0:
+        raise UnusableCalibration(why="angle", start_s=windows_s[1][0], end_s=windows_s[1][1])
+    return hanging, level
+
+
+def measure_asked(recording: Recording, window_s: tuple[float, float]) -> StillPeriod:
+    """Measure a window that a person asked for, or say why not.
+
+    Raises
+    ------
+    UnusableCalibration
+    """
+    start_s, end_s = window_s
+    rules = rules_for(recording.device)
+    why = _object_to(recording, start_s, end_s, rules)
+    if why:
+        raise UnusableCalibration(why=why, start_s=start_s, end_s=end_s)
+    still = _measure(recording, start_s, end_s, rules)
+    _refuse_motion(recording, still, rules)
+    return still
+
+
+def _object_to(recording: Recording, start_s: float, end_s: float, rules: CalibrationRules) -> str:
+    if start_s < 0.0 or end_s * MICROSECONDS > recording.duration_us + 1 or not np.isfinite(end_s - start_s):
+        return "outside"
+    if end_s - start_s < rules.shortest_window_s - 1e-9:
+        return "short"
+    return "" if _segment_around(recording, start_s, end_s) else "hole"
+
+
+def _refuse_motion(recording: Recording, still: StillPeriod, rules: CalibrationRules) -> None:
+    acc, gyr = _cut(recording, still.start_s, still.start_s + still.duration_s)
+    why = ""
+    if acc.std(axis=0).max() > rules.refuse_acc_sd_g or gyr.std(axis=0).max() > rules.refuse_gyro_sd_dps:
+        why = "moving"
+    elif abs(float(np.linalg.norm(still.gravity_g)) - 1.0) > rules.refuse_from_one_g:
+        why = "gravity"
+    if why:
+        raise UnusableCalibration(why=why, start_s=still.start_s, end_s=still.start_s + still.duration_s)
+
+
+def _segment_around(recording: Recording, start_s: float, end_s: float) -> Segment | None:
+    for segment in recording.segments:
+        slack_s = 1.5 / segment.rate_hz
+        if segment.start_s - slack_s <= start_s and end_s <= segment.end_us / MICROSECONDS + slack_s:
+            return segment
+    return None
+
+
+def _cut(recording: Recording, start_s: float, end_s: float) -> tuple[Vector, Vector]:
+    segment = _segment_around(recording, start_s, end_s)
+    if segment is None:
+        raise UnusableCalibration(why="hole", start_s=start_s, end_s=end_s)
+    first = max(0, round((start_s - segment.start_s) * segment.rate_hz))
+    stop = max(first + 1, round((end_s - segment.start_s) * segment.rate_hz))
+    rows = slice(first, stop)
+    return segment.acc_g[rows].astype(np.float64), segment.gyr_dps[rows].astype(np.float64)
+
+
+def _measure(recording: Recording, start_s: float, end_s: float, rules: CalibrationRules) -> StillPeriod:
+    acc, gyr = _cut(recording, start_s, end_s)
+    gravity = acc.mean(axis=0)
+    score = score_still_period(end_s - start_s, float(acc.std(axis=0).max()), gravity, rules)
+    return StillPeriod(start_s, end_s - start_s, gravity, gyr.mean(axis=0), score)
+
+
+def _find_best_moment(recording: Recording, blocks: Blocks) -> StillPeriod:
+    rules = rules_for(recording.device)
+    table = summarise_windows(blocks, rules.fallback_s)
+    if len(table) == 0:
+        raise UnusableCalibration(why="none", start_s=0.0, end_s=recording.duration_us / MICROSECONDS)
+    off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
+    best = int(np.argmin(table.acc_sd_g + 0.01 * table.gyro_sd_dps + off))
+    start_s = float(table.start_s[best])
+    still = _measure(recording, start_s, start_s + table.duration_s, rules)
+    _refuse_motion(recording, still, rules)
+    return still
