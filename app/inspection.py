@@ -1,17 +1,12 @@
 """What a file is, for `acromion inspect` and the page: nothing is analysed."""
 
 import json
-from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.report.messages import describe_flag
-from app.report.numbers import format_exact, format_long_duration, format_number
-from app.report.subject import clean_text
-from app.report.wording import Language, Words, fill, load_wording
 from app.request import OnStage, ReportRequest
 from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
 from fusion.pose_windows import propose_still_periods
@@ -22,9 +17,8 @@ from fusion.readers.inspection import LISTED_GAPS, inspect_recording
 from fusion.readers.profile_proposal import propose_profile
 from fusion.readers.source import open_source
 from fusion.readers.unpacking import unpack
-from fusion.recording import MICROSECONDS, QualityFlag
+from fusion.recording import MICROSECONDS
 
-_MOST_LINES = 10
 MOST_ROUNDING_US = 2
 
 
@@ -104,74 +98,6 @@ def write_head_inspection(log: Path, request: ReportRequest, out: Path, on_stage
     start = facts.start.isoformat() if facts.start else None
     found = {"file": request.file_name, **asdict(facts), "start": start}
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
-
-
-def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
-    """Write the facts as lines for people."""
-    words = load_wording(language, "run")["inspection"]
-    rows = [
-        (words["device"], load_wording(language)["device"].get(facts["device"], facts["device"])),
-        (words["start"], facts["start"] or words["no_clock"]),
-        (words["rate"], f"{format_number(facts['rate_hz'], 3, language)} Hz"),
-        (words["recorded"], format_long_duration(facts["recorded_s"])),
-        (words["segments"], str(facts["segments"])),
-        (words["jitter"], _tell_number(facts["jitter_us"], "us", words, language)),
-        (words["rest"], _tell_number(facts["sanity"]["rest_g"], "g", words, language)),
-        (words["handedness"], _tell_number(facts["sanity"]["handedness"], "", words, language)),
-        (words["axes"], facts["sanity"]["axes"] or words["unseen"]),
-        (words["gyro_scale"], _tell_scale(facts["sanity"], words, language)),
-        *((f"  {name}", clean_text(str(value))) for name, value in facts["understood"].items() if value),
-        (words["gaps"], _join((_tell_gap(gap, words, language) for gap in facts["gaps"]), words)),
-        (words["warnings"], _join((_tell_warning(w, language) for w in facts["warnings"]), words)),
-        (
-            words["proposals"],
-            _join((_tell_proposal(p, words, language) for p in facts["calibration_proposals"]), words),
-        ),
-        (words["nonwear"], _join((_tell_gap(p, words, language) for p in facts["nonwear_proposals"]), words)),
-    ]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
-
-
-def _tell_scale(sanity: Mapping[str, Any], words: Words, language: Language) -> str:
-    if sanity["gyro_scale"] is None:
-        return str(words["unseen"])
-    scale, margin = (format_number(sanity[name], 3, language) for name in ("gyro_scale", "gyro_scale_margin"))
-    return f"{scale} ± {margin}"
-
-
-def _tell_number(value: float | None, unit: str, words: Words, language: Language) -> str:
-    return str(words["unseen"]) if value is None else f"{format_number(value, 3, language)} {unit}".rstrip()
-
-
-def _join(lines: Iterable[str], words: Words) -> str:
-    every = list(lines)
-    shown = every[:_MOST_LINES]
-    if len(every) > _MOST_LINES:
-        shown.append(fill(words["more"], {"n": str(len(every) - _MOST_LINES)}))
-    return "; ".join(shown) or str(words["none"])
-
-
-def _tell_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
-    facts = {
-        "length": format_exact(gap["length_s"], language),
-        "start": format_exact(gap["start_s"], language),
-    }
-    return fill(words["gap"], facts)
-
-
-def _tell_warning(warning: Mapping[str, Any], language: Language) -> str:
-    flag = QualityFlag(warning["code"], warning["count"], facts=warning.get("facts", {}))
-    return f"{flag.code} {describe_flag(flag, language).title} ({flag.count})"
-
-
-def _tell_proposal(proposal: Mapping[str, float], words: Words, language: Language) -> str:
-    facts = {
-        "start": format_number(proposal["start_s"], 1, language),
-        "end": format_number(proposal["start_s"] + proposal["duration_s"], 1, language),
-        "score": format_number(proposal["score"], 2, language),
-    }
-    return fill(words["proposal"], facts)
 
 
 def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

@@ -151,7 +151,9 @@ class UnusableRecording(FusionError):
 
 
 class UnknownRate(UnusableRecording):
-    """The sampling rate cannot be determined. Facts: h (header), m (measured)."""
+    """The sampling rate cannot be determined. Facts: m (measured), cure; unit (of the header's times), and
+    other_unit with other_hz, the rate that it would give.
+    """
 
     code = "E-RATE"
 

@@ -13,6 +13,14 @@ from math import isclose, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.corrections import (
+    flag_correction,
+    is_mirrored,
+    multiply_acceleration,
+    multiply_rates,
+    name_factors,
+    turn_axes,
+)
 from fusion.errors import MixedColumns, TooShort, WrongScale
 from fusion.flat_tops import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
 from fusion.gravity_windows import GravityWindows, cut_windows
@@ -43,12 +51,11 @@ WIDE_RANGE_FACTOR = 1.5
 SHORTEST_S = 1.0
 FEWEST_RESTS, UNEVEN_G = 20, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
-Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
 
 
 def check_physics(recording: Recording) -> Recording:
-    """Correct unit, axes and gyroscope scale where the evidence is strong, and flag it.
+    """Correct unit, axes and gyroscope scale where the evidence is strong, in place, and flag it.
 
     Raises
     ------
@@ -62,14 +69,19 @@ def check_physics(recording: Recording) -> Recording:
     checked = _correct_rest_length(_check_gravity(recording))
     unit = _known_unit(checked.understood.get("angular_rate_unit", "deg/s"))
     candidates = _rate_candidates(unit)
-    cut_off = find_flat_range([segment.gyr_dps for segment in checked.segments])
-    windows = cut_windows(checked.segments, SAME_SHARE * (cut_off or np.inf))
+    windows, cut_off = cut_whole_windows(checked.segments)
     evidence = judge_frame(windows, find_gyro_offset_dps(checked.segments), candidates)
     if evidence is not None and evidence.is_wrong:
         raise MixedColumns(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
     if evidence is None or not evidence.is_settled:
         return _narrow_ranges(_assume(checked, unit, candidates[0], evidence), is_cut=cut_off is not None)
     return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None)
+
+
+def cut_whole_windows(segments: Sequence[Segment]) -> tuple[GravityWindows, float | None]:
+    """Windows in which the gyroscope is not cut off, and the size at which it is; None where it never is."""
+    cut_off = find_flat_range([segment.gyr_dps for segment in segments])
+    return cut_windows(segments, SAME_SHARE * (cut_off or np.inf)), cut_off
 
 
 def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
@@ -95,19 +107,13 @@ def _correct_rest_length(recording: Recording) -> Recording:
         if scale is None or not scale.is_even:
             _refuse_uneven(np.linalg.norm(rests_g, axis=1))
         return recording
-    facts: dict[str, str | int | float] = {"evidence": "rest"}
     if scale.is_axis_off:
-        factors = scale.axes.astype(np.float32)
-        facts |= {"what": "scale of the accelerometer's axes", **_name_factors(scale.axes)}
-    else:
-        factors = np.full(3, scale.overall, np.float32)
-        facts |= {"what": "accelerometer scale", "factor": round(scale.overall, 3)}
-    segments = tuple(replace(s, acc_g=s.acc_g * factors) for s in recording.segments)
-    return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
-
-
-def _name_factors(axes: Vector) -> dict[str, float]:
-    return {f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", axes, strict=True)}
+        multiply_acceleration(recording, scale.axes)
+        return flag_correction(
+            recording, "scale of the accelerometer's axes", "rest", name_factors(scale.axes)
+        )
+    multiply_acceleration(recording, scale.overall)
+    return flag_correction(recording, "accelerometer scale", "rest", {"factor": round(scale.overall, 3)})
 
 
 def _refuse_uneven(lengths_g: Vector) -> None:
@@ -121,11 +127,14 @@ def _refuse_uneven(lengths_g: Vector) -> None:
 
 def _assume(recording: Recording, unit: str, factor: float, evidence: FrameEvidence | None) -> Recording:
     """Take the first unit, where the motion does not tell; say so where nothing else does."""
-    flags = [] if unit not in ("", "registers") else [_flag_rate(factor, "assumed")]
-    if evidence is not None and evidence.is_doubtful:
-        percent = round(100.0 * evidence.as_read.score)
-        flags.append(QualityFlag("W-MIXED", facts={"percent": percent, "turns": evidence.lively}))
-    return _flag(_set_unit(recording, unit, factor), *flags)
+    taken = _set_unit(recording, unit, factor)
+    if unit in ("", "registers"):
+        taken = flag_correction(taken, "angular rate", "assumed", {"factor": factor})
+    if evidence is None or not evidence.is_doubtful:
+        return taken
+    percent = round(100.0 * evidence.as_read.score)
+    doubt = QualityFlag("W-MIXED", facts={"percent": percent, "turns": evidence.lively})
+    return replace(taken, flags=(*taken.flags, doubt))
 
 
 def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence) -> Recording:
@@ -134,10 +143,10 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
     factor = _name_factor(chosen.factor, candidates)
     arranged = _set_unit(recording, unit, factor)
     if factor != 1.0:
-        arranged = _flag(arranged, _flag_rate(factor, "motion"))
-    arranged = _turn_axes(arranged, chosen.turn)
+        arranged = flag_correction(arranged, "angular rate", "motion", {"factor": factor})
+    arranged = turn_axes(arranged, chosen.turn)
     scale = measure_scale(windows, chosen, factor)
-    is_arduino = _is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS)
+    is_arduino = is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS)
     if is_arduino and scale.overall + SURE_ERRORS * scale.error > sqrt(ARDUINO_FACTOR):
         return _undo_arduino(arranged)
     return _correct_scale(arranged, scale)
@@ -149,61 +158,22 @@ def _name_factor(factor: float, candidates: Sequence[float]) -> float:
 
 
 def _set_unit(recording: Recording, unit: str, factor: float) -> Recording:
-    scaled = scale_recording(recording, gyr_factor=factor)
+    if factor != 1.0:
+        multiply_rates(recording, factor)
     if unit != "registers":
-        return scaled
-    return replace(scaled, gyr_range_dps=RANGES_DPS[SENSITIVITIES_DPS.index(factor)])
-
-
-def _flag_rate(factor: float, evidence: str) -> QualityFlag:
-    return QualityFlag("W-UNITS", facts={"what": "angular rate", "factor": factor, "evidence": evidence})
-
-
-def _flag(recording: Recording, *flags: QualityFlag) -> Recording:
-    return replace(recording, flags=(*recording.flags, *flags))
-
-
-def _is_mirrored(turn: Matrix) -> bool:
-    """Whether all three rates are the other way about, as in a left-handed frame."""
-    return bool(np.all(turn == -np.eye(3)))
-
-
-def _turn_axes(recording: Recording, turn: Matrix) -> Recording:
-    if np.all(turn == np.eye(3)):
         return recording
-    if _is_mirrored(turn):
-        mirror = np.array([-1.0, 1.0, 1.0], np.float32)
-        segments = tuple(
-            replace(s, acc_g=s.acc_g * mirror, gyr_dps=s.gyr_dps * mirror) for s in recording.segments
-        )
-        facts: dict[str, str | int | float] = {"what": "left-handed", "evidence": "motion"}
-        return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
-    order, signs = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(np.float32)
-    segments = tuple(
-        replace(s, gyr_dps=np.ascontiguousarray(s.gyr_dps[:, order]) * signs) for s in recording.segments
-    )
-    facts = {"what": "axes", "evidence": "motion", "order": name_axes(turn)}
-    return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
-
-
-def name_axes(turn: Matrix) -> str:
-    """Which readings, with which signs, are the rates about x, y and z: "+x +y +z" as it should be."""
-    return " ".join(f"{'-' if row.sum() < 0 else '+'}{'xyz'[int(np.abs(row).argmax())]}" for row in turn)
+    return replace(recording, gyr_range_dps=RANGES_DPS[SENSITIVITIES_DPS.index(factor)])
 
 
 def _correct_scale(recording: Recording, scale: Scale) -> Recording:
     """Multiply the rates by what the motion says, if it is surely more than parts are off."""
     if scale.is_axis_off:
-        facts: dict[str, str | int | float] = {"what": "scale of the axes", "evidence": "motion"}
-        facts |= _name_factors(scale.axes)
-        factors = scale.axes.astype(np.float32)
-    elif scale.is_overall_off:
-        facts = {"what": "gyroscope scale", "evidence": "motion", "factor": round(scale.overall, 3)}
-        factors = np.full(3, scale.overall, np.float32)
-    else:
-        return recording
-    segments = tuple(replace(s, gyr_dps=s.gyr_dps * factors) for s in recording.segments)
-    return _flag(replace(recording, segments=segments), QualityFlag("W-UNITS", facts=facts))
+        multiply_rates(recording, scale.axes)
+        return flag_correction(recording, "scale of the axes", "motion", name_factors(scale.axes))
+    if scale.is_overall_off:
+        multiply_rates(recording, scale.overall)
+        return flag_correction(recording, "gyroscope scale", "motion", {"factor": round(scale.overall, 3)})
+    return recording
 
 
 def _undo_arduino(recording: Recording) -> Recording:
@@ -211,8 +181,9 @@ def _undo_arduino(recording: Recording) -> Recording:
 
     The grid alone is no proof: parts with a true 2000/32768 deg/s per count share it, but are right-handed.
     """
-    scaled = scale_recording(recording, gyr_factor=ARDUINO_FACTOR)
-    return _flag(replace(scaled, device="lsm9ds1"), _flag_rate(ARDUINO_FACTOR, "grid"))
+    multiply_rates(recording, ARDUINO_FACTOR)
+    known = replace(recording, device="lsm9ds1")
+    return flag_correction(known, "angular rate", "grid", {"factor": ARDUINO_FACTOR})
 
 
 def refuse_impossible_rates(recording: Recording) -> Recording:
@@ -273,11 +244,10 @@ def _check_gravity(recording: Recording) -> Recording:
         if present_s < SHORTEST_S:
             raise TooShort(s=present_s)
         raise WrongScale(g=round(rest, 3))
-    scaled = scale_recording(recording, acc_factor=factor)
+    multiply_acceleration(recording, factor)
     if unit == "registers":
-        return replace(scaled, acc_range_g=RANGES_G[SENSITIVITIES_G.index(factor)])
-    flag = QualityFlag("W-UNITS", facts={"what": "acceleration", "factor": factor, "g": round(rest, 3)})
-    return replace(scaled, flags=(*scaled.flags, flag))
+        return replace(recording, acc_range_g=RANGES_G[SENSITIVITIES_G.index(factor)])
+    return flag_correction(recording, "acceleration", "rest", {"factor": factor, "g": round(rest, 3)})
 
 
 def _find_acc_factor(rest: float, unit: str, tolerance: float) -> float | None:
@@ -293,19 +263,6 @@ def _find_acc_factor(rest: float, unit: str, tolerance: float) -> float | None:
         tolerance = min(tolerance, 0.05)
     fitting = [factor for factor in candidates if abs(rest * factor - 1.0) <= tolerance]
     return min(fitting, key=lambda factor: abs(rest * factor - 1.0)) if fitting else None
-
-
-def scale_recording(recording: Recording, acc_factor: float = 1.0, gyr_factor: float = 1.0) -> Recording:
-    """The same recording with its samples multiplied."""
-    segments = tuple(
-        replace(
-            segment,
-            acc_g=segment.acc_g * np.float32(acc_factor) if acc_factor != 1.0 else segment.acc_g,
-            gyr_dps=segment.gyr_dps * np.float32(gyr_factor) if gyr_factor != 1.0 else segment.gyr_dps,
-        )
-        for segment in recording.segments
-    )
-    return replace(recording, segments=segments)
 
 
 def _rate_candidates(unit: str) -> tuple[float, ...]:

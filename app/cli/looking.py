@@ -20,7 +20,8 @@ def inspect(
     lang: LanguageOption = "en",
 ) -> None:
     """Say what the file is: device, columns, units, rate, clock, gaps, warnings. Analyses nothing."""
-    from app.inspection import describe_inspection, inspect_file  # noqa: PLC0415
+    from app.inspection import inspect_file  # noqa: PLC0415
+    from app.report.inspected import describe_inspection  # noqa: PLC0415
 
     try:
         facts = inspect_file(path, rate_hz, read_profile_file(profile, lang))

@@ -55,6 +55,11 @@ def describe_flag(flag: QualityFlag, language: Language) -> Caveat:
     return Caveat(fill(entry["title"], told), fill(entry["detail"], told))
 
 
+def tell_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
+    """Write facts for a sentence: numbers as the language does, the fixed terms of the code in its words."""
+    return _tell_facts(facts, load_wording(language), language)
+
+
 def list_flag_codes() -> tuple[str, ...]:
     """Give the code of every caveat that has words."""
     return tuple(sorted(load_wording("en")["flag"]))

@@ -71,7 +71,7 @@ def _find_times(
     told = _find_text(_RATE, layout)
     rate_hz = float(told) if told else options.rate_hz
     if not rate_hz:
-        raise UnknownRate(h="-", m="-")
+        raise UnknownRate
     return unwrap_counter(counter, COUNTER_SPAN["packetcounter"]) / rate_hz, f"{rate_hz:g}"
 
 

@@ -229,7 +229,7 @@ def _find_times(frames: _Frames) -> Vector:
         return np.asarray((since_ms - since_ms[0]) / 1000.0)
     if rate_hz > 0:
         return np.asarray(np.arange(len(index)) / rate_hz)
-    raise UnknownRate(h="-", m="-")
+    raise UnknownRate
 
 
 def _describe(frames: _Frames, side: str, axis: Vector) -> dict[str, str]:

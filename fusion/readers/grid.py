@@ -84,7 +84,7 @@ def estimate_period_us(stamps: NDArray[np.int64]) -> float:
     if period_us <= 0.0:
         raise UnusableTime(why="constant")
     if not SLOWEST_HZ <= MICROSECONDS / period_us <= FASTEST_HZ:
-        raise UnknownRate(h="-", m=round(MICROSECONDS / period_us, 3))
+        raise UnknownRate(m=round(MICROSECONDS / period_us, 4), cure="time unit")
     return period_us
 
 

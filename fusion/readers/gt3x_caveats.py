@@ -81,7 +81,7 @@ def flag_rates(
     rate_hz = round(max(segments, key=len).rate_hz, 3)
     flags: tuple[QualityFlag, ...] = ()
     if contradicts_header(seen, text.number("Sample Rate")):
-        flags += (QualityFlag("W-RATE", facts={"rate_hz": rate_hz}),)
+        flags += (QualityFlag("W-RATE", facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
     if abs(rate_hz / IMU_RATE_HZ - 1.0) > LARGEST_DRIFT:
         flags += (QualityFlag("W-DRIFT", facts={"nominal_hz": IMU_RATE_HZ, "rate_hz": rate_hz}),)
     bias_g = measure_bias_g(seen, text, timeline, log.columns)

@@ -85,10 +85,12 @@ def _read_planned(
     rows = read_table(source, form, layout, plan)
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
+    plan.unit.refuse_doubtful(rows.columns)
     first_stamp = int(rows.columns.stamps[0])
     changes = settle_changes(rows, layout, plan)
     grid = _cut_rows(rows, plan, choose_rate_hz(layout, rate_hz))
     flags = (*changes, *grid.flags, *flag_text(source, form, layout), *flag_drift(layout, grid))
+    flags += plan.unit.flag() + flag_told_rate(layout, plan, grid, rate_hz)
     return _build(layout, plan, rows, (grid, flags), first_stamp)
 
 
@@ -104,7 +106,7 @@ def _cut_rows(rows: TableRows, plan: TablePlan, rate_hz: float | None) -> Grid:
 def _cut_packets(rows: TableRows, rate_hz: float | None) -> Grid:
     """Cut rows that a packet counter numbers: packets that were lost are missing time."""
     if not rate_hz or not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
-        raise UnknownRate(h="-", m=rate_hz or "-")
+        raise UnknownRate(**({"m": rate_hz} if rate_hz else {}))
     period_us = MICROSECONDS / rate_hz
     stamps = rows.columns.stamps
     stamps[1:] += PACKET_NUMBERS * np.cumsum(np.diff(stamps) < -PACKET_NUMBERS // 2)
@@ -134,7 +136,7 @@ def find_burst_rate_hz(rows: TableRows) -> float:
     bursts = np.diff(np.concatenate([[0], ends]))
     if len(bursts) >= 2 and np.all(bursts == ARDUINO_BURST_ROWS):
         return ARDUINO_RATE_HZ
-    raise UnknownRate(h="-", m="-")
+    raise UnknownRate
 
 
 def _build(
@@ -148,8 +150,6 @@ def _build(
     facts = layout.facts()
     clock = tell_clock(layout, plan, first_stamp)
     flags = (*rows.flags, *caveats, *clock.flags)
-    if plan.stamp_kind == COUNTER or plan.counts_packets:
-        flags += (QualityFlag("W-RATE", facts={"rate_hz": round(1e6 / grid.period_us, 3)}),)
     return Recording(
         device=find_device(facts, layout),
         sha256="",
@@ -163,6 +163,18 @@ def _build(
         acc_range_g=_positive(facts.get("acc_range_g")),
         gyr_range_dps=_positive(facts.get("gyr_range_dps")),
     )
+
+
+def flag_told_rate(
+    layout: TextLayout, plan: TablePlan, grid: Grid, rate_hz: float | None
+) -> tuple[QualityFlag, ...]:
+    """Say that no time tells the rate, and what did (W-RATE)."""
+    if plan.stamp_kind != COUNTER and not plan.counts_packets:
+        return ()
+    told = "told" if rate_hz else "layout"
+    source = "header" if choose_rate_hz(layout, None) else told
+    used_hz = round(MICROSECONDS / grid.period_us, 3)
+    return (QualityFlag("W-RATE", facts={"rate_hz": used_hz, "rate_from": source}),)
 
 
 def flag_drift(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:

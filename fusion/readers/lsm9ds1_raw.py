@@ -117,7 +117,7 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
     n_rows = columns.rows
     grid: Grid = cut_stamped(columns)
     start, unset = trust_clock(datetime.fromtimestamp(first_us / MICROSECONDS, UTC))
-    mirrored = QualityFlag("W-UNITS", facts={"what": "left-handed", "evidence": "layout"})
+    mirrored = QualityFlag("W-UNITS", facts={"what": "left-handed", "evidence": "layout", "turned": "x"})
     return Recording(
         device="lsm9ds1",
         sha256="",

@@ -1,6 +1,7 @@
 """Parquet tables with columns named as in our CSV: `time_us` or `time_s`, `acc_x_g`, ..., `gyr_z_dps`."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC
 
 import numpy as np
@@ -16,6 +17,7 @@ from fusion.readers.source import Source
 from fusion.readers.stamp_repair import undo_daylight_saving
 from fusion.readers.table_clock import TableClock, judge_clock, read_epoch
 from fusion.readers.text_kernel import LARGEST_VALUE
+from fusion.readers.time_unit import IN_MICROSECONDS, UNIT_NAMES, TimeUnit, settle_unit
 from fusion.readers.timing import datetime_at_us
 from fusion.readers.unmeasured import drop_blank_rows
 from fusion.recording import QualityFlag, Recording
@@ -23,6 +25,7 @@ from fusion.units import acc_scale_g, gyr_scale_dps
 
 MAGIC = b"PAR1"
 BATCH_ROWS = 65_536
+LOOKED_AT_ROWS = 400
 MAX_RATIO = 400
 FREE_BYTES = 16 << 20
 ROW_BYTES = 32
@@ -46,15 +49,17 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     """
     try:
         table = pq.ParquetFile(source.file)
-        chosen = _choose_columns(table.schema_arrow)
+        chosen, unit = _settle_time(table, _choose_columns(table.schema_arrow))
         columns, absent = _gather(table, chosen, source.size_bytes)
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         raise DamagedFile from error
     if columns.rows == 0:
         raise TooShort(s=0.0)
+    unit.refuse_doubtful(columns)
     kinds = dict(zip(table.schema_arrow.names, table.schema_arrow.types, strict=True))
     stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
-    return _build(columns, chosen, stamp_kind, (absent, rate_hz))
+    recording = _build(columns, chosen, stamp_kind, (absent, rate_hz))
+    return replace(recording, flags=(*recording.flags, *unit.flag()))
 
 
 def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
@@ -71,6 +76,19 @@ def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
         if column.channel == "time" and (column.unit in TIME_UNITS_EXPONENT or pa.types.is_timestamp(kind))
     ]
     return (*stamps[:1], *(columns[place] for place in (*acc, *gyr)))
+
+
+def _settle_time(table: pq.ParquetFile, chosen: tuple[Column, ...]) -> tuple[tuple[Column, ...], TimeUnit]:
+    """Look at the first times: their unit may not be that of the column's name."""
+    kind = table.schema_arrow.field(chosen[0].name).type
+    if len(chosen) < 7 or pa.types.is_timestamp(kind):
+        return chosen, IN_MICROSECONDS
+    batch = next(table.iter_batches(LOOKED_AT_ROWS, columns=[chosen[0].name]), None)
+    values = batch.column(0).drop_null().cast(pa.float64()).to_pylist() if batch is not None else []
+    unit = settle_unit(values, chosen[0].unit) if values else None
+    if unit is None:
+        return chosen, IN_MICROSECONDS
+    return (replace(chosen[0], unit=UNIT_NAMES[unit.exponent]), *chosen[1:]), unit
 
 
 def _gather(table: pq.ParquetFile, chosen: Sequence[Column], size_bytes: int) -> tuple[SampleColumns, int]:
@@ -139,7 +157,7 @@ def _build(
     blank = drop_blank_rows(columns) if has_time else ()
     n_rows, first_us = columns.rows, int(columns.stamps[0])
     if not has_time and rate_hz is None:
-        raise UnknownRate(h="-", m="-")
+        raise UnknownRate
     clock = _tell_clock(stamp_kind, first_us)
     is_wall = has_time and clock.start is not None and clock.start.tzinfo is None
     changes = undo_daylight_saving(columns.stamps) if is_wall else ()

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from fusion.errors import UnknownFormat
-from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector, understand_column
+from fusion.readers.columns import Column, choose_vector, understand_column
 from fusion.readers.profile import ColumnProfile, Place, apply_profile
 from fusion.readers.source import open_source
-from fusion.readers.table_plan import guess_time_exponent, plan_table
+from fusion.readers.table_plan import plan_table, read_times
 from fusion.readers.text_layout import TextLayout, find_layout, split_fields
 from fusion.readers.text_stream import decode_head, find_form
+from fusion.readers.time_unit import UNIT_NAMES, guess_exponent
 from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
 SHOWN_ROWS = 5
 Vector = tuple[Place, Place, Place]
-UNITS_OF_TIME = {TIME_UNITS_EXPONENT[unit]: unit for unit in ("s", "ms", "us", "ns")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,18 +134,12 @@ def _find_time(layout: TextLayout, columns: Sequence[Column]) -> tuple[int | Non
         if column.channel == "time":
             return place, column.unit or ""
     for place, column in enumerate(columns):
-        fields = [row[place] for row in layout.sample_rows if len(row) > place]
-        if column.channel != "other" or not _advances(fields, layout.decimal):
-            continue
-        exponent = guess_time_exponent(fields, layout.decimal)
+        times = read_times([row[place] for row in layout.sample_rows if len(row) > place], layout.decimal)
+        exponent = guess_exponent(times) if column.channel == "other" and _advances(times) else None
         if exponent is not None:
-            return place, UNITS_OF_TIME[exponent]
+            return place, UNIT_NAMES[exponent]
     return None, ""
 
 
-def _advances(fields: Sequence[str], decimal: str) -> bool:
-    try:
-        values = [float(field.replace(decimal, ".")) for field in fields if field]
-    except ValueError:
-        return False
-    return len(values) > 1 and all(before < after for before, after in pairwise(values))
+def _advances(times: Sequence[float]) -> bool:
+    return len(times) > 1 and all(before < after for before, after in pairwise(times))

@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.gravity_windows import GravityWindows, GyroModel, cut_windows, measure_miss
+from fusion.corrections import name_axes
+from fusion.gravity_windows import GravityWindows, GyroModel, measure_miss
 from fusion.gyro_frame import judge_frame, measure_scale
-from fusion.physics import find_rest_g, name_axes
+from fusion.physics import cut_whole_windows, find_rest_g
 from fusion.recording import Recording
 from fusion.rest_probes import find_gyro_offset_dps
 
@@ -35,7 +36,7 @@ def measure_sanity(recording: Recording) -> dict[str, object]:
 
 
 def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]:
-    windows = cut_windows(recording.segments)
+    windows, _ = cut_whole_windows(recording.segments)
     evidence = judge_frame(windows, offset_dps, (1.0,))
     if evidence is None:
         none = (

@@ -129,7 +129,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
         The rate is none that shows an arm's movement.
     """
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
-        raise UnknownRate(h="-", m=rate_hz)
+        raise UnknownRate(m=rate_hz)
     period_us = MICROSECONDS / rate_hz
     numbers = columns.stamps
     pauses = numbers // PAUSE

@@ -27,6 +27,7 @@ from fusion.readers.text_layout import TextLayout
 from fusion.readers.text_lines import parse_lines, parse_plain_lines
 from fusion.readers.text_marks import SPARE_MARKS
 from fusion.readers.text_stream import TextForm, drop_lines, read_line_pieces, read_text_pieces
+from fusion.readers.time_unit import IN_MICROSECONDS, TimeUnit
 from fusion.readers.unmeasured import drop_blank_rows
 from fusion.recording import QualityFlag
 
@@ -43,7 +44,8 @@ class TablePlan:
 
     ``targets``: for each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
     ``stamp_kind``, ``stamp_exponent``: as in ``text_kernel``; ``scales``: factors to g and deg/s.
-    ``counts_packets``: the stamp is the 16-bit number of a packet, not a time.
+    ``counts_packets``: the stamp is the 16-bit number of a packet, not a time; ``unit``: that of a number,
+    and whether the header has another.
     """
 
     targets: tuple[int, ...]
@@ -52,6 +54,7 @@ class TablePlan:
     acc_scale: float = 1.0
     gyr_scale: float = 1.0
     counts_packets: bool = False
+    unit: TimeUnit = IN_MICROSECONDS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -276,6 +276,16 @@ SIGNALS = (
     read("86 mg", "shift.csv", s.scaled(1000.0, 1.0), "W-UNITS"),
     read("86 mg under g", "shift.csv", s.scaled(1000.0, 1.0, HEADER), "W-UNITS"),
     read("86 m/s2 under g", "shift.csv", s.scaled(9.80665, 1.0, HEADER), "W-UNITS"),
+    *(
+        read(f"86 {true} under {named}", "shift.csv", given(t.misnamed(named, per_s)), "W-UNITS")
+        for true, named, per_s in (
+            ("s", "ms", 1),
+            ("ms", "s", 1000),
+            ("ms", "us", 1000),
+            ("us", "ms", 1_000_000),
+        )
+    ),
+    refused("86 ten seconds", "shift.csv", given(t.every_ten_seconds()), "E-RATE"),
     read("86 rad/s", "shift.csv", s.scaled(1.0, 0.0174533, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
     refused("86 x2", "shift.csv", s.scaled(2.0, 1.0), "E-SCALE"),
     refused("86 x0.5", "shift.csv", s.scaled(0.5, 1.0, HEADER), "E-SCALE"),

@@ -155,6 +155,22 @@ def zoned(tail: str, pattern: str = "%Y-%m-%d %H:%M:%S.%f") -> str:
     return stamped([stamp + tail for stamp in calendar(pattern)], values(), "timestamp," + NAMES)
 
 
+def misnamed(unit: str, per_s: int) -> str:
+    """Times in another unit than their column says."""
+    stamps = [f"{k / 100 * per_s:.6f}".rstrip("0").rstrip(".") for k in range(6000)]
+    return stamped(stamps, values(), f"time_{unit}," + NAMES)
+
+
+def every_ten_seconds() -> str:
+    """A log of the weather kind: a row of a moving arm now and then, its times in s."""
+    chance = np.random.default_rng(5)
+    gravity = chance.normal(size=(400, 3))
+    acc_g = gravity / np.linalg.norm(gravity, axis=1)[:, None]
+    rows = np.hstack([acc_g, chance.normal(0.0, 60.0, (400, 3))]).tolist()
+    text = ["{:.4f},{:.4f},{:.4f},{:.3f},{:.3f},{:.3f}".format(*row) for row in rows]
+    return stamped([10 * k for k in range(400)], text, "time_s," + NAMES)
+
+
 def epoch(per_s: int, unit: str) -> str:
     """Time since 1970 from 2026-03-14 08:00 UTC on."""
     first_ms = 1_773_475_200_000

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fusion.corrections import name_axes
 from fusion.errors import MixedColumns, WrongScale
 from fusion.gyro_frame import TURNS
-from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics, name_axes, refuse_impossible_rates
+from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics, refuse_impossible_rates
 from fusion.recording import Recording, Segment
 from tests.fusion.made_motion import rest_and_turn
 
@@ -59,10 +60,21 @@ def test_a_right_recording_comes_through_untouched() -> None:
 
     checked = check_physics(recording)
 
-    assert checked.segments[0] is not None
-    assert np.array_equal(checked.segments[0].acc_g, recording.segments[0].acc_g)
-    assert np.array_equal(checked.segments[0].gyr_dps, recording.segments[0].gyr_dps)
+    assert np.array_equal(checked.segments[0].acc_g, acc.astype(np.float32))
+    assert np.array_equal(checked.segments[0].gyr_dps, gyr.astype(np.float32))
     assert checked.flags == ()
+
+
+def test_what_is_corrected_is_corrected_in_place() -> None:
+    """A shift is too large to be held twice."""
+    acc, gyr = swinging_arm()
+    recording = recording_of(9.80665 * acc, gyr[:, [1, 0, 2]], **STATED)
+
+    checked = check_physics(recording)
+
+    assert told(checked) == ["acceleration", "axes"]
+    assert np.shares_memory(checked.segments[0].acc_g, recording.segments[0].acc_g)
+    assert np.shares_memory(checked.segments[0].gyr_dps, recording.segments[0].gyr_dps)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

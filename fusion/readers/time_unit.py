@@ -1,0 +1,125 @@
+"""Which unit a column of times is in: that of its name, or the one in which the rows come at a likely rate.
+
+The candidates (s, ms, us, ns) lie a factor of 1000 apart and the rates span 250: at most one fits.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.errors import UnknownRate
+from fusion.readers.columns import TIME_UNITS_EXPONENT
+from fusion.readers.grid import FASTEST_HZ, SLOWEST_HZ
+from fusion.readers.samples import SampleColumns
+from fusion.readers.timing import datetime_at_us, is_clock_set
+from fusion.recording import MICROSECONDS, QualityFlag
+
+PLAUSIBLE_RATE_HZ = (8.0, 2000.0)
+SMOOTH_RATIO = 0.3
+"""Of readings that have nothing to do with each other, as of an arm every few seconds, the ratio is 1."""
+LOOKED_AT_ROWS = 1 << 18
+UNIT_NAMES = {TIME_UNITS_EXPONENT[unit]: unit for unit in ("s", "ms", "us", "ns")}
+
+
+@dataclass(frozen=True, slots=True)
+class TimeUnit:
+    """Power of ten to microseconds, and that of the unit in the header where it cannot be.
+
+    ``stated_hz``, ``rate_hz``: at what rate the first rows come, by the header and as taken.
+    """
+
+    exponent: int
+    stated_exponent: int | None = None
+    stated_hz: float = 0.0
+    rate_hz: float = 0.0
+
+    def flag(self) -> tuple[QualityFlag, ...]:
+        """Say that the header's unit was set aside (W-UNITS)."""
+        if self.stated_exponent is None:
+            return ()
+        names = {"unit": UNIT_NAMES[self.stated_exponent], "read_as": UNIT_NAMES[self.exponent]}
+        rate_hz = round(self.rate_hz, 3)
+        facts: dict[str, str | int | float] = {
+            "what": "time",
+            "evidence": "rate",
+            **names,
+            "rate_hz": rate_hz,
+        }
+        return (QualityFlag("W-UNITS", facts=facts),)
+
+    def refuse_doubtful(self, columns: SampleColumns) -> None:
+        """Refuse rows so slow by the header that only the readings can tell, where they do not.
+
+        Raises
+        ------
+        UnknownRate
+        """
+        if self.stated_exponent is None or self.stated_hz >= SLOWEST_HZ:
+            return
+        if all(measure_roughness(values) < SMOOTH_RATIO for values in (columns.acc, columns.gyr)):
+            return
+        raise UnknownRate(
+            m=round(self.stated_hz, 4),
+            unit=UNIT_NAMES[self.stated_exponent],
+            other_unit=UNIT_NAMES[self.exponent],
+            other_hz=round(self.rate_hz, 3),
+            cure="time unit",
+        )
+
+
+IN_MICROSECONDS = TimeUnit(0)
+
+
+def settle_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
+    """Find the unit of a column by its first times; None where nothing tells.
+
+    A unit in the header holds unless no sensor writes rows so fast, or so slowly, and another unit fits; the
+    time since 1970 is that of its unit, however slowly the rows come.
+    """
+    stated = TIME_UNITS_EXPONENT[unit] if unit else None
+    found = guess_exponent(times)
+    if stated is None:
+        return None if found is None else TimeUnit(found)
+    stated_hz = _rate_hz(times, stated)
+    is_possible = SLOWEST_HZ <= stated_hz <= FASTEST_HZ or _is_epoch(times[0], stated)
+    if found is None or is_possible:
+        return TimeUnit(stated)
+    return TimeUnit(found, stated, stated_hz, _rate_hz(times, found))
+
+
+def guess_exponent(times: Sequence[float]) -> int | None:
+    """The unit in which the rows would come at 8 to 2000 Hz; None where none does."""
+    slowest_hz, fastest_hz = PLAUSIBLE_RATE_HZ
+    return next((one for one in UNIT_NAMES if slowest_hz <= _rate_hz(times, one) <= fastest_hz), None)
+
+
+def _rate_hz(times: Sequence[float], exponent: int) -> float:
+    """By the usual step; 0 where the times do not advance."""
+    steps = [after - before for before, after in pairwise(times)]
+    if not steps:
+        return 0.0
+    # mean of the advancing steps: coarse stamps repeat
+    step = median(steps) or sum(max(0.0, s) for s in steps) / len(steps)
+    return MICROSECONDS / (step * 10.0**exponent) if step > 0 else 0.0
+
+
+def _is_epoch(time: float, exponent: int) -> bool:
+    moment = datetime_at_us(round(time * 10.0**exponent))
+    return moment is not None and is_clock_set(moment)
+
+
+def measure_roughness(values: NDArray[np.float32]) -> float:
+    """How far readings are from those before, shape (n, 3), as a share of how far any two are apart.
+
+    von Neumann's ratio (Ann Math Stat 1941;12:367), halved, of all axes together: 0 smooth, 1 unrelated.
+    """
+    values = values[:LOOKED_AT_ROWS]
+    if len(values) < 2:
+        return 1.0
+    steps = float(np.square(np.diff(values, axis=0), dtype=np.float64).sum()) / (len(values) - 1)
+    spread = float(values.var(axis=0, dtype=np.float64).sum())
+    return steps / (2.0 * spread) if spread > 0.0 else 1.0

@@ -1,0 +1,105 @@
+"""What `acromion inspect` says to people: in their language, with every axis and scale that was put right."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import app
+from tests.badfiles import signal_files as s
+from tests.badfiles.arm import Matrix
+from tests.badfiles.table_files import changed, misnamed, resaved
+from tests.badfiles.table_files import stamped as write_stamped
+from tests.factories import START
+
+
+def inspect(folder: Path, content: bytes | str, language: str = "en", *options: str) -> dict[str, str]:
+    """Give the lines by their names."""
+    path = folder / "shift.csv"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    ended = CliRunner().invoke(app, ["inspect", str(path), "--lang", language, *options])
+    assert ended.exit_code == 0, ended.output
+    rows = [re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in ended.stdout.splitlines()]
+    return {row[0]: row[1] for row in rows}
+
+
+def change_sign_of_z(columns: Matrix) -> None:
+    columns[:, 5] *= -1
+
+
+FOUND = [
+    (change_sign_of_z, "sign of the gyroscope: z turned round: +x +y -z (from the motion itself)"),
+    (s.permute_gyro, "order of the gyroscope's axes: +z +x +y (from the motion itself)"),
+    (s.negate_gyro, "left-handed axes: x turned round (from the motion itself)"),
+    (s.multiply_gyro(1000.0), "unit of the angular rate, × 0.001 (from the motion itself)"),
+]
+
+
+@pytest.mark.parametrize(("change", "told"), FOUND, ids=["sign", "order", "left-handed", "unit"])
+def test_the_axis_or_scale_that_was_wrong_is_named(
+    change: Callable[[Matrix], None], told: str, tmp_path: Path
+) -> None:
+    assert inspect(tmp_path, s.tumbled(change)())["Found wrong or not stated"].replace("’", "'") == told
+
+
+def test_the_factor_of_one_axis_is_named(tmp_path: Path) -> None:
+    told = inspect(tmp_path, s.tumbled(s.multiply_gyro(2.0, slice(5, 6)))())["Found wrong or not stated"]
+
+    assert re.fullmatch(r"scale of single axes of the gyroscope, x × 1, y × 1, z × 0\.5 .*", told)
+
+
+def test_a_right_file_has_nothing_found(tmp_path: Path) -> None:
+    assert inspect(tmp_path, s.tumbled(s.leave)())["Found wrong or not stated"] == "none"
+
+
+def test_the_unit_of_time_that_was_set_aside_is_named(tmp_path: Path) -> None:
+    told = inspect(tmp_path, misnamed("us", 1000))["Found wrong or not stated"]
+
+    assert told == "unit of the time, us read as ms (from the rate at which the rows come)"
+
+
+def test_french_has_no_english_names_and_values(tmp_path: Path) -> None:
+    text = resaved("%d/%m/%Y %H:%M:%S.%f", START.replace(day=14), "3/14/2026")
+
+    lines = inspect(tmp_path, text, "fr")
+
+    assert lines["Forme"].replace("’", "'") == "export IMU d'ActiLife (CSV)"
+    assert lines["Horloge"] == "locale"
+    assert lines["Irrégularité des temps"] == "non observé"
+    assert not {"layout", "columns", "clock", "samples", "software", "nominal_rate_hz"} & set(lines)
+
+
+def test_french_numbers_have_a_decimal_comma(tmp_path: Path) -> None:
+    columns = s.readings()
+    rows = [",".join(f"{value:.4f}" for value in row) for row in columns.tolist()]
+    stamps = [round(2100.84 * k) for k in range(len(rows))]
+
+    lines = inspect(tmp_path, write_stamped(stamps, rows), "fr")
+
+    assert lines["Fréquence réelle"].startswith("476,00")
+    assert not re.search(r"\d\.\d", " ".join(lines.values()))
+
+
+@pytest.mark.parametrize(("language", "told"), [("en", "as it was told"), ("fr", "telle qu’indiquée")])
+def test_a_rate_that_a_person_told_is_not_called_corrected(language: str, told: str, tmp_path: Path) -> None:
+    rows = [",".join(f"{value:.4f}" for value in row) for row in s.readings().tolist()]
+    text = "ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n" + "\n".join(rows) + "\n"
+
+    lines = inspect(tmp_path, text, language, "--rate-hz", "100")
+
+    assert told in lines["Warnings" if language == "en" else "Avertissements"]
+
+
+def test_the_count_of_holes_filled_with_zeros_is_that_of_the_gaps(tmp_path: Path) -> None:
+    columns = s.readings().copy()
+    for first in (1500, 2500, 3500):
+        columns[first : first + 40] = 0.0
+
+    lines = inspect(tmp_path, changed(columns))
+
+    assert "W-STUCK-PART Sensor stuck for a time (3)" in lines["Warnings"]
+    assert lines["Gaps"].count("0.4\u00a0s from") == 3
+    assert np.count_nonzero(columns[:, 0] == 0.0) == 120
