@@ -22,6 +22,7 @@ from app.storage import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, tell_layout
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
+from fusion.readers import holds_device_format
 
 FHIR = "fhir.json"
 
@@ -133,7 +134,7 @@ def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
     if request.source == "angles":
         with logs.log.open("rb") as file:
             return analyse_angles(file, begin, request.list_diary())
-    captured = _read_capture(logs.log, request) if logs.known.recording is None else None
+    captured = _read_capture(logs.log, request)
     if captured is not None:
         return analyse_angle_file(captured, begin, request.list_diary(), request.calibration_windows_s)
     settings = AnalysisSettings(
@@ -145,6 +146,8 @@ def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
 def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
     """Read a motion capture; None for a file with samples of an inertial sensor."""
     with log.open("rb") as file:
+        if holds_device_format(file):
+            return None
         layout = tell_layout(file, request.file_name)
         if layout not in CAPTURES or request.joined or (layout == "dot" and holds_samples(file)):
             return None
