@@ -99,10 +99,14 @@ class DecodedCache:
 
 @dataclass(frozen=True, slots=True)
 class KnownLogs:
-    """What is known of the files before they are read: their SHA-256, and where their samples may lie."""
+    """What is known of the files before they are read: their SHA-256, and where their samples may lie.
+
+    ``recording`` is what they hold, where they have been read already.
+    """
 
     digests: tuple[str, ...] = ()
     cache: DecodedCache | None = None
+    recording: Recording | None = None
 
 
 NOTHING_KNOWN = KnownLogs()

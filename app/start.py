@@ -9,7 +9,7 @@ import gc
 import importlib
 import sys
 
-from app.jobs.forking import warm_up
+from app.jobs.forking import FOR_ONE, warm_up
 
 _ANALYSING = frozenset({"run", "exposure"})
 
@@ -18,7 +18,7 @@ def main() -> None:
     """Do what the command line asks."""
     asked = sys.argv[1:]
     if asked and asked[0] in _ANALYSING and "--help" not in asked:
-        warm_up()
+        warm_up(FOR_ONE)
     gc.disable()
     command_line = importlib.import_module("app.cli")
     gc.freeze()

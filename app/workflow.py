@@ -1,16 +1,15 @@
 """The one road from a stored file to a report, taken by page, API and command line alike."""
 
-import hashlib
 import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.day import write_day_of
 from app.day_file import NAME as DAY_NAME
-from app.decoded import NOTHING_KNOWN, KnownLogs, name_entry
+from app.decoded import NOTHING_KNOWN, KnownLogs
+from app.reading import Logs
 from app.report.elevation_file import write_elevation
 from app.report.exports import export_results
 from app.report.fhir import encode_fhir
@@ -19,11 +18,11 @@ from app.report.results import encode_results
 from app.report.subject import ReportSubject, Software
 from app.report.writing import FINDINGS, RESULTS, rewrite_reports, write_reports
 from app.request import OnStage, ReportRequest, Stage
+from app.storage import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, tell_layout
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
-from fusion.readers import join_recordings, parse_profile, read_recording
-from fusion.recording import Recording
+from fusion.readers import holds_device_format
 
 FHIR = "fhir.json"
 
@@ -68,7 +67,7 @@ def make_report(
     fusion.errors.FusionError
         When no number can be given; then nothing has been written.
     """
-    logs = _Logs(log, request, known)
+    logs = Logs(log, request, known)
     analysis = _analyse_file(logs, lambda stage: on_stage(stage, _BEGINS[stage]))
     on_stage("rendering", _BEGINS["rendering"])
     findings, subject = take_findings(analysis), describe_subject(request)
@@ -77,7 +76,7 @@ def make_report(
     (out / FINDINGS).write_bytes(encode_findings(findings, subject))
     with ThreadPoolExecutor(1) as beside:  # packing angles lets go of the interpreter, as drawing pages does
         written = [
-            beside.submit(write_elevation, analysis.elevation, out / "elevation.parquet"),
+            beside.submit(_write_angle, analysis, out / "elevation.parquet"),
             beside.submit(_write_tables, json.loads(results), out),
         ]
         write_reports(findings, subject, request, out)
@@ -87,6 +86,12 @@ def make_report(
         _write_fhir(json.loads(results), request, out)
     if known.cache is not None:
         write_day_of(analysis, out / DAY_NAME)
+
+
+def _write_angle(analysis: Analysis, path: Path) -> None:
+    """Write the angle, and have the disk take it while the pages are drawn."""
+    write_elevation(analysis.elevation, path)
+    sync_file(path)
 
 
 def _write_tables(results: dict[str, Any], out: Path) -> None:
@@ -123,48 +128,7 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Logs:
-    """What is to be read, and where its samples may be kept or lie already."""
-
-    log: Path
-    request: ReportRequest
-    known: KnownLogs
-
-    def read(self) -> Recording:
-        """Read the log and those joined to it."""
-        paths = (self.log, *map(Path, self.request.joined))
-        digests = self.known.digests or ("",) * len(paths)
-        recordings = [self._read(path, digest) for path, digest in zip(paths, digests, strict=True)]
-        return join_recordings(recordings) if self.request.joined else recordings[0]
-
-    def _read(self, path: Path, digest: str) -> Recording:
-        """Read the file, or what an earlier reading of the same bytes has kept."""
-        cache = self.known.cache
-        if cache is None:
-            return self._parse(path, digest)
-        sha256 = digest or _hash_log(path)
-        reading = [Path(self._name(path)).suffix, self.request.rate_hz, self.request.profile]
-        key = name_entry(sha256, json.dumps(reading), software_revision())
-        recording = cache.find(key)
-        if recording is None:
-            recording = self._parse(path, sha256)
-            cache.keep(key, recording)
-        return recording
-
-    def _parse(self, path: Path, sha256: str) -> Recording:
-        asked = self.request
-        profile = parse_profile(asked.profile) if asked.profile else None
-        with path.open("rb") as file:
-            return read_recording(
-                file, file_name=self._name(path), rate_hz=asked.rate_hz, sha256=sha256, profile=profile
-            )
-
-    def _name(self, path: Path) -> str:
-        return self.request.file_name if path is self.log else path.name
-
-
-def _analyse_file(logs: _Logs, begin: Callable[[Stage], None]) -> Analysis:
+def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
     request = logs.request
     begin("reading")
     if request.source == "angles":
@@ -182,12 +146,9 @@ def _analyse_file(logs: _Logs, begin: Callable[[Stage], None]) -> Analysis:
 def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
     """Read a motion capture; None for a file with samples of an inertial sensor."""
     with log.open("rb") as file:
+        if holds_device_format(file):
+            return None
         layout = tell_layout(file, request.file_name)
         if layout not in CAPTURES or request.joined or (layout == "dot" and holds_samples(file)):
             return None
         return read_angle_file(file, request.file_name, AngleFileOptions(request.side, request.rate_hz))
-
-
-def _hash_log(log: Path) -> str:
-    with log.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -16,15 +16,17 @@ from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.decoded import NOTHING_KNOWN, KnownLogs
 from app.errors import AppError, AttemptFailed, InternalError, OutOfMemory, OutOfTime
 from app.jobs.forking import choose_context
 from app.request import OnStage, ReportRequest, Stage
-from app.settings import Settings
 from app.storage import ResultFile, name_full_disk, seal_folder
 from fusion.errors import Fact, FusionError
+
+if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic
+    from app.settings import Settings
 
 if sys.platform != "win32":
     import resource
@@ -99,6 +101,7 @@ def load_and_make_report(
     if request.reference is not None:
         importlib.import_module("app.agreement_workflow").make_validation(log, request, out, on_stage)
     else:
+        known = importlib.import_module("app.reading").read_ahead(log, request, known, on_stage)
         importlib.import_module("app.workflow").make_report(log, request, out, on_stage, known)
 
 
@@ -113,7 +116,7 @@ def _load_and_tell_again(
     importlib.import_module("app.workflow").make_report_again(finished, request, out, on_stage)
 
 
-def choose_limits(settings: Settings, size_bytes: int) -> Limits:
+def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
     """Give a large file more time."""
     wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
     return Limits(settings.memory_limit_bytes, wall_s)

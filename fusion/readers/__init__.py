@@ -24,6 +24,7 @@ __all__ = [
     "ProfileProposal",
     "Reader",
     "check_profile",
+    "holds_device_format",
     "join_recordings",
     "parse_profile",
     "propose_profile",
@@ -92,6 +93,17 @@ def read_recording(
     hashed = replace(recording, sha256=sha256 or hash_source(source))
     measured = leave_out_held(refuse_dead(leave_out_zeros(hashed)))
     return flag_days(refuse_impossible_rates(exclude_faults(check_physics(measured))))
+
+
+def holds_device_format(file: BinaryIO) -> bool:
+    """Tell by the first bytes whether it is a file of samples in a device's own format; leaves it rewound.
+
+    A table whose header only names columns may hold anything, but for the names of our own form.
+    """
+    source = open_source(file, is_hashed=False)
+    file.seek(0)
+    is_ours = lsm9ds1_csv.CANONICAL_HEADER.encode() in source.head
+    return is_ours or gt3x.recognise(source) or actilife_csv.recognise(source)
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:

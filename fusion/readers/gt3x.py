@@ -45,6 +45,8 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
 WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
 MAX_DAMAGED_PERCENT = 5.0
+MOST_FORESEEN_BYTES = 1 << 30
+"""Three days; what says that it is longer is believed as it comes."""
 MAX_HELD_RECORDS = 512
 """Samples that come before their schema wait for it; more than that is no late schema but a missing one."""
 
@@ -68,7 +70,8 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     with gt3x_archive.open_archive(source) as archive:
         gt3x_archive.check_parts(archive)
         text = parse_device_text(gt3x_archive.read_text(archive, "info.txt"))
-        log = decode_log(gt3x_archive.read_member(archive, "log.bin"))
+        size_bytes = archive.getinfo("log.bin").file_size
+        log = decode_log(gt3x_archive.read_member(archive, "log.bin"), size_bytes)
     log.refuse_unusable()
     timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
     return build_recording(text, log, timeline)
@@ -120,14 +123,21 @@ class DeviceLog:
         raise NoGyroscope
 
 
-def decode_log(pieces: Iterable[bytes]) -> DeviceLog:
-    """Scan and decode log.bin in one pass over its pieces."""
+def decode_log(pieces: Iterable[bytes], size_bytes: int = 0) -> DeviceLog:
+    """Scan and decode log.bin in one pass over its pieces.
+
+    ``size_bytes``: how long it says it is; the room that samples will take is foreseen from that.
+    """
     log = DeviceLog()
+    to_come = min(size_bytes, MOST_FORESEEN_BYTES)
     for piece in scan_pieces(_count_bytes(pieces, log), log.tally):
         records = _watched_records(piece)
         schemas = np.flatnonzero(records[:, 0] == SCHEMA)
         for part in np.split(records, schemas):  # each but the first begins with a schema
             _take_records(log, piece.buffer, part)
+        if log.columns.rows and to_come:
+            log.columns.reserve(round(1.02 * log.columns.rows * to_come / len(piece.buffer)))
+            to_come = 0
     log.columns.trim()
     return log
 
