@@ -215,7 +215,7 @@ def sync_folder(folder: Path) -> None:
 
 def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:
     """Say it in gigabytes, as people do."""
-    return FileTooLarge(n=round(size_bytes / 1e9, 2), max=round(max_bytes / 1e9, 2))
+    return FileTooLarge(n=round(size_bytes / 1e9, 4), max=round(max_bytes / 1e9, 4))
 
 
 @contextmanager

@@ -40,12 +40,19 @@ async def keep_house(services: Services) -> None:
 
 
 def tell_webhooks(services: Services, elapsed_s: float) -> None:
-    """Tell what is due; what is not heard is tried again later."""
+    """Tell what is due; what is not heard is tried again later.
+
+    An address that does not hear is tried once in a round: it must not keep the others waiting.
+    """
+    deaf: set[str] = set()
     for delivery in services.webhooks.wait(elapsed_s):
-        if services.webhooks.take(delivery):
-            message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
-            if send_message(message, allow_private=services.settings.webhooks_may_be_private):
-                services.webhooks.told(delivery)
+        if delivery.url in deaf or not services.webhooks.take(delivery):
+            continue
+        message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
+        if send_message(message, allow_private=services.settings.webhooks_may_be_private):
+            services.webhooks.told(delivery)
+        else:
+            deaf.add(delivery.url)
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:
