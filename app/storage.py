@@ -196,6 +196,13 @@ def write_durably(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
+def name_once(path: Path, kind: str) -> str:
+    """Give the name that stands in a small file, made up when it is first asked for."""
+    if not path.exists():
+        write_durably(path, f"{kind}-{secrets.token_hex(8)}".encode())
+    return path.read_text()
+
+
 def sync_file(path: Path) -> None:
     """Make the bytes of a file durable."""
     with path.open("rb") as file:

@@ -15,6 +15,7 @@ from app.api.services import Services
 from app.api.tus_body import drop_upload
 from app.delivery import Message, send_message
 from app.errors import LockedUpload
+from app.jobs.keeper import Keeper
 
 LOOK_S = 1.0
 AGE_S = 60.0
@@ -24,12 +25,23 @@ logger = logging.getLogger(__name__)
 
 
 async def keep_house(services: Services) -> None:
-    """Look after the server until it ends."""
+    """Look after the server until it ends; where several serve, one of them does for all."""
+    keeper = Keeper(services.store.engine)
+    try:
+        await _keep_on(services, keeper)
+    finally:
+        keeper.close()
+
+
+async def _keep_on(services: Services, keeper: Keeper) -> None:
     looked_s = aged_s = time.monotonic()
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
         try:
+            if not await run_in_threadpool(keeper.holds_office):
+                looked_s = aged_s = now_s  # another counts this time
+                continue
             await run_in_threadpool(tell_webhooks, services, now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
