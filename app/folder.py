@@ -14,10 +14,10 @@ from app.storage import (
     StoredRecording,
     check_free,
     name_full_disk,
+    name_once,
     sync_file,
     sync_folder,
     too_large,
-    write_durably,
 )
 
 
@@ -74,10 +74,7 @@ class FolderStorage:
 
     def identify(self) -> str:
         """Give the name of this folder's contents, written in it once for all."""
-        path = self.root / "store.id"
-        if not path.exists():
-            write_durably(path, f"folder-{secrets.token_hex(8)}".encode())
-        return path.read_text()
+        return name_once(self.root / "store.id", "folder")
 
     def open_upload(self, max_bytes: int) -> FolderUpload:
         """Start taking a recording under a new name."""

@@ -196,6 +196,13 @@ def write_durably(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
+def name_once(path: Path, kind: str) -> str:
+    """Give the name that stands in a small file, made up when it is first asked for."""
+    if not path.exists():
+        write_durably(path, f"{kind}-{secrets.token_hex(8)}".encode())
+    return path.read_text()
+
+
 def sync_file(path: Path) -> None:
     """Make the bytes of a file durable."""
     with path.open("rb") as file:
@@ -215,7 +222,7 @@ def sync_folder(folder: Path) -> None:
 
 def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:
     """Say it in gigabytes, as people do."""
-    return FileTooLarge(n=round(size_bytes / 1e9, 2), max=round(max_bytes / 1e9, 2))
+    return FileTooLarge(n=round(size_bytes / 1e9, 4), max=round(max_bytes / 1e9, 4))
 
 
 @contextmanager

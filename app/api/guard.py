@@ -12,7 +12,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import AppError, FileTooLarge, ForeignHostName, ForeignOrigin, SlowUpload
+from app.errors import AppError, ForeignHostName, ForeignOrigin, SlowUpload
+from app.storage import too_large
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
@@ -162,7 +163,7 @@ class _BodyWatch:
         self._got_bytes += len(message.get("body", b""))
         self._all_bytes += len(message.get("body", b""))
         if self._all_bytes > self._most_bytes:
-            raise FileTooLarge(n=round(self._all_bytes / 1e9, 2), max=round(self._most_bytes / 1e9, 2))
+            raise too_large(self._all_bytes, int(self._most_bytes))
         self._more = message.get("more_body", False)
         self._check_rate()
         return message

@@ -15,6 +15,7 @@ from app.api.services import Services
 from app.api.tus_body import drop_upload
 from app.delivery import Message, send_message
 from app.errors import LockedUpload
+from app.jobs.keeper import Keeper
 
 LOOK_S = 1.0
 AGE_S = 60.0
@@ -24,12 +25,23 @@ logger = logging.getLogger(__name__)
 
 
 async def keep_house(services: Services) -> None:
-    """Look after the server until it ends."""
+    """Look after the server until it ends; where several serve, one of them does for all."""
+    keeper = Keeper(services.store.engine)
+    try:
+        await _keep_on(services, keeper)
+    finally:
+        keeper.close()
+
+
+async def _keep_on(services: Services, keeper: Keeper) -> None:
     looked_s = aged_s = time.monotonic()
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
         try:
+            if not await run_in_threadpool(keeper.holds_office):
+                looked_s = aged_s = now_s  # another counts this time
+                continue
             await run_in_threadpool(tell_webhooks, services, now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
@@ -40,12 +52,19 @@ async def keep_house(services: Services) -> None:
 
 
 def tell_webhooks(services: Services, elapsed_s: float) -> None:
-    """Tell what is due; what is not heard is tried again later."""
+    """Tell what is due; what is not heard is tried again later.
+
+    An address that does not hear is tried once in a round: it must not keep the others waiting.
+    """
+    deaf: set[str] = set()
     for delivery in services.webhooks.wait(elapsed_s):
-        if services.webhooks.take(delivery):
-            message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
-            if send_message(message, allow_private=services.settings.webhooks_may_be_private):
-                services.webhooks.told(delivery)
+        if delivery.url in deaf or not services.webhooks.take(delivery):
+            continue
+        message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
+        if send_message(message, allow_private=services.settings.webhooks_may_be_private):
+            services.webhooks.told(delivery)
+        else:
+            deaf.add(delivery.url)
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:

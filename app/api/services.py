@@ -16,7 +16,7 @@ from app.jobs.uploads import UploadStore
 from app.jobs.webhooks import WebhookStore
 from app.report.wording import Language
 from app.settings import Settings
-from app.storage import Storage
+from app.storage import Storage, name_once
 from app.stores import open_storage
 
 LANGUAGE_COOKIE = "acromion_lang"
@@ -59,7 +59,7 @@ def open_services(settings: Settings) -> Services:
         incoming=incoming,
         inspector=inspector,
         batches=BatchStore(*rows),
-        answers=AnswerStore(*rows),
+        answers=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
         turns=Turns(settings.max_uploads_at_once),
     )

@@ -8,7 +8,9 @@ one there keeps its language in its name (``report.en.html``).
 import errno
 import hashlib
 import json
+import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -17,6 +19,9 @@ from pathlib import Path
 from app.batch.plan import MARKER, Task
 from app.request import Language, Paper, ReportRequest, compare_settings
 from app.version import software_revision, software_version
+
+if sys.platform != "win32":
+    import fcntl
 
 _FIGURES = ("results.json", "findings.json", "elevation.parquet", "pair.json", "comparison.json")
 _TOLD = ("answer.txt", "report.html", "report.pdf")
@@ -165,14 +170,52 @@ def _list_versions(folder: Path) -> list[Path]:
 
 @contextmanager
 def open_staging(folder: Path) -> Iterator[Path]:
-    """Give an empty folder beside ``folder`` to make its products in; nothing of it is left behind."""
+    """Give an empty folder beside ``folder`` to make its products in; nothing of it is left behind.
+
+    Raises
+    ------
+    BlockingIOError
+        When another run makes the same products just now.
+    """
     staging = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(staging, ignore_errors=True)
-    staging.mkdir(parents=True)
+    staging.mkdir(parents=True, exist_ok=True)
+    with _hold_alone(staging):
+        try:
+            _empty(staging)
+            yield staging
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextmanager
+def _hold_alone(staging: Path) -> Iterator[None]:
+    """Lock a folder until the end of the block or of this process, where the file system can."""
+    if sys.platform == "win32":
+        yield
+        return
+    descriptor = os.open(staging, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        yield staging
+        with _leave_unlockable():
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        os.close(descriptor)
+
+
+@contextmanager
+def _leave_unlockable() -> Iterator[None]:
+    """Go on where a network drive knows no locks; not where another holds this one."""
+    try:
+        yield
+    except BlockingIOError:
+        raise BlockingIOError(errno.EAGAIN, "another run makes the same report just now") from None
+    except OSError:
+        return
+
+
+def _empty(folder: Path) -> None:
+    for path in folder.iterdir():
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def keep_versions(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:

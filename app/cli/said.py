@@ -177,7 +177,8 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
                 write_tables(out, outcomes, request, datetime.now(UTC))
         except OSError as error:
             print_problem(str(out), "E-FILE", {"why": error.strerror or ""}, language)
-            raise typer.Exit(Exit.NOTHING_DONE) from None
+            is_any_good = any(outcome.code is None for outcome in outcomes)
+            raise typer.Exit(Exit.SOME_FAILED if is_any_good else Exit.NOTHING_DONE) from None
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
         typer.echo(_tell_total(outcomes, language), err=True)
     raise typer.Exit(choose_exit(outcomes))

@@ -3,10 +3,13 @@
 import json
 from dataclasses import dataclass
 
-from sqlalchemy import Engine, delete, insert, select, update
+from sqlalchemy import Engine, and_, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
 from app.jobs.tables import kept_answers
+
+UNFINISHED_TERM_S = 3600.0
+"""After which nobody still works at a request, though its server never said so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,14 +23,14 @@ class KeptAnswer:
 
 
 class AnswerStore:
-    """Rows of kept answers."""
+    """Rows of kept answers. ``server`` tells the keys that this server holds from those of its peers."""
 
-    def __init__(self, engine: Engine, reader: Engine) -> None:
-        self._engine, self._reader = engine, reader
+    def __init__(self, engine: Engine, reader: Engine, server: str) -> None:
+        self._engine, self._reader, self._server = engine, reader, server
 
     def reserve(self, key: str) -> KeptAnswer | None:
         """Take a key; gives what stands there already, or None where the key was free."""
-        row = {"key": key, "fingerprint": "", "age_s": 0.0}
+        row = {"key": key, "fingerprint": "", "age_s": 0.0, "server": self._server}
         try:
             with self._engine.begin() as connection:
                 connection.execute(insert(kept_answers).values(row))
@@ -52,15 +55,17 @@ class AnswerStore:
             connection.execute(delete(kept_answers).where(kept_answers.c.key == key))
 
     def free_unfinished(self) -> None:
-        """Give back the keys of requests that a crash has ended."""
+        """Give back the keys of requests that a crash of this server has ended."""
+        mine = (kept_answers.c.status.is_(None), kept_answers.c.server.in_((self._server, "")))
         with self._engine.begin() as connection:
-            connection.execute(delete(kept_answers).where(kept_answers.c.status.is_(None)))
+            connection.execute(delete(kept_answers).where(*mine))
 
     def age(self, elapsed_s: float, term_s: float) -> None:
-        """Let time pass, and forget what is old."""
+        """Let time pass, and forget what is old, and the keys of servers that did not come back."""
+        is_lost = and_(kept_answers.c.status.is_(None), kept_answers.c.age_s >= UNFINISHED_TERM_S)
         with self._engine.begin() as connection:
             connection.execute(update(kept_answers).values(age_s=kept_answers.c.age_s + elapsed_s))
-            connection.execute(delete(kept_answers).where(kept_answers.c.age_s >= term_s))
+            connection.execute(delete(kept_answers).where(or_(kept_answers.c.age_s >= term_s, is_lost)))
 
     def _get(self, key: str) -> KeptAnswer | None:
         with self._reader.connect() as connection:

@@ -108,6 +108,7 @@ kept_answers = Table(
     Column("headers", Text),
     Column("body", LargeBinary),
     Column("age_s", Float, nullable=False),
+    Column("server", String(40), nullable=False, server_default=""),
 )
 
 webhooks = Table(

@@ -5,8 +5,9 @@ for, and once more when it begins, by what has a report by then: what failed or 
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sqlalchemy import Connection, Select, select, update
@@ -37,16 +38,30 @@ def select_same(keys: Sequence[str]) -> Select[Any]:
     return select_jobs().where(*mine).order_by(analyses.c.created_at, analyses.c.id)
 
 
+@dataclass(slots=True)
+class _History:
+    """The reports of one recording: those of this engine by their settings, and the newest of all."""
+
+    ours: dict[str, ReportRequest] = field(default_factory=dict)
+    last: ReportRequest | None = None
+
+    def add(self, request: ReportRequest, *, is_ours: bool) -> None:
+        if request.reference is not None:
+            return
+        if is_ours:
+            self.ours.setdefault(_write_settings(request), request)
+        if self.last is None or request.version > self.last.version:
+            self.last = request
+
+
 def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:
     """Give each request the version that its report will be, and what is different from the one before."""
-    earlier: dict[str, list[tuple[str, ReportRequest]]] = {}
-    for recording_id, key, request in _list_earlier(connection, {item[0] for item in items}, _COUNTED):
-        earlier.setdefault(recording_id, []).append((key, request))
+    digests = {recording_id: sha256 for recording_id, sha256, _ in items}
+    histories = _read_histories(connection, digests, _COUNTED)
     numbered = []
-    for recording_id, sha256, request in items:
-        known = earlier.setdefault(recording_id, [])
-        asked = request if request.reference else _number(known, sha256, request)
-        known.append((identify_work(sha256, asked), asked))
+    for recording_id, _, request in items:
+        asked = request if request.reference else _number(histories[recording_id], request)
+        histories[recording_id].add(asked, is_ours=True)
         numbered.append(asked)
     return numbered
 
@@ -58,11 +73,21 @@ def renumber(connection: Connection, analysis_id: str) -> None:
     )
     row = connection.execute(query.where(analyses.c.id == analysis_id)).one()
     asked = ReportRequest.from_json(row.request)
-    there = [(key, old) for _, key, old in _list_earlier(connection, {row.id}, (JobState.SUCCEEDED,))]
-    numbered = asked if asked.reference else _number(there, row.sha256, asked)
+    histories = _read_histories(connection, {row.id: row.sha256}, (JobState.SUCCEEDED,))
+    numbered = asked if asked.reference else _number(histories[row.id], asked)
     if numbered != asked:
         change = update(analyses).where(analyses.c.id == analysis_id)
         connection.execute(change.values(request=numbered.to_json()))
+
+
+def _read_histories(
+    connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
+) -> dict[str, _History]:
+    histories = {recording_id: _History() for recording_id in digests}
+    for recording_id, key, request in _list_earlier(connection, set(digests), states):
+        is_ours = key == identify_work(digests[recording_id], request)
+        histories[recording_id].add(request, is_ours=is_ours)
+    return histories
 
 
 def _list_earlier(
@@ -78,16 +103,17 @@ def _list_earlier(
             yield row.recording_id, row.key or "", ReportRequest.from_json(row.request)
 
 
-def _number(known: Sequence[tuple[str, ReportRequest]], sha256: str, request: ReportRequest) -> ReportRequest:
-    reports = [(key, old) for key, old in known if old.reference is None]
-    if not reports:
+def _number(history: _History, request: ReportRequest) -> ReportRequest:
+    if history.last is None:
         return replace(request, version=1, changes=())
-    asked = request.name_settings()
-    for old_key, old in reports:
-        # Made by this engine, and told in another language or on another paper at most: the same report.
-        if old_key == identify_work(sha256, old) and old.name_settings() == asked:
-            reason = request.reason or old.reason
-            return replace(request, version=old.version, changes=old.changes, reason=reason)
-    _, last = max(reports, key=lambda report: report[1].version)
+    old = history.ours.get(_write_settings(request))
+    if old is not None:  # told in another language or on another paper at most: the same report
+        reason = request.reason or old.reason
+        return replace(request, version=old.version, changes=old.changes, reason=reason)
+    last = history.last
     changes = compare_settings(last.name_settings(), request.name_settings())
     return replace(request, version=last.version + 1, changes=changes or ("engine",))
+
+
+def _write_settings(request: ReportRequest) -> str:
+    return json.dumps(request.name_settings(), sort_keys=True)

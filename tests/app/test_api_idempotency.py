@@ -5,6 +5,7 @@ from fastapi.testclient import TestClient
 from starlette.requests import Request
 
 from app.api.services import find_services
+from app.jobs.kept_answers import AnswerStore
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
@@ -77,3 +78,24 @@ def test_a_key_is_forgotten_after_its_term(client: TestClient) -> None:
     services.answers.age(3600.0, 3600.0)
 
     assert client.post(URL, content=b"y", headers=KEY).status_code == 202
+
+
+def test_a_server_that_starts_leaves_the_keys_of_its_peers(store: JobStore) -> None:
+    one, other = (AnswerStore(store.engine, store.reader, name) for name in ("one", "other"))
+    one.reserve("key of a request under way")
+
+    other.free_unfinished()
+    is_held = other.reserve("key of a request under way") is not None
+    one.free_unfinished()
+
+    assert is_held
+    assert other.reserve("key of a request under way") is None
+
+
+def test_the_key_of_a_server_that_did_not_come_back_is_free_after_an_hour(store: JobStore) -> None:
+    one, other = (AnswerStore(store.engine, store.reader, name) for name in ("one", "other"))
+    one.reserve("key")
+
+    other.age(3600.0, 24 * 3600.0)
+
+    assert other.reserve("key") is None

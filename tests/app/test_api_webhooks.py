@@ -200,6 +200,21 @@ def test_a_batch_that_ends_because_its_recording_is_thrown_away_is_told(
     assert [json.loads(body)["data"] for _, body in listener.heard] == [{"batch_id": batch["id"]}]
 
 
+def test_an_address_that_does_not_hear_is_tried_once_in_a_round(
+    open_client: TestClient, bench: OpenBench, listener: Listener
+) -> None:
+    listener.status = 500
+    subscribe(open_client, listener.url, events=["analysis.finished"])
+    worker = bench(stand_ins.write_report)
+    for content in (b"x", b"y", b"z"):
+        open_client.post("/api/v1/analyze", content=content)
+        run_next(worker)
+
+    tell_webhooks(services_of(open_client.app), 1.0)
+
+    assert len(listener.heard) == 1
+
+
 @pytest.mark.parametrize(
     "url",
     [

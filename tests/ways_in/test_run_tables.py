@@ -12,7 +12,11 @@ import openpyxl
 import pytest
 from typer.testing import CliRunner
 
+from app.batch.folder import open_staging
+from app.batch.plan import plan_tasks
+from app.batch.run import do_task
 from app.cli import app
+from app.request import ReportRequest
 
 # a shell that starts tests in the background lets them ignore Ctrl-C, and so what they start
 START = """
@@ -152,3 +156,15 @@ def test_a_name_that_is_not_utf_8_stops_no_run(shift_gt3x: Path, tmp_path: Path)
     rows = [(row["file_name"], row["path"]) for row in read_table(tmp_path / "out" / "summary.csv")]
     assert run.exit_code == 0
     assert rows == [("caf.gt3x", "caf\N{REPLACEMENT CHARACTER}.gt3x"), ("plain.gt3x", "plain.gt3x")]
+
+
+def test_two_runs_never_mix_one_report(shift_gt3x: Path, tmp_path: Path) -> None:
+    task = plan_tasks([shift_gt3x], tmp_path, ReportRequest(shift_gt3x.name), force=False)[0]
+
+    with open_staging(task.folder) as staging:
+        (staging / "results.json").write_text("{}")
+        other = do_task(task, lambda *_: True)
+        kept = (staging / "results.json").exists()
+
+    assert (other.code, other.facts["why"]) == ("E-FILE", "another run makes the same report just now")
+    assert kept

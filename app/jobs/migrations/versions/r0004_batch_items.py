@@ -1,4 +1,6 @@
-"""An analysis may stand in several batches, and one that was put back for want of room is counted."""
+"""An analysis may stand in several batches, one that was put back for want of room is counted, and a server
+knows its own idempotency keys.
+"""
 
 import sqlalchemy as sa
 from alembic import op
@@ -17,6 +19,7 @@ def upgrade() -> None:
     """Add what the release of this revision keeps, and say for every batch what is in it."""
     op.add_column("analyses", sa.Column("put_backs", sa.Integer, nullable=False, server_default="0"))
     op.add_column("batches", sa.Column("duplicate_count", sa.Integer, nullable=False, server_default="0"))
+    op.add_column("kept_answers", sa.Column("server", sa.String(40), nullable=False, server_default=""))
     op.create_table(
         "batch_items",
         sa.Column("batch_id", sa.String(32), sa.ForeignKey("batches.id"), primary_key=True),
