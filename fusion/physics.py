@@ -49,6 +49,8 @@ SURE_ERRORS = 3.0
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 1.0
+COUNTED = ("row number", "packet counter")
+"""What the readers call a table whose rows bear no time: somebody told its rate."""
 FEWEST_RESTS, UNEVEN_G = 20, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 Vector = NDArray[np.float64]
@@ -172,8 +174,18 @@ def _correct_scale(recording: Recording, scale: Scale) -> Recording:
         return flag_correction(recording, "scale of the axes", "motion", name_factors(scale.axes))
     if scale.is_overall_off:
         multiply_rates(recording, scale.overall)
-        return flag_correction(recording, "gyroscope scale", "motion", {"factor": round(scale.overall, 3)})
+        facts = {"factor": round(scale.overall, 3)}
+        return _doubt_rate(flag_correction(recording, "gyroscope scale", "motion", facts), scale.overall)
     return recording
+
+
+def _doubt_rate(recording: Recording, factor: float) -> Recording:
+    """Say that a rate which no stamps tell, if wrong, looks like a gyroscope of another scale (W-RATE)."""
+    if recording.understood.get("time") not in COUNTED:
+        return recording
+    told_hz, other_hz = round(recording.rate_hz, 3), round(recording.rate_hz / factor, 1)
+    doubt = QualityFlag("W-RATE", facts={"rate_from": "doubted", "rate_hz": told_hz, "other_hz": other_hz})
+    return replace(recording, flags=(*recording.flags, doubt))
 
 
 def _undo_arduino(recording: Recording) -> Recording:

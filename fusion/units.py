@@ -9,6 +9,7 @@ ACC_UNITS_G = {
     **dict.fromkeys(("g", "gs", "gn"), 1.0),
     "mg": 1e-3,
     **dict.fromkeys(METRE_WORDS, 1 / STANDARD_GRAVITY),
+    **dict.fromkeys(("cm/s2", "gal"), 1e-2 / STANDARD_GRAVITY),
     "mm/s2": 1e-3 / STANDARD_GRAVITY,
 }
 DEGREE_WORDS = (

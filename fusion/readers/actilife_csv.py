@@ -147,4 +147,5 @@ def _describe(header: dict[str, str], layout: TextLayout, n_rows: int) -> dict[s
         "samples": str(int(np.int64(n_rows))),
         "software": version.group(1) if version else "",
         "clock": "local",
+        "time": "calendar" if any(column.channel == "time" for column in layout.columns) else "row number",
     }

@@ -56,6 +56,8 @@ TIME_STEMS = frozenset(
         "ms",
         "usec",
         "msec",
+        "sec",
+        "secs",
     }
 )
 COUNTER_STEMS = frozenset(

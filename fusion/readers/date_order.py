@@ -9,14 +9,17 @@ from fusion.errors import UnusableTime
 
 DateOrder = Literal["ymd", "dmy", "mdy"]
 FORMAT_WORDS = re.compile(r"date[ _]format[ :=]+([Mdy])", re.IGNORECASE)
-FIRST_OF = {"m": "mdy", "d": "dmy", "y": "ymd"}
+ORDERS: tuple[DateOrder, ...] = ("dmy", "mdy", "ymd")
+FIRST_OF: dict[str, DateOrder] = {"m": "mdy", "d": "dmy", "y": "ymd"}
 START_DATE = re.compile(
     r"^\W*start(?:[ _]date)?[ :=]+(\d{1,4})[/.\-](\d{1,2})[/.\-](\d{1,4})", re.IGNORECASE | re.MULTILINE
 )
 NEAR_DAYS = 14
 """How far the rows may begin from the start that the header tells, in a file that was cut. The two readings
 of a date lie four weeks apart or more."""
-MONTHS = 12
+YEAR_DIGITS = 4
+CENTURY = 2000
+"""Of a year of two digits: no recorder of this kind is older."""
 
 
 def order_dates(
@@ -31,42 +34,40 @@ def order_dates(
     Raises
     ------
     UnusableTime
-        Nothing tells day and month apart.
+        Nothing tells day and month apart, or the year of two digits.
     """
-    if all(len(part[0]) == 4 for part in parts):
+    orders: tuple[DateOrder, ...] = (
+        ("dmy", "mdy") if len(parts[0][2]) == YEAR_DIGITS else ("dmy", "mdy", "ymd")
+    )
+    if len(parts[0][0]) == YEAR_DIGITS:
         return "ymd", False
-    for place, one in enumerate(("dmy", "mdy")):
-        if max(int(part[place]) for part in parts) > MONTHS:
-            return as_order(one), False
-    if order in ("dmy", "mdy"):
+    open_to = [one for one in orders if all(_read_date(part, one) for part in parts)]
+    if len(open_to) == 1:
+        return open_to[0], False
+    if order in open_to:
         return order, False
     word = _read_format(head)
     begun = _read_start(head, word)
-    near = [one for one in ("dmy", "mdy") if begun and _is_near(_read_date(parts[0], one), begun)]
+    near = [one for one in open_to if begun and _is_near(_read_date(parts[0], one), begun)]
     if len(near) == 1:
-        return as_order(near[0]), False
-    if word not in ("dmy", "mdy"):
+        return near[0], False
+    if word not in open_to:
         raise UnusableTime(why="date-order")
-    return as_order(word), begun is not None and not near
+    return word, begun is not None and not near
 
 
-def as_order(word: str) -> DateOrder:
-    """The word as a type."""
-    return "dmy" if word == "dmy" else "mdy"
-
-
-def _read_format(head: str) -> str:
+def _read_format(head: str) -> DateOrder | None:
     found = FORMAT_WORDS.search(head)
-    return FIRST_OF[found.group(1).lower()] if found else ""
+    return FIRST_OF[found.group(1).lower()] if found else None
 
 
-def _read_start(head: str, word: str) -> date | None:
+def _read_start(head: str, word: DateOrder | None) -> date | None:
     """The start date of the header by the format that it names; by the other where that gives no date."""
     found = START_DATE.search(head)
     if found is None:
         return None
-    orders = ["ymd"] if len(found.group(1)) == 4 else [word, *({"dmy", "mdy"} - {word})]
-    dates = [_read_date(found.groups(), one) for one in orders if one]
+    orders = ["ymd"] if len(found.group(1)) == YEAR_DIGITS else [word or "", "dmy", "mdy"]
+    dates = [_read_date(found.groups(), one) for one in dict.fromkeys(orders) if one]
     known = [one for one in dates if one is not None]
     return known[0] if known and (word or len(known) == 1) else None
 
@@ -74,9 +75,14 @@ def _read_start(head: str, word: str) -> date | None:
 def _read_date(parts: Sequence[str], order: str) -> date | None:
     numbers = dict(zip(order, map(int, parts), strict=True))
     try:
-        return date(numbers["y"], numbers["m"], numbers["d"])
+        return date(complete_year(numbers["y"]), numbers["m"], numbers["d"])
     except ValueError:
         return None
+
+
+def complete_year(year: int) -> int:
+    """The year with its century."""
+    return year + CENTURY if year < 100 else year
 
 
 def _is_near(day: date | None, begun: date) -> bool:

@@ -180,5 +180,6 @@ def _build(
             "angular_rate_unit": chosen[-3].unit or "",
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(n_rows),
+            "time": "number" if has_time else "row number",
         },
     )

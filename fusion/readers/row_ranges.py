@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from fusion.recording import MICROSECONDS, Segment, Span
 
+LEAST_PART, MOST_TIMES = 0.1, 3.0
+"""An axis reads 0.58 of gravity where all read alike."""
 Rows = NDArray[np.int64]
 Ranges = Sequence[tuple[int, int]]
 """First row and first row after, in order."""
@@ -48,47 +50,56 @@ def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest:
 
 
 @njit(cache=True, nogil=True)
-def is_zero(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int) -> bool:
-    """Whether a row is zero on all channels."""
-    for axis in range(3):  # noqa: SIM110 (numba compiles no generator expressions)
-        if acc[row, axis] != 0.0 or gyr[row, axis] != 0.0:
-            return False
-    return True
+def is_filler(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int, usual: float) -> bool:
+    """Whether each sensor shows one size on all axes, and the first one that gravity cannot have.
+
+    ``usual``: length of the acceleration as a rule. So reads a sensor that does not answer: 0, or -1 count.
+    """
+    size = abs(acc[row, 0])
+    if (
+        abs(acc[row, 1]) != size
+        or abs(acc[row, 2]) != size
+        or LEAST_PART * usual <= size <= MOST_TIMES * usual
+    ):
+        return False
+    return abs(gyr[row, 0]) == abs(gyr[row, 1]) and abs(gyr[row, 1]) == abs(gyr[row, 2])
 
 
 @njit(cache=True, nogil=True)
-def count_zero_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32]) -> int:
-    """How many runs of zero rows there are."""
-    count, was_zero = 0, False
+def count_filler_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float) -> int:
+    """How many runs of such rows there are."""
+    count, was_one = 0, False
     for row in range(len(acc)):
-        is_now = is_zero(acc, gyr, row)
-        count += int(is_now and not was_zero)
-        was_zero = is_now
+        is_one = is_filler(acc, gyr, row, usual)
+        count += int(is_one and not was_one)
+        was_one = is_one
     return count
 
 
 @njit(cache=True, nogil=True)
-def find_zero_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], count: int) -> Rows:
-    """The ``count`` runs of zero rows, shape (m, 2)."""
+def find_filler_runs(
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float, shortest: int, count: int
+) -> Rows:
+    """Those of the ``count`` runs of such rows that are ``shortest`` rows long or more, shape (m, 2)."""
     runs = np.empty((count, 2), np.int64)
     found, row = 0, 0
     while row < len(acc):
         stop = row
-        while stop < len(acc) and is_zero(acc, gyr, stop):
+        while stop < len(acc) and is_filler(acc, gyr, stop, usual):
             stop += 1
-        if stop > row:
+        if stop - row >= shortest:
             runs[found, 0], runs[found, 1] = row, stop
             found += 1
         row = stop + 1
-    return runs
+    return runs[:found]
 
 
 @njit(cache=True, nogil=True)
-def mark_zeros(acc: NDArray[np.float32], gyr: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Which rows are zero on all channels, shape (n,)."""
+def mark_fillers(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float) -> NDArray[np.bool_]:
+    """Which rows are such, shape (n,)."""
     marked = np.empty(len(acc), np.bool_)
     for row in range(len(acc)):
-        marked[row] = is_zero(acc, gyr, row)
+        marked[row] = is_filler(acc, gyr, row, usual)
     return marked
 
 

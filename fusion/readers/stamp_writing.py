@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from fusion.readers.date_dialects import DateDialect, parse_zone_s
-from fusion.readers.date_order import DateOrder
+from fusion.readers.date_order import DateOrder, complete_year
 from fusion.readers.timing import datetime_at_us
 from fusion.readers.zones import is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag
@@ -106,10 +106,8 @@ class StampWriter:
 
 
 def _sort_date(parts: tuple[str, ...], order: DateOrder) -> tuple[str, str, str]:
-    first, second, third = parts
-    return {"ymd": (first, second, third), "dmy": (third, second, first), "mdy": (third, first, second)}[
-        order
-    ]
+    year, month, day = (parts[order.index(letter)] for letter in "ymd")
+    return str(complete_year(int(year))), month, day
 
 
 def _count_hour(found: re.Match[str]) -> int:

@@ -103,10 +103,38 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     votes = {delimiter: _count_rows(lines, delimiter) for delimiter in DELIMITERS}
     delimiter = max(DELIMITERS, key=lambda mark: votes[mark])
     if votes[delimiter] == 0:
+        delimiter, lines = _hide_words(lines)
+    if not lines:
         return None
     if delimiter == " " and (tabbed := _tab_single_spaces(lines)):
         return replace(_describe(tabbed, "\t"), is_single_spaced=True)
     return replace(_describe(lines, delimiter), dates=dates)
+
+
+def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
+    """Write 0 for the words of columns that hold no channel; no lines where no header names six channels.
+
+    A label, the name of a device: such a column is left aside, and the rows are rows all the same.
+    """
+    for k, line in enumerate(lines):
+        for delimiter in DELIMITERS[:-1]:
+            columns = [understand_column(name) for name in split_fields(line, delimiter)]
+            if sum(column.channel in ("acc", "gyr") for column in columns) >= MIN_COLUMNS:
+                hidden = [_hide_fields(row, delimiter, columns) for row in lines[k + 1 :]]
+                found = any(is_row(row, delimiter) for row in hidden)
+                return delimiter, [*lines[: k + 1], *hidden] if found else []
+    return "", []
+
+
+def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
+    fields = row.split(delimiter)
+    if len(fields) < len(columns):
+        return row
+    names = [*columns, *[None] * (len(fields) - len(columns))]
+    return delimiter.join(
+        "0" if column is not None and column.channel == "other" and not is_value(field.strip()) else field
+        for field, column in zip(fields, names, strict=True)
+    )
 
 
 def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:

@@ -1,8 +1,10 @@
 """Rows in which nothing was measured: zeros on all six channels, and values that were carried forward.
 
 A sensor that measures never reads zero on all channels at once: at rest there is gravity, in free fall there
-is noise. Such rows fill a hole, however short, as repeats do that a program wrote. Their time is missing:
-up to 50 ms it is bridged for the filters only, like any hole; longer, the segment ends (CONTRACT §5).
+is noise. Nor does it read one and the same on the axes of both sensors, at a size that gravity does not have,
+as -1 (all bits set) of a chip that does not answer. Such rows fill a hole, however short, as repeats do that
+a program wrote. Their time is missing: up to 50 ms it is bridged for the filters only, like any hole; longer,
+the segment ends (CONTRACT §5).
 """
 
 from collections.abc import Callable
@@ -15,12 +17,12 @@ from fusion.errors import UnusableTime
 from fusion.readers.grid import LONGEST_BRIDGE_US
 from fusion.readers.row_ranges import (
     Rows,
-    count_zero_runs,
+    count_filler_runs,
     cut_rows,
+    find_filler_runs,
     find_held_runs,
-    find_zero_runs,
     join_ranges,
-    mark_zeros,
+    mark_fillers,
     place_rows,
 )
 from fusion.readers.samples import SampleColumns
@@ -29,12 +31,15 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
 
 HELD_S, HELD_ROWS = 0.5, 50
 """Identical readings on six channels for so long and so often: no sensor of this kind is that quiet."""
+BLIND_S, BLIND_ROWS = 0.1, 10
+"""Three exact zeros of an accelerometer alone, for so long and so often, are no free fall: it has noise."""
+LOOKED_AT_ROWS = 10_000
 MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
 """One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.grid)."""
 
 
 def leave_out_zeros(recording: Recording) -> Recording:
-    """Take rows that are zero on all six channels for missing, and say so (W-STUCK-PART).
+    """Take rows that are zero on all six channels, or otherwise no reading, for missing (W-STUCK-PART).
 
     Where no row is left, the recording comes back as it is: the sensor is dead.
 
@@ -43,7 +48,8 @@ def leave_out_zeros(recording: Recording) -> Recording:
     UnusableTime
         One row in ten begins such a hole.
     """
-    return _leave_out(recording, _find_zeros, "zeros")
+    usual = max(measure_usual(segment.acc_g) for segment in recording.segments)
+    return _leave_out(recording, lambda segment: _find_fillers(segment, usual), "zeros")
 
 
 def leave_out_held(recording: Recording) -> Recording:
@@ -51,11 +57,24 @@ def leave_out_held(recording: Recording) -> Recording:
     return _leave_out(recording, _find_held, "held")
 
 
-def _find_zeros(segment: Segment) -> Rows:
-    count = count_zero_runs(segment.acc_g, segment.gyr_dps)
+def measure_usual(acc: NDArray[np.float32]) -> float:
+    """The median length of the acceleration, in its unit, over some of the rows that are not zero."""
+    rows = acc[:: max(1, len(acc) // LOOKED_AT_ROWS)]
+    lengths = np.linalg.norm(rows[rows.any(axis=1)], axis=1)
+    return float(np.median(lengths)) if len(lengths) else 0.0
+
+
+def _find_fillers(segment: Segment, usual: float) -> Rows:
+    """Rows of both sensors, however few; of the accelerometer alone, for a tenth of a second."""
+    acc, gyr = segment.acc_g, segment.gyr_dps
+    count = count_filler_runs(acc, gyr, usual)
     if is_too_frequent(count, len(segment)):
         raise UnusableTime(why="irregular")
-    return find_zero_runs(segment.acc_g, segment.gyr_dps, count)
+    both = find_filler_runs(acc, gyr, usual, 1, count)
+    shortest = max(BLIND_ROWS, round(BLIND_S * segment.rate_hz))
+    blind = find_filler_runs(acc, acc, usual, shortest, count_filler_runs(acc, acc, usual))
+    joined = join_ranges(sorted((int(a), int(b)) for a, b in (*both, *blind)))
+    return np.array(joined, np.int64).reshape(-1, 2)
 
 
 def _find_held(segment: Segment) -> Rows:
@@ -110,10 +129,11 @@ def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     Such are rows whose stamp is zero too (a block of a card that was never written), and all of them where
     they stand between the samples everywhere (read before the sensor had a new one).
     """
-    runs = count_zero_runs(columns.acc, columns.gyr)
+    usual = measure_usual(columns.acc)
+    runs = count_filler_runs(columns.acc, columns.gyr, usual)
     if runs == 0:
         return ()
-    is_blank = mark_zeros(columns.acc, columns.gyr)
+    is_blank = mark_fillers(columns.acc, columns.gyr, usual)
     if not is_too_frequent(runs, columns.rows):
         is_blank &= columns.stamps == 0
         is_blank[0] &= is_blank.sum() > 1  # a clock may well begin at zero

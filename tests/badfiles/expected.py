@@ -261,6 +261,7 @@ TABLES = (
             )
         ),
     ),
+    read("83 words beside the readings", "shift.csv", given(t.labelled())),
     read("83 French", "shift.csv", t.encoded(t.french_names()), "W-LOCALE"),
     read("83 French, cp1252", "shift.csv", t.encoded(t.french_names(), "cp1252"), "W-LOCALE W-ENCODING"),
     refused("84 DTD", "shift.mvnx", given(f"{XML}<!DOCTYPE m [<!ENTITY a 'b'>]><mvnx/>"), "E-XML"),

@@ -200,6 +200,12 @@ def single_spaces(preamble: str = "") -> str:
     return f"{preamble}{header}\n{rows}"
 
 
+def labelled() -> str:
+    """Words stand beside the readings: what the wearer did, and the name of the device."""
+    rows = [f"{row},{'walking slowly' if k < 3000 else 'pause'},D422CD" for k, row in enumerate(values())]
+    return stamped(range(0, 60_000_000, 10_000), rows, HEADER + ",activity,device")
+
+
 def date_and_time() -> str:
     stamps = [stamp.replace(" ", ",") for stamp in calendar("%Y-%m-%d %H:%M:%S.%f")]
     return stamped(stamps, values(), "date,time," + NAMES)

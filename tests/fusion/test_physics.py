@@ -241,6 +241,19 @@ def test_a_scale_that_no_part_has_is_undone(factor: float) -> None:
     assert checked.flags[0].facts["factor"] == pytest.approx(1.0 / factor, rel=0.01)
 
 
+@pytest.mark.parametrize(("time", "codes"), [("number", ["W-UNITS"]), ("row number", ["W-UNITS", "W-RATE"])])
+def test_a_scale_may_be_a_wrong_rate_where_somebody_told_it(time: str, codes: list[str]) -> None:
+    """100 Hz were told for 50: all durations are halved, and the gyroscope seems to read half."""
+    motion = rest_and_turn(80)
+
+    checked = check_physics(recording_of(motion.acc_g, 0.5 * motion.gyr_dps, **STATED, time=time))
+
+    assert [flag.code for flag in checked.flags] == codes
+    assert [flag.facts["other_hz"] for flag in checked.flags[1:]] == pytest.approx(
+        [50.0] * (len(codes) - 1), abs=0.5
+    )
+
+
 def test_a_scale_within_that_of_parts_is_left_to_the_fusion() -> None:
     assert judged(1.02 * np.eye(3)).flags == ()
 

@@ -79,6 +79,7 @@ def test_columns_in_another_order_with_strangers_between_are_found() -> None:
     [
         ("m/s^2", "rad/s", 9.80665, np.pi / 180),
         ("mg", "mdps", 1000.0, 1000.0),
+        ("cm/s^2", "dps", 980.665, 1.0),
         ("m_per_s2", "deg_per_s", 9.80665, 1.0),
     ],
 )
@@ -147,6 +148,29 @@ def test_semicolons_with_decimal_commas_are_read_and_said() -> None:
 
     assert recording.segments[0].gyr_dps[7].tolist() == [0.5, -0.25, 7.5]
     assert codes(recording) == ["W-LOCALE"]
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_words_in_columns_of_their_own_are_left_aside(mark: str) -> None:
+    header = "device,time_us,activity," + HEADER.split(",", 1)[1]
+    rows = [f"D4 22 CD,{10_000 * k},{'walking' if k % 2 else ''},{line(k)}" for k in range(900)]
+
+    recording = read_text("\n".join([header, *rows, ""]).replace(",", mark))
+
+    assert (recording.duration_us, recording.segments[0].gyr_dps[7].tolist()) == (
+        9_000_000,
+        [0.5, -0.25, 7.5],
+    )
+    assert recording.understood["ignored"] == "device, activity"
+
+
+def test_seconds_and_microseconds_in_two_columns_cost_no_time() -> None:
+    header = "sec,usec," + HEADER.split(",", 1)[1]
+    rows = [f"{183 + k // 100},{k % 100 * 10_000},{line(k)}" for k in range(900)]
+
+    recording = read_text("\n".join([header, *rows, ""]))
+
+    assert (recording.duration_us, len(recording.segments)) == (9_000_000, 1)
 
 
 def test_exponents_and_many_digits_are_read() -> None:

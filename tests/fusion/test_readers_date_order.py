@@ -59,6 +59,31 @@ def test_the_start_of_a_preamble_settles_day_and_month(pattern: str) -> None:
     assert read_text(text).duration_us == 60_000_000
 
 
+@pytest.mark.parametrize(
+    ("pattern", "date"),
+    [
+        ("%d/%m/%y %H:%M:%S.%f", "3/2/2026"),
+        ("%m/%d/%y %H:%M:%S.%f", "3/2/26"),
+        ("%y-%m-%d %H:%M:%S.%f", "3/2/26"),
+    ],
+)
+def test_a_year_of_two_digits_is_settled_by_the_header(pattern: str, date: str) -> None:
+    assert read_text(resaved(pattern, SECOND_OF_MARCH, date)).start == SECOND_OF_MARCH
+
+
+def test_a_year_of_two_digits_that_nothing_settles_is_asked_for() -> None:
+    with pytest.raises(UnusableTime) as refusal:
+        read_text(calendar_table("%d/%m/%y %H:%M:%S.%f", datetime(2026, 3, 14, 8)))  # noqa: DTZ001
+
+    assert refusal.value.facts == {"why": "date-order"}
+
+
+def test_a_year_of_two_digits_that_can_be_read_one_way_is_read() -> None:
+    first = datetime(2032, 3, 14, 8)  # noqa: DTZ001 - no month has 32 days
+
+    assert read_text(calendar_table("%d/%m/%y %H:%M:%S.%f", first)).start == first
+
+
 def test_without_a_header_day_and_month_are_asked_for() -> None:
     with pytest.raises(UnusableTime) as refusal:
         read_text(calendar_table(DAY_FIRST, SECOND_OF_MARCH))

@@ -151,10 +151,39 @@ def test_inspect_and_report_tell_the_same_holes() -> None:
     assert seen["samples"] == 6000 - 163
 
 
+@pytest.mark.parametrize("value", [-0.001, 0.0, 9.0, 999.0])
+@pytest.mark.parametrize("name", ["shift.csv", "shift-IMU.csv", "shift.parquet"])
+def test_one_value_on_all_axes_that_gravity_cannot_have_is_no_reading(name: str, value: float) -> None:
+    columns = s.readings().copy()
+    columns[2000:2010] = value
+
+    recording = read(name, columns)
+
+    assert (told(recording)["W-STUCK-PART"].seconds, analyse(recording).time.missing_us) == (0.1, 100_000)
+
+
+def test_registers_that_did_not_answer_are_no_reading() -> None:
+    """All bits set: -1 in each of the six."""
+    content = bytearray(write_registers(s.readings()))
+    records = np.frombuffer(content, RECORD)
+    records["acc"][2000:2010], records["gyr"][2000:2010] = -1, -1
+
+    recording = read_recording(io.BytesIO(content), file_name="shift.dat")
+
+    assert told(recording)["W-STUCK-PART"].seconds == 0.1
+
+
+def test_an_accelerometer_alone_at_zero_for_a_tenth_of_a_second_is_no_reading() -> None:
+    columns = s.readings().copy()
+    columns[2000:2010, :3] = 0.0
+
+    assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 0.1
+
+
 def test_one_channel_at_zero_is_a_reading() -> None:
     columns = s.readings().copy()
     columns[2000:2040, 3:] = 0.0
-    columns[3000, :3] = 0.0
+    columns[3000:3009, :3] = 0.0
 
     assert told(read("shift.csv", columns)) == {}
 
