@@ -60,8 +60,6 @@ class SlipRules:
     most_moments: int = 2000
     cell_deg: float = 7.0
     places: int = 100
-    long_s: float = 5 * 3600.0
-    fine_places: int = 30
     evidence: float = 10.0
     margin_s: float = 300.0
 
@@ -129,10 +127,8 @@ def _search(day: _Day, first: int, stop: int) -> Iterator[Slip]:
 def _find_turned(day: _Day, first: int, stop: int) -> tuple[int, int] | None:
     """The stretch that differs most; one between two slips only where it does so by more than one slip."""
     rules = day.rules
-    edges, fine = _place_edges(day, first, stop)
+    edges = np.unique(np.linspace(first, stop, rules.places + 1).astype(np.intp))
     starts, ends = np.triu_indices(len(edges), 1)
-    kept = (starts % fine == 0) & (ends % fine == 0) | (ends - starts <= rules.fine_places) & (fine > 1)
-    starts, ends = starts[kept], ends[kept]
     usable = _list_usable(day, edges, (starts, ends))
     starts, ends = starts[usable], ends[usable]
     if len(starts) == 0:
@@ -147,13 +143,6 @@ def _find_turned(day: _Day, first: int, stop: int) -> tuple[int, int] | None:
     if known[best] == ALIKE:
         return None
     return int(edges[starts[best]]), int(edges[ends[best]])
-
-
-def _place_edges(day: _Day, first: int, stop: int) -> tuple[Rows, int]:
-    """Where stretches may begin and end; of a long day twice as often, the number being 2 then."""
-    rules = day.rules
-    fine = 2 if day.time_s[stop - 1] - day.time_s[first] > rules.long_s else 1
-    return np.linspace(first, stop, fine * rules.places + 1).astype(np.intp), fine
 
 
 def _list_usable(day: _Day, edges: Rows, span: tuple[Rows, Rows]) -> NDArray[np.bool_]:

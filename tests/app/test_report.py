@@ -172,7 +172,7 @@ def test_the_accuracy_told_is_that_of_the_method_used(name: str, told: str) -> N
 def test_small_turns_of_the_sensor_that_go_unnoticed_are_told() -> None:
     paragraphs = " ".join(report_of(analysis=make_analysis()).limits.paragraphs)
 
-    assert "turns on the arm by less than about 45° during the day often goes unnoticed" in paragraphs
+    assert "turns on the arm by about 30° or less during the day" in paragraphs
 
 
 def test_ready_angles_have_no_accuracy_of_ours() -> None:
