@@ -8,6 +8,7 @@ import { giveUp, Refusal, TUS, TusUpload } from "./tus.js";
 import { tellSize } from "./sizes.js";
 
 const AT_ONCE = 3;
+const HEAD_BYTES = 1 << 20;
 const LOOK_MS = 400;
 const MOST_LOOKS = 20;
 
@@ -49,7 +50,7 @@ export class Queue {
     this.going.add(entry);
     row.show("uploading");
     entry.upload = new TusUpload(file, row.wishes(), this.api + "/uploads", {
-      progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
+      progress: (bytes) => this.tell(entry, bytes),
       piece: () => this.look(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
       waiting: () => row.show("lost"),
@@ -61,6 +62,12 @@ export class Queue {
     }
     this.going.delete(entry);
     this.next();
+  }
+
+  tell(entry, bytes) {
+    if (entry.row.state === "lost") entry.row.show("uploading");
+    entry.row.progress(bytes);
+    if (bytes >= HEAD_BYTES) this.look(entry);
   }
 
   refuseLarge({ row, file }) {
@@ -77,7 +84,7 @@ export class Queue {
       const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
       if (answer && answer.status >= 400) return this.warn(entry, answer);
       const found = answer ? await answer.json() : {};
-      if (found.device) return entry.row.understand(this.tell(found, entry.row.words));
+      if (found.device) return entry.row.understand(this.describe(found, entry.row.words));
       await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
     }
   }
@@ -88,7 +95,7 @@ export class Queue {
     if (answer.status === 422 && title) row.note(`${title}. ${fix}`);
   }
 
-  tell(found, words) {
+  describe(found, words) {
     const rate = found.rate_hz ? `${Math.round(found.rate_hz).toLocaleString(document.documentElement.lang)} Hz` : "";
     const start = found.start ? found.start.slice(0, 16).replace("T", " ") : "";
     const zone = found.start && found.time_zone ? `(${found.time_zone})` : "";
