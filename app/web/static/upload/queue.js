@@ -8,7 +8,6 @@ import { giveUp, Refusal, TUS, TusUpload } from "./tus.js";
 import { tellSize } from "./sizes.js";
 
 const AT_ONCE = 3;
-const HEAD_BYTES = 1 << 20;
 const LOOK_MS = 400;
 const MOST_LOOKS = 20;
 
@@ -50,7 +49,7 @@ export class Queue {
     this.going.add(entry);
     row.show("uploading");
     entry.upload = new TusUpload(file, row.wishes(), this.api + "/uploads", {
-      progress: (bytes) => this.tell(entry, bytes),
+      progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.look(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
       waiting: () => row.show("lost"),
@@ -62,12 +61,6 @@ export class Queue {
     }
     this.going.delete(entry);
     this.next();
-  }
-
-  tell(entry, bytes) {
-    if (entry.row.state === "lost") entry.row.show("uploading");
-    entry.row.progress(bytes);
-    if (bytes >= HEAD_BYTES) this.look(entry);
   }
 
   refuseLarge({ row, file }) {
