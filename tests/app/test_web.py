@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,13 @@ from fastapi.testclient import TestClient
 
 import app.report.wording
 import app.web
+from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.report.wording import load_wording
 from app.web.views import format_size
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
+from tests.app.test_report_versions import fail_next, finish_next
 
 HOSTILE = (
     "<script>alert(1)</script>",
@@ -133,6 +136,20 @@ def test_a_failed_recording_says_what_happened_and_what_to_do(
         page = client.get(path, params={"lang": language}).text
         assert title in page
         assert "E-SHORT" in page
+
+
+def test_an_attempt_that_failed_is_withdrawn_by_a_click_and_its_report_stays(
+    client: TestClient, store: JobStore, add_job: AddJob
+) -> None:
+    report = add_job()
+    finish_next(store)
+    failed = store.add_analysis((report.recording_id, report.sha256), replace(report.request, side="left"))
+    fail_next(store)
+
+    answer = client.post(f"/analyses/{failed.id}/withdraw")
+
+    assert (answer.status_code, answer.headers["location"]) == (303, f"/analyses/{report.id}")
+    assert "Correct and try again" not in client.get("/").text
 
 
 def test_a_page_that_is_not_there_says_so_and_leads_back(client: TestClient) -> None:

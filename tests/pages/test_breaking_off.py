@@ -1,5 +1,6 @@
 """Uploads that are broken off: cancelled, left, gone on with; nothing comes back, nothing is sent twice."""
 
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -55,19 +56,47 @@ def test_a_cancelled_upload_does_not_come_back_with_the_network(
     expect(page.locator(".row", has_text="ghost.csv")).to_have_count(0)
 
 
+def slow_down(page: Page, bytes_per_s: float) -> None:
+    """Let the network take no more than so many bytes a second."""
+    network = page.context.new_cdp_session(page)
+    slow = {"offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": bytes_per_s}
+    network.send("Network.enable")
+    network.send("Network.emulateNetworkConditions", slow)
+
+
+def test_over_a_slow_network_a_table_goes_packed_and_arrives_as_it_was(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = make_file(tmp_path, "slow.csv", 4)
+    packed: list[int] = []
+    open_home(page, server)
+    slow_down(page, 2e6)
+    page.on("request", lambda request: note_packed(request, packed))
+
+    page.set_input_files("#files", file)
+    expect(find_row(page, "slow.csv")).to_be_visible(timeout=END_MS)
+
+    stored = server.client.get("/api/v1/recordings").json()["items"][0]
+    assert stored["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert len(packed) == 1
+    assert packed[0] < 3_000_000 / 4
+
+
+def note_packed(request: Request, sizes: list[int]) -> None:
+    if request.headers.get("content-encoding") == "gzip":
+        sizes.append(len(request.post_data_buffer or b""))
+
+
 def test_what_has_come_of_a_cancelled_upload_is_dropped_even_while_a_piece_is_taken(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
     open_home(page, server)
-    network = page.context.new_cdp_session(page)
-    slow = {"offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": 2e6}
-    network.send("Network.enable")
-    network.send("Network.emulateNetworkConditions", slow)
+    slow_down(page, 2e6)
     with page.expect_request(lambda request: request.headers.get("upload-offset", "0") != "0") as piece:
-        page.set_input_files("#files", make_file(tmp_path, "half.csv", 8))
+        page.set_input_files("#files", make_file(tmp_path, "half.dat", 8))
     page.wait_for_timeout(300)
 
-    find_upload(page, "half.csv").get_by_role("button", name="Cancel").click()
+    find_upload(page, "half.dat").get_by_role("button", name="Cancel").click()
     with page.expect_response(lambda a: a.request.method == "DELETE" and a.status == 204, timeout=END_MS):
         pass
 

@@ -77,7 +77,7 @@ export class Queue {
       const answer = await fetch(entry.upload.address + "/inspection").catch(() => null);
       if (answer && answer.status >= 400) return this.warn(entry, answer);
       const found = answer ? await answer.json() : {};
-      if (found.device) return entry.row.understand(this.tell(found, entry.row.words));
+      if (found.device) return entry.row.understand(this.describe(found, entry.row.words));
       await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
     }
   }
@@ -88,7 +88,7 @@ export class Queue {
     if (answer.status === 422 && title) row.note(`${title}. ${fix}`);
   }
 
-  tell(found, words) {
+  describe(found, words) {
     const rate = found.rate_hz ? `${Math.round(found.rate_hz).toLocaleString(document.documentElement.lang)} Hz` : "";
     const start = found.start ? found.start.slice(0, 16).replace("T", " ") : "";
     const zone = found.start && found.time_zone ? `(${found.time_zone})` : "";

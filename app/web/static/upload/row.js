@@ -4,7 +4,7 @@ import { $, fill, say } from "../say.js";
 import { remember } from "./memory.js";
 import { tellSize } from "./sizes.js";
 
-const DRAW_MS = 1000;
+const DRAW_MS = 250;
 
 export class Row {
   constructor(file, wishes, acts) {
