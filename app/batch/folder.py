@@ -16,7 +16,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from app.batch.plan import MARKER, Task
+from app.batch.placing import MARKER, identify_place
+from app.batch.plan import Task
 from app.request import Language, Paper, ReportRequest, compare_settings
 from app.version import software_revision, software_version
 
@@ -41,6 +42,8 @@ class Marker:
     """SHA-256 of each file of figures, by its name."""
     papers: Mapping[Language, Paper] = field(default_factory=dict)
     """The paper of each language's PDF; A4 where nothing is said."""
+    place: str = ""
+    """Where the log lay (:func:`app.batch.placing.identify_place`)."""
 
     def list_digests(self) -> tuple[str, ...]:
         """Give the SHA-256 of the log and of each file joined to it."""
@@ -52,8 +55,9 @@ def make_marker(task: Task) -> Marker:
     digest, settings = _hash_files(task), _write_settings(task)
     parts = [digest, task.request.file_name, settings, software_version(), software_revision()]
     fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
-    language = task.request.languages[0]
-    return Marker(fingerprint, digest, settings, language=language, papers={language: task.request.paper})
+    language, paper = task.request.languages[0], task.request.paper
+    place = identify_place(task.log)
+    return Marker(fingerprint, digest, settings, language=language, papers={language: paper}, place=place)
 
 
 def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:

@@ -23,7 +23,8 @@ from app.batch.folder import (
     use_plain_names,
     write_marker,
 )
-from app.batch.plan import MARKER, Task
+from app.batch.placing import MARKER
+from app.batch.plan import Task
 from app.decoded import KnownLogs
 from app.errors import Crashed
 from app.jobs.attempt import (

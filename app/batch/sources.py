@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.batch.plan import MARKER, show_path
+from app.batch.placing import MARKER
+from app.batch.plan import show_path
 from app.errors import UnusableList
 
 SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".zip", ".parquet", ".bin", ".mvnx")
