@@ -65,15 +65,21 @@ def measure_usual(acc: NDArray[np.float32]) -> float:
 
 
 def _find_fillers(segment: Segment, usual: float) -> Rows:
-    """Rows of both sensors, however few; of the accelerometer alone, for a tenth of a second."""
+    """Rows of both sensors, however few; of one of them, for a tenth of a second.
+
+    A gyroscope of coarse counts rests at zero; any other value on all its axes at once it does not keep.
+    """
     acc, gyr = segment.acc_g, segment.gyr_dps
     count = count_filler_runs(acc, gyr, usual)
     if is_too_frequent(count, len(segment)):
         raise UnusableTime(why="irregular")
     both = find_filler_runs(acc, gyr, usual, 1, count)
     shortest = max(BLIND_ROWS, round(BLIND_S * segment.rate_hz))
-    blind = find_filler_runs(acc, acc, usual, shortest, count_filler_runs(acc, acc, usual))
-    joined = join_ranges(sorted((int(a), int(b)) for a, b in (*both, *blind)))
+    alone = [
+        find_filler_runs(values, values, size, shortest, count_filler_runs(values, values, size))
+        for values, size in ((acc, usual), (gyr, 0.0))
+    ]
+    joined = join_ranges(sorted((int(a), int(b)) for runs in (both, *alone) for a, b in runs))
     return np.array(joined, np.int64).reshape(-1, 2)
 
 
