@@ -78,20 +78,36 @@ def count_filler_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual:
 
 @njit(cache=True, nogil=True)
 def find_filler_runs(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float, shortest: int, count: int
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float, shortest: int, most: int
 ) -> Rows:
-    """Those of the ``count`` runs of such rows that are ``shortest`` rows long or more, shape (m, 2)."""
-    runs = np.empty((count, 2), np.int64)
-    found, row = 0, 0
-    while row < len(acc):
-        stop = row
+    """Runs of such rows, ``shortest`` rows long or more and ``most`` at most, shape (m, 2).
+
+    Such a run covers one of any ``shortest`` rows that follow each other: only from these is looked around.
+    """
+    runs = np.empty((most, 2), np.int64)
+    found, k = 0, shortest - 1
+    while k < len(acc):
+        first, stop = k, k
         while stop < len(acc) and is_filler(acc, gyr, stop, usual):
             stop += 1
-        if stop - row >= shortest:
-            runs[found, 0], runs[found, 1] = row, stop
+        while stop > k and first > 0 and k - first < shortest and is_filler(acc, gyr, first - 1, usual):
+            first -= 1
+        if stop - first >= shortest:
+            runs[found, 0], runs[found, 1] = first, stop
             found += 1
-        row = stop + 1
+        k = max(k, stop - 1) + shortest
     return runs[:found]
+
+
+@njit(cache=True, nogil=True)
+def has_equal_sizes(values: NDArray[np.float32], low: float, high: float) -> bool:
+    """Whether any row shows one size on all axes, under ``low`` or over ``high``; few files have such."""
+    found = 0
+    for row in range(len(values)):
+        size = abs(values[row, 0])
+        is_equal = int(size == abs(values[row, 1])) & int(size == abs(values[row, 2]))
+        found += is_equal & (int(size < low) | int(size > high))
+    return found > 0
 
 
 @njit(cache=True, nogil=True)

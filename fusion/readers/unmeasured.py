@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 from fusion.errors import UnusableTime
 from fusion.readers.grid import LONGEST_BRIDGE_US
 from fusion.readers.row_ranges import (
+    LEAST_PART,
+    MOST_TIMES,
     Rows,
     count_filler_runs,
     cut_rows,
     find_filler_runs,
     find_held_runs,
+    has_equal_sizes,
     join_ranges,
     mark_fillers,
     place_rows,
@@ -65,15 +68,21 @@ def measure_usual(acc: NDArray[np.float32]) -> float:
 
 
 def _find_fillers(segment: Segment, usual: float) -> Rows:
-    """Rows of both sensors, however few; of the accelerometer alone, for a tenth of a second."""
+    """Rows of both sensors, however few; of one of them, for a tenth of a second.
+
+    A gyroscope of coarse counts rests at zero; any other value on all its axes at once it does not keep.
+    """
     acc, gyr = segment.acc_g, segment.gyr_dps
-    count = count_filler_runs(acc, gyr, usual)
-    if is_too_frequent(count, len(segment)):
-        raise UnusableTime(why="irregular")
-    both = find_filler_runs(acc, gyr, usual, 1, count)
     shortest = max(BLIND_ROWS, round(BLIND_S * segment.rate_hz))
-    blind = find_filler_runs(acc, acc, usual, shortest, count_filler_runs(acc, acc, usual))
-    joined = join_ranges(sorted((int(a), int(b)) for a, b in (*both, *blind)))
+    most = len(segment) // shortest + 1
+    found = [find_filler_runs(gyr, gyr, 0.0, shortest, most)]
+    if has_equal_sizes(acc, LEAST_PART * usual, MOST_TIMES * usual):
+        count = count_filler_runs(acc, gyr, usual)
+        if is_too_frequent(count, len(segment)):
+            raise UnusableTime(why="irregular")
+        found.append(find_filler_runs(acc, gyr, usual, 1, count))
+        found.append(find_filler_runs(acc, acc, usual, shortest, most))
+    joined = join_ranges(sorted((int(a), int(b)) for runs in found for a, b in runs))
     return np.array(joined, np.int64).reshape(-1, 2)
 
 
@@ -130,9 +139,9 @@ def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     they stand between the samples everywhere (read before the sensor had a new one).
     """
     usual = measure_usual(columns.acc)
-    runs = count_filler_runs(columns.acc, columns.gyr, usual)
-    if runs == 0:
+    if not has_equal_sizes(columns.acc, LEAST_PART * usual, MOST_TIMES * usual):
         return ()
+    runs = count_filler_runs(columns.acc, columns.gyr, usual)
     is_blank = mark_fillers(columns.acc, columns.gyr, usual)
     if not is_too_frequent(runs, columns.rows):
         is_blank &= columns.stamps == 0

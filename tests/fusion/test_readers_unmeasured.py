@@ -180,6 +180,13 @@ def test_an_accelerometer_alone_at_zero_for_a_tenth_of_a_second_is_no_reading() 
     assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 0.1
 
 
+def test_a_gyroscope_alone_at_one_value_for_a_tenth_of_a_second_is_no_reading() -> None:
+    columns = s.readings().copy()
+    columns[2000:2300, 3:] = -999.0
+
+    assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 3.0
+
+
 def test_one_channel_at_zero_is_a_reading() -> None:
     columns = s.readings().copy()
     columns[2000:2040, 3:] = 0.0
