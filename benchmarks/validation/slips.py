@@ -51,7 +51,8 @@ search asks for."""
 BACK_PROSE = f"""\
 The same on days of {BACK_HOURS:g} h, with the sensor turned at {100 * BACK_AT:g} % of the day and pushed back
 to its first place after 20 minutes or an hour. *Valid between*: share of the rows in which it sat turned
-that the result calls valid, the most of the days; these are the wrong ones."""
+that the result calls valid, the most of the days: read from an axis of their own where the turn was found,
+wrong by up to the turn where it was not. On the days of seed 1 nobody walks in those 20 minutes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +169,7 @@ def compare_slips() -> Section:
     rows.append(_draw_case("90 deg about the arm's axis", along))
     rows += [_draw_case(f"no turn, {NAMES[d]}, {hours:g} h", days) for (d, hours), days in quiet.items()]
     unturned = [*along, *(day for days in quiet.values() for day in days)]
-    goals = (*_judge_slips(found, unturned), *_judge_backs(backs))
+    goals = (*_judge_slips(found, unturned), _judge_backs(backs))
     paragraphs = (PROSE, draw_table(HEADER, rows), BACK_PROSE, _draw_backs(backs))
     return Section("(h) A sensor that turns while it is worn", paragraphs, goals)
 
@@ -203,14 +204,11 @@ def _find_most(days: Sequence[Turned]) -> str:
     return f"{max(day.turned_percent for day in days):.1f}"
 
 
-def _judge_backs(backs: Mapping[tuple[float, float], Sequence[Turned]]) -> tuple[Goal, ...]:
+def _judge_backs(backs: Mapping[tuple[float, float], Sequence[Turned]]) -> Goal:
     days = [day for (angle_deg, _), found in backs.items() if angle_deg >= BACK_SURE_DEG for day in found]
     missed = sum(not day.is_found for day in days)
     what = f"turns of {BACK_SURE_DEG:g} deg and more, pushed back after 20 minutes or an hour: "
-    return (
-        judge(what + "not found", missed, 0, f"of {len(days)}", 0),
-        judge(what + "rows between that are valid, most", max(day.turned_percent for day in days), 1.0, "%"),
-    )
+    return judge(what + "not found", missed, 0, f"of {len(days)}", 0)
 
 
 def _name_case(angle_deg: float, place: float, is_gradual: bool) -> str:  # noqa: FBT001 (a key's three parts)
