@@ -7,7 +7,7 @@ from fusion.calibration_rules import OTHER_RULES, rules_for
 from fusion.choices import Pose
 from fusion.pose_windows import Blocks, StillPeriod
 from fusion.postures import find_angle_deg
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from fusion.recording import QualityFlag, Recording
 from fusion.still_proposals import find_quiet_windows
 from fusion.worn_parts import WornParts
 
@@ -17,7 +17,8 @@ UNLIKE_WALKING_DEG = 30.0
 LIKE_WALKING_DEG = 15.0
 WALKING_SIGMA_DEG = 7.1
 """How far the commonest direction of walking came from the arm's axis at most, on 16 simulated days."""
-ALONE_FROM_S = 600.0
+ALONE_FROM = 300
+"""Calm moments of 2 s, ten minutes of them: in less nobody has worked for long in one posture."""
 ALONE_FIRST_SIGMA_DEG, ALONE_SIGMA_DEG = 6.0, 25.0
 """Of a pose that nothing confirms, where it was the first that was held, and where it was not.
 
@@ -42,10 +43,9 @@ def doubt_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still:
 
     The first stretch held still, and confirmed by walking, is taken for the pose. Another one may be a
     posture near it: the axis is then known as well as walking tells it, so that twice the figure holds what
-    the window differs from walking and what walking from the axis. Recordings under ten minutes are left
-    alone: nobody has worked for long in one posture.
+    the window differs from walking and what walking from the axis.
     """
-    if recording.duration_us < ALONE_FROM_S * MICROSECONDS:
+    if sum(len(part.calm.up) for part in worn.parts) < ALONE_FROM:
         return 0.0
     home = worn.find_home(still.start_s)
     quiet = find_quiet_windows(blocks, rules_for(recording.device))
