@@ -14,7 +14,10 @@ _MOST_LINES = 10
 _CORRECTION = "W-UNITS"
 _TOLD_ABOVE = frozenset({"jitter_us", "time_exponent"})
 """What the reader understood and another line tells."""
-_NUMBER = re.compile(r"-?\d+\.\d+")
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")
+_NUMBERS = frozenset(
+    {"samples", "records", "missing_seconds", "nominal_rate_hz", "rate_hz", "t_pose_elevation_deg"}
+)
 
 
 def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
@@ -26,7 +29,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["rate"], f"{format_number(facts['rate_hz'], 3, language)} Hz"),
         (words["recorded"], format_long_duration(facts["recorded_s"])),
         (words["segments"], format_exact(facts["segments"], language)),
-        (words["jitter"], _tell_number(facts["jitter_us"], "us", words, language)),
+        (words["jitter"], _tell_number(facts["jitter_us"], "µs", words, language)),
         (words["rest"], _tell_number(facts["sanity"]["rest_g"], "g", words, language)),
         (words["handedness"], _tell_number(facts["sanity"]["handedness"], "", words, language)),
         (words["axes"], facts["sanity"]["axes"] or words["unseen"]),
@@ -55,7 +58,7 @@ def _tell_understood(
     for name, value in understood.items():
         if value and name not in _TOLD_ABOVE:
             told = words["term"].get(name, {}).get(value) or clean_text(str(value))
-            if _NUMBER.fullmatch(told):
+            if name in _NUMBERS and _NUMBER.fullmatch(told):
                 told = format_exact(float(told), language)
             yield f"  {words['understood'].get(name, name)}", told
 
