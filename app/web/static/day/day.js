@@ -104,7 +104,7 @@ export class Day {
     this.listenToPointer();
     listenToForm(this);
     window.addEventListener("resize", () => this.draw());
-    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
   }
 
   listenToPointer() {
