@@ -41,9 +41,9 @@ def flag_pose_unlike_walking(
 def doubt_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still: StillPeriod) -> float:
     """Standard deviation, deg, of a pose in the window that we proposed; 0 where it is that of any held pose.
 
-    The first stretch held still, and confirmed by walking, is taken for the pose. Another one may be a
-    posture near it: the axis is then known as well as walking tells it, so that twice the figure holds what
-    the window differs from walking and what walking from the axis.
+    The first stretch held still, and confirmed by walking, is taken for the pose. Another one, or one further
+    from walking, may be a posture near it: the axis is then known as well as walking tells it, so that twice
+    the figure holds what the window differs from walking and what walking from the axis.
     """
     if sum(len(part.calm.up) for part in worn.parts) < ALONE_FROM:
         return 0.0
@@ -55,7 +55,24 @@ def doubt_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still:
     hangs_deg = _compare_walking(worn, still, direction)
     if hangs_deg is None:
         return ALONE_FIRST_SIGMA_DEG if is_first else ALONE_SIGMA_DEG
-    return 0.0 if is_first else (hangs_deg + WALKING_SIGMA_DEG) / WITHIN
+    is_confirmed = is_first and hangs_deg <= OTHER_RULES.hanging_deg
+    return 0.0 if is_confirmed else _hold_walking(hangs_deg)
+
+
+def doubt_asked(worn: WornParts, still: StillPeriod, arm_axis: Vector) -> float:
+    """Standard deviation, deg, of a pose in a window that a person gave; 0 where it is that of any held pose.
+
+    Nobody needs to have walked. But where walking speaks against the window, by more than poses differ from
+    it, the axis is known as well as walking tells it, as in :func:`doubt_proposal`.
+    """
+    hangs = worn.find_home(still.start_s).find_hanging()
+    hangs_deg = 0.0 if hangs is None else find_angle_deg(hangs, arm_axis)
+    return _hold_walking(hangs_deg) if hangs_deg > LIKE_WALKING_DEG else 0.0
+
+
+def _hold_walking(hangs_deg: float) -> float:
+    """Half of what a window differs from walking and what walking may differ from the axis, deg."""
+    return (hangs_deg + WALKING_SIGMA_DEG) / WITHIN
 
 
 def flag_pose_alone(worn: WornParts, still: StillPeriod, sigma_deg: float) -> tuple[QualityFlag, ...]:

@@ -161,6 +161,43 @@ def test_where_another_posture_was_held_first_the_pose_is_as_certain_as_walking_
     assert 7.1 / 1.96 <= samples.calibration.sigma_deg < 14.0
 
 
+def raise_first(elevation_deg: float) -> tuple[Recording, Table]:
+    """No pose at the start: the first stretch held still is a raised arm; then walking, and the wheel."""
+    whole, truth_deg = work((hold_at(elevation_deg), 15.0), *([(walk, 120.0), (sit_at(60.0), 480.0)] * 3))
+    first = round((POSE_S + 2.0) * whole.segments[0].rate_hz)
+    return cut_start(whole, POSE_S + 2.0), truth_deg[first:]
+
+
+def hold_at(elevation_deg: float) -> Activity:
+    return partial(_hold_at, elevation_deg)
+
+
+def _hold_at(elevation_deg: float, body: Choreography, duration_s: float, chance: Chance) -> None:
+    body.go(0.8, {**HANGING, Channel.ELEVATION: elevation_deg})
+    hold_still(body, duration_s, chance)
+
+
+@pytest.mark.parametrize("elevation_deg", [15.0, 20.0, 28.0])
+def test_a_raised_arm_that_was_held_first_is_as_certain_as_walking_tells(elevation_deg: float) -> None:
+    # All angles are wrong by it; with the 3 deg of a held pose the range would deny that.
+    recording, truth_deg = raise_first(elevation_deg)
+
+    calibration = calibrate(recording, "n-pose").calibration
+
+    held_deg = truth_deg[round((calibration.still.start_s + 1.0) * RATE_HZ)]
+    assert held_deg > elevation_deg - 3.0
+    assert 1.96 * calibration.sigma_deg > held_deg
+
+
+def test_a_window_that_a_person_gave_is_less_certain_where_walking_speaks_against_it() -> None:
+    recording, truth_deg = raise_first(24.0)
+
+    sigma_deg = calibrate(recording, "n-pose", ((4.0, 12.0),)).calibration.sigma_deg
+
+    assert truth_deg[round(6.0 * RATE_HZ)] > 20.0
+    assert 1.96 * sigma_deg > 20.0
+
+
 def cut_start(recording: Recording, first_s: float) -> Recording:
     """The same without its beginning, and so without the pose."""
     (whole,) = recording.segments
