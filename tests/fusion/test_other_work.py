@@ -11,13 +11,18 @@ from fusion.calibration import calibrate
 from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation
 from fusion.pipeline import analyse
-from fusion.pose_windows import propose_still_periods
+from fusion.pose_doubts import doubt_proposal
+from fusion.pose_windows import choose_still_period, propose_still_periods, reduce_recording
+from fusion.postures import Moments
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.remount import AxisPart
+from fusion.sensor_errors.accelerometer import leave_accelerometer
+from fusion.sensor_errors.stillness import find_still_moments
 from fusion.simulation.activities import HANGING, Activity, assemble, hold_still, lift, stand, walk
 from fusion.simulation.choreography import Choreography
 from fusion.simulation.motion import Channel
 from fusion.simulation.shift import PlannedActivity, wear_sensor
+from fusion.worn_parts import part_recording
 
 RATE_HZ, POSE_S = 25.0, 20.0
 Table = NDArray[np.float64]
@@ -196,6 +201,25 @@ def test_a_window_that_a_person_gave_is_less_certain_where_walking_speaks_agains
 
     assert truth_deg[round(6.0 * RATE_HZ)] > 20.0
     assert 1.96 * sigma_deg > 20.0
+
+
+def test_less_than_a_minute_of_walking_does_not_outvote_what_was_held_first() -> None:
+    # Half a minute of "walking" was steps with a load, the arm at 30 deg: such a window was taken with 6 deg,
+    # and the pose held before it, 29 deg off, not heard.
+    whole, _ = work((sit_at(45.0), 600.0), (walk_about, 1200.0))
+    recording = cut_start(whole, POSE_S + 5.0)
+    blocks = reduce_recording(recording)
+    worn = part_recording(blocks, find_still_moments(blocks), leave_accelerometer())
+    still = choose_still_period(recording, blocks, worn)
+    (day,) = worn.parts
+    brief = replace(
+        worn, parts=(replace(day, strides=Moments(day.strides.time_s[:20], day.strides.up[:20])),)
+    )
+
+    brief_deg, long_deg = (doubt_proposal(recording, blocks, of, still) for of in (brief, worn))
+
+    assert long_deg < 14.0
+    assert 1.96 * brief_deg > 35.0
 
 
 def cut_start(recording: Recording, first_s: float) -> Recording:
