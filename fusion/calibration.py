@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
 from fusion.pose_doubts import (
+    doubt_asked,
     doubt_proposal,
     flag_pose_alone,
     flag_pose_unlike_walking,
@@ -134,12 +135,13 @@ def calibrate(
         calibration = Calibration(pose, still, scale_to_unit(_correct(still, correction)))
     still, axis = calibration.still, calibration.arm_axis
     if windows_s:
+        sigma_deg = doubt_asked(worn, still, axis)
         flags = flag_short_windows(calibration.windows)
     else:
         sigma_deg = doubt_proposal(recording, blocks, worn, still)
-        calibration = replace(calibration, sigma_deg=sigma_deg)
         flags = (*flag_unquiet(still), *flag_unseen_lean(pose, still))
         flags += flag_pose_alone(worn, still, sigma_deg)
+    calibration = replace(calibration, sigma_deg=sigma_deg)
     remounts = find_remounts(worn, (still.start_s, axis))
     flags += flag_remounts(remounts, recording.duration_us / MICROSECONDS)
     flags += flag_pose_unlike_walking(worn, still, axis)

@@ -25,6 +25,8 @@ ALONE_FIRST_SIGMA_DEG, ALONE_SIGMA_DEG = 6.0, 25.0
 Ours: on 18 simulated days at the wheel without walking the wheel was taken for the pose, 24 to 48 deg wrong,
 and the pose had been held before; on 24 days of other work without walking the first one held was right.
 """
+SURE_STRIDING = 30
+"""Walking moments of 2 s, one minute: less may be steps with a load, the arm raised (27 deg off was seen)."""
 WITHIN = 1.96
 
 
@@ -41,21 +43,41 @@ def flag_pose_unlike_walking(
 def doubt_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still: StillPeriod) -> float:
     """Standard deviation, deg, of a pose in the window that we proposed; 0 where it is that of any held pose.
 
-    The first stretch held still, and confirmed by walking, is taken for the pose. Another one may be a
-    posture near it: the axis is then known as well as walking tells it, so that twice the figure holds what
-    the window differs from walking and what walking from the axis.
+    The first stretch held still, and confirmed by walking, is taken for the pose. Another one, or one further
+    from walking, may be a posture near it: the axis is then known as well as walking tells it, so that twice
+    the figure holds what the window differs from walking and what walking from the axis. Less than a minute
+    of walking may be another posture too: then its angle to the first stretch counts, if larger.
     """
     if sum(len(part.calm.up) for part in worn.parts) < ALONE_FROM:
         return 0.0
     home = worn.find_home(still.start_s)
     quiet = find_quiet_windows(blocks, rules_for(recording.device))
-    starts_s = quiet.start_s[quiet.start_s >= home.start_s]
-    is_first = len(starts_s) > 0 and still.start_s - starts_s[0] < OTHER_RULES.length_s
+    own = quiet.select(quiet.start_s >= home.start_s)
+    is_first = len(own) > 0 and still.start_s - own.start_s[0] < OTHER_RULES.length_s
     direction = still.gravity_g / np.linalg.norm(still.gravity_g)
     hangs_deg = _compare_walking(worn, still, direction)
     if hangs_deg is None:
         return ALONE_FIRST_SIGMA_DEG if is_first else ALONE_SIGMA_DEG
-    return 0.0 if is_first else (hangs_deg + WALKING_SIGMA_DEG) / WITHIN
+    if len(own) and len(home.strides.up) < SURE_STRIDING:
+        hangs_deg = max(hangs_deg, find_angle_deg(own.gravity_g[0], direction))
+    is_confirmed = is_first and hangs_deg <= OTHER_RULES.hanging_deg
+    return 0.0 if is_confirmed else _hold_walking(hangs_deg)
+
+
+def doubt_asked(worn: WornParts, still: StillPeriod, arm_axis: Vector) -> float:
+    """Standard deviation, deg, of a pose in a window that a person gave; 0 where it is that of any held pose.
+
+    Nobody needs to have walked. But where walking speaks against the window, by more than poses differ from
+    it, the axis is known as well as walking tells it, as in :func:`doubt_proposal`.
+    """
+    hangs = worn.find_home(still.start_s).find_hanging()
+    hangs_deg = 0.0 if hangs is None else find_angle_deg(hangs, arm_axis)
+    return _hold_walking(hangs_deg) if hangs_deg > LIKE_WALKING_DEG else 0.0
+
+
+def _hold_walking(hangs_deg: float) -> float:
+    """Half of what a window differs from walking and what walking may differ from the axis, deg."""
+    return (hangs_deg + WALKING_SIGMA_DEG) / WITHIN
 
 
 def flag_pose_alone(worn: WornParts, still: StillPeriod, sigma_deg: float) -> tuple[QualityFlag, ...]:

@@ -11,13 +11,18 @@ from fusion.calibration import calibrate
 from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation
 from fusion.pipeline import analyse
-from fusion.pose_windows import propose_still_periods
+from fusion.pose_doubts import doubt_proposal
+from fusion.pose_windows import choose_still_period, propose_still_periods, reduce_recording
+from fusion.postures import Moments
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.remount import AxisPart
+from fusion.sensor_errors.accelerometer import leave_accelerometer
+from fusion.sensor_errors.stillness import find_still_moments
 from fusion.simulation.activities import HANGING, Activity, assemble, hold_still, lift, stand, walk
 from fusion.simulation.choreography import Choreography
 from fusion.simulation.motion import Channel
 from fusion.simulation.shift import PlannedActivity, wear_sensor
+from fusion.worn_parts import part_recording
 
 RATE_HZ, POSE_S = 25.0, 20.0
 Table = NDArray[np.float64]
@@ -159,6 +164,62 @@ def test_where_another_posture_was_held_first_the_pose_is_as_certain_as_walking_
 
     assert samples.flags == ()
     assert 7.1 / 1.96 <= samples.calibration.sigma_deg < 14.0
+
+
+def raise_first(elevation_deg: float) -> tuple[Recording, Table]:
+    """No pose at the start: the first stretch held still is a raised arm; then walking, and the wheel."""
+    whole, truth_deg = work((hold_at(elevation_deg), 15.0), *([(walk, 120.0), (sit_at(60.0), 480.0)] * 3))
+    first = round((POSE_S + 2.0) * whole.segments[0].rate_hz)
+    return cut_start(whole, POSE_S + 2.0), truth_deg[first:]
+
+
+def hold_at(elevation_deg: float) -> Activity:
+    return partial(_hold_at, elevation_deg)
+
+
+def _hold_at(elevation_deg: float, body: Choreography, duration_s: float, chance: Chance) -> None:
+    body.go(0.8, {**HANGING, Channel.ELEVATION: elevation_deg})
+    hold_still(body, duration_s, chance)
+
+
+@pytest.mark.parametrize("elevation_deg", [15.0, 20.0, 28.0])
+def test_a_raised_arm_that_was_held_first_is_as_certain_as_walking_tells(elevation_deg: float) -> None:
+    # All angles are wrong by it; with the 3 deg of a held pose the range would deny that.
+    recording, truth_deg = raise_first(elevation_deg)
+
+    calibration = calibrate(recording, "n-pose").calibration
+
+    held_deg = truth_deg[round((calibration.still.start_s + 1.0) * RATE_HZ)]
+    assert held_deg > elevation_deg - 3.0
+    assert 1.96 * calibration.sigma_deg > held_deg
+
+
+def test_a_window_that_a_person_gave_is_less_certain_where_walking_speaks_against_it() -> None:
+    recording, truth_deg = raise_first(24.0)
+
+    sigma_deg = calibrate(recording, "n-pose", ((4.0, 12.0),)).calibration.sigma_deg
+
+    assert truth_deg[round(6.0 * RATE_HZ)] > 20.0
+    assert 1.96 * sigma_deg > 20.0
+
+
+def test_less_than_a_minute_of_walking_does_not_outvote_what_was_held_first() -> None:
+    # Half a minute of "walking" was steps with a load, the arm at 30 deg: such a window was taken with 6 deg,
+    # and the pose held before it, 29 deg off, not heard.
+    whole, _ = work((sit_at(45.0), 600.0), (walk_about, 1200.0))
+    recording = cut_start(whole, POSE_S + 5.0)
+    blocks = reduce_recording(recording)
+    worn = part_recording(blocks, find_still_moments(blocks), leave_accelerometer())
+    still = choose_still_period(recording, blocks, worn)
+    (day,) = worn.parts
+    brief = replace(
+        worn, parts=(replace(day, strides=Moments(day.strides.time_s[:20], day.strides.up[:20])),)
+    )
+
+    brief_deg, long_deg = (doubt_proposal(recording, blocks, of, still) for of in (brief, worn))
+
+    assert long_deg < 14.0
+    assert 1.96 * brief_deg > 35.0
 
 
 def cut_start(recording: Recording, first_s: float) -> Recording:
