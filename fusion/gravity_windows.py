@@ -71,7 +71,8 @@ def cut_windows(
 ) -> GravityWindows:
     """Windows of 8 s, each half over the one before, spread over the recording.
 
-    Those in which the gyroscope reads ``cut_off`` or more are left out: what was cut off passes for a scale.
+    Those in which the gyroscope reads ``cut_off`` or more are left out, and those in which a channel stuck:
+    what was cut off, or stood still while the arm turned, passes for a scale or for columns mixed up.
     """
     places = []
     for segment in segments:
@@ -81,7 +82,8 @@ def cut_windows(
     if np.isfinite(cut_off):
         places = [place for place in places if _find_size(*place) < cut_off]
     chosen = places[:: max(1, -(-len(places) // most))]
-    cut = [_cut_window(*place) for place in chosen]
+    stuck = _tell_stuck(chosen)
+    cut = [_cut_window(*place) for place, is_stuck in zip(chosen, stuck, strict=True) if not is_stuck]
     if not cut:
         return GravityWindows(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0))
     acc, turn, period_s = zip(*cut, strict=True)
@@ -91,6 +93,20 @@ def cut_windows(
 
 def _find_size(segment: Segment, first: int, rows: int) -> float:
     return float(np.abs(segment.gyr_dps[first : first + rows]).max())
+
+
+def _tell_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]:
+    """Which windows hold a channel that keeps one value all along, shape (n,), if elsewhere it does not.
+
+    One that never changes is dead, and told of elsewhere (fusion.readers.sensor_faults).
+    """
+    flat = np.array([_tell_flat(*place) for place in places], np.bool_).reshape(-1, 6)
+    return np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
+
+
+def _tell_flat(segment: Segment, first: int, rows: int) -> NDArray[np.bool_]:
+    sensors = (segment.acc_g[first : first + rows], segment.gyr_dps[first : first + rows])
+    return np.concatenate([(values == values[0]).all(axis=0) for values in sensors])
 
 
 def _cut_window(segment: Segment, first: int, rows: int) -> tuple[Table, Table, float]:

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pyarrow import compute as pc
 
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
 from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector, understand_column
@@ -84,7 +85,9 @@ def _settle_time(table: pq.ParquetFile, chosen: tuple[Column, ...]) -> tuple[tup
     if len(chosen) < 7 or pa.types.is_timestamp(kind):
         return chosen, IN_MICROSECONDS
     batch = next(table.iter_batches(LOOKED_AT_ROWS, columns=[chosen[0].name]), None)
-    values = batch.column(0).drop_null().cast(pa.float64()).to_pylist() if batch is not None else []
+    values = (
+        batch.column(0).filter(_tell_timed(batch.column(0))).cast(pa.float64()).to_pylist() if batch else []
+    )
     unit = settle_unit(values, chosen[0].unit) if values else None
     if unit is None:
         return chosen, IN_MICROSECONDS
@@ -119,21 +122,32 @@ def _read_batches(
         values = np.stack([vector.to_numpy(zero_copy_only=False) for vector in vectors], axis=1)
         values[:, :3] *= acc_scale_g(chosen[-6].unit) or 1.0
         values[:, 3:] *= gyr_scale_dps(chosen[-3].unit) or 1.0
-        stamps = _to_microseconds(batch.column(chosen[0].name), chosen[0]) if len(chosen) == 7 else None
+        stamps = None
+        if len(chosen) == 7:
+            times = batch.column(chosen[0].name)
+            values[~_tell_timed(times)] = np.nan
+            stamps = _to_microseconds(times, chosen[0])
         yield values, stamps
 
 
+def _tell_timed(stamps: pa.Array) -> NDArray[np.bool_]:
+    """Which rows have a time, shape (n,); one that is not finite is none."""
+    finite = pc.is_finite(stamps) if pa.types.is_floating(stamps.type) else stamps.is_valid()
+    timed: NDArray[np.bool_] = pc.fill_null(finite, fill_value=False).to_numpy(zero_copy_only=False)
+    return timed
+
+
 def _to_microseconds(stamps: pa.Array, column: Column) -> NDArray[np.int64]:
-    if stamps.null_count:
-        raise DamagedFile
+    """Stamps; any value stands where there is none."""
     if pa.types.is_timestamp(stamps.type):
         micros = stamps.cast(pa.timestamp("us", tz=stamps.type.tz), safe=False)
-        return np.asarray(micros.cast(pa.int64()).to_numpy(zero_copy_only=False), np.int64)
+        return np.asarray(micros.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False), np.int64)
     exponent = TIME_UNITS_EXPONENT[column.unit or "us"]
     if pa.types.is_integer(stamps.type) and exponent >= 0:
-        whole: NDArray[np.int64] = stamps.cast(pa.int64()).to_numpy() * np.int64(10**exponent)
+        whole: NDArray[np.int64] = stamps.cast(pa.int64()).fill_null(0).to_numpy() * np.int64(10**exponent)
         return whole
-    seconds = stamps.cast(pa.float64()).to_numpy(zero_copy_only=False)
+    times = stamps.cast(pa.float64()).to_numpy(zero_copy_only=False)
+    seconds = np.where(np.isfinite(times), times, 0.0)
     rounded: NDArray[np.int64] = np.rint(seconds * 10.0**exponent).astype(np.int64)
     return rounded
 

@@ -20,6 +20,7 @@ from fusion.readers.grid import (
     fit_line,
     mend_stamps,
 )
+from fusion.readers.repeated_rows import leave_out_repeats
 from fusion.readers.samples import SampleColumns
 from fusion.readers.stamp_repair import sort_late_rows, spread_coarse_stamps
 from fusion.readers.text_kernel import PAUSE
@@ -38,8 +39,9 @@ def cut_stamped(columns: SampleColumns, wrap_us: int = 0) -> Grid:
     fusion.errors.UnusableTime, fusion.errors.UnknownRate
         The stamps give no even sampling at a usable rate.
     """
+    mended = leave_out_repeats(columns)
     stamps = columns.stamps
-    mended = spread_coarse_stamps(stamps)
+    mended += spread_coarse_stamps(stamps)
     period_us = estimate_period_us(stamps)
     mended += sort_late_rows(columns, period_us)
     counts = np.zeros(2, np.int64)

@@ -355,7 +355,7 @@ PERSONS = (
     read("92 other side", "shift.csv", p.turned((-1, -1, 1))),
     read("93", "shift.csv", p.put_back_turned, "W-REMOUNT W-GAP", (5403.52, 360.0, 0.0)),
     read("94", "shift.csv", p.left_on_a_desk, "W-NONWEAR", (780.0, 0.0, 0.0)),
-    read("96 twice in one file", "shift.csv", p.the_same_twice, "W-CLOCK-BACK", (120.0, 0.0, 0.0)),
+    read("96 twice in one file", "shift.csv", p.the_same_twice, "W-DUP"),
 )
 
 PARTS = {

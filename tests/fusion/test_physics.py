@@ -65,6 +65,16 @@ def test_a_right_recording_comes_through_untouched() -> None:
     assert checked.flags == ()
 
 
+def test_an_axis_that_stuck_for_half_of_the_time_is_not_taken_for_one_of_another_scale() -> None:
+    acc, gyr = swinging_arm()
+    gyr[10_400:22_400, 0] = 0.5
+
+    checked = check_physics(recording_of(acc, gyr, **STATED))
+
+    assert checked.flags == ()
+    assert np.array_equal(checked.segments[0].gyr_dps, gyr.astype(np.float32))
+
+
 def test_what_is_corrected_is_corrected_in_place() -> None:
     """A shift is too large to be held twice."""
     acc, gyr = swinging_arm()

@@ -65,6 +65,26 @@ def test_rows_without_a_value_are_missing() -> None:
     assert [flag.code for flag in recording.flags] == ["W-NAN", "W-GAP"]
 
 
+@pytest.mark.parametrize("kind", [pa.int64(), pa.float64(), pa.timestamp("us")], ids=str)
+def test_rows_without_a_time_are_missing(kind: pa.DataType) -> None:
+    absent = np.isin(np.arange(6000), [0, *range(2000, 2100)])
+    stamps = pa.array(np.arange(6000) * 10_000, mask=absent).cast(kind)
+
+    recording = read(write({"time_us": stamps, **columns()}))
+
+    assert [(s.start_s, len(s)) for s in recording.segments] == [(0.0, 1999), (20.99, 3900)]
+    assert [(flag.code, flag.count) for flag in recording.flags[:2]] == [("W-NAN", 101), ("W-GAP", 1)]
+
+
+def test_times_that_are_no_number_are_missing() -> None:
+    stamps = np.arange(6000) / 100
+    stamps[2000:2100] = np.nan
+
+    recording = read(write({"time_s": stamps, **columns()}))
+
+    assert [(s.start_s, len(s)) for s in recording.segments] == [(0.0, 2000), (21.0, 3900)]
+
+
 def test_without_time_the_person_tells_the_rate() -> None:
     content = write(columns())
 
