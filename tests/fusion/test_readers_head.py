@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fusion.readers.gt3x_info import TICKS_AT_UNIX_EPOCH, TICKS_PER_SECOND
 from fusion.readers.head import inspect_head
 from fusion.simulation import write_recordings
-from tests.fusion.gt3x_builder import INFO, T0, log_of, pack
+from tests.fusion.gt3x_builder import INFO, T0, log_of, pack, record
 from tests.fusion.table_builder import HEADER, PREAMBLE, table
 
 HOUR_S = 3600
@@ -59,6 +59,16 @@ def test_a_last_sample_time_that_cannot_be_is_not_told(last_unix_s: int) -> None
     head, tail = halves(last_unix_s)
 
     assert inspect_head(head, "shift.gt3x", tail=tail).end is None
+
+
+def test_where_the_log_counts_utc_the_clock_of_the_last_sample_time_is_not_known() -> None:
+    log = log_of(range(10)) + record(6, T0, b'{"UsedUtc":true}') + log_of(range(10, 20))
+    content = pack(log, info_of(T0 + 8 * HOUR_S)).getvalue()
+
+    facts = inspect_head(content[:30_000], "shift.gt3x", tail=content[-4096:])
+
+    assert facts.start == datetime(2026, 3, 2, 3, 0, tzinfo=NEW_YORK)
+    assert facts.end is None
 
 
 def test_a_start_date_beyond_the_calendar_is_not_told() -> None:
