@@ -1,6 +1,7 @@
 """The bytes of uploads that may be broken off and gone on with (tus): one growing file for each.
 
     root/incoming/<upload>
+    root/incoming/<upload>.tail     the file's last bytes, sent ahead to tell when the recording ends
 
 Nothing here is a recording. The row of the upload says how many of the bytes count: what stands behind them
 was written but never acknowledged, and is cut off before more is taken.
@@ -8,6 +9,7 @@ was written but never acknowledged, and is cut off before more is taken.
 
 import hashlib
 import os
+import secrets
 import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -17,6 +19,9 @@ from typing import IO
 
 from app.errors import TooMany
 from app.storage import name_full_disk, sync_folder
+
+TAIL_SUFFIX = ".tail"
+"""The last bytes of a file lie beside its first ones, in a file of this ending."""
 
 
 class GrowingFile:
@@ -142,14 +147,44 @@ class Incoming:
         with self.path(upload_id).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
+    def keep_tail(self, upload_id: str, tail: bytes) -> None:
+        """Keep the last bytes of a file whose upload is under way; whoever reads them reads them whole.
+
+        Raises
+        ------
+        DiskFull
+        """
+        part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
+        try:
+            with name_full_disk():
+                part.write_bytes(tail)
+                part.replace(self._tail_path(upload_id))
+        finally:
+            part.unlink(missing_ok=True)
+
+    def read_tail(self, upload_id: str) -> bytes | None:
+        """Give the last bytes of a file, None where they were not sent ahead."""
+        try:
+            return self._tail_path(upload_id).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def forget_tail(self, upload_id: str) -> None:
+        """Remove the last bytes that were sent ahead."""
+        self._tail_path(upload_id).unlink(missing_ok=True)
+
+    def _tail_path(self, upload_id: str) -> Path:
+        return self.folder / f"{upload_id}{TAIL_SUFFIX}"
+
     def forget(self, upload_id: str) -> None:
         """Remove the bytes of an upload."""
         self._hashes.pop(upload_id, None)
         self.path(upload_id).unlink(missing_ok=True)
+        self.forget_tail(upload_id)
 
     def sweep(self, growing: Collection[str]) -> int:
         """Remove files that no upload grows any more; returns how many."""
-        stale = [path for path in self.folder.iterdir() if path.name not in growing]
+        stale = [path for path in self.folder.iterdir() if path.name.partition(".")[0] not in growing]
         for path in stale:
             path.unlink()
         return len(stale)

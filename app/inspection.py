@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from app.incoming import TAIL_SUFFIX
 from app.request import OnStage, ReportRequest
 from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
 from fusion.pose_windows import propose_still_periods
@@ -92,11 +93,13 @@ def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnS
 
 
 def write_head_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Do the same for the first bytes of a file that is still on its way."""
+    """Do the same for the first bytes of a file that is still on its way; beside them may be the last."""
     on_stage("reading", 0.0)
-    facts = inspect_head(log.read_bytes(), request.file_name, request.rate_hz)
-    start = facts.start.isoformat() if facts.start else None
-    found = {"file": request.file_name, **asdict(facts), "start": start}
+    beside = log.with_suffix(TAIL_SUFFIX)
+    tail = beside.read_bytes() if beside.exists() else None
+    facts = inspect_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
+    start, end = (moment.isoformat() if moment else None for moment in (facts.start, facts.end))
+    found = {"file": request.file_name, **asdict(facts), "start": start, "end": end}
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 

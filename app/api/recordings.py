@@ -20,11 +20,11 @@ from app.api.recording_views import (
 )
 from app.api.services import Services, UsedServices
 from app.api.tus_body import finish_upload
-from app.api.upload import read_digest, receive_recording, store_recording
+from app.api.upload import read_digest, read_small_body, receive_recording, store_recording
 from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
-from app.storage import StoredRecording, borrow_recording, too_large
+from app.storage import StoredRecording, borrow_recording
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
@@ -63,7 +63,9 @@ async def create_recording(
     if kind.startswith("multipart/form-data"):
         row = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
-        row = await run_in_threadpool(_take_uploaded, services, await _read_small_body(request))
+        row = await run_in_threadpool(
+            _take_uploaded, services, await read_small_body(request, MOST_DIARY_BYTES)
+        )
     else:
         about = words.describe()
         row = await receive_recording(
@@ -161,7 +163,7 @@ async def put_periods(
     recording_id: str, request: Request, services: UsedServices, if_match: IfMatch = ""
 ) -> list[PeriodView]:
     """Say what the day consisted of, by rows of JSON or a diary file; the next analyses go by it."""
-    body = await _read_small_body(request)
+    body = await read_small_body(request, MOST_DIARY_BYTES)
     is_csv = request.headers.get("content-type", "").startswith("text/csv")
     diary = read_diary(body) if is_csv else parse_periods(body)
     row = await run_in_threadpool(_keep_periods, services, recording_id, if_match, diary)
@@ -243,12 +245,3 @@ def _match(row: StoredRow, if_match: str) -> StoredRow:
     if if_match and if_match.strip() != "*" and _tag(row) not in if_match:
         raise StaleVersion
     return row
-
-
-async def _read_small_body(request: Request) -> bytes:
-    body = bytearray()
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > MOST_DIARY_BYTES:
-            raise too_large(len(body), MOST_DIARY_BYTES)
-    return bytes(body)

@@ -15,13 +15,13 @@ from pydantic import BaseModel, Field
 
 from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS
 from app.api.services import Services, UsedServices
-from app.api.tus_body import CHECKSUMS, OFFSET_BODY, drop_upload, finish_upload, read_head, take_bytes
+from app.api.tus_body import CHECKSUMS, OFFSET_BODY, drop_upload, finish_upload, take_bytes
+from app.api.tus_ends import TAIL_BODY, TAIL_BYTES, keep_tail, read_both_ends
 from app.api.tus_metadata import read_metadata
-from app.api.upload import check_room
+from app.api.upload import check_room, read_small_body
 from app.errors import UnknownProtocol, WrongLength, WrongMediaType, WrongVerb
 from app.jobs.uploads import UploadRow
 from app.request import ReportRequest
-from app.storage import borrow_recording
 from fusion.errors import EmptyFile
 
 EXTENSIONS = "creation,creation-with-upload,termination,checksum,expiration"
@@ -65,12 +65,13 @@ class UploadView(BaseModel):
 
 
 class HeadView(BaseModel):
-    """What the first bytes of a file show; null: not yet, or not in its head."""
+    """What the first and the last bytes of a file show; null: not yet, or not in them."""
 
     file: str
     device: str | None
     rate_hz: float | None
     start: str | None
+    end: Annotated[str | None, Field(description="Told by the last bytes, sent ahead or come.")]
     time_zone: str | None
     serial_hash: str | None
 
@@ -148,27 +149,40 @@ async def override_method(upload_id: str, request: Request, services: UsedServic
     raise WrongVerb(allowed="HEAD, GET, PATCH, DELETE")
 
 
+@router.put("/{upload_id}/tail", status_code=204, openapi_extra={"requestBody": {"content": {TAIL_BODY: {}}}})
+async def send_tail_ahead(upload_id: str, request: Request, services: UsedServices) -> Response:
+    """Take the last bytes of a file, 64 KiB at most, ahead of the rest: they tell when the recording ends.
+
+    They never become part of the recording, and are kept only while the upload is under way.
+    """
+    if request.headers.get("content-type") != TAIL_BODY:
+        raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=TAIL_BODY)
+    await run_in_threadpool(services.uploads.get, upload_id)
+    tail = await read_small_body(request, TAIL_BYTES)
+    await run_in_threadpool(keep_tail, services, upload_id, tail)
+    return Response(status_code=204)
+
+
 @router.get("/{upload_id}/inspection")
 def inspect_upload(
     upload_id: str,
     services: UsedServices,
     rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None,
 ) -> HeadView:
-    """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet."""
+    """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet.
+
+    The end is told once the last bytes are here: sent ahead (``PUT .../tail``), or with all the others.
+    """
     row = services.uploads.get(upload_id)
-    if row.recording_id is None:
-        head = read_head(services.incoming.path(row.id), row.offset_bytes)
-    else:
-        with borrow_recording(services.storage, row.recording_id) as log:
-            head = read_head(log, row.offset_bytes)
-    found = services.inspector.look_at_head(head, ReportRequest(row.about.file_name, rate_hz=rate_hz))
-    return HeadView(**found)
+    head, tail = read_both_ends(services, row)
+    wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
+    return HeadView(**services.inspector.look_at_head(head, tail, wish))
 
 
 def view_upload(row: UploadRow) -> UploadView:
     """Show an upload."""
     own = f"/api/v1/uploads/{row.id}"
-    links = {"self": own, "inspection": f"{own}/inspection"}
+    links = {"self": own, "inspection": f"{own}/inspection", "tail": f"{own}/tail"}
     if row.recording_id:
         links["recording"] = f"/api/v1/recordings/{row.recording_id}"
     return UploadView(

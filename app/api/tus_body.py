@@ -7,7 +7,6 @@ import time
 import zlib
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
@@ -21,7 +20,6 @@ from app.jobs.uploads import UploadRow
 OFFSET_BODY = "application/offset+octet-stream"
 CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
 SYNC_S = 0.5
-HEAD_BYTES = 2 << 20
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS
 
 
@@ -103,15 +101,6 @@ def drop_upload(services: Services, row: UploadRow) -> None:
         services.incoming.forget(row.id)
     finally:
         services.incoming.let_go(row.id)
-
-
-def read_head(path: Path, offset_bytes: int) -> bytes:
-    """Give the first bytes that count."""
-    try:
-        with path.open("rb") as file:
-            return file.read(min(offset_bytes, HEAD_BYTES))
-    except FileNotFoundError:
-        return b""
 
 
 def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":

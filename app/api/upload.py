@@ -144,6 +144,21 @@ async def copy_chunks(chunks: AsyncIterable[bytes], write: Callable[[bytes], Non
         await run_in_threadpool(write, bytes(waiting))
 
 
+async def read_small_body(request: Request, most_bytes: int) -> bytes:
+    """Give a body that is no recording.
+
+    Raises
+    ------
+    FileTooLarge
+    """
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > most_bytes:
+            raise too_large(len(body), most_bytes)
+    return bytes(body)
+
+
 def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRecording], T]) -> T:
     """Write, fsync, rename, fsync the folder, commit."""
     if upload.size_bytes == 0:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import Crashed, RecordedProblem
+from app.incoming import TAIL_SUFFIX
 from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, choose_limits, run_attempt
 from app.jobs.forking import warm_up
 from app.request import OnStage, ReportRequest
@@ -73,14 +74,19 @@ class Inspector:
         """
         return _read(self._run(log, request, self.inspect, "inspection.json"))
 
-    def look_at_head(self, head: bytes, request: ReportRequest) -> dict[str, Any]:
-        """Look at the first bytes of a recording.
+    def look_at_head(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
+        """Look at the first bytes of a recording and, where they are known, at its last.
 
         Raises
         ------
         RecordedProblem
         """
-        return _read(self._run_on(head, request, self.inspect_head, "inspection.json"))
+        with tempfile.TemporaryDirectory(dir=self.folder) as folder:
+            log = Path(folder) / "head"
+            log.write_bytes(head)
+            if tail is not None:
+                log.with_suffix(TAIL_SUFFIX).write_bytes(tail)
+            return _read(self._run(log, request, self.inspect_head, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
         """Say what the columns of a table are called and what they may be.

@@ -57,7 +57,7 @@ export class Row {
     this.part(".bar-word").textContent = `${tellSize(bytes, this.units)} / ${tellSize(this.file.size, this.units)}`;
   }
 
-  // What the first bytes have shown: device, rate, start.
+  // What the first bytes and the last have shown: device, rate, start, end.
   understand(told) {
     this.part(".understood").textContent = told;
     this.part(".understood").hidden = !told;
