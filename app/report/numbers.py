@@ -76,12 +76,12 @@ def format_angle_range(interval: "Interval | None", language: Language, decimals
 
 
 def format_duration_range(interval: "Interval", language: Language) -> str:
-    """Write a range of lengths: "40 s–1 min 5 s"; short ones that round to one length with a decimal more."""
-    low, high = format_duration(interval.low, language), format_duration(interval.high, language)
-    if low != high or interval.high >= SHORT_S:
-        return f"{low}–{high}"
-    ends = (format_number(end, 1, language) for end in (interval.low, interval.high))
-    return f"{'–'.join(ends)}{NARROW}s"
+    """Write a range of lengths, "40 s–1 min 5 s"; ends that would read alike are rounded outwards."""
+    low, high = interval.low, interval.high
+    if format_duration(low, language) == format_duration(high, language) and high < SHORT_S:
+        per_s = 10 if round(high, 1) < 10 else 1
+        low, high = math.floor(low * per_s) / per_s, math.ceil(high * per_s) / per_s
+    return f"{format_duration(low, language)}–{format_duration(high, language)}"
 
 
 def format_rate(value: float | None, language: Language) -> str:

@@ -11,6 +11,7 @@ from app.report.numbers import (
     format_clock,
     format_date,
     format_duration,
+    format_duration_range,
     format_elapsed,
     format_exact,
     format_hour,
@@ -19,6 +20,7 @@ from app.report.numbers import (
     format_percent,
     format_rate,
 )
+from fusion.exposure.types import Interval
 
 N = "\u202f"
 
@@ -74,6 +76,21 @@ def test_seconds_are_exact_without_closing_zeros() -> None:
 )
 def test_durations_have_the_two_units_that_matter(seconds: float | None, told: str) -> None:
     assert format_duration(seconds, "en") == told
+
+
+@pytest.mark.parametrize(
+    ("low_s", "high_s", "told"),
+    [
+        (40.2, 65.1, "40 s–1 min 5 s"),
+        (21.3, 21.5, "21 s–22 s"),
+        (65.1, 65.3, "1 min 5 s–1 min 6 s"),
+        (4.22, 4.24, "4.2 s–4.3 s"),
+    ],
+)
+def test_a_narrow_range_of_lengths_holds_what_it_is_the_range_of(
+    low_s: float, high_s: float, told: str
+) -> None:
+    assert " ".join(format_duration_range(Interval(low_s, high_s), "en").split()) == told
 
 
 def test_the_time_account_is_told_to_the_second() -> None:
