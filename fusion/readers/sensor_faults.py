@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.errors import DeadSensor
-from fusion.readers.row_ranges import Ranges, Rows, cut_rows, join_ranges, place_rows
+from fusion.readers.row_ranges import Ranges, Rows, cut_rows, find_held_runs, join_ranges, place_rows
 from fusion.readers.timing import flag_spans
 from fusion.recording import MICROSECONDS, Recording, Segment, Span
 
@@ -22,6 +22,8 @@ SENSORS = ("accelerometer", "gyroscope")
 DEAD_US = 10 * MICROSECONDS
 STUCK_S = 2.0
 """A channel that keeps one value so long while another moves is stuck."""
+SILENT_S = 0.5
+"""So long a whole sensor keeps its three values only where it does not answer, while the other moves."""
 COARSE_PART = 0.5
 MOVING_G, MOVING_DPS = 0.15, 30.0
 SPIKE_RATIO = 20.0
@@ -149,13 +151,14 @@ def largest_step(values: NDArray[np.float32], row: int, axis: int) -> float:
 
 
 def find_stuck_rows(segment: Segment) -> Ranges:
-    """Row ranges, apart and in order, in which a channel stuck while another moved."""
+    """Row ranges, apart and in order, in which a channel, or a sensor, stuck while another moved."""
     found: list[tuple[int, int]] = []
-    shortest = round(STUCK_S * segment.rate_hz)
+    shortest, silent = round(STUCK_S * segment.rate_hz), round(SILENT_S * segment.rate_hz)
     for values in (segment.acc_g, segment.gyr_dps):
-        for axis in range(3):
-            runs = find_flat_runs(values, axis, shortest)
-            if len(runs) and not is_coarse(values, axis, runs):
+        candidates = [((axis,), find_flat_runs(values, axis, shortest)) for axis in range(3)]
+        candidates.append(((0, 1, 2), find_held_runs(values, values, max(silent, 2))))
+        for axes, runs in candidates:
+            if len(runs) and not any(is_coarse(values, axis, runs) for axis in axes):
                 found += [(int(a), int(b)) for a, b in runs if _is_moving(segment, int(a), int(b))]
     return join_ranges(sorted(found))
 

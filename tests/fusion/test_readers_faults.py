@@ -68,6 +68,16 @@ def test_an_axis_that_stuck_while_the_arm_moved_ends_the_segment() -> None:
     assert recording.excluded == (Span(30_000_000, 10_000_000, "stuck"),)
 
 
+def test_a_gyroscope_that_does_not_answer_while_the_arm_moves_is_stuck_after_half_a_second() -> None:
+    acc_g, gyr_dps = copies()
+    moving = int(np.argmax(np.ptp(acc_g.reshape(-1, 100, 3), axis=1).max(axis=1))) * 100
+    gyr_dps[moving : moving + 100] = 0.0
+
+    recording = exclude_faults(made(acc_g, gyr_dps))
+
+    assert recording.excluded == (Span(moving * 10_000, 1_000_000, "stuck"),)
+
+
 def test_a_coarse_sensor_that_lies_still_is_not_stuck() -> None:
     acc_g, gyr_dps = copies()
 
