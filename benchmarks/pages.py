@@ -72,7 +72,8 @@ def fill_library(data: Path) -> None:
 
 def measure_curve(page: Page, address: str) -> None:
     page.goto(address)
-    page.wait_for_function("window.acromionDay && acromionDay.curve.values.x.length > 0")
+    while not page.evaluate("Boolean(window.acromionDay) && acromionDay.curve.values.x.length > 0"):
+        page.wait_for_timeout(50)  # wait_for_function would need what the pages forbid: eval
     page.locator("#curve").scroll_into_view_if_needed()
     page.evaluate("acromionDay.steps.length = 0")
     for key in (["+"] * 6 + ["ArrowRight"] * 8 + ["-"] * 6) * (STEPS // 20):

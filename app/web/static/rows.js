@@ -7,17 +7,23 @@ const FAST_MS = 1000;
 const SLOW_MS = 5000;
 
 let timer = 0;
+let asked = 0;
+let shown = 0; // two questions may be under way at once: an older answer never takes back a newer one
 
 export async function refresh() {
   clearTimeout(timer);
+  const turn = (asked += 1);
   try {
     const answer = await fetch($("rows").dataset.source, { headers: { Accept: "text/html" } });
     if (!answer.ok) throw new Error(String(answer.status));
-    show(new DOMParser().parseFromString(await answer.text(), "text/html"));
+    const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
+    if (turn > shown) show(fresh);
+    shown = Math.max(shown, turn);
     if ($("lost")) $("lost").hidden = true;
   } catch {
     if ($("lost")) $("lost").hidden = false;
   }
+  clearTimeout(timer);
   timer = setTimeout(refresh, document.querySelector("#rows [data-active]") ? FAST_MS : SLOW_MS);
 }
 
