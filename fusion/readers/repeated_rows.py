@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.readers.samples import SampleColumns
-from fusion.readers.stamp_repair import count_backward
+from fusion.readers.stamp_repair import count_backward, find_backward
 from fusion.recording import QualityFlag
 
 LEAST_ROWS = 10
@@ -19,10 +19,11 @@ MOST_STEPS = 64
 def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     """Take out, in place, rows that come again after a step back of the clock (W-DUP, in rows)."""
     stamps = columns.stamps[: columns.rows]
-    if not 0 < count_backward(stamps) <= MOST_STEPS:
+    count = count_backward(stamps)
+    if not 0 < count <= MOST_STEPS:
         return ()
     kept = np.ones(columns.rows, np.bool_)
-    for row in (np.flatnonzero(np.diff(stamps) < 0) + 1).tolist():
+    for row in find_backward(stamps, count).tolist():
         first = find_alike(columns.acc, columns.gyr, stamps, row)
         rows = count_alike(columns.acc, columns.gyr, stamps, first, row) if first < row else 0
         if rows >= LEAST_ROWS and np.ptp(columns.acc[row : row + rows], axis=0).any():

@@ -91,6 +91,18 @@ def count_backward(stamps: NDArray[np.int64]) -> int:
     return backward
 
 
+@njit(cache=True, nogil=True)
+def find_backward(stamps: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """The ``count`` rows whose stamps are earlier than the one before; nothing as long as the log is made."""
+    rows = np.empty(count, np.int64)
+    found = 0
+    for row in range(1, len(stamps)):
+        if found < count and stamps[row] < stamps[row - 1]:
+            rows[found] = row
+            found += 1
+    return rows
+
+
 def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFlag, ...]:
     """Sort rows that came at most a second late; whatever is more is a clock that was set."""
     if count_backward(columns.stamps) == 0:
