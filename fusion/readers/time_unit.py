@@ -3,6 +3,7 @@
 The candidates (s, ms, us, ns) lie a factor of 1000 apart and the rates span 250: at most one fits.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -81,11 +82,12 @@ def settle_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
     time since 1970 is that of its unit, however slowly the rows come.
     """
     stated = TIME_UNITS_EXPONENT[unit] if unit else None
+    times = [time for time in times if math.isfinite(time)]  # what a damaged row says of time is nothing
     found = guess_exponent(times)
     if stated is None:
         return None if found is None else TimeUnit(found)
     stated_hz = _rate_hz(times, stated)
-    is_possible = SLOWEST_HZ <= stated_hz <= FASTEST_HZ or _is_epoch(times[0], stated)
+    is_possible = SLOWEST_HZ <= stated_hz <= FASTEST_HZ or any(_is_epoch(time, stated) for time in times[:1])
     if found is None or is_possible:
         return TimeUnit(stated)
     return TimeUnit(found, stated, stated_hz, _rate_hz(times, found))

@@ -1,6 +1,7 @@
 """A unit of time that cannot be is set aside where one other can; where only the readings tell, by these."""
 
 import io
+import math
 
 import numpy as np
 import pyarrow as pa
@@ -77,3 +78,9 @@ def test_a_rate_that_no_unit_explains_is_told_with_its_cure() -> None:
 
 def test_a_table_in_its_own_unit_says_nothing() -> None:
     assert codes(read_text(misnamed("us", 1_000_000))) == []
+
+
+def test_a_first_row_that_tells_no_time_says_nothing_of_the_unit() -> None:
+    times = [math.nan, *(10_000.0 * k for k in range(50))]
+
+    assert settle_unit(times, "s") == settle_unit(times[1:], "s")
