@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO
 
 from app.errors import TooMany
-from app.storage import name_full_disk, sync_folder
+from app.storage import hash_file, name_full_disk, sync_folder
 
 TAIL_SUFFIX = ".tail"
 """The last bytes of a file lie beside its first ones, in a file of this ending."""
@@ -144,8 +144,7 @@ class Incoming:
         running = self._hashes.get(upload_id)
         if running is not None and running.offset_bytes == size_bytes:
             return running.sha256.hexdigest()
-        with self.path(upload_id).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return hash_file(self.path(upload_id))
 
     def keep_tail(self, upload_id: str, tail: bytes) -> None:
         """Keep the last bytes of a file whose upload is under way; whoever reads them reads them whole.

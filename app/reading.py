@@ -4,7 +4,6 @@ It loads no more than reading takes, so that the first recording of a run is rea
 science is still being loaded.
 """
 
-import hashlib
 import importlib
 import json
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 
 from app.decoded import KnownLogs, name_entry
 from app.request import OnStage, ReportRequest
+from app.storage import hash_file
 from app.version import software_revision
 from fusion.readers import holds_device_format, join_recordings, parse_profile, read_recording
 from fusion.recording import Recording
@@ -46,7 +46,7 @@ class Logs:
         cache = self.known.cache
         if cache is None:
             return self._parse(path, digest)
-        sha256 = digest or _hash_log(path)
+        sha256 = digest or hash_file(path)
         reading = [Path(self._name(path)).suffix, self.request.rate_hz, self.request.profile]
         key = name_entry(sha256, json.dumps(reading), software_revision())
         recording = cache.find(key)
@@ -101,8 +101,3 @@ def _switching_often() -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(before_s)
-
-
-def _hash_log(log: Path) -> str:
-    with log.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

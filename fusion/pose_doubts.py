@@ -54,12 +54,11 @@ def doubt_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still:
     quiet = find_quiet_windows(blocks, rules_for(recording.device))
     own = quiet.select(quiet.start_s >= home.start_s)
     is_first = len(own) > 0 and still.start_s - own.start_s[0] < OTHER_RULES.length_s
-    direction = still.gravity_g / np.linalg.norm(still.gravity_g)
-    hangs_deg = _compare_walking(worn, still, direction)
+    hangs_deg = _compare_walking(worn, still)
     if hangs_deg is None:
         return ALONE_FIRST_SIGMA_DEG if is_first else ALONE_SIGMA_DEG
     if len(own) and len(home.strides.up) < SURE_STRIDING:
-        hangs_deg = max(hangs_deg, find_angle_deg(own.gravity_g[0], direction))
+        hangs_deg = max(hangs_deg, find_angle_deg(own.gravity_g[0], still.gravity_g))
     is_confirmed = is_first and hangs_deg <= OTHER_RULES.hanging_deg
     return 0.0 if is_confirmed else _hold_walking(hangs_deg)
 
@@ -82,19 +81,18 @@ def _hold_walking(hangs_deg: float) -> float:
 
 def flag_pose_alone(worn: WornParts, still: StillPeriod, sigma_deg: float) -> tuple[QualityFlag, ...]:
     """W-POSE-ALONE where we proposed the window and no walking confirms that the arm hung in it."""
-    direction = still.gravity_g / np.linalg.norm(still.gravity_g)
-    if not sigma_deg or _compare_walking(worn, still, direction) is not None:
+    if not sigma_deg or _compare_walking(worn, still) is not None:
         return ()
     return (_flag("W-POSE-ALONE", still, {"deg": sigma_deg}),)
 
 
-def _compare_walking(worn: WornParts, still: StillPeriod, direction: Vector) -> float | None:
+def _compare_walking(worn: WornParts, still: StillPeriod) -> float | None:
     """Angle to how the arm hangs in walking: in the part of the pose, or in another one that confirms it."""
     own = worn.find_home(still.start_s).find_hanging()
     if own is not None:
-        return find_angle_deg(own, direction)
+        return find_angle_deg(own, still.gravity_g)
     found = (part.find_hanging() for part in worn.parts)
-    apart_deg = [find_angle_deg(hangs, direction) for hangs in found if hangs is not None]
+    apart_deg = [find_angle_deg(hangs, still.gravity_g) for hangs in found if hangs is not None]
     return next((deg for deg in sorted(apart_deg) if deg <= LIKE_WALKING_DEG), None)
 
 

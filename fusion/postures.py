@@ -113,7 +113,7 @@ def cos_deg(angle_deg: float) -> float:
 
 
 def find_angle_deg(first: Table, second: Table) -> float:
-    """Angle between two unit vectors."""
+    """Angle between two vectors, whatever their lengths."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)))
 
 

@@ -96,8 +96,7 @@ def part_recording(
 
 
 def _find_still_moments(stills: QuietTable, accelerometer: AccelerometerCorrection) -> Moments:
-    up = accelerometer.apply(stills.gravity_g, stills.middle_s)
-    return Moments(stills.middle_s, up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))
+    return Moments(stills.middle_s, accelerometer.find_up(stills.gravity_g, stills.middle_s))
 
 
 def _find_cuts(

@@ -19,6 +19,7 @@ from pathlib import Path
 from app.batch.placing import MARKER, identify_place
 from app.batch.plan import Task
 from app.request import Language, Paper, ReportRequest, compare_settings
+from app.storage import hash_file
 from app.version import software_revision, software_version
 
 if sys.platform != "win32":
@@ -93,7 +94,7 @@ def write_marker(folder: Path, marker: Marker) -> None:
 def _hash_figures(folder: Path) -> dict[str, str]:
     """Hash what a later run relies on; reports are told anew from it."""
     there = (folder / name for name in _FIGURES)
-    return {path.name: _hash_file(path) for path in there if path.exists()}
+    return {path.name: hash_file(path) for path in there if path.exists()}
 
 
 def list_changes(before: Marker, after: Marker) -> tuple[str, ...]:
@@ -229,7 +230,7 @@ def keep_versions(folder: Path, figures: str, language: Language, make: Callable
     with open_staging(folder) as staging:
         make(staging)
         use_plain_names(staging, language)
-        fingerprint, before = _hash_file(staging / figures), read_marker(folder, figures)
+        fingerprint, before = hash_file(staging / figures), read_marker(folder, figures)
         version = find_last_version(folder) + 1
         if before is not None:
             version = before.version + (before.fingerprint != fingerprint)
@@ -245,9 +246,4 @@ def name_earlier(folder: Path) -> Path:
 
 
 def _hash_files(task: Task) -> str:
-    return " ".join(_hash_file(path) for path in (task.log, *map(Path, task.request.joined)))
-
-
-def _hash_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return " ".join(hash_file(path) for path in (task.log, *map(Path, task.request.joined)))

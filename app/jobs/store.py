@@ -159,9 +159,10 @@ class JobStore:
         """Give the newest jobs that are wanted, from ``after`` on."""
         query = select_jobs()
         for name, value in asdict(wanted).items():
-            if value:
-                is_wanted = analyses.c.id.in_(select_items(value)) if name == "batch_id" else None
-                query = query.where(analyses.c[name] == value if is_wanted is None else is_wanted)
+            if name == "batch_id" and value:
+                query = query.where(analyses.c.id.in_(select_items(value)))
+            elif value:
+                query = query.where(analyses.c[name] == value)
         if after is not None:
             query = query.where(is_after((analyses.c.created_at, analyses.c.id), after))
         newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()

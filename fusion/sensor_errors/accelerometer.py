@@ -75,6 +75,11 @@ class AccelerometerCorrection:
         offset_g = [np.interp(time_s, self.time_s, self.offset_g[:, axis]) for axis in range(3)]
         return np.asarray((acc_g - np.stack(offset_g, axis=-1)) @ self.gain)
 
+    def find_up(self, gravity_g: Table, time_s: Table) -> Table:
+        """Directions to the zenith, unit vectors (n, 3), of accelerations at rest."""
+        up = self.apply(gravity_g, time_s)
+        return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))
+
     @property
     def mean_offset_g(self) -> Table:
         """Shape (3,): over the recording."""

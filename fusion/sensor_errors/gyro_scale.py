@@ -73,8 +73,7 @@ def estimate_gyro_scale(
 ) -> GyroScale:
     """Compare successive still moments; ``nodes`` with some bias taken off, ``bias`` the true one."""
     settings = settings or GyroScaleSettings()
-    up = accelerometer.apply(stills.gravity_g, stills.middle_s)
-    up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+    up = accelerometer.find_up(stills.gravity_g, stills.middle_s)
     parts = [_compare_in_run(run, stills.middle_s, up, bias, settings) for run in nodes]
     slope, miss, variance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if len(miss) == 0:
