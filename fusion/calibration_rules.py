@@ -34,6 +34,8 @@ class CalibrationRules:
     good_score: float = 0.5
     good_agreement: float = 0.25
     elsewhere: float = 0.02
+    unheld_deg: tuple[float, float, float] = (3.0, 10.0, 20.0)
+    unheld: tuple[float, float, float] = (1.0, 0.5, 0.1)
     early_s: float = 600.0
 
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from fusion.calibration_rules import OTHER_RULES, rules_for
 from fusion.choices import Pose
 from fusion.pose_windows import Blocks, StillPeriod
-from fusion.postures import find_angle_deg
+from fusion.postures import SURE_STRIDING, find_angle_deg
 from fusion.recording import QualityFlag, Recording
 from fusion.still_proposals import find_quiet_windows
 from fusion.worn_parts import WornParts
@@ -25,8 +25,6 @@ ALONE_FIRST_SIGMA_DEG, ALONE_SIGMA_DEG = 6.0, 25.0
 Ours: on 18 simulated days at the wheel without walking the wheel was taken for the pose, 24 to 48 deg wrong,
 and the pose had been held before; on 24 days of other work without walking the first one held was right.
 """
-SURE_STRIDING = 30
-"""Walking moments of 2 s, one minute: less may be steps with a load, the arm raised (27 deg off was seen)."""
 WITHIN = 1.96
 
 
@@ -53,7 +51,7 @@ def doubt_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still:
     home = worn.find_home(still.start_s)
     quiet = find_quiet_windows(blocks, rules_for(recording.device))
     own = quiet.select(quiet.start_s >= home.start_s)
-    is_first = len(own) > 0 and still.start_s - own.start_s[0] < OTHER_RULES.length_s
+    is_first = home.opens and len(own) > 0 and still.start_s - own.start_s[0] < OTHER_RULES.length_s
     hangs_deg = _compare_walking(worn, still)
     if hangs_deg is None:
         return ALONE_FIRST_SIGMA_DEG if is_first else ALONE_SIGMA_DEG

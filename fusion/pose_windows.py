@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from fusion.calibration_rules import CalibrationRules, rules_for, score_still_period
 from fusion.errors import UnusableCalibration
-from fusion.postures import find_angle_deg, find_hanging, find_striding_moments
+from fusion.postures import SURE_STRIDING, find_angle_deg, find_hanging, find_striding_moments
 from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.remount import count_readable
 from fusion.sensor_errors.accelerometer import calibrate_accelerometer, leave_accelerometer
 from fusion.sensor_errors.runs import view_segment
 from fusion.sensor_errors.stillness import (
@@ -18,12 +19,14 @@ from fusion.sensor_errors.stillness import (
     reduce_run,
     summarise_windows,
 )
-from fusion.still_proposals import find_quiet_windows, join_stretches, rank_stretches
-from fusion.worn_parts import WornParts, part_recording
+from fusion.still_proposals import Witness, find_quiet_windows, join_stretches, rank_stretches
+from fusion.two_point import scale_to_unit
+from fusion.worn_parts import WornPart, WornParts, part_recording
 
 Vector = NDArray[np.float64]
 Blocks = Sequence[QuarterSeconds]
 WHOLE_DAY_S = (-np.inf, np.inf)
+TWICE = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,19 +88,40 @@ def _propose_by_part(
 ) -> tuple[StillPeriod, ...]:
     """Proposals of the whole day, or where the sensor slipped or was off, of its parts.
 
-    A pose is held when the sensor has just been strapped on. How the arm hangs is seen in another direction
-    after a slip: by the walking of a whole day a raised arm before the slip may pass for a hanging one.
+    How the arm hangs is seen in another direction after a slip: by the walking of a whole day a raised arm
+    before the slip may pass for a hanging one.
     """
     found = _propose(recording, blocks, most)
     homes = worn.list_for_pose(found[0].start_s) if found else ()
-    by_part = {part.start_s: _propose(recording, blocks, most, (part.start_s, part.end_s)) for part in homes}
-    home = next((start_s for start_s, proposals in by_part.items() if proposals), None)
+    by_part = {part.start_s: _propose(recording, blocks, most, part) for part in homes}
+    home = _choose_home(worn, [part for part in homes if by_part[part.start_s]], by_part)
     if home is None:
         return found
     others = [part for part in worn.parts if part.start_s != home] if most > 1 else []
-    best = [_propose(recording, blocks, 1, (part.start_s, part.end_s)) for part in others]
+    best = [_propose(recording, blocks, 1, part) for part in others]
     elsewhere = [proposals[0] for proposals in best if proposals][: most - 1]
     return (*by_part[home][: most - len(elsewhere)], *elsewhere)
+
+
+def _choose_home(
+    worn: WornParts, homes: Sequence[WornPart], by_part: dict[float, tuple[StillPeriod, ...]]
+) -> float | None:
+    """When the part begins in which the pose is sought; None where no part has a proposal.
+
+    A pose is held when the sensor has just been strapped on: the first part, unless a later one in which
+    walking tells how the arm hung reads twice as much of the day. Minutes before a slip do not cost the rest.
+    """
+    if not homes:
+        return None
+    reads = {
+        part.start_s: count_readable(worn, (still.start_s, scale_to_unit(still.gravity_g)))
+        for part in homes
+        for still in by_part[part.start_s][:1]
+    }
+    first = homes[0].start_s
+    later = [part.start_s for part in homes[1:] if len(part.strides.up) >= SURE_STRIDING]
+    longest = max(later, key=lambda start_s: reads[start_s], default=first)
+    return longest if reads[longest] >= TWICE * reads[first] else first
 
 
 def reduce_recording(recording: Recording) -> list[QuarterSeconds]:
@@ -109,8 +133,10 @@ def _propose(
     recording: Recording,
     blocks: Blocks,
     most: int,
-    within_s: tuple[float, float] = WHOLE_DAY_S,
+    part: WornPart | None = None,
 ) -> tuple[StillPeriod, ...]:
+    """Of the whole day, or of a part of it."""
+    within_s = (part.start_s, part.end_s) if part else WHOLE_DAY_S
     rules = rules_for(recording.device)
     quiet = find_quiet_windows(blocks, rules)
     quiet = quiet.select(
@@ -119,9 +145,15 @@ def _propose(
     if len(quiet) == 0:
         return ()
     first, end_s = join_stretches(quiet, rules)
-    hangs = find_hanging(find_striding_moments(blocks, leave_accelerometer()).within(*within_s))
-    order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules, hangs), kind="stable")[:most]
+    walking = _ask_walking(blocks, within_s, is_fresh=part is None or part.opens)
+    order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules, walking), kind="stable")[:most]
     return tuple(_measure(recording, float(quiet.start_s[first[k]]), float(end_s[k]), rules) for k in order)
+
+
+def _ask_walking(blocks: Blocks, within_s: tuple[float, float], *, is_fresh: bool) -> Witness | None:
+    strides = find_striding_moments(blocks, leave_accelerometer()).within(*within_s)
+    hangs = find_hanging(strides)
+    return None if hangs is None else Witness(hangs, len(strides.up) >= SURE_STRIDING, is_fresh)
 
 
 def measure_pair(

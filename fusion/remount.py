@@ -82,6 +82,18 @@ def find_remounts(
     return tuple(sorted(known, key=lambda part: part.start_s))
 
 
+def count_readable(worn: WornParts, calibrated: tuple[float, Table], rules: RemountRules | None = None) -> int:
+    """How many of the calm moments an axis reads, in its own part and in those to which it is carried."""
+    (pose_s, arm_axis), rules = calibrated, rules or RemountRules()
+    home = worn.find_home(pose_s)
+    return sum(len(part.calm.up) for part in worn.parts if _is_readable(home, part, arm_axis, rules))
+
+
+def _is_readable(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountRules) -> bool:
+    judged = None if part is home else _judge_part(home, part, arm_axis, rules)
+    return judged is None or judged.arm_axis is not None
+
+
 def _judge_part(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountRules) -> AxisPart | None:
     """The part with an axis of its own, or left out; None where nothing turned."""
     if _hangs_alike(home, part, arm_axis, rules):

@@ -1,6 +1,7 @@
 """Which quiet stretches could be the calibration pose, and how good each is."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +32,23 @@ def join_stretches(quiet: QuietTable, rules: CalibrationRules) -> tuple[NDArray[
     return first, np.minimum(end_s, quiet.start_s[first] + rules.longest_proposal_s)
 
 
-def rank_stretches(
-    windows: QuietTable, end_s: Vector, rules: CalibrationRules, hangs: Vector | None = None
-) -> Vector:
-    """The product that ``propose_still_periods`` describes, from the first window of each stretch.
+@dataclass(frozen=True, slots=True, eq=False)
+class Witness:
+    """What walking says of a stretch of wear.
 
-    ``hangs``: the direction in which the arm hangs while walking, where it is known.
+    ``hangs`` (3,): the direction in which the arm hangs; ``is_sure``: a minute of it or more. ``is_fresh``:
+    the sensor was strapped on at the beginning, so that the first stretch held still may be the pose.
     """
+
+    hangs: Vector
+    is_sure: bool
+    is_fresh: bool
+
+
+def rank_stretches(
+    windows: QuietTable, end_s: Vector, rules: CalibrationRules, walking: Witness | None = None
+) -> Vector:
+    """The product that ``propose_still_periods`` describes, from the first window of each stretch."""
     scores = [
         score_still_period(windows.duration_s, float(sd), gravity, rules)
         for sd, gravity in zip(windows.acc_sd_g, windows.gravity_g, strict=True)
@@ -46,16 +57,26 @@ def rank_stretches(
     early = 1.0 / (1.0 + windows.start_s / rules.early_s)
     agreement = _agree(windows.gravity_g, end_s - windows.start_s, rules.same_direction_deg)
     agreed = np.minimum(1.0, agreement / (rules.good_agreement * agreement.max()))
-    if hangs is not None:
-        agreed = _hang(windows.gravity_g, hangs, rules)
+    if walking is not None:
+        hanging = _hang(windows.gravity_g, walking, rules)
+        if walking.is_fresh and not walking.is_sure:
+            hanging[0] = max(hanging[0], agreed[0])
+        agreed = hanging
     return np.asarray(good * early * agreed)
 
 
-def _hang(gravity_g: Vector, hangs: Vector, rules: CalibrationRules) -> Vector:
-    """1 where the arm hangs as it does in walking, half where nearly so, little elsewhere."""
-    cosine = gravity_g @ hangs / np.linalg.norm(gravity_g, axis=1)
+def _hang(gravity_g: Vector, walking: Witness, rules: CalibrationRules) -> Vector:
+    """1 where the arm hangs as it does in walking, half where nearly so, little elsewhere.
+
+    Where the first stretch is no pose, none may have been held: the nearer to walking then the better.
+    """
+    cosine = gravity_g @ walking.hangs / np.linalg.norm(gravity_g, axis=1)
     apart_deg = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    near = np.interp(apart_deg, (rules.hanging_deg, rules.same_direction_deg), (1.0, rules.nearly_hanging))
+    if walking.is_fresh and apart_deg[0] <= rules.hanging_deg:
+        limits = (rules.hanging_deg, rules.same_direction_deg), (1.0, rules.nearly_hanging)
+    else:
+        limits = rules.unheld_deg, rules.unheld
+    near = np.interp(apart_deg, *limits)
     return np.where(apart_deg <= rules.same_direction_deg, near, rules.elsewhere)
 
 

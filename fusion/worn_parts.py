@@ -6,7 +6,7 @@ five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.slips`);
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -33,7 +33,7 @@ class WearRules:
 class WornPart:
     """A part of the day: in which stretch of wear it lies; its still, its calm and its walking moments.
 
-    ``is_whole``: nothing slipped in its stretch of wear.
+    ``is_whole``: nothing slipped in its stretch of wear; ``opens``: it begins it.
     """
 
     start_s: float
@@ -43,6 +43,7 @@ class WornPart:
     calm: Moments
     strides: Moments
     is_whole: bool = True
+    opens: bool = True
 
     def find_hanging(self) -> NDArray[np.float64] | None:
         """The direction in which the arm hangs while walking; None where too little was walked."""
@@ -139,11 +140,14 @@ def _divide(day: WornPart, cuts_s: list[float]) -> WornParts:
         found = find_slips(day.calm.within(first_s, end_s), day.strides.within(first_s, end_s))
         starts_s, stops_s = [first_s, *(slip.end_s for slip in found)], [*(s.first_s for s in found), end_s]
         spans = [span_s for span_s in zip(starts_s, stops_s, strict=True) if span_s[0] < span_s[1]]
-        parts += [_cut_part(day, wear, span_s, is_whole=not found) for span_s in spans]
+        parts += [
+            replace(_cut_part(day, wear, span_s), is_whole=not found, opens=span_s[0] == first_s)
+            for span_s in spans
+        ]
         slips += found
     return WornParts(tuple(parts), tuple(slips))
 
 
-def _cut_part(day: WornPart, wear: int, span_s: tuple[float, float], *, is_whole: bool) -> WornPart:
+def _cut_part(day: WornPart, wear: int, span_s: tuple[float, float]) -> WornPart:
     still, calm, strides = (moments.within(*span_s) for moments in (day.still, day.calm, day.strides))
-    return WornPart(*span_s, wear, still, calm, strides, is_whole)
+    return WornPart(*span_s, wear, still, calm, strides)
