@@ -51,11 +51,19 @@ def rules_for(device: str) -> CalibrationRules:
 def score_still_period(
     duration_s: float, acc_sd_g: float, gravity_g: NDArray[np.float64], rules: CalibrationRules = OTHER_RULES
 ) -> float:
-    """Grade a still period, 0 to 1: the product of how still, how near 1 g and how long.
+    """Grade a still period, 0 to 1, as :func:`score_still_periods` does several."""
+    return float(score_still_periods(duration_s, np.array([acc_sd_g]), gravity_g[None], rules)[0])
+
+
+def score_still_periods(
+    duration_s: float, acc_sd_g: NDArray[np.float64], gravity_g: NDArray[np.float64], rules: CalibrationRules
+) -> NDArray[np.float64]:
+    """Grade still periods of one length, (w,) and (w, 3): the product of how still, how near 1 g, how long.
 
     Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a
     half at the limit, not below 0. Long: ``duration / 5 s``, at most 1.
     """
     still = 1.0 / (1.0 + (acc_sd_g / rules.quiet_acc_sd_g) ** 2)
-    near = max(0.0, 1.0 - abs(float(np.linalg.norm(gravity_g)) - 1.0) / (2.0 * rules.one_g_within))
-    return still * near * min(1.0, duration_s / rules.length_s)
+    length_g = np.linalg.norm(gravity_g, axis=1)
+    near = np.maximum(0.0, 1.0 - np.abs(length_g - 1.0) / (2.0 * rules.one_g_within))
+    return np.asarray(still * near * min(1.0, duration_s / rules.length_s))

@@ -32,6 +32,22 @@ def inner(function: Callable[Given, Result]) -> Callable[Given, Result]:
     return compiled
 
 
+def fused(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Compile what turns vectors, for kernels only; a product and a sum are rounded once (a fifth faster).
+
+    So the last bits of a float64 depend on the processor, as they do in numpy's products of matrices.
+    """
+    made = _compile(
+        nogil=True,
+        error_model="numpy",
+        fastmath={"contract"},
+        no_cfunc_wrapper=True,
+        no_cpython_wrapper=True,
+    )
+    compiled: Callable[Given, Result] = made(function)
+    return compiled
+
+
 @kernel
 def _add_one(number: int) -> int:
     return number + 1

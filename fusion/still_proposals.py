@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.calibration_rules import CalibrationRules, score_still_period
+from fusion.calibration_rules import CalibrationRules, score_still_periods
 from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise_windows
 
 Vector = NDArray[np.float64]
@@ -15,12 +15,9 @@ Vector = NDArray[np.float64]
 def find_quiet_windows(blocks: Sequence[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
     """Windows of the length a pose is held for that are still and near 1 g."""
     table = summarise_windows(blocks, rules.length_s)
-    off = np.abs(np.linalg.norm(table.gravity_g, axis=1) - 1.0)
-    return table.select(
-        (table.acc_sd_g < rules.quiet_acc_sd_g)
-        & (table.gyro_sd_dps < rules.quiet_gyro_sd_dps)
-        & (off < rules.one_g_within)
-    )
+    still = (table.acc_sd_g < rules.quiet_acc_sd_g) & (table.gyro_sd_dps < rules.quiet_gyro_sd_dps)
+    quiet = table.select(np.flatnonzero(still))
+    return quiet.select(np.abs(np.linalg.norm(quiet.gravity_g, axis=1) - 1.0) < rules.one_g_within)
 
 
 def join_stretches(quiet: QuietTable, rules: CalibrationRules) -> tuple[NDArray[np.intp], Vector]:
@@ -49,11 +46,8 @@ def rank_stretches(
     windows: QuietTable, end_s: Vector, rules: CalibrationRules, walking: Witness | None = None
 ) -> Vector:
     """The product that ``propose_still_periods`` describes, from the first window of each stretch."""
-    scores = [
-        score_still_period(windows.duration_s, float(sd), gravity, rules)
-        for sd, gravity in zip(windows.acc_sd_g, windows.gravity_g, strict=True)
-    ]
-    good = np.minimum(1.0, np.array(scores) / rules.good_score)
+    scores = score_still_periods(windows.duration_s, windows.acc_sd_g, windows.gravity_g, rules)
+    good = np.minimum(1.0, scores / rules.good_score)
     early = 1.0 / (1.0 + windows.start_s / rules.early_s)
     agreement = _agree(windows.gravity_g, end_s - windows.start_s, rules.same_direction_deg)
     agreed = np.minimum(1.0, agreement / (rules.good_agreement * agreement.max()))

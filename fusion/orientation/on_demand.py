@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from fusion.recording import FloatArray
 from fusion.sensor_errors.nodes import Nodes, spread_rows
 
-NODES_AT_ONCE = 512
+ROWS_AT_ONCE = 16_384
+"""So many are still near the processor when their angle is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,12 +46,10 @@ class VerticalOnDemand:
     def blocks(self) -> Iterator[tuple[int, NDArray[np.float32]]]:
         """All rows, a block at a time: (first row, vectors)."""
         per_node = self.nodes.rows_per_node
-        for node in range(0, len(self.up), NODES_AT_ONCE):
-            last = node + NODES_AT_ONCE >= len(self.up)
-            yield (
-                node * per_node,
-                self._spread(node, len(self) if last else (node + NODES_AT_ONCE) * per_node),
-            )
+        at_once = max(1, ROWS_AT_ONCE // per_node)
+        for node in range(0, len(self.up), at_once):
+            last = node + at_once >= len(self.up)
+            yield node * per_node, self._spread(node, len(self) if last else (node + at_once) * per_node)
 
     @property
     def nbytes(self) -> int:

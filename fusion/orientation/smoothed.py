@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner, kernel
+from fusion.numba_kernels import fused, kernel
 from fusion.recording import FloatArray
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.bias_track import GyroBias, hold_bias
@@ -104,7 +104,7 @@ def smooth_vertical(
     return SmoothedVertical(out, smoothed.disagreement_deg, smoothed.nodes_per_value * nodes.rows_per_node)
 
 
-@inner
+@fused
 def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
     """Square of the angle (rad, as its sine; 1 beyond a right angle) times the smaller one's share."""
     first = past[0] * past[0] + past[1] * past[1] + past[2] * past[2]
@@ -117,7 +117,7 @@ def _disagree(past: Any, future: Any) -> Any:  # pragma: no cover
     return (square if square > 0.0 else 0.0) * smaller / (first + second + 2.0 * sqrt(first * second))
 
 
-@inner
+@fused
 def _fade(real: Any, imaginary: Any, decay: complex, acc: Any) -> Any:  # pragma: no cover
     """One step: the complex state shrinks and turns in its own plane, the new sample comes in."""
     keep, mix = decay.real, decay.imag
@@ -165,7 +165,7 @@ def _sweep(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
         out[k, 0], out[k, 1], out[k, 2] = mean
 
 
-@inner
+@fused
 def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no cover
     x = past[0] + future[0] - present[0]
     y = past[1] + future[1] - present[1]

@@ -170,8 +170,7 @@ def _solve(
         squares = np.einsum("w,wij,wik->wjk", weight, windows.matrix, windows.matrix)
         pulls = np.einsum("w,wij,wi->wj", weight, windows.matrix, windows.difference)
         in_windows.add(band, right, squares, pulls)
-        squares = still_weight[:, None, None] * np.eye(3)
-        in_stills.add(band, right, squares, still_weight[:, None] * stills.gyro_dps)
+        in_stills.add_alike(band, right, still_weight, still_weight[:, None] * stills.gyro_dps)
         values = solveh_banded(band, right, lower=True).reshape(-1, 3)
         bias = GyroBias(knots_s, values, len(stills), len(windows.time_s))
     return bias

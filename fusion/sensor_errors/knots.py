@@ -45,6 +45,18 @@ class Hats:
                     self._collect(band[row - column], column, here**2 * value)
                     self._collect(band[row - column], column + 3, there**2 * value)
 
+    def add_alike(self, band: Table, right: Table, weight: Table, pulls: Table) -> None:
+        """The same where each observation is of the three unknowns themselves, with one ``weight`` (w,)."""
+        here, there = 1.0 - self.share, self.share
+        self.pull(right, pulls)
+        for place, values in (
+            (band[0], here**2 * weight),
+            (band[0, 3:], there**2 * weight),
+            (band[3], here * there * weight),
+        ):
+            sums = np.bincount(self.left, weights=values)
+            place[: 3 * len(sums)] += np.repeat(sums, 3)
+
     def pull(self, right: Table, pulls: Table) -> None:
         """Add ``pulls`` (w, 3) to the right side alone."""
         for row in range(3):
@@ -57,4 +69,6 @@ class Hats:
         return np.asarray((1.0 - share) * values[self.left] + share * values[self.left + 1])
 
     def _collect(self, target: Table, offset: int, values: Table) -> None:
-        target += np.bincount(3 * self.left + offset, weights=values, minlength=len(target))
+        """Add ``values`` (w,) so many places behind the first unknown of the knot on the left."""
+        sums = np.bincount(self.left, weights=values)
+        target[offset : offset + 3 * len(sums) : 3] += sums

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner, kernel
+from fusion.numba_kernels import fused, inner, kernel
 from fusion.recording import FloatArray
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
 from fusion.sensor_errors.bias_track import GyroBias
@@ -158,7 +158,7 @@ def _read(table: Any, row: int) -> Any:  # pragma: no cover
     return float(table[inside, 0]), float(table[inside, 1]), float(table[inside, 2])
 
 
-@inner
+@fused
 def _mix(before: Any, now: Any, after: Any, taps: Any, offset: Any) -> Any:  # pragma: no cover
     """Rate of a row, rad/s, as the trapezoid wants it; ``taps`` rad/s for each deg/s, ``offset`` rad/s."""
     a, b, c = taps
@@ -216,7 +216,7 @@ def _reduce(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
                 turns[node, 0], turns[node, 1], turns[node, 2] = whole
 
 
-@inner
+@fused
 def _compose(first: Any, second: Any) -> Any:  # pragma: no cover
     """Rotation vector of ``first``, then ``second`` as seen after it."""
     return (
@@ -245,7 +245,7 @@ def _spread(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
         node += 1
 
 
-@inner
+@fused
 def _multiply(matrix: Any, vector: Any) -> Any:  # pragma: no cover
     x, y, z = vector
     a, b, c = matrix

@@ -8,7 +8,7 @@ one period T is ``(w0 + w1) T / 2 + (w0 x w1) T^2 / 12``.
 from math import pi
 from typing import Any
 
-from fusion.numba_kernels import inner
+from fusion.numba_kernels import fused
 
 RADIANS = pi / 180.0
 Scalars = tuple[float, float, float]
@@ -17,7 +17,7 @@ C1, C2, C3, C4 = 1.0 / 24.0, 1.0 / 30.0, 1.0 / 56.0, 1.0 / 90.0
 """Ratios of successive terms of both series; products, because a division takes five times as long."""
 
 
-@inner
+@fused
 def bend(before: Any, after: Any, period_s: float) -> Scalars:  # pragma: no cover
     """Rotation vector (rad) from one sample to the next; rates in rad/s, each a triple."""
     half, twelfth = 0.5 * period_s, period_s * period_s / 12.0
@@ -27,7 +27,7 @@ def bend(before: Any, after: Any, period_s: float) -> Scalars:  # pragma: no cov
     return x, y, z
 
 
-@inner
+@fused
 def turn_factors(turn: Any) -> tuple[float, float]:  # pragma: no cover
     """``sin(a)/a`` and ``(1 - cos(a))/a^2`` of a rotation vector of length a, by series (1e-7 at 1 rad)."""
     square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
@@ -36,7 +36,7 @@ def turn_factors(turn: Any) -> tuple[float, float]:  # pragma: no cover
     return sine, cosine
 
 
-@inner
+@fused
 def carry(vector: Any, turn: Any, factors: Any) -> Scalars:  # pragma: no cover
     """Coordinates, after the sensor has turned by ``turn``, of a vector that is fixed in space.
 

@@ -172,6 +172,8 @@ def find_still_moments(blocks: Sequence[QuarterSeconds], rules: StillRules | Non
 
 def _join(tables: list[QuietTable]) -> QuietTable:
     """Put the tables of several runs one after the other."""
+    if len(tables) == 1:
+        return tables[0]
     return QuietTable(
         np.concatenate([table.start_s for table in tables]),
         tables[0].duration_s,
@@ -184,11 +186,11 @@ def _join(tables: list[QuietTable]) -> QuietTable:
 
 def keep_apart(table: QuietTable) -> QuietTable:
     """Take windows that do not overlap, in time order."""
-    following = np.searchsorted(table.start_s, table.start_s + table.duration_s - 1e-6)
+    following = np.searchsorted(table.start_s, table.start_s + table.duration_s - 1e-6).tolist()
     chosen, row = [], 0
     while row < len(following):
         chosen.append(row)
-        row = int(following[row])
+        row = following[row]
     return table.select(np.array(chosen, dtype=np.intp))
 
 
