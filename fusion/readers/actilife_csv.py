@@ -16,7 +16,7 @@ from fusion.readers.columns import choose_vector
 from fusion.readers.gt3x_info import parse_offset_s
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
-from fusion.readers.table_clock import judge_clock, settle_changes, tell_clock
+from fusion.readers.table_clock import judge_clock, settle_stamps, tell_clock
 from fusion.readers.text_evidence import flag_text, read_layout
 from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, IGNORED, STAMP
 from fusion.readers.text_layout import CALENDAR, TextLayout
@@ -57,8 +57,8 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     if plan.stamp_kind == CALENDAR_TIME:
+        changes = settle_stamps(rows, layout, plan)
         clock = tell_clock(layout, plan, int(rows.columns.stamps[0]))
-        changes = settle_changes(rows, layout, plan)
         grid = cut_stamped(rows.columns)
     else:
         clock, changes = judge_clock(parse_start(header)), ()

@@ -89,16 +89,16 @@ def estimate_period_us(stamps: NDArray[np.int64]) -> float:
 
 
 def _estimate_period_us(stamps: NDArray[np.int64]) -> float:
-    steps = _steps_between(stamps, 1)
+    steps = steps_between(stamps, 1)
     if len(steps) == 0:
         return 0.0
     usual_us = float(np.median(steps))
     alike = steps[np.abs(steps - usual_us) <= 0.5 * usual_us]
     if len(alike) < ALIKE_SHARE * len(steps) or usual_us <= 0.0:
-        return _median_or_zero(_steps_between(stamps, BLOCK_ROWS))
+        return _median_or_zero(steps_between(stamps, BLOCK_ROWS))
     if _tells_single_steps(find_quantum_us(stamps), usual_us):
         return float(alike.mean())
-    return _median_or_zero(_steps_between(stamps, BLOCK_ROWS))
+    return _median_or_zero(steps_between(stamps, BLOCK_ROWS))
 
 
 def _tells_single_steps(quantum_us: int, usual_us: float) -> bool:
@@ -107,7 +107,7 @@ def _tells_single_steps(quantum_us: int, usual_us: float) -> bool:
     return is_exact or usual_us >= 2 * quantum_us
 
 
-def _steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
+def steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
     """Time from a row to the ``rows``-th after it, divided by ``rows``; where it advances, thinned evenly."""
     rows = min(rows, len(stamps) - 1)
     starts = np.arange(0, len(stamps) - rows, max(1, len(stamps) // MAX_STEPS))
@@ -126,28 +126,16 @@ def find_quantum_us(stamps: NDArray[np.int64]) -> int:
 
 
 @njit(cache=True, nogil=True)
-def mend_stamps(stamps: NDArray[np.int64], wrap_us: int, period_us: float, counts: NDArray[np.int64]) -> None:
-    """Undo wraps of a 32-bit counter and replace single stamps that both neighbours contradict, in place.
-
-    ``counts`` receives the wraps and the replaced stamps. A wrap is one only near both ends of the counter: a
-    logger that started again is none.
-    """
-    shift = np.int64(0)
-    margin_us = np.int64(60_000_000)
-    previous_raw = stamps[0]
-    for k in range(1, len(stamps)):
-        raw = stamps[k]
-        if wrap_us > 0 and previous_raw > wrap_us - margin_us and raw < margin_us:
-            shift += wrap_us
-            counts[0] += 1
-        previous_raw = raw
-        stamps[k] = raw + shift
+def mend_stamps(stamps: NDArray[np.int64], period_us: float) -> int:
+    """Replace single stamps that both neighbours contradict, in place; return how many."""
+    mended = 0
     for k in range(1, len(stamps) - 1):
         around = stamps[k + 1] - stamps[k - 1]
         is_outside = stamps[k] < stamps[k - 1] or stamps[k] > stamps[k + 1]
         if is_outside and 0 < around <= 4 * period_us:
             stamps[k] = stamps[k - 1] + around // 2
-            counts[1] += 1
+            mended += 1
+    return mended
 
 
 @njit(cache=True, nogil=True)

@@ -13,10 +13,11 @@ from fusion.errors import TooShort, UnknownColumns, UnknownRate
 from fusion.readers.columns import choose_vector
 from fusion.readers.grid import FASTEST_HZ, SLOWEST_HZ, Grid
 from fusion.readers.profile import ColumnProfile, apply_profile
+from fusion.readers.repeated_rows import leave_out_repeats
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
-from fusion.readers.table_clock import counts_since_1970, settle_changes, tell_clock
-from fusion.readers.table_plan import PACKET_NUMBERS, plan_table, wrap_us
+from fusion.readers.table_clock import counts_since_1970, settle_stamps, tell_clock
+from fusion.readers.table_plan import PACKET_NUMBERS, plan_table
 from fusion.readers.text_evidence import flag_text, read_layout
 from fusion.readers.text_kernel import COUNTER, PAUSE
 from fusion.readers.text_layout import TextLayout, find_layout
@@ -86,8 +87,9 @@ def _read_planned(
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     plan.unit.refuse_doubtful(rows.columns)
+    is_stamped = plan.stamp_kind != COUNTER and not plan.counts_packets
+    changes = settle_stamps(rows, layout, plan) if is_stamped else ()
     first_stamp = int(rows.columns.stamps[0])
-    changes = settle_changes(rows, layout, plan)
     grid = _cut_rows(rows, plan, choose_rate_hz(layout, rate_hz))
     flags = (*changes, *grid.flags, *flag_text(source, form, layout), *flag_drift(layout, grid))
     flags += plan.unit.flag() + flag_told_rate(layout, plan, grid, rate_hz)
@@ -98,8 +100,7 @@ def _cut_rows(rows: TableRows, plan: TablePlan, rate_hz: float | None) -> Grid:
     if plan.counts_packets:
         return _cut_packets(rows, rate_hz)
     if plan.stamp_kind != COUNTER:
-        is_epoch = counts_since_1970(plan, int(rows.columns.stamps[0]))
-        return cut_stamped(rows.columns, 0 if is_epoch else wrap_us(plan))
+        return cut_stamped(rows.columns)
     return cut_counted(rows.columns, rate_hz or find_burst_rate_hz(rows))
 
 
@@ -111,7 +112,9 @@ def _cut_packets(rows: TableRows, rate_hz: float | None) -> Grid:
     stamps = rows.columns.stamps
     stamps[1:] += PACKET_NUMBERS * np.cumsum(np.diff(stamps) < -PACKET_NUMBERS // 2)
     stamps[:] = np.rint((stamps - stamps[0]) * period_us)
-    return cut_stamped(rows.columns)
+    repeats = leave_out_repeats(rows.columns)
+    grid = cut_stamped(rows.columns)
+    return replace(grid, flags=(*repeats, *grid.flags))
 
 
 def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fusion.errors import TooShort
 from fusion.readers.grid import Grid
+from fusion.readers.row_settling import settle_rows
 from fusion.readers.samples import SampleColumns
 from fusion.readers.segments import cut_stamped
 from fusion.readers.source import Source, read_chunks
@@ -113,6 +114,7 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
         raise TooShort(s=0.0)
     columns.acc[:, 0] *= -1
     columns.gyr[:, 0] *= -1
+    flags += settle_rows(columns)
     first_us = int(columns.stamps[0])
     n_rows = columns.rows
     grid: Grid = cut_stamped(columns)

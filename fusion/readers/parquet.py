@@ -12,10 +12,10 @@ from pyarrow import compute as pc
 
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
 from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector, understand_column
+from fusion.readers.row_settling import settle_rows
 from fusion.readers.samples import SampleColumns
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
-from fusion.readers.stamp_repair import undo_daylight_saving
 from fusion.readers.table_clock import TableClock, judge_clock, read_epoch
 from fusion.readers.text_kernel import LARGEST_VALUE
 from fusion.readers.time_unit import IN_MICROSECONDS, UNIT_NAMES, TimeUnit, settle_unit
@@ -160,6 +160,15 @@ def _tell_clock(stamp_kind: pa.DataType | None, first_us: int) -> TableClock:
     return judge_clock(moment.replace(tzinfo=UTC) if moment and stamp_kind.tz else moment)
 
 
+def _settle_rows(columns: SampleColumns, stamp_kind: pa.DataType, column: Column) -> tuple[QualityFlag, ...]:
+    """Bring the rows into order; bare stamps are a wall clock's, whole numbers may be of a counter."""
+    if pa.types.is_timestamp(stamp_kind):
+        return settle_rows(columns, is_wall_clock=not stamp_kind.tz)
+    exponent = TIME_UNITS_EXPONENT[column.unit or "us"]
+    is_count = exponent in (0, 3) and read_epoch(int(columns.stamps[0])) is None
+    return settle_rows(columns, tick_us=10**exponent if is_count else 0)
+
+
 def _build(
     columns: SampleColumns,
     chosen: Sequence[Column],
@@ -169,12 +178,11 @@ def _build(
     absent, rate_hz = told
     has_time = stamp_kind is not None
     blank = drop_blank_rows(columns) if has_time else ()
-    n_rows, first_us = columns.rows, int(columns.stamps[0])
     if not has_time and rate_hz is None:
         raise UnknownRate
+    changes = _settle_rows(columns, stamp_kind, chosen[0]) if stamp_kind is not None else ()
+    n_rows, first_us = columns.rows, int(columns.stamps[0])
     clock = _tell_clock(stamp_kind, first_us)
-    is_wall = has_time and clock.start is not None and clock.start.tzinfo is None
-    changes = undo_daylight_saving(columns.stamps) if is_wall else ()
     grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
     flags = (*blank, *changes, *grid.flags)
     if absent:

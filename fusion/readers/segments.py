@@ -20,7 +20,6 @@ from fusion.readers.grid import (
     fit_line,
     mend_stamps,
 )
-from fusion.readers.repeated_rows import leave_out_repeats
 from fusion.readers.samples import SampleColumns
 from fusion.readers.stamp_repair import sort_late_rows, spread_coarse_stamps
 from fusion.readers.text_kernel import PAUSE
@@ -31,27 +30,25 @@ JITTER_PART = 0.25
 """Stamps that scatter by more than this part of a period are worth a word."""
 
 
-def cut_stamped(columns: SampleColumns, wrap_us: int = 0) -> Grid:
-    """Cut rows with stamps in microseconds. ``wrap_us``: where the stamps' counter starts over, 0 for never.
+def cut_stamped(columns: SampleColumns) -> Grid:
+    """Cut rows with stamps in microseconds, which :func:`fusion.readers.row_settling.settle_rows` has mended.
 
     Raises
     ------
     fusion.errors.UnusableTime, fusion.errors.UnknownRate
         The stamps give no even sampling at a usable rate.
     """
-    mended = leave_out_repeats(columns)
     stamps = columns.stamps
-    mended += spread_coarse_stamps(stamps)
+    mended = spread_coarse_stamps(stamps)
     period_us = estimate_period_us(stamps)
     mended += sort_late_rows(columns, period_us)
-    counts = np.zeros(2, np.int64)
-    mend_stamps(stamps, wrap_us, period_us, counts)
+    replaced = mend_stamps(stamps, period_us)
     holes = find_holes(stamps, period_us)
     fits = _fit_runs(stamps, holes, period_us)
     segments = _place_segments(columns, holes, fits)
     duration_us = segments[-1].end_us
     jitter_us = max(fit.jitter_us for fit in fits)
-    flags = mended + _flag_time(holes, (int(counts[0]), int(counts[1])), jitter_us / period_us)
+    flags = mended + _flag_time(holes, replaced, jitter_us / period_us)
     flags += flag_gaps(segments, duration_us)
     return Grid(segments, duration_us, flags, period_us, jitter_us)
 
@@ -109,10 +106,9 @@ def _place_segments(columns: SampleColumns, holes: Holes, runs: list[_Run]) -> t
     return tuple(segments)
 
 
-def _flag_time(holes: Holes, counts: tuple[int, int], jitter: float) -> tuple[QualityFlag, ...]:
+def _flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
     found = {
-        "W-WRAP": counts[0],
-        "W-CLOCK-FWD": counts[1] + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
+        "W-CLOCK-FWD": replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
         "W-CLOCK-BACK": int(np.count_nonzero(holes.step_us < 0)),
         "W-JITTER": int(jitter > JITTER_PART),
     }

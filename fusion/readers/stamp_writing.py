@@ -6,7 +6,7 @@ are told by the first one's, so that an hour is neither lost nor won, and the ch
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 from fusion.readers.date_dialects import DateDialect, parse_zone_s
@@ -41,6 +41,10 @@ class OffsetChange:
         return moment is not None and is_change_of_offset(
             moment.replace(tzinfo=UTC), self.before_s, self.after_s
         )
+
+    def turn_round(self) -> "OffsetChange":
+        """The change as it was, in a table that stands with its newest row first."""
+        return replace(self, before_s=self.after_s, after_s=self.before_s)
 
 
 class StampWriter:

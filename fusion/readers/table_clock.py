@@ -3,14 +3,20 @@
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone
 
+import numpy as np
+
 from fusion.readers.gt3x_info import name_offset
-from fusion.readers.stamp_repair import undo_daylight_saving
+from fusion.readers.row_settling import settle_rows
 from fusion.readers.stamp_writing import flag_changes
+from fusion.readers.table_plan import find_tick_us
 from fusion.readers.text_kernel import CALENDAR_TIME, NUMERIC_TIME
 from fusion.readers.text_layout import TextLayout
 from fusion.readers.text_table import TablePlan, TableRows
 from fusion.readers.timing import datetime_at_us, is_clock_set, trust_clock
 from fusion.recording import QualityFlag
+
+SETTLED_ROWS = 1001
+"""So many first stamps tell what kind of number they are, though some be strange."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,17 +28,26 @@ class TableClock:
     flags: tuple[QualityFlag, ...]
 
 
-def settle_changes(rows: TableRows, layout: TextLayout, plan: TablePlan) -> tuple[QualityFlag, ...]:
-    """Take changes of the clock out of the stamps, in place, and say where they were.
+def settle_stamps(rows: TableRows, layout: TextLayout, plan: TablePlan) -> tuple[QualityFlag, ...]:
+    """Bring the rows into order and take changes of the clock out of their stamps, in place; say what was.
 
     Stamps with an offset were told by that of the first row as they were read; only of a bare wall clock has
     an hour's step to be judged.
     """
-    if plan.stamp_kind != CALENDAR_TIME:
-        return ()
-    if layout.dates is not None and layout.dates.offset_s is not None:
-        return flag_changes(rows.changes, int(rows.columns.stamps[0]))
-    return undo_daylight_saving(rows.columns.stamps)
+    stamps = rows.columns.stamps
+    is_calendar = plan.stamp_kind == CALENDAR_TIME
+    has_offset = layout.dates is not None and layout.dates.offset_s is not None
+    is_epoch = counts_since_1970(plan, int(np.median(stamps[:SETTLED_ROWS])))
+    flags = settle_rows(
+        rows.columns,
+        tick_us=0 if is_calendar or is_epoch else find_tick_us(plan),
+        is_wall_clock=is_calendar and not has_offset,
+    )
+    if is_calendar and has_offset:
+        turned = any(flag.code == "W-REVERSED" for flag in flags)
+        changes = [change.turn_round() for change in reversed(rows.changes)] if turned else rows.changes
+        flags += flag_changes(changes, int(rows.columns.stamps[0]))
+    return flags
 
 
 def read_epoch(first_stamp_us: int) -> datetime | None:

@@ -12,7 +12,6 @@ from fusion.readers.text_table import TablePlan
 from fusion.readers.time_unit import IN_MICROSECONDS, TimeUnit, settle_unit
 from fusion.units import acc_scale_g, gyr_scale_dps
 
-COUNTER_BITS = 32
 PACKET_NUMBERS = 65_536
 """Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
 COUNTER_WORDS = ("micros", "millis", "time_us", "time_ms", "timestamp (us)")
@@ -101,8 +100,8 @@ def read_times(fields: Sequence[str], decimal: str) -> list[float]:
         return []
 
 
-def wrap_us(plan: TablePlan) -> int:
-    """Where a 32-bit counter of micros() or millis() starts over, in microseconds; 0 for other stamps."""
-    if plan.stamp_kind != NUMERIC_TIME or plan.stamp_exponent not in (0, 3):
+def find_tick_us(plan: TablePlan) -> int:
+    """Microseconds in a count of micros() or millis(), which start over; 0 for other stamps."""
+    if plan.stamp_kind != NUMERIC_TIME or plan.counts_packets or plan.stamp_exponent not in (0, 3):
         return 0
-    return int(2**COUNTER_BITS * 10**plan.stamp_exponent)
+    return int(10**plan.stamp_exponent)

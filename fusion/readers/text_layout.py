@@ -146,7 +146,8 @@ def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
     width = len(lines[header_at].split(" "))
     if any(len(lines[k].split(" ")) != width or len(lines[k].split()) == width for k in rows):
         return None
-    return [line.replace(" ", "\t") if k >= header_at else line for k, line in enumerate(lines)]
+    tabbed = [line.replace(" ", "\t") if k >= header_at else line for k, line in enumerate(lines)]
+    return tabbed if any(is_row(line, "\t") for line in tabbed) else None
 
 
 def _count_rows(lines: Sequence[str], delimiter: str) -> int:

@@ -100,10 +100,12 @@ def guess_exponent(times: Sequence[float]) -> int | None:
 
 
 def _rate_hz(times: Sequence[float], exponent: int) -> float:
-    """By the usual step; 0 where the times do not advance."""
+    """By the usual step; 0 where the times do not advance. A table may stand with its newest row first."""
     steps = [after - before for before, after in pairwise(times)]
     if not steps:
         return 0.0
+    if 2 * sum(step < 0 for step in steps) > sum(step != 0 for step in steps):
+        steps = [-step for step in steps]
     # mean of the advancing steps: coarse stamps repeat
     step = median(steps) or sum(max(0.0, s) for s in steps) / len(steps)
     return MICROSECONDS / (step * 10.0**exponent) if step > 0 else 0.0

@@ -10,6 +10,7 @@ from tests.badfiles import person_files as p
 from tests.badfiles import signal_files as s
 from tests.badfiles import table_files as t
 from tests.badfiles.clock_rows import CLOCKS
+from tests.badfiles.order_rows import ORDER
 from tests.badfiles.outcomes import given, read, refused
 from tests.fusion.gt3x_builder import INFO, T0, record
 from tests.fusion.table_builder import HEADER
@@ -212,6 +213,7 @@ TABLES = (
     read("76 seconds", "shift.csv", given(t.whole_seconds()), "W-JITTER"),
     read("77", "shift.csv", given(t.late_rows()), "W-ORDER"),
     read("77 set back", "shift.csv", given(t.clock_back()), "W-CLOCK-BACK"),
+    *ORDER,
     read("78", "shift.csv", given(t.stalls()), "W-GAP", (60.0, 3.56, 0.0)),
     read("79 d/M", "shift.csv", given(t.calendar_table("%d/%m/%Y %H:%M:%S.%f"))),
     read("79 M/d", "shift.csv", given(t.calendar_table("%m/%d/%Y %H:%M:%S.%f"))),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fusion.errors import FusionError
 from tests.fusion.table_builder import CANON, HEADER, codes, line, read_text
 
 
@@ -181,3 +182,12 @@ def test_exponents_and_many_digits_are_read() -> None:
 
     assert recording.segments[0].acc_g[5] == pytest.approx([5.35e-5, -1.2, 1.0])
     assert recording.segments[0].gyr_dps[5] == pytest.approx([1.25e-24, 100.0, 0.0])
+
+
+def test_a_head_of_single_spaces_without_a_whole_row_is_not_understood() -> None:
+    """Found by the fuzz: the only row is none once its spaces are tabs."""
+    names = "PacketCounter SampleTimeFine Acc_X Acc_Y Acc_Z Gyr_X Gyr_Y Gyr_Z"
+    text = f"Update Rate: 100.0Hz\n{names}\n6\r500  0.1 0.9 0.1 0.9 -1.9 3.0\n"
+
+    with pytest.raises(FusionError):
+        read_text(text)

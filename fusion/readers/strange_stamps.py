@@ -1,0 +1,132 @@
+"""Stamps that their neighbours contradict: a clock that stood still, fell to zero, or was away a while."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.readers.row_order import Pace, Pieces, find_pieces, measure_pace
+from fusion.readers.samples import SampleColumns
+from fusion.recording import MICROSECONDS, QualityFlag
+
+LEAST_STUCK_ROWS = 3
+FIT_PERIODS, FIT_SHARE = 0.5, 0.02
+"""How well rows must fill the time between their neighbours to be timed by them."""
+FAR_US = 60 * MICROSECONDS
+"""A row at either end of a file, alone and so far from the others: one stamp is no proof of a minute."""
+LOOKED_AT_ROWS = 8193
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strangers:
+    """Pieces whose stamps lie outside the time between their neighbours; shape (n,) each.
+
+    ``before_us``, ``after_us``: the stamps of the rows around them; ``span_us``: from their first to last.
+    """
+
+    first: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    before_us: NDArray[np.int64]
+    after_us: NDArray[np.int64]
+    span_us: NDArray[np.int64]
+
+
+def has_strange_ends(stamps: NDArray[np.int64]) -> bool:
+    """Whether the first stamps, or the last one, may not be believed."""
+    if len(stamps) < LEAST_STUCK_ROWS:
+        return False
+    differs = stamps[:LOOKED_AT_ROWS] != stamps[0]
+    second = int(np.argmax(differs)) if differs.any() else 1
+    return bool(stamps[second] - stamps[0] > FAR_US or stamps[-1] - stamps[-2] > FAR_US)
+
+
+def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Time rows whose stamp stood still by their neighbours (W-CLOCK-FWD), or leave them out.
+
+    Left out are those that do not fill the time between their neighbours, and those at either end of the
+    file (W-ROWS-DROPPED): nobody can say when they were measured.
+    """
+    stamps = columns.stamps[: columns.rows]
+    pace = measure_pace(stamps)
+    pieces = find_pieces(stamps, pace)
+    found = _find_strangers(stamps, pieces, pace)
+    rows = found.stop - found.first
+    is_stuck = _tell_stuck(rows, found.span_us, pace)
+    fits = (is_stuck | (rows < LEAST_STUCK_ROWS)) & _tell_fit(found, pace)
+    for k in np.flatnonzero(fits):
+        first, stop = int(found.first[k]), int(found.stop[k])
+        stamps[first:stop] = np.linspace(found.before_us[k], found.after_us[k], stop - first + 2)[1:-1]
+    kept = np.ones(columns.rows, np.bool_)
+    for k in np.flatnonzero(is_stuck & ~fits):
+        kept[found.first[k] : found.stop[k]] = False
+    _leave_out_ends(pieces, pace, kept)
+    return _take_out(columns, kept) + _tell_timed(int(rows[fits].sum()))
+
+
+def place_strangers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Put rows of a clock that was away for a while, and came back, behind those before (W-CLOCK-FWD)."""
+    stamps = columns.stamps[: columns.rows]
+    pace = measure_pace(stamps)
+    found = _find_strangers(stamps, find_pieces(stamps, pace), pace)
+    slack_us = found.after_us - found.before_us - found.span_us
+    chosen = np.flatnonzero(slack_us >= pace.period_us)
+    for k in chosen:
+        first, stop = int(found.first[k]), int(found.stop[k])
+        behind_us = min(pace.period_us, 0.5 * float(slack_us[k]))
+        stamps[first:stop] += round(found.before_us[k] + behind_us) - stamps[first:stop].min()
+    return _tell_timed(int((found.stop - found.first)[chosen].sum()))
+
+
+def _find_strangers(stamps: NDArray[np.int64], pieces: Pieces, pace: Pace) -> Strangers:
+    first, stop = pieces.first[1:-1], pieces.stop[1:-1]
+    before_us, after_us = stamps[first - 1], stamps[stop % len(stamps)]
+    low_us, high_us = pieces.low_us[1:-1], pieces.high_us[1:-1]
+    is_outside = (high_us < before_us) | (low_us > after_us)
+    chosen = is_outside & (after_us > before_us - int(pace.is_coarse))
+    return Strangers(
+        first[chosen], stop[chosen], before_us[chosen], after_us[chosen], (high_us - low_us)[chosen]
+    )
+
+
+def _tell_stuck(rows: NDArray[np.int64], span_us: NDArray[np.int64], pace: Pace) -> NDArray[np.bool_]:
+    expected_us = (rows - 1) * pace.period_us
+    least_us = np.maximum(0.5 * expected_us, 1.5 * pace.step_us)
+    is_stuck: NDArray[np.bool_] = (rows >= LEAST_STUCK_ROWS) & (expected_us - span_us > least_us)
+    return is_stuck
+
+
+def _tell_fit(found: Strangers, pace: Pace) -> NDArray[np.bool_]:
+    filled_us = (found.stop - found.first + 1) * pace.period_us
+    off_us = np.abs(found.after_us - found.before_us - filled_us)
+    coarse_us = pace.step_us if pace.is_coarse else 0.0
+    fits: NDArray[np.bool_] = (
+        off_us <= np.maximum(FIT_PERIODS * pace.period_us, FIT_SHARE * filled_us) + coarse_us
+    )
+    return fits
+
+
+def _leave_out_ends(pieces: Pieces, pace: Pace, kept: NDArray[np.bool_]) -> None:
+    """Mark the first and the last piece where they are one row, or stuck, far from the others."""
+    if len(pieces) < 2:
+        return
+    for here, beside in ((0, 1), (-1, -2)):
+        rows = pieces.stop[here : here + 1 or None] - pieces.first[here : here + 1 or None]
+        span_us = (pieces.high_us - pieces.low_us)[here : here + 1 or None]
+        is_alone = rows[0] == 1 and not pace.is_coarse
+        away_us = max(
+            pieces.low_us[here] - pieces.high_us[beside], pieces.low_us[beside] - pieces.high_us[here]
+        )
+        if away_us > FAR_US and (is_alone or _tell_stuck(rows, span_us, pace)[0]):
+            kept[pieces.first[here] : pieces.stop[here]] = False
+
+
+def _take_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[QualityFlag, ...]:
+    dropped = int(np.count_nonzero(~kept))
+    if dropped == 0:
+        return ()
+    columns.keep(kept)
+    return (QualityFlag("W-ROWS-DROPPED", dropped),)
+
+
+def _tell_timed(rows: int) -> tuple[QualityFlag, ...]:
+    return (QualityFlag("W-CLOCK-FWD", rows),) if rows else ()

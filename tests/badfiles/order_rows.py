@@ -1,0 +1,81 @@
+"""What must become of tables out of order and of strange stamps (rows 75 to 77)."""
+
+from datetime import datetime
+
+from tests.badfiles import order_files as o
+from tests.badfiles.outcomes import given, read
+from tests.badfiles.table_files import NAMES
+
+EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - a clock that lost its date
+BACKWARDS = range(5999, -1, -1)
+
+ORDER = (
+    read("75 24 bits of ms", "shift.csv", given(o.short_counter(24, "ms", 1000, 16_750_000_000)), "W-WRAP"),
+    read("75 16 bits of ms", "shift.csv", given(o.short_counter(16, "ms", 1000, 30_000_000)), "W-WRAP"),
+    read("77 pieces", "shift.csv", given(o.ordered(o.PASTED)), "W-PIECES"),
+    read(
+        "77 pieces, wall clock",
+        "shift.csv",
+        given(o.ordered(o.PASTED, o.wall_clock(), o.CALENDAR)),
+        "W-PIECES",
+    ),
+    read("77 pieces, ActiLife", "shift.csv", given(o.pasted_actilife(o.PASTED)), "W-PIECES"),
+    read(
+        "77 pieces, whole seconds",
+        "shift.csv",
+        given(o.ordered(o.PASTED, o.wall_clock(digits=19), o.CALENDAR)),
+        "W-JITTER W-PIECES",
+    ),
+    read(
+        "77 pieces that share rows",
+        "shift.csv",
+        given(o.ordered([*range(2000), *range(2900, 4500), *range(2000, 3000), *range(4500, 6000)])),
+        "W-DUP W-PIECES",
+    ),
+    read(
+        "77 pieces, one lost",
+        "shift.csv",
+        given(o.ordered([*range(1000), *range(4000, 6000), *range(2000, 4000)])),
+        "W-GAP W-PIECES W-SHORT",
+        (50.0, 10.0, 0.0),
+    ),
+    read("77 newest first", "shift.csv", given(o.ordered(BACKWARDS)), "W-REVERSED"),
+    read(
+        "77 newest first, wall clock",
+        "shift.csv",
+        given(o.ordered(BACKWARDS, o.wall_clock(), o.CALENDAR)),
+        "W-REVERSED",
+    ),
+    read("77 newest first, ActiLife", "shift.csv", given(o.pasted_actilife(BACKWARDS)), "W-REVERSED"),
+    read(
+        "77 newest first, unit unknown",
+        "shift.csv",
+        given(o.ordered(BACKWARDS, [k / 100 for k in range(6000)], "time," + NAMES)),
+        "W-REVERSED",
+    ),
+    read("28 50 rows at 0", "shift.csv", given(o.stray([0] * 50)), "W-CLOCK-FWD"),
+    read("28 50 rows from 0", "shift.csv", given(o.stray(range(0, 500_000, 10_000))), "W-CLOCK-FWD"),
+    read("28 50 rows at the epoch", "shift.csv", given(o.stray_dates(EPOCH, 0)), "W-CLOCK-FWD"),
+    read("28 50 rows from the epoch", "shift.csv", given(o.stray_dates(EPOCH, 10)), "W-CLOCK-FWD"),
+    read(
+        "28 50 rows at 0, more lost",
+        "shift.csv",
+        given(o.stray([0] * 50, [*range(3050), *range(3150, 6000)])),
+        "W-GAP W-ROWS-DROPPED W-SHORT",
+        (58.5, 1.5, 0.0),
+    ),
+    read(
+        "28 50 rows from 0, more lost",
+        "shift.csv",
+        given(o.stray(range(0, 500_000, 10_000), [*range(3050), *range(3150, 6000)])),
+        "W-CLOCK-FWD W-GAP W-SHORT",
+        (59.0, 1.0, 0.0),
+    ),
+    read(
+        "28 last row an hour late",
+        "shift.csv",
+        given(o.ordered(range(6000), [*o.MICROS[:-1], o.MICROS[-1] + 3_600_000_000])),
+        "W-ROWS-DROPPED W-SHORT",
+        (59.99, 0.0, 0.0),
+    ),
+)
