@@ -137,7 +137,7 @@ def _take_blocks(log: BlockLog, found: FoundBlocks) -> None:
     room = slice(columns.rows, columns.rows + total)
     layouts = np.stack([rows[fits], axes[fits]], axis=1)
     scales = np.stack(find_ranges(heads[fits]), axis=1) / np.float32(FULL_COUNT)
-    take_samples(found.buffer, found.starts[fits], layouts, scales, columns.acc[room], columns.gyr[room])
+    take_samples(found.buffer, found.starts[fits], layouts, scales, (columns.acc[room], columns.gyr[room]))
     log.parts.append(heads[fits])
     columns.rows += total
 
@@ -201,7 +201,7 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
             *clock,
             *grid.flags,
         ),
-        understood=_describe(log, blocks, grid),
+        understood=_describe(blocks, grid),
         serial_hash=header.serial_hash,
         acc_range_g=min(WIDEST_G, float(acc_ranges_g.min())),
         gyr_range_dps=float(gyr_ranges_dps.min()),
@@ -243,13 +243,15 @@ def flag_plan(
     if header.planned_end_s is not None and started_us is not None:
         early_s = header.planned_end_s - (started_us + grid.duration_us) / MICROSECONDS
         flags += (QualityFlag("W-EARLY-END"),) if early_s > EARLY_END_S else ()
-    nominal, rate_hz = float(nominal_hz(blocks.rate_code[:1])[0]), MICROSECONDS / grid.period_us
+    rate_hz = max(grid.segments, key=len).rate_hz
+    rates_hz: list[float] = nominal_hz(np.unique(blocks.rate_code)).tolist()
+    nominal = min(rates_hz, key=lambda asked_hz: abs(asked_hz - rate_hz))
     if abs(rate_hz / nominal - 1.0) > LARGEST_DRIFT:
         flags += (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal, "rate_hz": round(rate_hz, 3)}),)
     return flags
 
 
-def _describe(log: BlockLog, blocks: Blocks, grid: Grid) -> dict[str, str]:
+def _describe(blocks: Blocks, grid: Grid) -> dict[str, str]:
     rates = np.unique(nominal_hz(blocks.rate_code)).tolist()
     return {
         "layout": "Axivity AX6 .cwa",

@@ -1,8 +1,8 @@
 """Finding the blocks of a `.cwa` and taking their samples out, also where the file is damaged.
 
 Layout (Open Movement, Docs/ax3/cwa.h): after a header of 1024 bytes, blocks of 512: "AX", the length 508, a
-head of 30 bytes in all, 480 bytes of samples, and a word that makes the 256 words of the block add up to zero.
-Sectors that are all ones or all zeros were never written.
+head of 30 bytes in all, 480 bytes of samples, and a word that makes the 256 words of the block add up to
+zero. Sectors that are all ones or all zeros were never written.
 """
 # mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
@@ -67,7 +67,7 @@ def is_unwritten(buffer: NDArray[np.uint8], first: int, stop: int) -> bool:
     """Whether the bytes are all ones or all zeros."""
     if buffer[first] != 0x00 and buffer[first] != 0xFF:
         return False
-    for k in range(first + 1, stop):
+    for k in range(first + 1, stop):  # noqa: SIM110 (numba knows no generators)
         if buffer[k] != buffer[first]:
             return False
     return True
@@ -141,14 +141,14 @@ def take_samples(
     starts: NDArray[np.int64],
     layouts: NDArray[np.int64],
     scales: NDArray[np.float32],
-    acc: NDArray[np.float32],
-    gyr: NDArray[np.float32],
+    into: tuple[NDArray[np.float32], NDArray[np.float32]],
 ) -> None:
-    """Write the samples of blocks one after the other.
+    """Write the samples of blocks one after the other, acceleration and angular rate.
 
     ``layouts``: rows and axes of each block, shape (n, 2); ``scales``: g and deg/s of one count, (n, 2). A
     row is the gyroscope's three int16, the accelerometer's three, and what else there is, little-endian.
     """
+    acc, gyr = into
     row = 0
     for block in range(len(starts)):
         step = 2 * layouts[block, 1]

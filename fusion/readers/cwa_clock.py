@@ -18,6 +18,8 @@ from fusion.readers.timing import flag_gaps
 from fusion.recording import MICROSECONDS
 
 HIGHEST_RATE_HZ, HIGHEST_CODE = 3200.0, 15
+WIDEST_RATE_ERROR = 0.1
+"""The sensor is made to keep its rate within a few percent."""
 SURE_SCATTERS = 8.0
 NORMAL_PER_MEDIAN = 1.4826
 """The standard deviation of a normal scatter for its median absolute deviation."""
@@ -70,6 +72,8 @@ def measure_periods(blocks: Blocks) -> Floats:
 
     Raises
     ------
+    UnusableTime
+        Stamps and nominal rate have nothing to do with each other.
     UnknownRate
         A rate is none that shows an arm's movement.
     """
@@ -81,8 +85,10 @@ def measure_periods(blocks: Blocks) -> Floats:
     for code in np.unique(blocks.rate_code):
         chosen = follows & (blocks.rate_code[1:] == code)
         measured_us = float(np.median(steps_us[chosen] / rows[chosen])) if chosen.any() else 0.0
-        if measured_us > 0.0:
+        if measured_us != 0.0:
             period_us[blocks.rate_code == code] = measured_us
+    if np.any(np.abs(period_us * nominal_hz(blocks.rate_code) / MICROSECONDS - 1.0) > WIDEST_RATE_ERROR):
+        raise UnusableTime(why="irregular")
     rates_hz = MICROSECONDS / period_us
     is_usable = (rates_hz >= SLOWEST_HZ) & (rates_hz <= FASTEST_HZ)
     if not is_usable.all():

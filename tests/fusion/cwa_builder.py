@@ -56,7 +56,7 @@ def still_rows(n_rows: int, number: int = 0) -> Counts:
 
 
 def stamp_fields(start_us: int, rate_hz: float) -> tuple[int, int, int]:
-    """Packed whole seconds, fraction with its mark, and offset, of a block whose first row is at ``start_us``.
+    """Packed whole seconds, fraction with its mark, and offset, of a block that begins at ``start_us``.
 
     The device says the time of the row that comes next, and moves the row back by as many as the fraction
     is worth at the nominal rate.
