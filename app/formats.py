@@ -19,6 +19,11 @@ FORMATS = (
         "acceleration and angular velocity of the Link's IMU at 100 Hz, device clock",
     ),
     Format(
+        "Axivity AX6 .cwa",
+        (".cwa", ".cwa.gz"),
+        "acceleration and angular velocity at the rate of the setting, device clock",
+    ),
+    Format(
         "Parquet",
         (".parquet",),
         "named columns: time, acceleration in three axes, angular velocity in three axes",

@@ -21,7 +21,7 @@ from app.storage import COPY_BYTES, Storage
 LOOK_S = 2.0
 STOP_S = 10.0
 TAKEN = "taken"
-ENDINGS = (".gt3x", ".csv", ".gz", ".zip", ".dat", ".txt", ".bin", ".parquet", ".mvnx")
+ENDINGS = (".gt3x", ".cwa", ".csv", ".gz", ".zip", ".dat", ".txt", ".bin", ".parquet", ".mvnx")
 
 Signature = tuple[int, int]
 

@@ -24,7 +24,7 @@ from app.request import Reference, ReportRequest
 from fusion.errors import Fact, FusionError, NoReference, UnusableStudy
 from fusion.task_windows import TaskWindow, read_tasks
 
-RECORDINGS = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".mvnx", ".parquet")
+RECORDINGS = (".gt3x", ".cwa", ".cwa.gz", ".csv", ".csv.gz", ".dat", ".txt", ".mvnx", ".parquet")
 _PAPER_TASK = re.compile(r"task[-_ ]?0*(10|[1-9])(?!\d)", re.IGNORECASE)
 
 

@@ -44,7 +44,9 @@ OTHER_RULES = CalibrationRules()
 
 
 def rules_for(device: str) -> CalibrationRules:
-    """An LSM9DS1 (and anything unknown) may read 0.10 g off at rest, a GT9X 0.05 g."""
+    """An LSM9DS1, an AX6 (BMI160: 0.04 g on each axis) and anything unknown may read 0.10 g off at rest, a
+    GT9X 0.05 g.
+    """
     return GT9X_RULES if device == "gt9x" else OTHER_RULES
 
 

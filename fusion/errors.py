@@ -61,7 +61,7 @@ class OldDevice(UnknownFormat):
 
 
 class NoGyroscope(UnknownFormat):
-    """Acceleration only: elevation in motion cannot be told from acceleration."""
+    """Acceleration only: elevation in motion cannot be told from acceleration. Facts: cure (the device)."""
 
     code = "E-NO-GYRO"
 

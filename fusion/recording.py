@@ -93,7 +93,7 @@ class Recording:
     Attributes
     ----------
     device
-        "gt9x", "lsm9ds1", "mvn", "dot", "angles" or "other".
+        "gt9x", "ax6", "lsm9ds1", "mvn", "dot", "angles" or "other".
     sha256
         Of the file's bytes, hexadecimal.
     start

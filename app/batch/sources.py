@@ -10,7 +10,19 @@ from app.batch.placing import MARKER
 from app.batch.plan import show_path
 from app.errors import UnusableList
 
-SUFFIXES = (".gt3x", ".csv", ".csv.gz", ".dat", ".txt", ".zip", ".parquet", ".bin", ".mvnx")
+SUFFIXES = (
+    ".gt3x",
+    ".cwa",
+    ".cwa.gz",
+    ".csv",
+    ".csv.gz",
+    ".dat",
+    ".txt",
+    ".zip",
+    ".parquet",
+    ".bin",
+    ".mvnx",
+)
 _UNUSUAL = frozenset("*?[")
 
 

@@ -6,7 +6,7 @@ from typing import BinaryIO
 
 from fusion.errors import EmptyFile
 from fusion.physics import check_physics, refuse_impossible_rates
-from fusion.readers import actilife_csv, gt3x, lsm9ds1_csv, lsm9ds1_raw, parquet
+from fusion.readers import actilife_csv, cwa, gt3x, lsm9ds1_csv, lsm9ds1_raw, parquet
 from fusion.readers.contents import check_extension, explain_refusal, name_content, refuse_blank
 from fusion.readers.joining import join_recordings
 from fusion.readers.profile import ColumnProfile, parse_profile
@@ -44,6 +44,7 @@ class Reader:
 
 READERS = (
     Reader("ActiGraph GT9X Link .gt3x", gt3x.recognise, gt3x.read),
+    Reader("Axivity AX6 .cwa", cwa.recognise, cwa.read),
     Reader("Parquet", parquet.recognise, parquet.read),
     Reader("ActiLife IMU CSV", actilife_csv.recognise, actilife_csv.read),
     Reader("LSM9DS1 registers, binary", lsm9ds1_raw.recognise_binary, lsm9ds1_raw.read_binary),
@@ -51,6 +52,8 @@ READERS = (
     Reader("CSV with named columns", lsm9ds1_csv.recognise, lsm9ds1_csv.read),
 )
 """In the order in which they are asked."""
+OWN_EXTENSIONS = {READERS[0].name: ".gt3x", READERS[1].name: ".cwa"}
+"""Formats of a device's own, which no other name should hide, nor any other content bear."""
 
 
 def read_recording(
@@ -103,7 +106,7 @@ def holds_device_format(file: BinaryIO) -> bool:
     source = open_source(file, is_hashed=False)
     file.seek(0)
     is_ours = lsm9ds1_csv.CANONICAL_HEADER.encode() in source.head
-    return is_ours or gt3x.recognise(source) or actilife_csv.recognise(source)
+    return is_ours or any(one.recognise(source) for one in (gt3x, cwa, actilife_csv))
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
@@ -111,7 +114,7 @@ def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
     if reader is None:
         raise explain_refusal(content)
     recording = reader.read(content, rate_hz)
-    check_extension(content, is_archive=reader is READERS[0])
+    check_extension(content, OWN_EXTENSIONS.get(reader.name))
     return recording
 
 

@@ -118,7 +118,7 @@ def _refuse_other_exports(header: dict[str, str], layout: TextLayout | None, hea
     if layout is not None and choose_vector(layout.columns, "gyr") and choose_vector(layout.columns, "acc"):
         return
     if "Accelerometer X" in head and "Gyroscope" not in head:
-        raise NoGyroscope
+        raise NoGyroscope(cure="GT9X")
     if "Accelerometer X" in head and layout is None:
         raise TooShort(s=0.0)
     raise UnknownColumns(list=", ".join(c.name for c in layout.columns)[:200] if layout else "-")

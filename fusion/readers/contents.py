@@ -34,6 +34,7 @@ MAGIC = (
 )
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
+DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
 
 def name_content(head: bytes) -> str:
@@ -101,14 +102,15 @@ def names_columns(source: Source) -> bool:
     )
 
 
-def check_extension(source: Source, *, is_archive: bool) -> None:
-    """Refuse a name that contradicts the content.
+def check_extension(source: Source, own: str | None) -> None:
+    """Refuse a name that contradicts the content; ``own``: the ending of a device's own format.
 
     Raises
     ------
     WrongExtension
     """
-    if is_archive and source.extension in TEXT_EXTENSIONS:
-        raise WrongExtension(ext=source.extension, kind=".gt3x", right=".gt3x")
-    if not is_archive and source.extension == ".gt3x":
-        raise WrongExtension(ext=".gt3x", kind="text", right=".csv")
+    named = source.extension
+    if own is not None and named != own and named in (*TEXT_EXTENSIONS, *DEVICE_EXTENSIONS):
+        raise WrongExtension(ext=named, kind=own, right=own)
+    if own is None and named in DEVICE_EXTENSIONS:
+        raise WrongExtension(ext=named, kind="text", right=".csv")

@@ -120,7 +120,7 @@ class DeviceLog:
             raise UnknownColumns(list=", ".join(sorted(self.labels)) or "SENSOR_SCHEMA")
         if scan.records == 0:
             raise TooShort(s=0.0)
-        raise NoGyroscope
+        raise NoGyroscope(cure="GT9X")
 
 
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0) -> DeviceLog:

@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.readers.source import mark_last
+
 SEPARATOR = 0x1E
 FRAME_BYTES = 9
 LONGEST_RECORD_BYTES = FRAME_BYTES + 65_535
@@ -210,14 +212,3 @@ def scan_pieces(pieces: Iterable[bytes], tally: NDArray[np.int64]) -> Iterator[S
         used, found = scan_records(buffer, is_last, records, tally)
         yield ScannedPiece(buffer, records[:found])
         carried = buffer[used:].tobytes()
-
-
-def mark_last(pieces: Iterable[bytes]) -> Iterator[tuple[bytes, bool]]:
-    """Pair each piece with whether it is the last."""
-    waiting: bytes | None = None
-    for piece in pieces:
-        if waiting is not None:
-            yield waiting, False
-        waiting = piece
-    if waiting is not None:
-        yield waiting, True

@@ -63,6 +63,12 @@ class SampleColumns:
         self.rows = kept
         self.trim()
 
+    def arrange(self, rows: NDArray[np.int64]) -> None:
+        """Put these rows, in this order, in the place of all; for damaged files, since it copies them."""
+        self.acc, self.gyr = self.acc[rows], self.gyr[rows]
+        self.stamps = self.stamps[rows] if self._has_stamps else self.stamps
+        self.rows = len(rows)
+
     def open_holes(self, rows: NDArray[np.int64], added: NDArray[np.int64]) -> None:
         """Put ``added`` interpolated rows in before each of ``rows``; stamps stay as they are.
 

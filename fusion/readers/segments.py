@@ -45,16 +45,16 @@ def cut_stamped(columns: SampleColumns) -> Grid:
     replaced = mend_stamps(stamps, period_us)
     holes = find_holes(stamps, period_us)
     fits = _fit_runs(stamps, holes, period_us)
-    segments = _place_segments(columns, holes, fits)
+    segments = place_segments(columns, holes, fits)
     duration_us = segments[-1].end_us
     jitter_us = max(fit.jitter_us for fit in fits)
-    flags = mended + _flag_time(holes, replaced, jitter_us / period_us)
+    flags = mended + flag_time(holes, replaced, jitter_us / period_us)
     flags += flag_gaps(segments, duration_us)
     return Grid(segments, duration_us, flags, period_us, jitter_us)
 
 
 @dataclass(frozen=True, slots=True)
-class _Run:
+class FittedRun:
     """Unbroken rows: the first and the one after the last, and the line through their stamps.
 
     ``first_us``: the first row's own stamp; ``offset_us``: from there to its fitted time; ``is_set``: the
@@ -70,7 +70,7 @@ class _Run:
     is_set: bool
 
 
-def _fit_runs(stamps: NDArray[np.int64], holes: Holes, period_us: float) -> list[_Run]:
+def _fit_runs(stamps: NDArray[np.int64], holes: Holes, period_us: float) -> list[FittedRun]:
     is_cut = holes.added == 0
     edges = [0, *holes.row[is_cut].tolist(), len(stamps)]
     is_set = [False, *holes.is_set[is_cut].tolist()]
@@ -80,11 +80,11 @@ def _fit_runs(stamps: NDArray[np.int64], holes: Holes, period_us: float) -> list
         if stop - first >= FITTED_ROWS:
             inside = holes.take(first, stop)
             line = fit_line(stamps[first:stop], inside.row, inside.added)
-        runs.append(_Run(first, stop, int(stamps[first]), *line, was_set))
+        runs.append(FittedRun(first, stop, int(stamps[first]), *line, was_set))
     return runs
 
 
-def _place_segments(columns: SampleColumns, holes: Holes, runs: list[_Run]) -> tuple[Segment, ...]:
+def place_segments(columns: SampleColumns, holes: Holes, runs: list[FittedRun]) -> tuple[Segment, ...]:
     """Put the bridged rows in and lay the runs on the recording's clock."""
     is_bridge = holes.added > 0
     columns.open_holes(holes.row[is_bridge], holes.added[is_bridge])
@@ -106,7 +106,8 @@ def _place_segments(columns: SampleColumns, holes: Holes, runs: list[_Run]) -> t
     return tuple(segments)
 
 
-def _flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
+def flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
+    """Say how the clock was; ``replaced``: stamps that were put into line."""
     found = {
         "W-CLOCK-FWD": replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
         "W-CLOCK-BACK": int(np.count_nonzero(holes.step_us < 0)),

@@ -2,7 +2,7 @@
 
 import hashlib
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -121,3 +121,14 @@ def read_chunks(source: Source, start_byte: int = 0, chunk_bytes: int = CHUNK_BY
     source.file.seek(start_byte)
     while chunk := source.file.read(chunk_bytes):
         yield chunk
+
+
+def mark_last(pieces: Iterable[bytes]) -> Iterator[tuple[bytes, bool]]:
+    """Pair each piece with whether it is the last."""
+    waiting: bytes | None = None
+    for piece in pieces:
+        if waiting is not None:
+            yield waiting, False
+        waiting = piece
+    if waiting is not None:
+        yield waiting, True

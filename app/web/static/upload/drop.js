@@ -1,6 +1,6 @@
 // Files that are dropped or chosen, and whole folders of them.
 
-const ACCEPTED = /\.(gt3x|csv|gz|zip|dat|txt|bin|parquet|mvnx)$/i;
+const ACCEPTED = /\.(gt3x|cwa|csv|gz|zip|dat|txt|bin|parquet|mvnx)$/i;
 
 // Give every file of a drop, also those inside folders: {files, ignored}.
 export async function readDrop(transfer) {

@@ -1,0 +1,188 @@
+"""Finding the blocks of a `.cwa` and taking their samples out, also where the file is damaged.
+
+Layout (Open Movement, Docs/ax3/cwa.h): after a header of 1024 bytes, blocks of 512: "AX", the length 508, a
+head of 30 bytes in all, 480 bytes of samples, and a word that makes the 256 words of the block add up to
+zero. Sectors that are all ones or all zeros were never written.
+"""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.readers.source import mark_last
+
+BLOCK_BYTES = 512
+HEAD_BYTES = 30
+SAMPLE_BYTES = 480
+SIGNATURE = b"AX\xfc\x01"
+BLOCK_HEAD = np.dtype(
+    [
+        ("signature", "S4"),
+        ("fraction", "<u2"),
+        ("session", "<u4"),
+        ("sequence", "<u4"),
+        ("stamp", "<u4"),
+        ("scales", "<u2"),
+        ("temperature", "<u2"),
+        ("events", "u1"),
+        ("battery", "u1"),
+        ("rate", "u1"),
+        ("axes", "u1"),
+        ("offset", "<i2"),
+        ("count", "<u2"),
+    ]
+)
+
+GOOD, BAD_CHECKSUMS, RESYNCS, DAMAGED_BYTES, HUNTED_BYTES, TAIL_BYTES, FIRST_DAMAGE, LAST_DAMAGE = range(8)
+"""Places in the tally: blocks that verify; sectors that begin as a block and do not; times the framing was
+lost; bytes of both; how long the scan has been hunting (0: it is not); bytes of a last block that was cut
+off; good blocks before the first and before the last damage."""
+TALLY_PLACES = 8
+
+
+@njit(cache=True, nogil=True)
+def has_signature(buffer: NDArray[np.uint8], at: int) -> bool:
+    """Whether the four bytes of a block's beginning lie at ``at``; room for them is the caller's care."""
+    return buffer[at] == 0x41 and buffer[at + 1] == 0x58 and buffer[at + 2] == 0xFC and buffer[at + 3] == 0x01
+
+
+@njit(cache=True, nogil=True)
+def is_block(buffer: NDArray[np.uint8], at: int) -> bool:
+    """Whether a whole block with a true checksum lies at ``at``."""
+    if at + BLOCK_BYTES > len(buffer) or not has_signature(buffer, at):
+        return False
+    total = np.int64(0)
+    for k in range(at, at + BLOCK_BYTES, 2):
+        total += buffer[k] + 256 * np.int64(buffer[k + 1])
+    return total & 0xFFFF == 0
+
+
+@njit(cache=True, nogil=True)
+def is_unwritten(buffer: NDArray[np.uint8], first: int, stop: int) -> bool:
+    """Whether the bytes are all ones or all zeros."""
+    if buffer[first] != 0x00 and buffer[first] != 0xFF:
+        return False
+    for k in range(first + 1, stop):  # noqa: SIM110 (numba knows no generators)
+        if buffer[k] != buffer[first]:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def leads_on(buffer: NDArray[np.uint8], at: int) -> bool:
+    """Whether what lies at ``at`` can follow a block: another one, never written room, or the end."""
+    if at + BLOCK_BYTES > len(buffer):
+        return True
+    return has_signature(buffer, at) or is_unwritten(buffer, at, at + BLOCK_BYTES)
+
+
+@njit(cache=True, nogil=True)
+def note_damage(tally: NDArray[np.int64], size_bytes: int) -> None:
+    """Count damaged bytes, and where the damage is."""
+    if tally[BAD_CHECKSUMS] + tally[RESYNCS] == 0:
+        tally[FIRST_DAMAGE] = tally[GOOD]
+    tally[LAST_DAMAGE] = tally[GOOD]
+    tally[DAMAGED_BYTES] += size_bytes
+
+
+@njit(cache=True, nogil=True)
+def pass_sector(buffer: NDArray[np.uint8], at: int, tally: NDArray[np.int64]) -> int:
+    """Step over a sector that is no block; return where to go on.
+
+    Where the next sector can follow, the framing is trusted and this block alone is lost; else the next
+    block that verifies is hunted byte by byte.
+    """
+    if tally[HUNTED_BYTES] == 0 and is_unwritten(buffer, at, at + BLOCK_BYTES):
+        return at + BLOCK_BYTES
+    if tally[HUNTED_BYTES] == 0 and leads_on(buffer, at + BLOCK_BYTES):
+        note_damage(tally, BLOCK_BYTES)
+        tally[BAD_CHECKSUMS] += 1
+        return at + BLOCK_BYTES
+    note_damage(tally, 1)
+    if tally[HUNTED_BYTES] == 0:
+        tally[RESYNCS] += 1
+    tally[HUNTED_BYTES] += 1
+    return at + 1
+
+
+@njit(cache=True, nogil=True)
+def scan_blocks(
+    buffer: NDArray[np.uint8],
+    is_last: bool,  # noqa: FBT001 (numba kernels take their arguments by place)
+    starts: NDArray[np.int64],
+    tally: NDArray[np.int64],
+) -> tuple[int, int]:
+    """Write where the blocks of a piece begin; return (bytes used, blocks found). Linear in the bytes."""
+    ahead = BLOCK_BYTES if is_last else 2 * BLOCK_BYTES
+    at = 0
+    found = 0
+    while at + ahead <= len(buffer):
+        if is_block(buffer, at):
+            starts[found] = at
+            found += 1
+            tally[GOOD] += 1
+            tally[HUNTED_BYTES] = 0
+            at += BLOCK_BYTES
+        else:
+            at = pass_sector(buffer, at, tally)
+    if is_last and at < len(buffer) and not is_unwritten(buffer, at, len(buffer)):
+        tally[TAIL_BYTES] = len(buffer) - at
+    return at, found
+
+
+@njit(cache=True, nogil=True)
+def take_samples(
+    buffer: NDArray[np.uint8],
+    starts: NDArray[np.int64],
+    layouts: NDArray[np.int64],
+    scales: NDArray[np.float32],
+    into: tuple[NDArray[np.float32], NDArray[np.float32]],
+) -> None:
+    """Write the samples of blocks one after the other, acceleration and angular rate.
+
+    ``layouts``: rows and axes of each block, shape (n, 2); ``scales``: g and deg/s of one count, (n, 2). A
+    row is the gyroscope's three int16, the accelerometer's three, and what else there is, little-endian.
+    """
+    acc, gyr = into
+    row = 0
+    for block in range(len(starts)):
+        step = 2 * layouts[block, 1]
+        for k in range(layouts[block, 0]):
+            at = starts[block] + HEAD_BYTES + k * step
+            for axis in range(3):
+                turn = np.int16(buffer[at + 2 * axis] | (buffer[at + 2 * axis + 1] << 8))
+                pull = np.int16(buffer[at + 6 + 2 * axis] | (buffer[at + 7 + 2 * axis] << 8))
+                gyr[row, axis] = turn * scales[block, 1]
+                acc[row, axis] = pull * scales[block, 0]
+            row += 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundBlocks:
+    """The sound blocks of a piece of the file: where each begins, and its head."""
+
+    buffer: NDArray[np.uint8]
+    starts: NDArray[np.int64]
+    heads: NDArray[np.void]
+
+
+def find_blocks(pieces: Iterable[bytes], tally: NDArray[np.int64]) -> Iterator[FoundBlocks]:
+    """Scan a file, from after its header, piece by piece; what a piece does not finish goes into the next."""
+    carried = b""
+    for piece, is_last in mark_last(pieces):
+        buffer = np.frombuffer(carried + piece if carried else piece, np.uint8)
+        starts = np.empty(len(buffer) // BLOCK_BYTES + 1, np.int64)
+        used, found = scan_blocks(buffer, is_last, starts, tally)
+        yield FoundBlocks(buffer, starts[:found], read_heads(buffer, starts[:found]))
+        carried = buffer[used:].tobytes()
+
+
+def read_heads(buffer: NDArray[np.uint8], starts: NDArray[np.int64]) -> NDArray[np.void]:
+    """The heads of blocks, shape (n,)."""
+    rows = buffer[starts[:, np.newaxis] + np.arange(HEAD_BYTES)]
+    return np.ascontiguousarray(rows).reshape(-1).view(BLOCK_HEAD)
