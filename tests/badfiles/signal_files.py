@@ -179,6 +179,22 @@ def zeros_of(rows: int, every: int = 1000) -> Callable[[Matrix], None]:
     return change
 
 
+def stop_axis(axis: int, rows: int, *, is_held: bool = False) -> Callable[[Matrix], None]:
+    """One channel at zero, or at its last value, for so many rows, every ten seconds, in the movement."""
+
+    def change(columns: Matrix) -> None:
+        for first in range(500, len(columns), 1000):
+            columns[first : first + rows, axis] = columns[first - 1, axis] if is_held else 0.0
+
+    return change
+
+
+def zero_acc(columns: Matrix) -> None:
+    """The accelerometer alone at zero for 80 ms, five times."""
+    for first in range(1500, 6000, 1000):
+        columns[first : first + 8, :3] = 0.0
+
+
 def repeats(columns: Matrix) -> None:
     """Three seconds in which a program went on writing the last row."""
     columns[2001:2301] = columns[2000]
