@@ -115,6 +115,12 @@ def swap_sensors(columns: Matrix) -> None:
     columns[:] = columns[:, [3, 4, 5, 0, 1, 2]].copy()
 
 
+def swap_and_delay(columns: Matrix) -> None:
+    """Exchanged, and the true gyroscope half a second late: nothing shows that the exchange is all."""
+    delay_gyro(columns)
+    swap_sensors(columns)
+
+
 def permute_gyro(columns: Matrix) -> None:
     columns[:] = columns[:, [0, 1, 2, 4, 5, 3]].copy()
 
