@@ -176,6 +176,12 @@ class MixedColumns(UnusableRecording):
     code = "E-MIXED"
 
 
+class ExchangedSensors(UnusableRecording):
+    """The columns of the acceleration read like a gyroscope, and those of the angular rate like gravity."""
+
+    code = "E-SWAPPED"
+
+
 class TooShort(UnusableRecording):
     """Less than 10 s could be analysed. Facts: s; left_out (what left out most), left_out_s, cure."""
 

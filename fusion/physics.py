@@ -21,7 +21,8 @@ from fusion.corrections import (
     name_factors,
     turn_axes,
 )
-from fusion.errors import MixedColumns, TooShort, WrongScale
+from fusion.errors import ExchangedSensors, MixedColumns, TooShort, WrongScale
+from fusion.exchanged_sensors import exchange_sensors, look_exchanged
 from fusion.flat_tops import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
 from fusion.gravity_windows import GravityWindows, cut_windows
 from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
@@ -65,9 +66,24 @@ def check_physics(recording: Recording) -> Recording:
         At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
     MixedColumns
         The two sensors contradict each other, and no one order and sign of the axes puts it right.
+    ExchangedSensors
+        Each sensor reads like the other, and their exchange alone does not surely put it right.
     TooShort
         Less than a second, which tells nothing of a unit.
     """
+    if not look_exchanged(recording.segments):
+        return _check_as_named(recording)[0]
+    try:
+        checked, is_borne_out = _check_as_named(exchange_sensors(recording))
+    except (WrongScale, MixedColumns) as refusal:
+        raise ExchangedSensors from refusal
+    if not is_borne_out:
+        raise ExchangedSensors
+    return checked
+
+
+def _check_as_named(recording: Recording) -> tuple[Recording, bool]:
+    """The recording put right, and whether the motion bears it out."""
     checked = _correct_rest_length(_check_gravity(recording))
     unit = _known_unit(checked.understood.get("angular_rate_unit", "deg/s"))
     candidates = _rate_candidates(unit)
@@ -76,8 +92,9 @@ def check_physics(recording: Recording) -> Recording:
     if evidence is not None and evidence.is_wrong:
         raise MixedColumns(percent=round(100.0 * evidence.as_read.score), turns=evidence.lively)
     if evidence is None or not evidence.is_settled:
-        return _narrow_ranges(_assume(checked, unit, candidates[0], evidence), is_cut=cut_off is not None)
-    return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None)
+        assumed = _assume(checked, unit, candidates[0], evidence)
+        return _narrow_ranges(assumed, is_cut=cut_off is not None), False
+    return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None), True
 
 
 def cut_whole_windows(segments: Sequence[Segment]) -> tuple[GravityWindows, float | None]:

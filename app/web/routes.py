@@ -19,7 +19,9 @@ from app.web.rendering import find_base, show_page
 from app.web.versions import History, list_versions, show_failed
 from app.web.views import format_size, now_utc, show_row, show_settings
 
-ASK_COLUMNS = frozenset({"E-MIXED", "E-COLS", "E-RATE", "E-SCALE", "E-TIME", "E-TYPE", "E-PROFILE"})
+ASK_COLUMNS = frozenset(
+    {"E-MIXED", "E-SWAPPED", "E-COLS", "E-RATE", "E-SCALE", "E-TIME", "E-TYPE", "E-PROFILE"}
+)
 """Refusals that a person may cure by saying what the columns are."""
 
 

@@ -13,6 +13,7 @@ from fusion.readers.profile import ColumnProfile, parse_profile
 from fusion.readers.profile_proposal import ProfileProposal, check_profile, propose_profile
 from fusion.readers.sensor_faults import exclude_faults, refuse_dead
 from fusion.readers.source import Source, hash_source, open_source
+from fusion.readers.stuck_channels import exclude_stuck
 from fusion.readers.timing import flag_days
 from fusion.readers.unmeasured import leave_out_held, leave_out_zeros
 from fusion.readers.unpacking import unpack
@@ -94,7 +95,12 @@ def read_recording(
     else:
         recording = _read_recognised(content, rate_hz)
     hashed = replace(recording, sha256=sha256 or hash_source(source))
-    measured = leave_out_held(refuse_dead(leave_out_zeros(hashed)))
+    return _check_readings(hashed)
+
+
+def _check_readings(recording: Recording) -> Recording:
+    """What was not measured goes first, so that the rest can be judged; then units, axes and faults."""
+    measured = exclude_stuck(leave_out_held(refuse_dead(leave_out_zeros(recording))))
     return flag_days(refuse_impossible_rates(exclude_faults(check_physics(measured))))
 
 

@@ -14,18 +14,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.errors import DeadSensor
-from fusion.readers.row_ranges import Ranges, Rows, cut_rows, find_held_runs, join_ranges, place_rows
+from fusion.readers.row_ranges import place_rows
+from fusion.readers.stuck_channels import exclude_stuck
 from fusion.readers.timing import flag_spans
 from fusion.recording import MICROSECONDS, Recording, Segment, Span
 
 SENSORS = ("accelerometer", "gyroscope")
 DEAD_US = 10 * MICROSECONDS
-STUCK_S = 2.0
-"""A channel that keeps one value so long while another moves is stuck."""
-SILENT_S = 0.5
-"""So long a whole sensor keeps its three values only where it does not answer, while the other moves."""
-COARSE_PART = 0.5
-MOVING_G, MOVING_DPS = 0.15, 30.0
 SPIKE_RATIO = 20.0
 """A spike stands out of the steps around it by this factor: hard taps on a sensor reach 10."""
 LEAST_SPIKE_G, LEAST_SPIKE_DPS = 1.0, 150.0
@@ -69,21 +64,12 @@ def has_only(values: NDArray[np.float32], axis: int, value: float) -> bool:
 def exclude_faults(recording: Recording) -> Recording:
     """Take spikes, and stretches in which a channel stuck, out of the analysed time, and say so.
 
-    Spikes are replaced by the mean of their neighbours, for the filters only, in place; stuck stretches end
-    the segment.
+    Spikes are replaced by the mean of their neighbours, for the filters only, in place.
     """
     spikes = [span for segment in recording.segments for span in _mend_spikes(segment)]
-    pairs = [(segment, find_stuck_rows(segment)) for segment in recording.segments]
-    stuck = [place_rows(segment, *pair, "stuck") for segment, rows in pairs for pair in rows]
-    if not spikes and not stuck:
-        return recording
-    segments = tuple(piece for segment, rows in pairs for piece in cut_rows(segment, rows))
-    flags = flag_spans("W-SPIKE", spikes) + flag_spans("W-STUCK-PART", stuck, filled="stuck")
-    return replace(
-        recording,
-        segments=segments or recording.segments[:1],
-        excluded=(*recording.excluded, *spikes, *stuck),
-        flags=(*recording.flags, *flags),
+    flags = (*recording.flags, *flag_spans("W-SPIKE", spikes))
+    return exclude_stuck(
+        replace(recording, excluded=(*recording.excluded, *spikes), flags=flags) if spikes else recording
     )
 
 
@@ -148,60 +134,3 @@ def largest_step(values: NDArray[np.float32], row: int, axis: int) -> float:
         after = abs(values[row + k + 1, axis] - values[row + k, axis])
         largest = max(largest, before, after)
     return largest
-
-
-def find_stuck_rows(segment: Segment) -> Ranges:
-    """Row ranges, apart and in order, in which a channel, or a sensor, stuck while another moved."""
-    found: list[tuple[int, int]] = []
-    shortest, silent = round(STUCK_S * segment.rate_hz), round(SILENT_S * segment.rate_hz)
-    for values in (segment.acc_g, segment.gyr_dps):
-        candidates = [((axis,), find_flat_runs(values, axis, shortest)) for axis in range(3)]
-        candidates.append(((0, 1, 2), find_held_runs(values, values, max(silent, 2))))
-        for axes, runs in candidates:
-            if len(runs) and not any(is_coarse(values, axis, runs) for axis in axes):
-                found += [(int(a), int(b)) for a, b in runs if _is_moving(segment, int(a), int(b))]
-    return join_ranges(sorted(found))
-
-
-def is_coarse(values: NDArray[np.float32], axis: int, runs: Rows) -> bool:
-    """Whether a channel repeats its value so often elsewhere too that a flat stretch proves nothing."""
-    inside = int((runs[:, 1] - runs[:, 0] - 1).sum())
-    elsewhere = len(values) - 1 - inside
-    return count_repeats(values, axis) - inside > COARSE_PART * elsewhere
-
-
-@njit(cache=True, nogil=True)
-def count_repeats(values: NDArray[np.float32], axis: int) -> int:
-    """Rows whose reading is that of the row before."""
-    count = 0
-    for k in range(1, len(values)):
-        if values[k, axis] == values[k - 1, axis]:
-            count += 1
-    return count
-
-
-def _is_moving(segment: Segment, first: int, stop: int) -> bool:
-    acc_range_g = np.ptp(segment.acc_g[first:stop], axis=0).max()
-    gyr_range_dps = np.ptp(segment.gyr_dps[first:stop], axis=0).max()
-    return bool(acc_range_g > MOVING_G or gyr_range_dps > MOVING_DPS)
-
-
-@njit(cache=True, nogil=True)
-def find_flat_runs(values: NDArray[np.float32], axis: int, shortest: int) -> Rows:
-    """Runs of one value, at least ``shortest`` rows long, shape (m, 2): first row and first row after.
-
-    Such a run covers one of any ``shortest`` rows that follow each other: only from these is looked around.
-    """
-    runs = np.empty((len(values) // max(shortest, 1) + 1, 2), np.int64)
-    found, k = 0, max(shortest, 1) - 1
-    while k < len(values):
-        first, stop = k, k + 1
-        while first > 0 and k - first < shortest and values[first - 1, axis] == values[k, axis]:
-            first -= 1
-        while stop < len(values) and values[stop, axis] == values[k, axis]:
-            stop += 1
-        if stop - first >= shortest:
-            runs[found, 0], runs[found, 1] = first, stop
-            found += 1
-        k = stop - 1 + max(shortest, 1)
-    return runs[:found]

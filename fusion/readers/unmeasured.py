@@ -36,6 +36,7 @@ HELD_S, HELD_ROWS = 0.5, 50
 """Identical readings on six channels for so long and so often: no sensor of this kind is that quiet."""
 BLIND_S, BLIND_ROWS = 0.1, 10
 """Three exact zeros of an accelerometer alone, for so long and so often, are no free fall: it has noise."""
+COARSE_STEPS = 5.0
 LOOKED_AT_ROWS = 10_000
 MOST_RUNS_SHARE, FREE_RUNS = 0.1, 100
 """One row in ten that begins a hole is no sampling, as with stamps (fusion.readers.grid)."""
@@ -70,12 +71,14 @@ def measure_usual(acc: NDArray[np.float32]) -> float:
 def _find_fillers(segment: Segment, usual: float) -> Rows:
     """Rows of both sensors, however few; of one of them, for a tenth of a second.
 
-    A gyroscope of coarse counts rests at zero; any other value on all its axes at once it does not keep.
+    A gyroscope of coarse counts rests at zero, or next to it; any other value on all its axes at once it does
+    not keep.
     """
     acc, gyr = segment.acc_g, segment.gyr_dps
     shortest = max(BLIND_ROWS, round(BLIND_S * segment.rate_hz))
     most = len(segment) // shortest + 1
-    found = [find_filler_runs(gyr, gyr, 0.0, shortest, most)]
+    blind = find_filler_runs(gyr, gyr, 0.0, shortest, most)
+    found = [blind[np.abs(gyr[blind[:, 0], 0]) > COARSE_STEPS * _find_step(gyr)] if len(blind) else blind]
     if has_equal_sizes(acc, LEAST_PART * usual, MOST_TIMES * usual):
         count = count_filler_runs(acc, gyr, usual)
         if is_too_frequent(count, len(segment)):
@@ -84,6 +87,12 @@ def _find_fillers(segment: Segment, usual: float) -> Rows:
         found.append(find_filler_runs(acc, acc, usual, shortest, most))
     joined = join_ranges(sorted((int(a), int(b)) for runs in found for a, b in runs))
     return np.array(joined, np.int64).reshape(-1, 2)
+
+
+def _find_step(values: NDArray[np.float32]) -> float:
+    """The smallest reading that is not zero, over some of the rows."""
+    sizes = np.abs(values[:: max(1, len(values) // LOOKED_AT_ROWS)])
+    return float(np.min(sizes, where=sizes > 0.0, initial=np.inf))
 
 
 def _find_held(segment: Segment) -> Rows:

@@ -292,7 +292,9 @@ SIGNALS = (
     read("86 rad/s", "shift.csv", s.scaled(1.0, 0.0174533, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
     refused("86 x2", "shift.csv", s.scaled(2.0, 1.0), "E-SCALE"),
     refused("86 x0.5", "shift.csv", s.scaled(0.5, 1.0, HEADER), "E-SCALE"),
-    refused("87 swapped", "shift.csv", s.altered(s.swap_sensors, times=8), "E-SCALE"),
+    read("87 swapped", "shift.csv", s.altered(s.swap_sensors, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
+    read("87 swapped, much movement", "shift.csv", s.tumbled(s.swap_sensors), "W-UNITS", (240.0, 0.0, 0.0)),
+    refused("87 swapped, and gyro late", "shift.csv", s.tumbled(s.swap_and_delay), "E-SWAPPED"),
     read("87 permuted", "shift.csv", s.tumbled(s.permute_gyro), "W-UNITS", (240.0, 0.0, 0.0)),
     read("87 one sign", "shift.csv", s.tumbled(s.flip_gyro_y), "W-UNITS", (240.0, 0.0, 0.0)),
     read("87 left-handed", "shift.csv", s.tumbled(s.left_handed), "W-UNITS", (240.0, 0.0, 0.0)),
@@ -343,6 +345,18 @@ SIGNALS = (
         (58.0, 2.0, 0.0),
     ),
     read("89 zeros, 1.4 s every 10 s", "shift.csv", s.tumbled(s.zeros_of(140)), FILLED, (207.8, 32.2, 0.0)),
+    *(
+        read(f"89 {name}", "shift.csv", s.tumbled(change), "W-STUCK-PART", (240.0 - lost_s, 0.0, lost_s))
+        for name, change, lost_s in (
+            ("gyro y zero, 30 ms", s.stop_axis(4, 3), 0.72),
+            ("gyro y zero, 0.2 s", s.stop_axis(4, 20), 4.8),
+            ("gyro z zero, 1.4 s", s.stop_axis(5, 140), 33.6),
+            # of 24, in two the axis hardly turned; the row that is repeated goes with the rest
+            ("gyro x held, 0.3 s", s.stop_axis(3, 30, is_held=True), 6.82),
+            ("acc z zero, 80 ms", s.stop_axis(2, 8), 1.92),
+        )
+    ),
+    read("89 acc zero, 80 ms", "shift.csv", s.altered(s.zero_acc), "W-STUCK-PART W-SHORT", (59.6, 0.0, 0.4)),
     read("89 repeats", "shift.csv", s.altered(s.repeats), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
     read("90", "shift.csv", s.altered(s.spikes), "W-SPIKE W-SHORT", (59.92, 0.0, 0.08)),
     read("95 days", "shift.gt3x", g.three_days, "W-GAP W-MULTIDAY W-LOWCOVER", (60.0, 158_400.0, 0.0)),

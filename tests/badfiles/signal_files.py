@@ -115,6 +115,12 @@ def swap_sensors(columns: Matrix) -> None:
     columns[:] = columns[:, [3, 4, 5, 0, 1, 2]].copy()
 
 
+def swap_and_delay(columns: Matrix) -> None:
+    """Exchanged, and the true gyroscope half a second late: nothing shows that the exchange is all."""
+    delay_gyro(columns)
+    swap_sensors(columns)
+
+
 def permute_gyro(columns: Matrix) -> None:
     columns[:] = columns[:, [0, 1, 2, 4, 5, 3]].copy()
 
@@ -177,6 +183,22 @@ def zeros_of(rows: int, every: int = 1000) -> Callable[[Matrix], None]:
             columns[first : first + rows] = 0.0
 
     return change
+
+
+def stop_axis(axis: int, rows: int, *, is_held: bool = False) -> Callable[[Matrix], None]:
+    """One channel at zero, or at its last value, for so many rows, every ten seconds, in the movement."""
+
+    def change(columns: Matrix) -> None:
+        for first in range(500, len(columns), 1000):
+            columns[first : first + rows, axis] = columns[first - 1, axis] if is_held else 0.0
+
+    return change
+
+
+def zero_acc(columns: Matrix) -> None:
+    """The accelerometer alone at zero for 80 ms, five times."""
+    for first in range(1500, 6000, 1000):
+        columns[first : first + 8, :3] = 0.0
 
 
 def repeats(columns: Matrix) -> None:

@@ -187,12 +187,19 @@ def test_a_gyroscope_alone_at_one_value_for_a_tenth_of_a_second_is_no_reading() 
     assert told(read("shift.csv", columns))["W-STUCK-PART"].seconds == 3.0
 
 
-def test_one_channel_at_zero_is_a_reading() -> None:
+def test_a_gyroscope_at_zero_while_the_arm_is_still_is_a_reading() -> None:
     columns = s.readings().copy()
     columns[2000:2040, 3:] = 0.0
-    columns[3000:3009, :3] = 0.0
 
     assert told(read("shift.csv", columns)) == {}
+
+
+def test_a_gyroscope_of_whole_degrees_may_rest_at_one_of_them() -> None:
+    acc_g, gyr_dps = minute()
+    resting = record(acc_g, np.round(gyr_dps), 100.0)
+    resting.segments[0].gyr_dps[2000:2040] = 1.0
+
+    assert leave_out_zeros(resting) is resting
 
 
 def test_a_hole_next_to_zeros_is_bridged_with_them() -> None:

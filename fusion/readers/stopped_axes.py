@@ -1,0 +1,216 @@
+"""Single axes that stop for a moment: stuck at one value, or at zero, while the sensor is turned.
+
+An axis of a part with noise does not keep one value and then leap by many counts to where the movement has
+gone meanwhile. Three signs are asked for: the same reading in several rows; a leap at one end that neither
+the rows outside of it nor the sensor's other axes share; and either the same leap back at the other end, or
+movement in between that other channels show. In the recordings in hand, taps and vibration included, no
+reading that was measured shows them.
+"""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.readers.row_ranges import Rows
+from fusion.recording import Segment
+
+LEAP_G, LEAP_DPS = 0.1, 5.0
+"""A leap by less, at the rates at which an arm moves, costs a fraction of a degree."""
+MOVED_G, MOVED_DPS = 0.05, 5.0
+LEAP_COUNTS, LEAP_STEPS = 10.0, 8.0
+"""Of coarse readings, a leap is so many steps."""
+SMOOTH_PART = 0.5
+"""The steps around a leap are smaller than this part of it: a knock rings."""
+FEWEST_ROWS, FEWEST_BETWEEN_LEAPS = 5, 3
+CLIPPED_PART = 0.98
+"""A flat top at the axis' own extreme is told of as clipped."""
+PROVEN_STOPS = 3
+SAMPLED_ROWS = 20_000
+
+Values = NDArray[np.float32]
+Stop = tuple[int, int, int]
+"""Channel (0 to 2 accelerometer, 3 to 5 gyroscope), first row and first row after."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Signs:
+    """What a channel must show.
+
+    ``leaps``: next to a run, and next to one or two rows of zero; ``moved``: its own sensor's other axes, or
+    the other sensor; ``extreme``: from which size on a run is the end of the range.
+    """
+
+    leaps: tuple[float, float]
+    moved: tuple[float, float]
+    extreme: float
+
+
+def find_stops(segments: Sequence[Segment]) -> list[list[Stop]]:
+    """Find them in each segment.
+
+    Where one channel stops often, always at one value, each rest at that value during movement is a stop.
+    """
+    found: list[list[Stop]] = [[] for _ in segments]
+    for channel in range(6):
+        signs = _choose_signs(segments, channel)
+        stops = [_scan(segment, channel, signs) for segment in segments]
+        value = _name_value(segments, channel, stops)
+        if value is not None:
+            stops = [_scan(segment, channel, signs, value) for segment in segments]
+        for one, rows in zip(found, stops, strict=True):
+            one += [(channel, first, stop) for first, stop in rows.tolist()]
+    return found
+
+
+def _sense(segment: Segment, channel: int) -> tuple[Values, Values]:
+    """The channel's own sensor and the other one."""
+    return (segment.acc_g, segment.gyr_dps) if channel < 3 else (segment.gyr_dps, segment.acc_g)
+
+
+def _choose_signs(segments: Sequence[Segment], channel: int) -> _Signs:
+    """A leap is at least ten of the channel's small steps; next to a zero or two, eight of its usual ones."""
+    axis, is_acc = channel % 3, channel < 3
+    own, _ = _sense(max(segments, key=len), channel)
+    stride = max(2, len(own) // SAMPLED_ROWS)
+    steps = np.abs(own[1::stride, axis] - own[: len(own) - 1 : stride, axis])
+    small, usual = np.quantile(steps[steps > 0.0], [0.1, 0.5]).tolist() if steps.any() else (0.0, 0.0)
+    leap = max(LEAP_G if is_acc else LEAP_DPS, LEAP_COUNTS * small)
+    moved = (MOVED_G, MOVED_DPS) if is_acc else (MOVED_DPS, MOVED_G)
+    columns = [_sense(segment, channel)[0][:, axis] for segment in segments]
+    extreme = max(max(one.max(initial=0.0), -one.min(initial=0.0)) for one in columns)
+    return _Signs((leap, max(leap, LEAP_STEPS * usual)), moved, CLIPPED_PART * float(extreme))
+
+
+def _name_value(segments: Sequence[Segment], channel: int, stops: Sequence[Rows]) -> float | None:
+    """The value at which a channel stops again and again, if it is mostly one."""
+    pairs = list(zip(segments, stops, strict=True))
+    values = np.concatenate([_sense(segment, channel)[0][rows[:, 0], channel % 3] for segment, rows in pairs])
+    if len(values) < PROVEN_STOPS:
+        return None
+    named, counts = np.unique(values, return_counts=True)
+    return float(named[counts.argmax()]) if 2 * counts.max() > len(values) else None
+
+
+def _scan(segment: Segment, channel: int, signs: _Signs, value: float = np.nan) -> Rows:
+    own, other = _sense(segment, channel)
+
+    def scan(room: Rows) -> int:
+        return scan_axis(own, other, channel % 3, signs.leaps, signs.moved, signs.extreme, value, room)
+
+    found = np.empty((scan(np.empty((0, 2), np.int64)), 2), np.int64)
+    if len(found):
+        scan(found)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def scan_axis(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    own: Values,
+    other: Values,
+    axis: int,
+    leaps: tuple[float, float],
+    moved: tuple[float, float],
+    extreme: float,
+    value: float,
+    found: Rows,
+) -> int:
+    """Fill in the stops of one axis, as many as there is room for; return how many there are."""
+    count, first = 0, 0
+    for row in range(1, len(own) + 1):
+        if row < len(own) and own[row, axis] == own[first, axis]:
+            continue
+        held = own[first, axis]
+        is_run = row - first >= FEWEST_BETWEEN_LEAPS
+        if (is_run or held == 0.0) and abs(held) < extreme:
+            is_stop = tells_stop(own, other, axis, first, row, leaps[0 if is_run else 1], moved)
+            if not is_stop and held == value and row - first >= FEWEST_ROWS:
+                is_stop = has_moved(own, other, axis, first, row, moved)
+            if is_stop:
+                if count < len(found):
+                    found[count, 0], found[count, 1] = first, row
+                count += 1
+        first = row
+    return count
+
+
+@njit(cache=True, nogil=True)
+def tells_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    own: Values, other: Values, axis: int, first: int, stop: int, leap: float, moved: tuple[float, float]
+) -> bool:
+    """Whether a run of one value is a stop: leaps at both ends that agree, or one and movement between."""
+    if keeps_all(own, first, stop) and keeps_all(other, first, stop):
+        return False
+    before = measure_leap(own, axis, (first, stop), -1)
+    after = measure_leap(own, axis, (first, stop), 1)
+    if before * after > 0.0 and min(abs(before), abs(after)) >= leap:
+        return abs(before - after) < SMOOTH_PART * max(abs(before), abs(after))
+    if stop - first < FEWEST_ROWS or max(abs(before), abs(after)) < leap:
+        return False
+    return has_moved(own, other, axis, first, stop, moved)
+
+
+@njit(cache=True, nogil=True)
+def measure_leap(own: Values, axis: int, run: tuple[int, int], way: int) -> float:
+    """How far the reading before a run (way -1), or after it (1), is from it.
+
+    0 where the rows beyond leap too, or an axis that did not stop with it.
+    """
+    first, stop = run
+    row = first if way < 0 else stop - 1
+    out = row + way
+    if out + 2 * way < 0 or out + 2 * way >= len(own):
+        return 0.0
+    leap = own[out, axis] - own[row, axis]
+    most = SMOOTH_PART * abs(leap)
+    for k in range(2):
+        if abs(own[out + (k + 1) * way, axis] - own[out + k * way, axis]) > most:
+            return 0.0
+    for k in range(3):
+        if abs(own[out, k] - own[row, k]) > most and k != axis and not keeps(own, k, first, stop):
+            return 0.0
+    return leap
+
+
+@njit(cache=True, nogil=True)
+def keeps(values: Values, axis: int, first: int, stop: int) -> bool:
+    """Whether an axis shows one value in all rows."""
+    for row in range(first + 1, stop):  # noqa: SIM110 (numba compiles no generator expressions)
+        if values[row, axis] != values[first, axis]:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def keeps_all(values: Values, first: int, stop: int) -> bool:
+    """Whether a sensor shows one reading in all rows of two or more."""
+    if stop - first < 2:
+        return False
+    return keeps(values, 0, first, stop) and keeps(values, 1, first, stop) and keeps(values, 2, first, stop)
+
+
+@njit(cache=True, nogil=True)
+def has_moved(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    own: Values, other: Values, axis: int, first: int, stop: int, moved: tuple[float, float]
+) -> bool:
+    """Whether another channel changed by more than noise between the first row and the last."""
+    for k in range(3):
+        if k != axis and measure_range(own, k, first, stop) > moved[0]:
+            return True
+        if measure_range(other, k, first, stop) > moved[1]:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def measure_range(values: Values, axis: int, first: int, stop: int) -> float:
+    """Largest less smallest reading."""
+    low = high = values[first, axis]
+    for row in range(first + 1, stop):
+        low = min(low, values[row, axis])
+        high = max(high, values[row, axis])
+    return high - low

@@ -1,0 +1,162 @@
+"""Stretches in which a channel, or a whole sensor, stuck: found, and taken out of the analysed time."""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from fusion.readers.grid import LONGEST_BRIDGE_US
+from fusion.readers.row_ranges import Ranges, Rows, cut_rows, find_held_runs, join_ranges, place_rows
+from fusion.readers.stopped_axes import MOVED_DPS, MOVED_G, Stop, Values, find_stops
+from fusion.readers.timing import flag_spans
+from fusion.readers.unmeasured import bridge_rows
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
+
+STUCK_S, STUCK_ROWS = 0.5, 40
+"""An axis keeps one value so long, while something moves and the sensor's others show noise: it stuck."""
+LONG_S = 2.0
+"""So long, it is enough that any other moves."""
+SILENT_S = 0.5
+"""So long a whole sensor keeps its three values only where it does not answer, while the other moves."""
+COARSE_PART, LIVE_PART = 0.5, 0.25
+"""How many of its rows a coarse channel repeats, at least, and one with noise, at most."""
+MOVING_G, MOVING_DPS = 0.15, 30.0
+
+Pair = tuple[int, int]
+
+
+def exclude_stuck(recording: Recording) -> Recording:
+    """Take what stuck out of the analysed time, and say so (W-STUCK-PART).
+
+    Of one channel, up to 50 ms are bridged for the filters, in place; longer stretches end the segment. May
+    be asked again, when the units have become known.
+    """
+    segments = recording.segments
+    found = zip(segments, find_stuck_rows(segments), find_stops(segments), strict=True)
+    pairs = [(segment, _part_rows(segment, rows, stops)) for segment, rows, stops in found]
+    stuck = [
+        place_rows(segment, *rows, "stuck")
+        for segment, parts in pairs
+        for rows in sorted([*parts[0], *parts[1]])
+    ]
+    if not stuck:
+        return recording
+    kept = tuple(piece for segment, (_, cut) in pairs for piece in cut_rows(segment, cut))
+    excluded = (*recording.excluded, *stuck)
+    others = (flag for flag in recording.flags if not _tells_stuck(flag))
+    return replace(
+        recording,
+        segments=kept or segments[:1],
+        excluded=excluded,
+        flags=(*others, *_flag_stuck(excluded)),
+    )
+
+
+def _tells_stuck(flag: QualityFlag) -> bool:
+    return flag.code == "W-STUCK-PART" and flag.facts.get("filled") == "stuck"
+
+
+def _flag_stuck(excluded: tuple[Span, ...]) -> tuple[QualityFlag, ...]:
+    spans = sorted((span for span in excluded if span.reason == "stuck"), key=lambda span: span.start_us)
+    return flag_spans("W-STUCK-PART", spans, filled="stuck")
+
+
+def _part_rows(segment: Segment, stuck: Ranges, stops: Sequence[Stop]) -> tuple[list[Pair], list[Pair]]:
+    """Rows that were bridged, and rows to cut out."""
+    most = int(LONGEST_BRIDGE_US * segment.rate_hz / MICROSECONDS + 1e-3)
+
+    def is_short(first: int, stop: int) -> bool:
+        return stop - first <= most and first > 0 and stop < len(segment)
+
+    for channel, first, stop in stops:
+        if is_short(first, stop):
+            axis = channel % 3
+            values = (segment.acc_g, segment.gyr_dps)[channel // 3]
+            bridge_rows(values[:, axis : axis + 1], first, stop)
+    ranges = join_ranges(sorted([*stuck, *((first, stop) for _, first, stop in stops)]))
+    return [pair for pair in ranges if is_short(*pair)], [pair for pair in ranges if not is_short(*pair)]
+
+
+def find_stuck_rows(segments: Sequence[Segment]) -> list[list[Pair]]:
+    """For each segment, row ranges, apart and in order, in which a channel, or a whole sensor, stuck."""
+    found: list[list[Pair]] = [[] for _ in segments]
+    for sensor in range(2):
+        samples = [_read(segment, sensor) for segment in segments]
+        for axes in ((0,), (1,), (2,), (0, 1, 2)):
+            runs = [_find_flat(segment, sensor, axes) for segment in segments]
+            if not any(map(len, runs)) or any(is_coarse(samples, axis, runs) for axis in axes):
+                continue
+            for one, segment, some in zip(found, segments, runs, strict=True):
+                one += [(a, b) for a, b in some.tolist() if _is_stuck(segment, sensor, axes, (a, b))]
+    return [join_ranges(sorted(some)) for some in found]
+
+
+def _read(segment: Segment, sensor: int) -> Values:
+    return segment.gyr_dps if sensor else segment.acc_g
+
+
+def _find_flat(segment: Segment, sensor: int, axes: tuple[int, ...]) -> Rows:
+    """Runs of one value on one axis, or on all three."""
+    values = _read(segment, sensor)
+    if len(axes) == 1:
+        return find_flat_runs(values, axes[0], max(round(STUCK_S * segment.rate_hz), STUCK_ROWS))
+    return find_held_runs(values, values, max(round(SILENT_S * segment.rate_hz), 2))
+
+
+def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) -> bool:
+    """Whether what keeps its value should not: a sensor while anything moves, an axis as STUCK_S says."""
+    first, stop = rows
+    is_long = len(axes) > 1 or stop - first >= LONG_S * segment.rate_hz
+    if is_long and _has_range(segment, rows, MOVING_G, MOVING_DPS):
+        return True
+    others = np.delete(_read(segment, sensor)[first:stop], axes, axis=1)
+    repeats = (np.diff(others, axis=0) == 0.0).mean(axis=0)
+    is_live = len(axes) == 1 and bool(repeats.max() < LIVE_PART)
+    return is_live and _has_range(segment, rows, MOVED_G, MOVED_DPS)
+
+
+def _has_range(segment: Segment, rows: Pair, acc_g: float, gyr_dps: float) -> bool:
+    """Whether any channel changes by so much."""
+    ranges_g, ranges_dps = (np.ptp(_read(segment, sensor)[slice(*rows)], axis=0) for sensor in range(2))
+    return bool(ranges_g.max() > acc_g or ranges_dps.max() > gyr_dps)
+
+
+def is_coarse(samples: Sequence[Values], axis: int, runs: Sequence[Rows]) -> bool:
+    """Whether a channel repeats its value so often elsewhere too that flat stretches prove nothing."""
+    inside = sum(int((some[:, 1] - some[:, 0] - 1).sum()) for some in runs)
+    elsewhere = sum(len(values) - 1 for values in samples) - inside
+    return sum(count_repeats(values, axis) for values in samples) - inside > COARSE_PART * elsewhere
+
+
+@njit(cache=True, nogil=True)
+def count_repeats(values: Values, axis: int) -> int:
+    """Rows whose reading is that of the row before."""
+    count = 0
+    for k in range(1, len(values)):
+        if values[k, axis] == values[k - 1, axis]:
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def find_flat_runs(values: Values, axis: int, shortest: int) -> Rows:
+    """Runs of one value, at least ``shortest`` rows long, shape (m, 2): first row and first row after.
+
+    Such a run covers one of any ``shortest`` rows that follow each other: only from these is looked around.
+    """
+    runs = np.empty((len(values) // max(shortest, 1) + 1, 2), np.int64)
+    found, k = 0, max(shortest, 1) - 1
+    while k < len(values):
+        first, stop = k, k + 1
+        while first > 0 and k - first < shortest and values[first - 1, axis] == values[k, axis]:
+            first -= 1
+        while stop < len(values) and values[stop, axis] == values[k, axis]:
+            stop += 1
+        if stop - first >= shortest:
+            runs[found, 0], runs[found, 1] = first, stop
+            found += 1
+        k = stop - 1 + max(shortest, 1)
+    return runs[:found]
