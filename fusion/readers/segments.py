@@ -1,6 +1,6 @@
 """Cutting stamped rows into the segments of a recording."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +19,15 @@ from fusion.readers.grid import (
     find_holes,
     fit_line,
     mend_stamps,
+)
+from fusion.readers.rate_changes import (
+    Stretches,
+    are_too_many,
+    choose_period_us,
+    find_even_rows,
+    find_rate_changes,
+    flag_rates,
+    leave_stretches,
 )
 from fusion.readers.samples import SampleColumns
 from fusion.readers.stamp_repair import sort_late_rows, spread_coarse_stamps
@@ -44,7 +53,14 @@ def cut_stamped(columns: SampleColumns) -> Grid:
     mended += sort_late_rows(columns, period_us)
     replaced = mend_stamps(stamps, period_us)
     holes = find_holes(stamps, period_us)
-    fits = _fit_runs(stamps, holes, period_us)
+    stretches = find_rate_changes(stamps, period_us)
+    if len(stretches):
+        holes, stretches = leave_stretches(holes, stretches, columns.rows)
+        period_us = choose_period_us(stamps, stretches, period_us)
+    if are_too_many(holes, columns.rows):
+        return _cut_even_rows(columns, find_even_rows(holes, columns.rows), mended)
+    mended += flag_rates(stamps, stretches)
+    fits = _fit_runs(stamps, holes, stretches, period_us)
     segments = place_segments(columns, holes, fits)
     duration_us = segments[-1].end_us
     jitter_us = max(fit.jitter_us for fit in fits)
@@ -70,17 +86,29 @@ class FittedRun:
     is_set: bool
 
 
-def _fit_runs(stamps: NDArray[np.int64], holes: Holes, period_us: float) -> list[FittedRun]:
+def _cut_even_rows(
+    columns: SampleColumns, is_even: NDArray[np.bool_], mended: tuple[QualityFlag, ...]
+) -> Grid:
+    """Leave out the stretches that are no sampling, whose time is then missing, and cut the rest."""
+    dropped = int(np.count_nonzero(~is_even))
+    columns.keep(is_even)
+    grid = cut_stamped(columns)
+    return replace(grid, flags=(*mended, QualityFlag("W-ROWS-DROPPED", dropped), *grid.flags))
+
+
+def _fit_runs(
+    stamps: NDArray[np.int64], holes: Holes, stretches: Stretches, period_us: float
+) -> list[FittedRun]:
     is_cut = holes.added == 0
-    edges = [0, *holes.row[is_cut].tolist(), len(stamps)]
-    is_set = [False, *holes.is_set[is_cut].tolist()]
+    sets = set(holes.row[is_cut & holes.is_set].tolist())
+    edges = sorted({0, *holes.row[is_cut].tolist(), *stretches.flatten().tolist(), len(stamps)})
     runs = []
-    for (first, stop), was_set in zip(pairwise(edges), is_set, strict=True):
+    for first, stop in pairwise(edges):
         line = (0.0, period_us, 0.0)
         if stop - first >= FITTED_ROWS:
             inside = holes.take(first, stop)
             line = fit_line(stamps[first:stop], inside.row, inside.added)
-        runs.append(FittedRun(first, stop, int(stamps[first]), *line, was_set))
+        runs.append(FittedRun(first, stop, int(stamps[first]), *line, first in sets))
     return runs
 
 

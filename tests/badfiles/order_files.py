@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
 
+import numpy as np
+
 from tests.badfiles.table_files import ACTILIFE, ACTILIFE_COLUMNS, NAMES, calendar, stamped, values
 from tests.fusion.table_builder import HEADER
 
@@ -51,3 +53,14 @@ def short_counter(bits: int, unit: str, tick_us: int, first_us: int = 1_000_000)
     """A counter of fewer than 32 bits, which starts over on the way."""
     stamps = [(first_us + 10_000 * k) // tick_us % 2**bits for k in range(6000)]
     return ordered(range(6000), stamps, f"time_{unit}," + NAMES)
+
+
+def thinned(first: int, stop: int, keep_every: int) -> list[int]:
+    """All rows but those between the kept ones of a stretch."""
+    return [*range(first), *range(first, stop, keep_every), *range(stop, 6000)]
+
+
+def thinned_at_random(first: int, stop: int) -> list[int]:
+    """Two rows of five of a stretch are lost, nobody knows which."""
+    lost = np.random.default_rng(3).random(stop - first) < 0.4
+    return [*range(first), *(np.flatnonzero(~lost) + first).tolist(), *range(stop, 6000)]

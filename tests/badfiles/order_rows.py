@@ -12,6 +12,30 @@ BACKWARDS = range(5999, -1, -1)
 ORDER = (
     read("75 24 bits of ms", "shift.csv", given(o.short_counter(24, "ms", 1000, 16_750_000_000)), "W-WRAP"),
     read("75 16 bits of ms", "shift.csv", given(o.short_counter(16, "ms", 1000, 30_000_000)), "W-WRAP"),
+    read("78 every second row", "shift.csv", given(o.ordered(o.thinned(2000, 4000, 2))), "W-RATE-CHANGE"),
+    read(
+        "78 two rows of three",
+        "shift.csv",
+        given(o.ordered(o.thinned(2000, 4000, 3))),
+        "W-GAP W-RATE-CHANGE W-SHORT",
+        (59.99, 0.01, 0.0),
+    ),
+    read(
+        "78 rows lost at random",
+        "shift.csv",
+        given(o.ordered(o.thinned_at_random(2000, 5000))),
+        "W-GAP W-ROWS-DROPPED W-SHORT",
+        (27.59, 32.41, 0.0),
+    ),
+    read(
+        "85 half the rate from half on",
+        "shift.csv",
+        given(o.ordered(o.thinned(3000, 6000, 2))),
+        "W-RATE-CHANGE",
+    ),
+    read(
+        "85 twice the rate at the end", "shift.csv", given(o.ordered(o.thinned(0, 4800, 2))), "W-RATE-CHANGE"
+    ),
     read("77 pieces", "shift.csv", given(o.ordered(o.PASTED)), "W-PIECES"),
     read(
         "77 pieces, wall clock",
