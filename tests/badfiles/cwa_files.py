@@ -32,7 +32,8 @@ def counts() -> Counts:
     """The minute of an arm, gyroscope first, shape (6000, 6)."""
     acc_g, gyr_dps = minute()
     table = np.concatenate([gyr_dps * COUNTS_PER_DPS, acc_g * COUNTS_PER_G], axis=1)
-    return np.clip(np.rint(table), -32_768, 32_767).astype(np.int16)
+    counted: Counts = np.clip(np.rint(table), -32_768, 32_767).astype(np.int16)
+    return counted
 
 
 def part(number: int, at_us: int | None = None, session: int = SESSION) -> bytes:

@@ -51,13 +51,11 @@ def by_hand() -> bytes:
 
 
 def test_a_block_worked_out_by_hand_is_read_as_it_was_meant() -> None:
-    second = block(1, START_US + 520_000, still_rows(ROWS) * np.int16([1, 1, 1, 1, 1, 2]), scales=0x8C00)
-    rest = [
-        block(2 + k, START_US + 920_000 + 400_000 * k, still_rows(ROWS, k) * np.int16([1, 1, 1, 1, 1, 2]),
-              scales=0x8C00) for k in range(5)
-    ]  # fmt: skip
+    at_rest = still_rows(ROWS)
+    at_rest[:, 5] *= 2  # 4096 counts are 1 g here
+    rest = [block(1 + k, START_US + 520_000 + 400_000 * k, at_rest, scales=0x8C00) for k in range(6)]
 
-    recording = read_file(header() + by_hand() + second + b"".join(rest))
+    recording = read_file(header() + by_hand() + b"".join(rest))
 
     segment = recording.segments[0]
     count_dps = 1000 / 32768
