@@ -133,7 +133,7 @@ def main() -> None:
             for _ in range(ROUNDS)
         ]
         for name in programs:
-            seconds = [one[name] for one in rounds if one[name] is not None]
+            seconds = [taken for one in rounds if (taken := one[name]) is not None]
             if seconds:
                 told = compare(Path(folder, f"{name}.npz"), path.with_suffix(".npz"))
                 print(f"  {name:22s} {statistics.median(seconds):7.3f} s   {told}")
