@@ -25,8 +25,11 @@ def make_target(name: str) -> Callable[[bytes], None]:
     seeds = importlib.import_module("benchmarks.fuzz.seeds")
 
     def read_one(content: bytes) -> None:
-        if name.endswith("checksums mended"):
+        if name == "gt3x log, checksums mended":
             content = b"".join(mutations.close_record(one) for one in mutations.split_records(content))
+        elif name == "cwa, checksums mended":
+            blocks = [content[at : at + 512] for at in range(1024, len(content), 512)]
+            content = content[:1024] + b"".join(map(mutations.close_block, blocks))
         whole = seeds.wrap(name, content)
         try:
             recording = readers.read_recording(io.BytesIO(whole))

@@ -121,6 +121,36 @@ def mutate_records(log: bytes, random: Random) -> bytes:
     return b"".join(close_record(record) for record in records)
 
 
+def mutate_blocks(log: bytes, random: Random) -> bytes:
+    """Damage blocks of a `.cwa` inside, move them about, and mend the checksums."""
+    header, blocks = log[:1024], [log[at : at + 512] for at in range(1024, len(log), 512)]
+    for _ in range(random.choice((1, 1, 2, 5, 20))):
+        place, choice = random.randrange(len(blocks)), random.randrange(6)
+        if choice == 0:
+            blocks.insert(random.randrange(len(blocks)), blocks[place])
+        elif choice == 1 and len(blocks) > 1:
+            del blocks[place]
+        else:
+            blocks[place] = _change_block(blocks[place], random)
+    return header + b"".join(map(close_block, blocks))
+
+
+def close_block(block: bytes) -> bytes:
+    """Put length and checksum back; room that was never written is left as it is."""
+    if not block.startswith(b"AX"):
+        return block
+    filled = (block[:2] + b"\xfc\x01" + block[4:510]).ljust(510, b"\0")
+    total = sum(int.from_bytes(filled[at : at + 2], "little") for at in range(0, 510, 2))
+    return filled + (-total % 65_536).to_bytes(2, "little")
+
+
+def _change_block(block: bytes, random: Random) -> bytes:
+    """Most of what can go wrong stands in the head."""
+    head, rest = bytearray(block[:30]), bytearray(block[30:510])
+    random.choice((flip_bits, set_word, splice))(random.choice((head, head, head, rest)), random)
+    return bytes(head[:30]).ljust(30, b"\0") + bytes(rest)
+
+
 def split_records(log: bytes) -> list[bytes]:
     """Records without size and checksum: separator, kind, stamp; then the payload."""
     records = []

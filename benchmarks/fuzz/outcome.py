@@ -7,7 +7,7 @@ from random import Random
 
 import numpy as np
 
-from benchmarks.fuzz.mutations import mutate, mutate_records
+from benchmarks.fuzz.mutations import mutate, mutate_blocks, mutate_records
 from benchmarks.fuzz.seeds import SEEDS, wrap
 from fusion.errors import FusionError
 from fusion.readers import read_recording
@@ -17,12 +17,13 @@ SAMPLES_PER_BYTE = 64
 SPARE_BYTES = 1 << 20
 PACKED = ("CSV, gzip", "CSV in zip", "Parquet")
 PACKED_RATIO = 20
+MENDING = {"gt3x log, checksums mended": mutate_records, "cwa, checksums mended": mutate_blocks}
+"""Those that put checksums back, so that the damage is reached."""
 
 
 def damage(name: str, random: Random) -> bytes:
     """Give a damaged file of a format."""
-    change = mutate_records if name.endswith("checksums mended") else mutate
-    return wrap(name, change(SEEDS[name], random))
+    return wrap(name, MENDING.get(name, mutate)(SEEDS[name], random))
 
 
 def read_damaged(name: str, random: Random) -> str:

@@ -9,6 +9,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from tests.fusion.cwa_builder import START_US as CWA_START_US
+from tests.fusion.cwa_builder import block as cwa_block
+from tests.fusion.cwa_builder import blocks as cwa_blocks
+from tests.fusion.cwa_builder import header as cwa_header
 from tests.fusion.gt3x_builder import INFO, T0, log_of, pack, record
 from tests.fusion.table_builder import HEADER, PREAMBLE
 
@@ -92,6 +96,13 @@ def device_log() -> bytes:
     return record(3, T0, b"\x08") + awake + record(26, T0 + 3, b"\0") + record(3, T0 + 12, b"\x09")
 
 
+def ax6_log() -> bytes:
+    """Two sessions of the device, the second begun again after a pause, and room that was never written."""
+    again = [cwa_block(k, CWA_START_US + 30_000_000 + 400_000 * k) for k in range(20)]
+    older = [cwa_block(k, CWA_START_US - 90_000_000 + 400_000 * k, session=5) for k in range(3)]
+    return cwa_header() + b"".join([*cwa_blocks(range(40)), *again, *older]) + b"\xff" * 1024
+
+
 def zipped(content: bytes) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
@@ -116,6 +127,8 @@ SEEDS = {
     "gt3x log": device_log(),
     "gt3x log, checksums mended": device_log(),
     "gt3x info.txt": INFO.encode(),
+    "cwa": ax6_log(),
+    "cwa, checksums mended": ax6_log(),
     "ActiLife CSV with stamps": actilife(has_stamps=True),
     "ActiLife CSV without stamps": actilife(has_stamps=False),
     "LSM9DS1 CSV": canonical(),

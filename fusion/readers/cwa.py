@@ -54,8 +54,13 @@ EARLY_END_S = 60.0
 
 def recognise(source: Source) -> bool:
     """Whether the file begins with the header of a `.cwa`, or has a sound block where the first one lies."""
-    head = np.frombuffer(source.head[: HEADER_BYTES + BLOCK_BYTES], np.uint8)
-    return source.head.startswith(MAGIC) or is_block(head, HEADER_BYTES)
+    return is_cwa(source.head)
+
+
+def is_cwa(head: bytes) -> bool:
+    """As :func:`recognise`, by the first bytes."""
+    first = np.frombuffer(head[: HEADER_BYTES + BLOCK_BYTES], np.uint8)
+    return head.startswith(MAGIC) or is_block(first, HEADER_BYTES)
 
 
 def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the blocks tell it)

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
-from fusion.readers import gt3x, read_recording
+from fusion.readers import cwa, gt3x, read_recording
+from fusion.readers.cwa_header import HEADER_BYTES, parse_header
 from fusion.readers.gt3x_archive import MAX_TEXT_BYTES
 from fusion.readers.gt3x_clock import order_seconds
 from fusion.readers.gt3x_info import DeviceText, name_offset, parse_device_text, tell_start
@@ -54,6 +55,8 @@ def inspect_head(
     """
     if head.startswith(ZIP_MAGIC):
         return _inspect_zip(head, rate_hz, tail or b"")
+    if cwa.is_cwa(head):
+        return _inspect_cwa(head, tail)
     if head.startswith(GZIP_MAGIC):  # the tail of a packed table cannot be unpacked by itself
         return _inspect_text(_inflate(head), file_name.removesuffix(".gz"), rate_hz)
     return _inspect_text(head, file_name, rate_hz, tail)
@@ -115,6 +118,35 @@ def _inspect_zip(head: bytes, rate_hz: float | None, tail: bytes) -> HeadFacts:
         return _inspect_gt3x(members, _find_device_text(tail))
     packed = next((name for name in members if name.lower().endswith((".csv", ".txt"))), None)
     return _inspect_text(members[packed], packed, rate_hz) if packed else HeadFacts()
+
+
+def _inspect_cwa(head: bytes, tail: bytes | None) -> HeadFacts:
+    """Read the blocks that came; a gyroscope that is off in the first of them is off in all."""
+    try:
+        first = _read_blocks(head, b"")
+    except NoGyroscope:
+        raise
+    except FusionError:
+        return HeadFacts(device="ax6")
+    end = None
+    if tail is not None:
+        with suppress(FusionError):
+            end = _find_last_block(first, _read_blocks(head, tail) if tail else first)
+    return replace(_tell(first), end=end)
+
+
+def _find_last_block(first: Recording, both: Recording) -> datetime | None:
+    """Give the end of what begins with the head and ends with the tail, where one clock runs through both."""
+    is_one_clock = not any(flag.code.startswith("W-CLOCK") for flag in both.flags)
+    goes_on = both is first or both.duration_us > first.duration_us
+    return _find_end(both) if is_one_clock and goes_on and both.start == first.start else None
+
+
+def _read_blocks(head: bytes, tail: bytes) -> Recording:
+    log = cwa.decode_log([head[HEADER_BYTES:], tail])
+    if not log.columns.rows:
+        log.refuse_unusable()
+    return cwa.build_recording(parse_header(head), log)
 
 
 def _find_device_text(tail: bytes) -> bytes:

@@ -148,11 +148,13 @@ def cut_rows(segment: Segment, ranges: Ranges) -> list[Segment]:
 
 
 def _take_rows(segment: Segment, first: int, stop: int) -> Segment:
+    """Rounded to the microsecond, yet never beyond the end of the whole."""
     bridged = [(max(a, first) - first, min(b, stop) - first) for a, b in segment.bridged]
-    return replace(
+    piece = replace(
         segment,
         start_us=place_rows(segment, 0, first).end_us,
         acc_g=segment.acc_g[first:stop],
         gyr_dps=segment.gyr_dps[first:stop],
         bridged=tuple((a, b) for a, b in bridged if b > a),
     )
+    return replace(piece, start_us=piece.start_us - max(0, piece.end_us - segment.end_us))

@@ -9,6 +9,7 @@ from tests.badfiles import gt3x_files as g
 from tests.badfiles import person_files as p
 from tests.badfiles import signal_files as s
 from tests.badfiles import table_files as t
+from tests.badfiles.axivity_rows import AXIVITY
 from tests.badfiles.clock_rows import CLOCKS
 from tests.badfiles.order_rows import ORDER
 from tests.badfiles.outcomes import given, read, refused
@@ -381,5 +382,6 @@ PARTS = {
     "D. Tables": TABLES,
     "E. Signal and sensor": SIGNALS,
     "E. Person": PERSONS,
+    "F. Axivity .cwa": AXIVITY,
 }
 BAD_FILES = tuple(bad for part in PARTS.values() for bad in part)

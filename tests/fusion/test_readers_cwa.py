@@ -1,6 +1,7 @@
 """Axivity AX6 `.cwa`: what the bytes say is what is read."""
 
 import gzip
+import io
 import struct
 from datetime import datetime
 
@@ -10,8 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.errors import FusionError, NoGyroscope, TooShort, UnknownRate, WrongExtension
-from fusion.readers import READERS
+from fusion.pipeline import analyse
+from fusion.readers import READERS, read_recording
 from fusion.readers.cwa import decode_log
+from tests.badfiles import cwa_files
+from tests.badfiles.gt3x_files import LOG, pack
 from tests.fusion.cwa_builder import (
     AX3,
     PACKED,
@@ -51,14 +55,11 @@ def by_hand() -> bytes:
 
 
 def test_a_block_worked_out_by_hand_is_read_as_it_was_meant() -> None:
-    halves = np.array([1, 1, 1, 1, 1, 2], np.int16)
-    second = block(1, START_US + 520_000, still_rows(ROWS) * halves, scales=0x8C00)
-    rest = [
-        block(2 + k, START_US + 920_000 + 400_000 * k, still_rows(ROWS, k) * halves,
-              scales=0x8C00) for k in range(5)
-    ]  # fmt: skip
+    at_rest = still_rows(ROWS)
+    at_rest[:, 5] *= 2  # 4096 counts are 1 g here
+    rest = [block(1 + k, START_US + 520_000 + 400_000 * k, at_rest, scales=0x8C00) for k in range(6)]
 
-    recording = read_file(header() + by_hand() + second + b"".join(rest))
+    recording = read_file(header() + by_hand() + b"".join(rest))
 
     segment = recording.segments[0]
     count_dps = 1000 / 32768
@@ -258,3 +259,18 @@ def test_what_is_written_is_read_to_the_count(counts: list[list[int]]) -> None:
     acc = np.rint(log.columns.acc * 2048).astype(int).tolist()
     gyr = np.rint(log.columns.gyr * 32768 / 2000).astype(int).tolist()
     assert [[*turn, *pull] for turn, pull in zip(gyr, acc, strict=True)] == counts
+
+
+# ------------------------------------------------------------------ on the arm
+
+
+def test_the_angle_of_the_arm_is_that_of_the_same_minute_in_a_gt3x() -> None:
+    """The pose tells the arm's axis: no convention of the device's own axes is needed."""
+    of_cwa, of_gt3x = (
+        analyse(read_recording(io.BytesIO(content))) for content in (cwa_files.whole(), pack(LOG))
+    )
+
+    elevations = [analysis.elevation.segments[0].elevation_deg for analysis in (of_cwa, of_gt3x)]
+    n = min(map(len, elevations))
+    assert np.median(np.abs(elevations[0][:n] - elevations[1][:n])) < 0.1
+    assert {flag.code for flag in of_cwa.quality.flags} == {flag.code for flag in of_gt3x.quality.flags}

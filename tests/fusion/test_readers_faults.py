@@ -7,8 +7,9 @@ import pytest
 
 from fusion.errors import DeadSensor
 from fusion.readers import read_recording
+from fusion.readers.row_ranges import cut_rows
 from fusion.readers.sensor_faults import exclude_faults, refuse_dead
-from fusion.recording import Recording, Span
+from fusion.recording import Recording, Segment, Span
 from fusion.simulation import simulate_shift, write_shift
 from tests.badfiles.arm import Matrix, minute
 from tests.conftest import SHARED_DATA
@@ -117,3 +118,13 @@ def test_real_motion_gives_no_alarm(trial: str, stride: int) -> None:
     recording = exclude_faults(refuse_dead(record(acc_g, gyr_dps, float(held["rate_hz"]) / stride)))
 
     assert recording.flags == ()
+
+
+def test_rounding_takes_no_piece_beyond_the_end_of_its_segment() -> None:
+    """100.00027 Hz: the pieces' microseconds, each rounded by itself, would come to one too many."""
+    rows = np.zeros((320, 3), np.float32)
+    whole = Segment(19_999_997, 100.00027083406684, rows, rows)
+
+    last = cut_rows(whole, [(75, 80)])[-1]
+
+    assert last.end_us == whole.end_us

@@ -10,9 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fusion.errors import NoGyroscope
 from fusion.readers.gt3x_info import TICKS_AT_UNIX_EPOCH, TICKS_PER_SECOND
 from fusion.readers.head import inspect_head
 from fusion.simulation import write_recordings
+from tests.fusion.cwa_builder import START as CWA_START
+from tests.fusion.cwa_builder import blocks as cwa_blocks
+from tests.fusion.cwa_builder import header as cwa_header
+from tests.fusion.cwa_builder import log_of as cwa_log_of
 from tests.fusion.gt3x_builder import INFO, T0, log_of, pack, record
 from tests.fusion.table_builder import HEADER, PREAMBLE, table
 
@@ -162,3 +167,49 @@ def test_the_real_gt9x_says_its_end_from_its_tail(shared_data: Callable[[str], P
     facts = inspect_head(content[:100_000], "link.gt3x", tail=content[-65_536:])
 
     assert facts.end == datetime(2019, 2, 14, 9, 1, tzinfo=NEW_YORK)
+
+
+def cwa_ends(seconds: int = 28_800) -> tuple[bytes, bytes]:
+    """The first 8 s of a `.cwa`, cut within a block, and its last 4 KiB, which begin within one."""
+    first, last = range(20), range(seconds * 5 // 2 - 20, seconds * 5 // 2)
+    return cwa_log_of(first)[:-100], b"".join(cwa_blocks(last))[-4096:]
+
+
+def test_the_first_bytes_of_a_cwa_say_what_it_is() -> None:
+    facts = inspect_head(cwa_ends()[0], "shift.cwa")
+
+    assert (facts.device, facts.start, facts.end) == ("ax6", CWA_START, None)
+    assert facts.rate_hz == pytest.approx(100.0, abs=0.01)
+    assert facts.serial_hash == "5994471abb01"
+
+
+def test_a_cwa_ends_at_the_last_block_of_its_tail() -> None:
+    head, tail = cwa_ends()
+
+    end = inspect_head(head, "shift.cwa", tail=tail).end
+
+    assert end is not None
+    assert abs(end - CWA_START - timedelta(hours=8)) < timedelta(milliseconds=50)
+
+
+def test_a_cwa_that_is_all_in_the_head_ends_with_it() -> None:
+    end = inspect_head(cwa_log_of(range(50)), "shift.cwa", tail=b"").end
+
+    assert end is not None
+    assert abs(end - CWA_START - timedelta(seconds=20)) < timedelta(milliseconds=1)
+
+
+@pytest.mark.parametrize("tail", [GARBAGE, b"\xff" * 4096])
+def test_a_tail_of_no_blocks_tells_no_end_of_a_cwa(tail: bytes) -> None:
+    assert inspect_head(cwa_ends()[0], "shift.cwa", tail=tail).end is None
+
+
+def test_a_cwa_without_a_gyroscope_is_refused_at_its_first_bytes() -> None:
+    head = cwa_header() + b"".join(cwa_blocks(range(20), axes=0x32))
+
+    with pytest.raises(NoGyroscope):
+        inspect_head(head, "shift.cwa")
+
+
+def test_the_header_of_a_cwa_alone_names_the_device() -> None:
+    assert inspect_head(cwa_header(), "shift.cwa").device == "ax6"
