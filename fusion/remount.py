@@ -82,7 +82,9 @@ def find_remounts(
     return tuple(sorted(known, key=lambda part: part.start_s))
 
 
-def count_readable(worn: WornParts, calibrated: tuple[float, Table], rules: RemountRules | None = None) -> int:
+def count_readable(
+    worn: WornParts, calibrated: tuple[float, Table], rules: RemountRules | None = None
+) -> int:
     """How many of the calm moments an axis reads, in its own part and in those to which it is carried."""
     (pose_s, arm_axis), rules = calibrated, rules or RemountRules()
     home = worn.find_home(pose_s)

@@ -11,7 +11,7 @@ from fusion.calibration import calibrate
 from fusion.choices import MethodName
 from fusion.elevation import estimate_elevation
 from fusion.pipeline import analyse
-from fusion.pose_doubts import doubt_proposal
+from fusion.pose_doubts import weigh_proposal
 from fusion.pose_windows import choose_still_period, propose_still_periods, reduce_recording
 from fusion.postures import Moments
 from fusion.recording import MICROSECONDS, Recording, Segment
@@ -216,7 +216,7 @@ def test_less_than_a_minute_of_walking_does_not_outvote_what_was_held_first() ->
         worn, parts=(replace(day, strides=Moments(day.strides.time_s[:20], day.strides.up[:20])),)
     )
 
-    brief_deg, long_deg = (doubt_proposal(recording, blocks, of, still) for of in (brief, worn))
+    brief_deg, long_deg = (weigh_proposal(recording, blocks, of, still).sigma_deg for of in (brief, worn))
 
     assert long_deg < 14.0
     assert 1.96 * brief_deg > 35.0
