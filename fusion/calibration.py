@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 from fusion.choices import Pose
 from fusion.errors import UnusableCalibration
 from fusion.pose_doubts import (
-    doubt_asked,
-    doubt_proposal,
-    flag_pose_alone,
-    flag_pose_unlike_walking,
+    flag_evidence,
     flag_short_windows,
     flag_unquiet,
     flag_unseen_lean,
+    weigh_asked,
+    weigh_proposal,
 )
 from fusion.pose_windows import (
     StillPeriod,
@@ -39,6 +38,7 @@ from fusion.sensor_errors.stillness import (
     QuarterSeconds,
     find_still_moments,
 )
+from fusion.slip_doubts import DoubtedPart, find_doubted_parts, find_early_turn, flag_doubted_parts
 from fusion.two_point import scale_to_unit, share_between
 from fusion.worn_parts import WornParts, part_recording
 
@@ -77,7 +77,7 @@ class CalibratedSamples:
     segments, as are ``accelerometer`` and ``gyro_scale``; ``flags`` holds the caveats of calibrating
     (:mod:`fusion.pose_doubts`). ``runs`` are the segments as the estimators take them, so that no sample is
     reduced twice;
-    ``remounts`` the parts in which the sensor sat otherwise.
+    ``remounts`` the parts in which the sensor sat otherwise, ``doubted`` those in which it may have.
     """
 
     recording: Recording
@@ -88,6 +88,12 @@ class CalibratedSamples:
     gyro_scale: GyroScale = field(default_factory=leave_gyro_scale)
     runs: tuple[CalibratedRun, ...] = ()
     remounts: tuple[AxisPart, ...] = ()
+    doubted: tuple[DoubtedPart, ...] = ()
+
+    @property
+    def uncertain_parts(self) -> tuple[AxisPart | DoubtedPart, ...]:
+        """All parts with an uncertainty of their own."""
+        return (*self.remounts, *self.doubted)
 
     def run_of(self, segment: Segment) -> CalibratedRun:
         """A segment as the estimators take it; one that was not there when calibrating is reduced now."""
@@ -135,18 +141,22 @@ def calibrate(
         calibration = Calibration(pose, still, scale_to_unit(_correct(still, correction)))
     still, axis = calibration.still, calibration.arm_axis
     if windows_s:
-        sigma_deg = doubt_asked(worn, still, axis)
+        evidence = weigh_asked(worn, still, axis)
         flags = flag_short_windows(calibration.windows)
     else:
-        sigma_deg = doubt_proposal(recording, blocks, worn, still)
+        evidence = weigh_proposal(recording, blocks, worn, still)
         flags = (*flag_unquiet(still), *flag_unseen_lean(pose, still))
-        flags += flag_pose_alone(worn, still, sigma_deg)
-    calibration = replace(calibration, sigma_deg=sigma_deg)
-    remounts = find_remounts(worn, (still.start_s, axis))
-    flags += flag_remounts(remounts, recording.duration_us / MICROSECONDS)
-    flags += flag_pose_unlike_walking(worn, still, axis)
+    calibration = replace(calibration, sigma_deg=evidence.sigma_deg)
+    remounts = (*find_early_turn(worn, still.start_s, evidence), *find_remounts(worn, (still.start_s, axis)))
+    doubted = find_doubted_parts(worn, axis, remounts)
+    duration_s = recording.duration_us / MICROSECONDS
+    flags += (
+        *flag_evidence(evidence, still),
+        *flag_remounts(remounts, duration_s),
+        *flag_doubted_parts(doubted, duration_s),
+    )
     return CalibratedSamples(
-        recording, calibration, sensor.bias, correction, flags, sensor.gyro_scale, runs, remounts
+        recording, calibration, sensor.bias, correction, flags, sensor.gyro_scale, runs, remounts, doubted
     )
 
 

@@ -30,12 +30,13 @@ class CalibrationRules:
     longest_proposal_s: float = 10.0
     same_direction_deg: float = 20.0
     hanging_deg: float = 10.0
-    nearly_hanging: float = 0.5
     good_score: float = 0.5
     good_agreement: float = 0.25
     elsewhere: float = 0.02
-    unheld_deg: tuple[float, float, float] = (3.0, 10.0, 20.0)
-    unheld: tuple[float, float, float] = (1.0, 0.5, 0.1)
+    held_deg: tuple[float, ...] = (10.0, 20.0)
+    held: tuple[float, ...] = (1.0, 0.5)
+    unheld_deg: tuple[float, ...] = (3.0, 10.0, 20.0)
+    unheld: tuple[float, ...] = (1.0, 0.5, 0.1)
     early_s: float = 600.0
 
 

@@ -23,6 +23,7 @@ from fusion.sensor_errors.gyro_bias import BiasSettings
 from fusion.sensor_errors.gyro_scale import GyroScaleSettings
 from fusion.sensor_errors.runs import view_segment
 from fusion.sensor_errors.stillness import StillRules
+from fusion.slip_doubts import DoubtedPart
 
 Vertical = NDArray[np.float32] | VerticalOnDemand
 
@@ -121,11 +122,11 @@ def _summarise_sigma(segments: tuple[ElevationSegment, ...]) -> float:
 
 
 def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
-    """Variance of the arm axis in turned parts, deg^2, as a mean over all valid rows."""
+    """Variance of the arm axis in parts that turned, or may have, deg^2, as a mean over all valid rows."""
     squares = rows = 0.0
     for segment in segments:
         rows += np.count_nonzero(segment.valid)
-        for part in samples.remounts:
+        for part in samples.uncertain_parts:
             first, stop = _find_rows(part, segment)
             squares += part.sigma_deg**2 * np.count_nonzero(segment.valid[first:stop])
     return squares / rows if rows else 0.0
@@ -232,7 +233,7 @@ def _measure_on_demand(vertical: VerticalOnDemand, arm_axis: Vector) -> NDArray[
     return elevation_deg
 
 
-def _find_rows(part: AxisPart, segment: Segment | ElevationSegment) -> tuple[int, int]:
+def _find_rows(part: AxisPart | DoubtedPart, segment: Segment | ElevationSegment) -> tuple[int, int]:
     """First row of a segment that lies in a part, and the first behind it."""
     start_s = segment.start_us / MICROSECONDS
     first, stop = (
@@ -259,11 +260,11 @@ def _measure_anew(
 
 
 def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> None:
-    """Add, second by second, what is not known of the axis in the parts where it turned."""
+    """Add, second by second, what is not known of the axis in the parts where it turned, or may have."""
     if segment.sigma_deg is None:
         return
     seconds = segment.start_us / MICROSECONDS + np.arange(len(segment.sigma_deg))
-    for part in samples.remounts:
+    for part in samples.uncertain_parts:
         inside = (seconds >= part.start_s) & (seconds < part.end_s)
         segment.sigma_deg[inside] = np.hypot(segment.sigma_deg[inside], part.sigma_deg)
 

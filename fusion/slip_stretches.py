@@ -38,13 +38,16 @@ class Stretches:
     ``known``: how well both know each other's commonest direction, 2 if they are alike, 0 if not at all
     (:func:`fusion.postures.compare_postures`); ``angle_deg``: between these. ``hangs_deg``: between the
     directions in which the arm hangs in walking, NaN where one is not known; ``strides``: moments of walking
-    on the side that has fewer.
+    on the side that has fewer; ``explained``: share of all walking near the direction of its own side;
+    ``pure``: that share on the side where it is less.
     """
 
     known: Table
     angle_deg: Table
     hangs_deg: Table
     strides: NDArray[np.int64]
+    explained: Table
+    pure: Table
 
 
 def count_moments(moments: Moments, cell_deg: float) -> CountedMoments:
@@ -75,21 +78,25 @@ def compare_stretches(
 
 def _compare_walking(
     strides: CountedMoments, edges_s: Table, first: Rows, stop: Rows
-) -> tuple[Table, NDArray[np.int64]]:
-    """Angle between the directions of walking, NaN where it is not known, and the lesser count."""
+) -> tuple[Table, NDArray[np.int64], Table, Table]:
+    """Angle between the directions of walking (NaN: not known), the lesser count, shares explained."""
     interval = np.searchsorted(edges_s, strides.moments.time_s, "right")
     walked = np.concatenate([[0], np.cumsum(np.bincount(interval, minlength=len(edges_s) + 1)[1:-1])])
     within = walked[stop] - walked[first]
     fewer = np.minimum(within, walked[-1] - within)
     if fewer.max(initial=0) < LEAST_STRIDING:
-        return np.full(len(first), np.nan), fewer
+        nothing = np.zeros(len(first))
+        return np.full(len(first), np.nan), fewer, nothing, nothing
     sums = _add_up(strides, interval, len(edges_s), *strides.moments.up.T)
     inside, beside = _part(sums[0], first, stop)
     at, to = inside.argmax(axis=1), beside.argmax(axis=1)
     here = sums[1:, stop, at] - sums[1:, first, at]
     there = sums[1:, -1, to] - (sums[1:, stop, to] - sums[1:, first, to])
     angle_deg = _find_angles_deg(*(_scale(sums.T.astype(np.float64)) for sums in (here, there)))
-    return np.where(fewer >= LEAST_STRIDING, angle_deg, np.nan), fewer
+    row = np.arange(len(first))
+    near, far = inside[row, at].astype(np.float64), beside[row, to].astype(np.float64)
+    pure = np.minimum(near / np.maximum(within, 1), far / np.maximum(walked[-1] - within, 1))
+    return np.where(fewer >= LEAST_STRIDING, angle_deg, np.nan), fewer, (near + far) / walked[-1], pure
 
 
 def _add_up(counted: CountedMoments, interval: Rows, edges: int, *weights: Table) -> Counts:

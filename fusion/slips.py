@@ -7,6 +7,9 @@ and where walking, in which the arm hangs whatever the work is, does not contrad
 arm hanging in another direction, less is asked of the postures. What is found is searched again. From such
 a time the slip is narrowed down: moments that look like before speak for before, and the like; what speaks
 for neither side clearly is the slip itself, which may take minutes.
+
+Where no stretch differs so much, but a minute of walking or more on both sides shows the arm hanging apart, a
+turn is in doubt (:class:`Doubt`): too small, or in work too much alike, to be told from a load carried.
 """
 
 from collections.abc import Iterator
@@ -15,9 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.postures import Moments, Table
+from fusion.postures import SURE_STRIDING, Moments, Table
 from fusion.slip_stretches import CountedMoments, Rows, Stretches, compare_stretches, count_moments
 
+Span = tuple[Rows, Rows]
 ALIKE = 2.0
 STRIDE_MIN = 2.0 / 60.0
 """A moment of walking is a window of 2 s."""
@@ -39,8 +43,9 @@ class SlipRules:
 
     The figures behind the bounds stand in decision 32. Of stretches that are as good, one that reaches to the
     end is taken, unless another is known less by ``clearer``. A slip over minutes leaves most of its
-    beginning and end to either side; ``margin_s`` is added to both. ``evidence``: how far the sum of
-    logarithms may fall short (moments follow each other in like poses).
+    beginning and end to either side; ``margin_s`` is added to both. A turn is in doubt where
+    ``pure`` of the walking on each side is near its commonest direction: carrying parts from walking by less.
+    ``evidence``: how far the sum of logarithms may fall short (moments follow each other in like poses).
     """
 
     least_moments: int = 60
@@ -62,6 +67,7 @@ class SlipRules:
     places: int = 100
     evidence: float = 10.0
     margin_s: float = 300.0
+    pure: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +76,16 @@ class Slip:
 
     first_s: float
     end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Between these times the arm hung ``angle_deg`` from how it hung in the rest of ``of_s``, in walking."""
+
+    first_s: float
+    end_s: float
+    of_s: tuple[float, float]
+    angle_deg: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,15 +102,18 @@ class _Day:
         return self.calm.moments.time_s
 
 
-def find_slips(calm: Moments, strides: Moments, rules: SlipRules | None = None) -> list[Slip]:
-    """Find slips within one stretch of wear, in order of time; those that overlap are one."""
+def find_slips(
+    calm: Moments, strides: Moments, rules: SlipRules | None = None
+) -> tuple[list[Slip], list[Doubt]]:
+    """Find slips within one stretch of wear, in order of time, and doubts; slips that overlap are one."""
     rules = rules or SlipRules()
     few = calm.thin(rules.most_moments)
     if len(few.up) < 2 * rules.least_moments or few.time_s[-1] - few.time_s[0] < 2.0 * rules.least_s:
-        return []
+        return [], []
     day = _Day(count_moments(few, rules.cell_deg), count_moments(strides, rules.cell_deg), rules)
-    found = sorted(_search(day, 0, len(few.up)), key=lambda slip: slip.first_s)
-    return list(_join(found))
+    found = list(_search(day, 0, len(few.up)))
+    slips = sorted((one for one in found if isinstance(one, Slip)), key=lambda slip: slip.first_s)
+    return list(_join(slips)), [one for one in found if isinstance(one, Doubt)]
 
 
 def _join(slips: list[Slip]) -> Iterator[Slip]:
@@ -110,9 +129,12 @@ def _join(slips: list[Slip]) -> Iterator[Slip]:
         yield joined
 
 
-def _search(day: _Day, first: int, stop: int) -> Iterator[Slip]:
-    found, rules = _find_turned(day, first, stop), day.rules
+def _search(day: _Day, first: int, stop: int) -> Iterator[Slip | Doubt]:
+    rules, compared = day.rules, _compare(day, first, stop)
+    found = None if compared is None else _find_turned(day, *compared)
     if found is None:
+        if compared is not None:
+            yield from _find_doubt(day, *compared)
         return
     cuts = [place for place in found if first < place < stop]
     start = first
@@ -124,16 +146,20 @@ def _search(day: _Day, first: int, stop: int) -> Iterator[Slip]:
     yield from _search(day, start, stop)
 
 
-def _find_turned(day: _Day, first: int, stop: int) -> tuple[int, int] | None:
-    """The stretch that differs most; one between two slips only where it does so by more than one slip."""
-    rules = day.rules
-    edges = np.unique(np.linspace(first, stop, rules.places + 1).astype(np.intp))
+def _compare(day: _Day, first: int, stop: int) -> tuple[Rows, Span, Stretches] | None:
+    """Edges, and all stretches between two of them that can be compared with the rest."""
+    edges = np.unique(np.linspace(first, stop, day.rules.places + 1).astype(np.intp))
     starts, ends = np.triu_indices(len(edges), 1)
     usable = _list_usable(day, edges, (starts, ends))
     starts, ends = starts[usable], ends[usable]
     if len(starts) == 0:
         return None
-    compared = compare_stretches(day.calm, day.strides, edges, starts, ends)
+    return edges, (starts, ends), compare_stretches(day.calm, day.strides, edges, starts, ends)
+
+
+def _find_turned(day: _Day, edges: Rows, span: Span, compared: Stretches) -> tuple[int, int] | None:
+    """The stretch that differs most; one between two slips only where it does so by more than one slip."""
+    (starts, ends), rules = span, day.rules
     is_one = ends == len(edges) - 1
     seconds = _find_times(day, edges)
     short = np.minimum(seconds[starts] - seconds[0], seconds[ends] - seconds[starts]) < rules.short_s
@@ -145,7 +171,25 @@ def _find_turned(day: _Day, first: int, stop: int) -> tuple[int, int] | None:
     return int(edges[starts[best]]), int(edges[ends[best]])
 
 
-def _list_usable(day: _Day, edges: Rows, span: tuple[Rows, Rows]) -> NDArray[np.bool_]:
+def _find_doubt(day: _Day, edges: Rows, span: Span, compared: Stretches) -> Iterator[Doubt]:
+    """The stretch that parts the walking best, of those in which the arm hung apart."""
+    rules = day.rules
+    apart = (compared.hangs_deg >= rules.hangs_alike_deg) & (compared.strides >= SURE_STRIDING)
+    apart &= compared.pure >= rules.pure
+    if not apart.any():
+        return
+    (starts, ends), times_s = span, _find_times(day, edges)
+    is_one = ends == len(edges) - 1
+    best = int(np.argmax(np.where(apart, compared.explained + rules.clearer * is_one, -np.inf)))
+    yield Doubt(
+        float(times_s[starts[best]]),
+        float(times_s[ends[best]]),
+        (float(times_s[0]), float(times_s[-1])),
+        float(compared.hangs_deg[best]),
+    )
+
+
+def _list_usable(day: _Day, edges: Rows, span: Span) -> NDArray[np.bool_]:
     """Stretches, from a time to the end or to a later time, with enough in them, before and after."""
     (first, stop), last, rules = span, len(edges) - 1, day.rules
     seconds = _find_times(day, edges)

@@ -66,11 +66,10 @@ def _hang(gravity_g: Vector, walking: Witness, rules: CalibrationRules) -> Vecto
     """
     cosine = gravity_g @ walking.hangs / np.linalg.norm(gravity_g, axis=1)
     apart_deg = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    if walking.is_fresh and apart_deg[0] <= rules.hanging_deg:
-        limits_deg = (rules.hanging_deg, rules.same_direction_deg)
-        near = np.interp(apart_deg, limits_deg, (1.0, rules.nearly_hanging))
-    else:
-        near = np.interp(apart_deg, rules.unheld_deg, rules.unheld)
+    is_held = walking.is_fresh and apart_deg[0] <= rules.hanging_deg
+    near = np.interp(
+        apart_deg, *((rules.held_deg, rules.held) if is_held else (rules.unheld_deg, rules.unheld))
+    )
     return np.where(apart_deg <= rules.same_direction_deg, near, rules.elsewhere)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fusion.postures import Moments, find_calm_moments, find_hanging, find_striding_moments
 from fusion.sensor_errors.accelerometer import AccelerometerCorrection
 from fusion.sensor_errors.stillness import QuarterSeconds, QuietTable, summarise_windows
-from fusion.slips import Slip, find_slips
+from fusion.slips import Doubt, Slip, find_slips
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +52,11 @@ class WornPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WornParts:
-    """The recording, cut where the sensor was off or slipped; ``slips`` lie between parts."""
+    """The recording, cut where the sensor was off or slipped; slips lie between parts, doubts in them."""
 
     parts: tuple[WornPart, ...]
     slips: tuple[Slip, ...]
+    doubts: tuple[Doubt, ...] = ()
 
     def find_home(self, time_s: float) -> WornPart:
         """The part that a time lies in, or the nearest."""
@@ -136,8 +137,9 @@ def _divide(day: WornPart, cuts_s: list[float]) -> WornParts:
     """Cut into parts; a slip lies between two parts, unless it begins or ends the stretch of wear."""
     parts: list[WornPart] = []
     slips: list[Slip] = []
+    doubts: list[Doubt] = []
     for wear, (first_s, end_s) in enumerate(pairwise([-np.inf, *cuts_s, np.inf])):
-        found = find_slips(day.calm.within(first_s, end_s), day.strides.within(first_s, end_s))
+        found, doubted = find_slips(day.calm.within(first_s, end_s), day.strides.within(first_s, end_s))
         starts_s, stops_s = [first_s, *(slip.end_s for slip in found)], [*(s.first_s for s in found), end_s]
         spans = [span_s for span_s in zip(starts_s, stops_s, strict=True) if span_s[0] < span_s[1]]
         parts += [
@@ -145,7 +147,8 @@ def _divide(day: WornPart, cuts_s: list[float]) -> WornParts:
             for span_s in spans
         ]
         slips += found
-    return WornParts(tuple(parts), tuple(slips))
+        doubts += doubted
+    return WornParts(tuple(parts), tuple(slips), tuple(doubts))
 
 
 def _cut_part(day: WornPart, wear: int, span_s: tuple[float, float]) -> WornPart:

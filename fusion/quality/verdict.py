@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from fusion.calibration import Calibration
-from fusion.pose_doubts import ALONE_FIRST_SIGMA_DEG
+from fusion.pose_doubts import USELESS_SIGMA_DEG
 from fusion.quality.spans import flag_spans
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
@@ -62,8 +62,8 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> int:
         return POOR if flag.seconds < POOR_H * HOUR_S else CAUTION
     if flag.code == "W-REMOUNT":
         return POOR if 2 * flag.seconds * MICROSECONDS >= time.recorded_us else CAUTION
-    if flag.code == "W-POSE-ALONE":
-        return POOR if float(flag.facts["deg"]) > ALONE_FIRST_SIGMA_DEG else CAUTION
+    if flag.code in {"W-POSE-ALONE", "W-POSE-APART"}:
+        return POOR if float(flag.facts["deg"]) > USELESS_SIGMA_DEG else CAUTION
     if flag.code in GRAVE:
         return POOR
     return NOTE if flag.code in NOTES else CAUTION

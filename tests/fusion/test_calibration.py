@@ -100,11 +100,13 @@ def test_without_five_quiet_seconds_the_best_two_are_taken_and_flagged() -> None
     samples = calibrate(rest((10.0, None), (3.0, tilted(0.0)), (10.0, None)), "n-pose")
 
     assert samples.calibration.still.duration_s == pytest.approx(2.0, abs=0.1)
-    assert [flag.code for flag in samples.flags] == ["W-NO-STILL"]
+    assert [flag.code for flag in samples.flags] == ["W-NO-STILL", "W-POSE-ALONE"]
 
 
-def test_a_quiet_proposal_is_not_flagged() -> None:
-    assert calibrate(rest((20.0, tilted(0.0))), "n-pose").flags == ()
+def test_a_quiet_proposal_is_only_told_to_be_unconfirmed() -> None:
+    (flag,) = calibrate(rest((20.0, tilted(0.0))), "n-pose").flags
+
+    assert (flag.code, flag.facts) == ("W-POSE-ALONE", {"deg": 6.0})
 
 
 def test_a_recording_in_constant_motion_is_refused() -> None:

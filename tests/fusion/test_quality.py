@@ -260,9 +260,19 @@ def test_a_caveat_weighs_what_it_costs_in_8_hours(code: str, seconds: float, ver
     assert judge(8.0, QualityFlag(code, seconds=seconds)).verdict == verdict
 
 
-@pytest.mark.parametrize(("deg", "verdict"), [(6.0, "caution"), (25.0, "poor")])
-def test_a_pose_that_nothing_confirms_weighs_by_what_was_held_before_it(deg: float, verdict: str) -> None:
-    assert judge(8.0, QualityFlag("W-POSE-ALONE", facts={"deg": deg})).verdict == verdict
+@pytest.mark.parametrize("code", ["W-POSE-ALONE", "W-POSE-APART"])
+@pytest.mark.parametrize(
+    ("deg", "verdict"), [(6.0, "caution"), (10.0, "caution"), (10.1, "poor"), (35.0, "poor")]
+)
+def test_a_pose_in_doubt_is_poor_where_30_cannot_be_told_from_60_deg(
+    code: str, deg: float, verdict: str
+) -> None:
+    # 1.96 x 10.1 deg: a range of 20 deg to both sides.
+    assert judge(8.0, QualityFlag(code, facts={"deg": deg})).verdict == verdict
+
+
+def test_a_turn_in_doubt_is_a_caution() -> None:
+    assert judge(8.0, QualityFlag("W-SLIP-DOUBT", seconds=7200.0)).verdict == "caution"
 
 
 def test_the_gravest_caveat_comes_first() -> None:

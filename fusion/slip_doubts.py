@@ -1,0 +1,99 @@
+"""Turns that cannot be told for sure: what is left out for them, and what is kept with a wider range."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.pose_doubts import WITHIN, PoseEvidence
+from fusion.postures import Moments, find_angle_deg, find_hanging
+from fusion.recording import QualityFlag
+from fusion.remount import AxisPart
+from fusion.slips import Doubt, SlipRules
+from fusion.worn_parts import WornPart, WornParts
+
+Table = NDArray[np.float64]
+Spans = list[tuple[float, float]]
+EARLY_TURN_DEG = 15.0
+EARLY_S = SlipRules().least_s
+"""A slip is only found with so much on both sides."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtedPart:
+    """A stretch, seconds from the first sample, in which the axis may be ``angle_deg`` off."""
+
+    start_s: float
+    end_s: float
+    angle_deg: float
+
+    @property
+    def sigma_deg(self) -> float:
+        """Half of a 95 % range is as wide as the turn."""
+        return self.angle_deg / WITHIN
+
+
+def find_early_turn(worn: WornParts, pose_s: float, evidence: PoseEvidence) -> tuple[AxisPart, ...]:
+    """The first five minutes, left out where the arm was first held still more than 15 deg from the pose.
+
+    A pose is held when the sensor has just been strapped on. One that walking does not know, before a window
+    like walking: the sensor turned before a slip could be found, lay on a desk, or the arm was raised.
+    """
+    home = worn.find_home(pose_s)
+    first_s = float(home.calm.time_s[0]) if len(home.calm.time_s) else 0.0
+    is_early = evidence.first_s < min(first_s + EARLY_S, pose_s)
+    if not evidence.is_seen or not is_early or evidence.first_deg <= EARLY_TURN_DEG:
+        return ()
+    return (AxisPart(home.start_s, first_s + EARLY_S, None),)
+
+
+def find_doubted_parts(
+    worn: WornParts, arm_axis: Table, remounts: Sequence[AxisPart]
+) -> tuple[DoubtedPart, ...]:
+    """The side of each doubt on which the arm hung farther from the axis that its part is read by."""
+    found: list[DoubtedPart] = []
+    for doubt in worn.doubts:
+        part = worn.find_home((doubt.of_s[0] + doubt.of_s[1]) / 2.0)
+        axis = _find_axis(part, arm_axis, remounts)
+        if axis is not None:
+            found += [DoubtedPart(*span_s, doubt.angle_deg) for span_s in _take_side(doubt, part, axis)]
+    return tuple(found)
+
+
+def _find_axis(part: WornPart, arm_axis: Table, remounts: Sequence[AxisPart]) -> Table | None:
+    """The axis that a part is read by; None where it is left out."""
+    span_s = (part.start_s, part.end_s)
+    return next((one.arm_axis for one in remounts if (one.start_s, one.end_s) == span_s), arm_axis)
+
+
+def _take_side(doubt: Doubt, part: WornPart, axis: Table) -> Spans:
+    """Walking alone tells the sides apart: each reaches to the walking of the other."""
+    time_s = np.concatenate([[part.start_s], part.strides.time_s, [part.end_s]])
+    start, end = np.searchsorted(time_s, (doubt.first_s, doubt.end_s))
+    inside: Spans = [(float(time_s[start - 1]), float(time_s[min(end, len(time_s) - 1)]))]
+    beside: Spans = [(part.start_s, float(time_s[start])), (float(time_s[end - 1]), part.end_s)]
+    if doubt.first_s <= doubt.of_s[0]:
+        inside, beside = [(part.start_s, inside[0][1])], beside[1:]
+    if doubt.end_s >= doubt.of_s[1]:
+        inside, beside = [(inside[0][0], part.end_s)], beside[:1]
+    return max((inside, beside), key=lambda spans: _find_apart_deg(part.strides, spans, axis))
+
+
+def _find_apart_deg(strides: Moments, spans: Spans, axis: Table) -> float:
+    within = [strides.within(*span_s) for span_s in spans]
+    up = np.concatenate([one.up for one in within])
+    hangs = find_hanging(Moments(np.concatenate([one.time_s for one in within]), up))
+    return 0.0 if hangs is None else find_angle_deg(hangs, axis)
+
+
+def flag_doubted_parts(parts: Sequence[DoubtedPart], duration_s: float) -> Iterator[QualityFlag]:
+    """W-SLIP-DOUBT with the places, and by how much the arm hung otherwise."""
+    if not parts:
+        return
+    spans = tuple((max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts)
+    seconds = sum(end_s - start_s for start_s, end_s in spans)
+    apart_deg = round(max(part.angle_deg for part in parts))
+    yield QualityFlag(
+        "W-SLIP-DOUBT", len(parts), seconds, spans[0][0], spans[-1][1], {"apart_deg": apart_deg}, spans
+    )
