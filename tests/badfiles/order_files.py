@@ -71,3 +71,15 @@ def paused(hours: int) -> str:
     first = datetime(2026, 3, 14, 18, 0)  # noqa: DTZ001 - a device's own clock
     moments = [first + timedelta(milliseconds=10 * k, hours=hours if k >= 3000 else 0) for k in range(6000)]
     return ordered(range(6000), [f"{moment:%H:%M:%S.%f}"[:-3] for moment in moments], CALENDAR)
+
+
+def lost_at_change(first: str, step_h: int) -> str:
+    """A wall clock that follows daylight saving, and ten seconds without rows as it is changed."""
+    begun = datetime.fromisoformat(first)
+    later = timedelta(hours=step_h, seconds=10)
+    moments = [begun + timedelta(milliseconds=10 * k) + later * (k >= 3000) for k in range(6000)]
+    return ordered(range(6000), [moment.isoformat(timespec="milliseconds") for moment in moments], CALENDAR)
+
+
+def preambled(line: str) -> str:
+    return f"# {line}\n" + ordered(range(6000), wall_clock(), CALENDAR)

@@ -9,6 +9,7 @@ from tests.badfiles.table_files import NAMES, resaved
 
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - a clock that lost its date
 MARCH = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001 - a day that is its month, too
+TEN = (60.0, 10.0, 0.0)
 BACKWARDS = range(5999, -1, -1)
 
 ORDER = (
@@ -37,6 +38,26 @@ ORDER = (
     ),
     read(
         "85 twice the rate at the end", "shift.csv", given(o.ordered(o.thinned(0, 4800, 2))), "W-RATE-CHANGE"
+    ),
+    read(
+        "56 fall, 10 s lost",
+        "shift.csv",
+        given(o.lost_at_change("2026-11-01T01:59:30", -1)),
+        "W-DST W-GAP",
+        TEN,
+    ),
+    read(
+        "56 spring, 10 s lost",
+        "shift.csv",
+        given(o.lost_at_change("2027-03-14T01:59:30", 1)),
+        "W-DST W-GAP",
+        TEN,
+    ),
+    read(
+        "58 another start in the header",
+        "shift.csv",
+        given(o.preambled("start: 2026-03-14T09:30:00")),
+        "W-START",
     ),
     read("77 pieces", "shift.csv", given(o.ordered(o.PASTED)), "W-PIECES"),
     read(
