@@ -11,7 +11,7 @@ from app.incoming import TAIL_SUFFIX
 from app.request import OnStage, ReportRequest
 from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
 from fusion.pose_windows import propose_still_periods
-from fusion.quality import propose_nonwear
+from fusion.quality import find_exclusions, propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.head import inspect_head
 from fusion.readers.inspection import LISTED_GAPS, inspect_recording
@@ -49,7 +49,7 @@ def inspect_file(
         }
         for p in propose_still_periods(recording)
     ]
-    understood: dict[str, Any] = inspect_recording(recording)
+    understood: dict[str, Any] = inspect_recording(recording, find_exclusions(recording))
     nonwear = [
         {"start_s": span.start_us / MICROSECONDS, "duration_s": span.duration_us / MICROSECONDS}
         for span in propose_nonwear(recording)

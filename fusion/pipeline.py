@@ -19,6 +19,7 @@ from fusion.quality import (
     TimeAccount,
     account_time,
     assess_quality,
+    count_holes_us,
     find_exclusions,
     flag_gyro_drift,
     flag_published,
@@ -215,7 +216,8 @@ def _account(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount
     for part in exposure.by_period:
         part_us = round(part.analysed_s * MICROSECONDS)
         analysed_us[part.kind] = analysed_us.get(part.kind, 0) + part_us
-    return name_parts(time, analysed_us or {"work": time.analysed_us}, day.exclusions)
+    holes_us = count_holes_us(recording, day.exclusions) if recording.holds_samples else time.missing_us
+    return name_parts(time, analysed_us or {"work": time.analysed_us}, day.exclusions, holes_us)
 
 
 def analyse_angles(

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fusion.quality.plausibility import flag_upside_down as flag_upside_down
     from fusion.quality.spans import flag_spans as flag_spans
     from fusion.quality.time_account import account_time as account_time
+    from fusion.quality.time_account import count_holes_us as count_holes_us
     from fusion.quality.time_account import name_parts as name_parts
     from fusion.quality.untrusted import flag_untrusted as flag_untrusted
     from fusion.quality.untrusted import flag_untrusted_pose as flag_untrusted_pose
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "account_time": "fusion.quality.time_account",
     "assess_quality": "fusion.quality.verdict",
+    "count_holes_us": "fusion.quality.time_account",
     "find_exclusions": "fusion.quality.exclusions",
     "flag_gyro_drift": "fusion.quality.plausibility",
     "flag_published": "fusion.quality.plausibility",
@@ -49,6 +51,7 @@ __all__ = [
     "Verdict",
     "account_time",
     "assess_quality",
+    "count_holes_us",
     "find_exclusions",
     "flag_gyro_drift",
     "flag_published",

@@ -10,6 +10,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.quality.exclusions import READY_ANGLES
 from fusion.quality.types import TimeAccount, TimePart
+from fusion.readers.timing import find_missing
 from fusion.recording import MICROSECONDS, Recording, Span
 
 Account = Literal["analysed", "excluded", "missing"]
@@ -44,21 +45,32 @@ def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[S
     return TimeAccount(recorded_us, analysed_us, missing_us, excluded_us)
 
 
+def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
+    """Count the time without samples that no exclusion explains, as `inspect` does before an analysis."""
+    holes = find_missing(recording.segments, recording.duration_us, exclusions)
+    return sum(hole.duration_us for hole in holes)
+
+
 def name_parts(
-    time: TimeAccount, analysed_us: Mapping[str, int], exclusions: tuple[Span, ...]
+    time: TimeAccount, analysed_us: Mapping[str, int], exclusions: tuple[Span, ...], holes_us: int
 ) -> TimeAccount:
     """Say what the time consists of: analysed time by kind of period, excluded time by its reason.
 
     ``analysed_us`` is the analysed time of each kind and adds up to all of it; what rounding leaves over (a
-    microsecond for each segment) goes to the largest part of its account.
+    microsecond for each segment) goes to the largest part of its account. Of the missing time ``holes_us``
+    is without samples; the rest, from a second on, was recorded and is not trusted.
     """
+    untrusted_us = time.missing_us - holes_us if time.missing_us >= holes_us + MICROSECONDS else 0
+    missing_us = {"missing": time.missing_us - untrusted_us}
+    if untrusted_us:
+        missing_us["untrusted"] = untrusted_us
     excluded_us: dict[str, int] = {}
     for span in exclusions:
         excluded_us[span.reason] = excluded_us.get(span.reason, 0) + span.duration_us
     parts = (
         *_list_parts("analysed", analysed_us, time.analysed_us),
         *_list_parts("excluded", excluded_us, time.excluded_us),
-        *_list_parts("missing", {"missing": time.missing_us}, time.missing_us),
+        *_list_parts("missing", missing_us, time.missing_us),
     )
     return replace(time, parts=parts)
 

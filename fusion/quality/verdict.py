@@ -20,7 +20,8 @@ NOTES = frozenset(
     {
         "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-FILE", "W-DUP-UPLOAD",
         "W-ENCODING", "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NO-DATE", "W-NPOSE", "W-ORDER",
-        "W-OVERLAP", "W-PIECES", "W-PRECISION", "W-REVERSED", "W-SEC-COUNT", "W-TZ", "W-UTC",
+        "W-OVERLAP", "W-PIECES", "W-PRECISION", "W-REVERSED", "W-SEC-COUNT", "W-START", "W-TZ",
+        "W-UTC",
     }
 )  # fmt: skip
 GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-POSE-DOUBT", "W-SHORT", "W-UPSIDE"})

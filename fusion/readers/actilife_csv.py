@@ -13,6 +13,7 @@ import numpy as np
 
 from fusion.errors import EpochFile, NoGyroscope, TooShort, UnknownColumns
 from fusion.readers.columns import choose_vector
+from fusion.readers.grid import Grid
 from fusion.readers.gt3x_info import parse_offset_s
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
@@ -22,8 +23,8 @@ from fusion.readers.text_kernel import CALENDAR_TIME, COUNTER, IGNORED, STAMP
 from fusion.readers.text_layout import CALENDAR, TextLayout
 from fusion.readers.text_stream import decode_head, find_form
 from fusion.readers.text_table import TablePlan, read_table
-from fusion.readers.timing import hash_serial
-from fusion.recording import Recording
+from fusion.readers.timing import LARGEST_DRIFT, hash_serial
+from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
 DEVICE_RANGES = (16.0, 2000.0)
@@ -60,6 +61,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         changes = settle_stamps(rows, layout, plan)
         clock = tell_clock(layout, plan, int(rows.columns.stamps[0]))
         grid = cut_stamped(rows.columns)
+        changes += _flag_rate(header, grid)
     else:
         clock, changes = judge_clock(parse_start(header)), ()
         grid = cut_counted(rows.columns, header_rate_hz(header))
@@ -94,6 +96,14 @@ def header_rate_hz(header: dict[str, str]) -> float:
     """`at 100 Hz` of the first line; ActiLife's IMU exports are resampled to exactly that."""
     found = re.search(r"at (\d{1,4}) Hz", header[""])
     return float(found.group(1)) if found else 100.0
+
+
+def _flag_rate(header: dict[str, str], grid: Grid) -> tuple[QualityFlag, ...]:
+    """Say that the rows come at another rate than the header's (W-DRIFT)."""
+    nominal_hz, true_hz = header_rate_hz(header), MICROSECONDS / grid.period_us
+    if abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
+        return ()
+    return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
 
 
 def parse_start(header: dict[str, str]) -> datetime | None:

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from fusion.readers.stamp_repair import count_backward, find_backward
 from fusion.recording import MICROSECONDS, QualityFlag
 
-LONG_BITS = 32
-SHORT_BITS = (24, 16)
+BITS = (32, 24, 16)
 MARGIN_US = 60 * MICROSECONDS
 """A wrap is one only near both ends of the counter: a logger that started again is none."""
 ON_TIME_US = MICROSECONDS
@@ -21,19 +20,21 @@ def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag
     """Undo the wraps of a counter of ``tick_us`` a count, in place (W-WRAP); 0 where stamps are no counts."""
     if tick_us == 0 or count_backward(stamps) == 0:
         return ()
-    wraps = _unwrap_short(stamps, tick_us) or lift_wraps(stamps, 2**LONG_BITS * tick_us, MARGIN_US)
+    wraps = _unwrap_even(stamps, tick_us) or lift_wraps(stamps, 2 ** BITS[0] * tick_us, MARGIN_US)
     return (QualityFlag("W-WRAP", wraps),) if wraps else ()
 
 
-def _unwrap_short(stamps: NDArray[np.int64], tick_us: int) -> int:
-    """Undo wraps of 24 or 16 bits: every long step back, made up for by the counter's whole range, is one.
+def _unwrap_even(stamps: NDArray[np.int64], tick_us: int) -> int:
+    """Undo wraps where every long step back, made up for by the counter's whole range, can be one.
 
-    Most lead on without a hole, which a clock that was set does not; returns how many.
+    Most lead on without a hole, which a clock that was set does not; returns how many. A counter may have a
+    sign: then it starts over at half its range below zero.
     """
     lowest, highest = int(stamps.min()), int(stamps.max())
-    for bits in SHORT_BITS:
+    for bits in BITS:
         wrap_us = 2**bits * tick_us
-        if lowest < 0 or highest >= wrap_us:
+        start_us = -wrap_us // 2 if lowest < 0 else 0
+        if lowest < start_us or highest >= start_us + wrap_us:
             continue
         rows = find_backward(stamps, count_backward(stamps))
         rows = rows[stamps[rows - 1] - stamps[rows] > wrap_us // 2]

@@ -7,9 +7,10 @@ tables before the rows are read.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from fusion.errors import UnusableTime
-from fusion.readers.date_order import DateOrder, order_dates
+from fusion.readers.date_order import DateOrder, list_orders, order_dates
 
 FIELD_END = r"(?=[\" ]*(?:[,;\t|\r\n]|$))"
 ZONE = (
@@ -98,6 +99,25 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
         return DateDialect(pattern, "ymd", _find_offset_s(found), has_date=False)
     _refuse_strange_stamps(lines)
     return None
+
+
+@lru_cache(maxsize=2)
+def find_open_date(head: str) -> tuple[str, ...]:
+    """Day, month and year of the first row as they stand there, where their order is open; else nothing."""
+    found = _find_parts(head.split("\n")[:SNIFFED_LINES])
+    return found[0] if found and len(list_orders(found)) > 1 else ()
+
+
+def find_last_date(tail: str) -> tuple[str, ...]:
+    """The same of the last whole row of a table's tail; nothing where none is found."""
+    found = _find_parts(tail.split("\n")[1:-1])
+    return found[-1] if found else ()
+
+
+def _find_parts(lines: Sequence[str]) -> list[tuple[str, ...]]:
+    pattern = re.compile(DATED % ".,")
+    found = (pattern.search(line) for line in lines if _is_wide(line))
+    return [match.group("first", "second", "third") for match in found if match]
 
 
 def _describe(

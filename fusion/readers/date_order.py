@@ -36,12 +36,7 @@ def order_dates(
     UnusableTime
         Nothing tells day and month apart, or the year of two digits.
     """
-    orders: tuple[DateOrder, ...] = (
-        ("dmy", "mdy") if len(parts[0][2]) == YEAR_DIGITS else ("dmy", "mdy", "ymd")
-    )
-    if len(parts[0][0]) == YEAR_DIGITS:
-        return "ymd", False
-    open_to = [one for one in orders if all(_read_date(part, one) for part in parts)]
+    open_to = list_orders(parts)
     if len(open_to) == 1:
         return open_to[0], False
     if order in open_to:
@@ -54,6 +49,26 @@ def order_dates(
     if word not in open_to:
         raise UnusableTime(why="date-order")
     return word, begun is not None and not near
+
+
+def list_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
+    """The orders of day, month and year in which all of these are dates."""
+    if len(parts[0][0]) == YEAR_DIGITS:
+        return ["ymd"]
+    orders: tuple[DateOrder, ...] = (
+        ("dmy", "mdy") if len(parts[0][2]) == YEAR_DIGITS else ("dmy", "mdy", "ymd")
+    )
+    return [one for one in orders if all(_read_date(part, one) for part in parts)]
+
+
+def settle_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
+    """The one order in which a file's first date and its last lie near each other; None where several do.
+
+    Over midnight 03/03 becomes 04/03 by one order and 03/04 by the other; the wrong one leaps by a month.
+    """
+    spans = {one: (_read_date(first, one), _read_date(last, one)) for one in list_orders([first, last])}
+    near = [one for one, (begun, ended) in spans.items() if begun and _is_near(ended, begun)]
+    return near[0] if len(near) == 1 else None
 
 
 def _read_format(head: str) -> DateOrder | None:

@@ -14,6 +14,8 @@ from fusion.recording import QualityFlag
 
 LONGEST_GAP_S = 86_400
 """A longer step forward is a clock that was set, not a gap: no second is made of it."""
+LONGEST_ALONE_S = 60
+"""The first or last second alone, so far from the others, is a wrong stamp: one is no proof of a minute."""
 MAX_CLOCK_ZEROS = 16
 ROW_TOLERANCE = 0.04
 """A second whose row count is further from the usual one has lost rows, and nobody can say which."""
@@ -89,10 +91,10 @@ def repair_outliers(unix_s: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
     lonely = (after - before == 2) & (here != before + 1)
     stamps[1:-1][lonely] = before[lonely] + 1
     count = int(lonely.sum())
-    if abs(stamps[1] - stamps[0]) > LONGEST_GAP_S and stamps[2] - stamps[1] == 1:
+    if abs(stamps[1] - stamps[0]) > LONGEST_ALONE_S and stamps[2] - stamps[1] == 1:
         stamps[0] = stamps[1] - 1
         count += 1
-    if abs(stamps[-1] - stamps[-2]) > LONGEST_GAP_S and stamps[-2] - stamps[-3] == 1:
+    if abs(stamps[-1] - stamps[-2]) > LONGEST_ALONE_S and stamps[-2] - stamps[-3] == 1:
         stamps[-1] = stamps[-2] + 1
         count += 1
     return stamps, count

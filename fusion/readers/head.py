@@ -73,6 +73,8 @@ def _inspect_text(head: bytes, file_name: str, rate_hz: float | None, tail: byte
         raise
     except FusionError:  # too short, dead, without time: the rest may tell otherwise
         return HeadFacts()
+    if any(flag.code == "W-REVERSED" for flag in recording.flags):
+        return replace(_tell(recording), start=None)  # it begins where the file ends
     end = None if tail is None else _find_last_row(recording, (lines, tail), file_name, rate_hz)
     return replace(_tell(recording), end=end)
 

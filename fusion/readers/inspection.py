@@ -1,5 +1,7 @@
 """What `acromion inspect` tells: what the reader took the file for, and what is wrong with it."""
 
+from collections.abc import Sequence
+
 from fusion.readers.sanity import measure_sanity
 from fusion.readers.timing import find_missing
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
@@ -8,14 +10,16 @@ LISTED_GAPS = 100
 """The longest ones; the count is always given in full."""
 
 
-def inspect_recording(recording: Recording) -> dict[str, object]:
+def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> dict[str, object]:
     """A JSON-ready description of a recording, for the person and for the maker of a logger.
 
     ``recorded_s`` = ``present_s`` + ``missing_s``, to the microsecond; ``gaps`` are all holes, those of up
     to 50 ms too; ``samples`` are those that were measured; ``excluded`` names time that the device itself
     says it did not measure, or not on the arm.
+
+    ``left_out``: what an analysis will exclude; that is not missing, here as there.
     """
-    holes = find_missing(recording.segments, recording.duration_us, recording.excluded)
+    holes = find_missing(recording.segments, recording.duration_us, (*recording.excluded, *left_out))
     gaps = sorted(holes, key=lambda gap: -gap.duration_us)
     bridged_rows = sum(stop - first for s in recording.segments for first, stop in s.bridged)
     missing_us = sum(gap.duration_us for gap in gaps)

@@ -18,10 +18,10 @@ from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
 from fusion.readers.table_clock import counts_since_1970, settle_stamps, tell_clock
 from fusion.readers.table_plan import PACKET_NUMBERS, plan_table
-from fusion.readers.text_evidence import flag_text, read_layout
+from fusion.readers.text_evidence import flag_text, read_layout, sniff_layout
 from fusion.readers.text_kernel import COUNTER, PAUSE
-from fusion.readers.text_layout import TextLayout, find_layout
-from fusion.readers.text_stream import TextForm, decode_head, find_form
+from fusion.readers.text_layout import TextLayout
+from fusion.readers.text_stream import TextForm, find_form
 from fusion.readers.text_table import TablePlan, TableRows, read_table
 from fusion.readers.timing import LARGEST_DRIFT, hash_serial
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
@@ -34,7 +34,7 @@ CANONICAL_HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dp
 
 def recognise(source: Source) -> bool:
     """Whether the head is text with a header that names columns."""
-    layout = find_layout(decode_head(source, find_form(source.head)))
+    layout = sniff_layout(source, find_form(source.head))
     return layout is not None and layout.header is not None
 
 

@@ -19,9 +19,10 @@ from fusion.readers.row_settling import settle_rows
 from fusion.readers.samples import SampleColumns
 from fusion.readers.segments import cut_stamped
 from fusion.readers.source import Source, read_chunks
+from fusion.readers.text_evidence import sniff_layout
 from fusion.readers.text_kernel import IGNORED, NUMERIC_TIME, STAMP
-from fusion.readers.text_layout import TextLayout, find_layout
-from fusion.readers.text_stream import decode_head, find_form
+from fusion.readers.text_layout import TextLayout
+from fusion.readers.text_stream import find_form
 from fusion.readers.text_table import TablePlan, read_table
 from fusion.readers.timing import trust_clock
 from fusion.readers.unmeasured import drop_blank_rows
@@ -47,7 +48,7 @@ def recognise_text(source: Source) -> bool:
     """Whether the head holds ten columns, a stamp and nine whole numbers, and no header."""
     if b"\0" in source.head:
         return False
-    layout = find_layout(decode_head(source, find_form(source.head)))
+    layout = sniff_layout(source, find_form(source.head))
     return layout is not None and layout.header is None and _is_register_table(layout)
 
 
@@ -85,7 +86,7 @@ def read_text(source: Source, rate_hz: float | None = None) -> Recording:  # noq
     TooShort, fusion.errors.UnreadableRows, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
     form = find_form(source.head)
-    layout = find_layout(decode_head(source, form))
+    layout = sniff_layout(source, form)
     assert layout is not None
     rows = read_table(source, form, layout, TablePlan(TEXT_TARGETS, NUMERIC_TIME, 6))
     return _build(rows.columns, rows.flags, "LSM9DS1 registers, text")

@@ -22,6 +22,10 @@ COARSE_ROWS = 4.0
 """Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
 FULL_RUN = 0.1
 HOUR_US = 3600 * MICROSECONDS
+CHANGE_US = HOUR_US // 2
+"""Clocks are changed at a full hour; here and there at half past."""
+LONGEST_LOSS_US = 600 * MICROSECONDS
+CLOCK_US = 2 * MICROSECONDS
 FIRST_ROWS = 4097
 PART_ROWS = 1 << 14
 
@@ -157,8 +161,8 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
 def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     """Take an hour's step out of wall-clock stamps where the clocks were changed, in place.
 
-    Only a step of exactly one hour, at a moment at which the clocks of some zone step so, with no row
-    missing, is taken for that. The stamps go on by the clock of the first row.
+    Only a step of one hour, at a moment at which the clocks of some zone step so, is taken for that; rows may
+    be lost around it for up to ten minutes. The stamps go on by the clock of the first row.
     """
     first_steps = np.diff(stamps[:FIRST_ROWS])
     advances = first_steps[first_steps > 0]  # many rows share a coarse stamp
@@ -166,9 +170,13 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     flags: tuple[QualityFlag, ...] = ()
     for place in _find_long_steps(stamps, HOUR_US // 2):
         step_us = int(stamps[place + 1] - stamps[place])
-        is_hour = abs(abs(step_us - usual) - HOUR_US) <= max(1.5 * usual, 1.0)
         hour_us = HOUR_US if step_us > 0 else -HOUR_US
-        reading = datetime_at_us(int(stamps[place]) + round(usual)) if is_hour else None
+        lost_us = step_us - hour_us - usual
+        if not -max(1.5 * usual, 1.0) <= lost_us <= LONGEST_LOSS_US:
+            continue
+        next_us = int(stamps[place]) + round(usual)
+        changed_us = -(-next_us // CHANGE_US) * CHANGE_US if lost_us > CLOCK_US else next_us
+        reading = datetime_at_us(changed_us) if changed_us <= next_us + lost_us + CLOCK_US else None
         if reading is None or not is_change_of_wall_clock(reading, hour_us // MICROSECONDS):
             continue
         at_s = float(stamps[place + 1] - hour_us - stamps[0]) / MICROSECONDS

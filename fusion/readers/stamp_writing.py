@@ -16,7 +16,11 @@ from fusion.readers.zones import is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag
 
 NOON = 12
-HALF_DAY_S = 43_200
+DAY_S = 86_400
+LONGEST_SET_BACK_S = 3 * 3600
+"""A clock is set back by no more than this (daylight saving, a zone): what goes back further is a new day."""
+LATEST_S = 600
+"""Rows come late by no more than this."""
 FIRST_DAY = datetime(1970, 1, 2)  # noqa: DTZ001 - stands for a date that is not told
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - as the kernels count
 MOST_CHANGES = 20
@@ -62,6 +66,7 @@ class StampWriter:
         self._offset_s = dialect.offset_s
         self._day = FIRST_DAY
         self._last_s: float | None = None
+        self._way = 1
 
     def rewrite(self, text: str) -> str:
         """Write every stamp as `2026-03-14T08:00:00.010`; a time column of its own is left empty."""
@@ -97,12 +102,20 @@ class StampWriter:
         return moment.isoformat(timespec="microseconds")
 
     def _write_undated(self, found: re.Match[str]) -> str:
-        """Give a time of day the date that follows on: a step of more than half a day is midnight."""
+        """Give a time of day the date that follows on: a step back of more than a few hours is midnight.
+
+        A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
+        In a table that stands with its newest row first it is the other way round.
+        """
         hour = _count_hour(found)
         time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["seconds"].replace(",", "."))
         step_s = 0.0 if self._last_s is None else time_s - self._last_s
-        if abs(step_s) > HALF_DAY_S:
-            self._day += timedelta(days=-1 if step_s > 0 else 1)
+        if self._way * step_s < -LONGEST_SET_BACK_S:
+            self._day += timedelta(days=self._way)
+        elif self._way * step_s > DAY_S - LATEST_S:
+            self._day -= timedelta(days=self._way)
+        elif step_s:
+            self._way = 1 if step_s > 0 else -1
         self._last_s = time_s
         stamp = f"{self._day:%Y-%m-%d}T{hour:02d}:{found['minute']}:{found['seconds']}"
         moved = self._move(stamp, found["zone"])

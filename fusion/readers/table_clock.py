@@ -15,6 +15,7 @@ from fusion.readers.text_table import TablePlan, TableRows
 from fusion.readers.timing import datetime_at_us, is_clock_set, trust_clock
 from fusion.recording import QualityFlag
 
+START_TOLERANCE = timedelta(minutes=1)
 SETTLED_ROWS = 1001
 """So many first stamps tell what kind of number they are, though some be strange."""
 
@@ -69,7 +70,9 @@ def tell_clock(layout: TextLayout, plan: TablePlan, first_stamp_us: int) -> Tabl
     """
     start = read_preamble_start(layout)
     flags: tuple[QualityFlag, ...] = ()
-    if start is None and plan.stamp_kind == CALENDAR_TIME:
+    if start is not None and plan.stamp_kind == CALENDAR_TIME:
+        start, flags = _compare_starts(start, layout, first_stamp_us)
+    elif start is None and plan.stamp_kind == CALENDAR_TIME:
         start = _read_stamp(layout, first_stamp_us)
         if layout.dates is not None and not layout.dates.has_date and start is not None:
             flags = (QualityFlag("W-NO-DATE", facts={"time_of_day": f"{start:%H:%M:%S}"}),)
@@ -79,6 +82,22 @@ def tell_clock(layout: TextLayout, plan: TablePlan, first_stamp_us: int) -> Tabl
     elif start is None and counts_since_1970(plan, first_stamp_us):
         start = read_epoch(first_stamp_us)
     return judge_clock(start, flags)
+
+
+def _compare_starts(
+    told: datetime, layout: TextLayout, first_stamp_us: int
+) -> tuple[datetime, tuple[QualityFlag, ...]]:
+    """Take the rows' own time where the preamble's start is another; its offset is the preamble's to tell."""
+    stamp = _read_stamp(layout, first_stamp_us)
+    if stamp is None or (layout.dates is not None and not layout.dates.has_date):
+        return told, ()
+    if stamp.tzinfo is None or told.tzinfo is None:
+        stamp = stamp.replace(tzinfo=stamp.tzinfo or told.tzinfo)
+        told = told.replace(tzinfo=stamp.tzinfo)
+    if abs(told - stamp) <= START_TOLERANCE:
+        return told, ()
+    facts = {"header": f"{told:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
+    return stamp, (QualityFlag("W-START", facts=facts),)
 
 
 def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:

@@ -4,8 +4,9 @@ import re
 from collections.abc import Sequence
 
 from fusion.readers.columns import choose_vector
-from fusion.readers.date_order import DateOrder
-from fusion.readers.source import Source
+from fusion.readers.date_dialects import find_last_date, find_open_date
+from fusion.readers.date_order import DateOrder, settle_by_span
+from fusion.readers.source import Source, read_chunks
 from fusion.readers.text_layout import TextLayout, find_layout, vote_decimal
 from fusion.readers.text_stream import TextForm, decode_head
 from fusion.readers.unpacking import UnpackedFile
@@ -27,10 +28,39 @@ def read_layout(source: Source, form: TextForm, order: DateOrder | None = None) 
     fusion.errors.FusionError
         As :func:`fusion.readers.text_layout.find_layout`.
     """
-    layout = find_layout(decode_head(source, form), order)
+    layout = sniff_layout(source, form, order)
     if layout is None or form.encoding or isinstance(source.file, UnpackedFile):
         return layout
     return vote_decimal(layout, sample_lines(source))
+
+
+def sniff_layout(source: Source, form: TextForm, order: DateOrder | None = None) -> TextLayout | None:
+    """Understand a table by its head; where that leaves day and month open, by its last row too.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        As :func:`fusion.readers.text_layout.find_layout`.
+    """
+    head = decode_head(source, form)
+    first = find_open_date(head)
+    if first and order is None:
+        last = find_last_date(_read_tail(source, form))
+        order = settle_by_span(first, last) if last else None
+    return find_layout(head, order)
+
+
+def _read_tail(source: Source, form: TextForm) -> str:
+    """The last bytes as text; of a packed file by unpacking it, for nothing else leads there."""
+    tail = b""
+    if isinstance(source.file, UnpackedFile):
+        for chunk in read_chunks(source):
+            tail = (tail + chunk)[-SAMPLE_BYTES:]
+    else:
+        source.file.seek(max(0, source.size_bytes - SAMPLE_BYTES) // 2 * 2)
+        tail = source.file.read()
+    text = tail.decode(form.encoding or "latin-1", errors="replace")
+    return text.replace("\r", "\n") if form.is_return_only else text
 
 
 def sample_lines(source: Source) -> list[str]:

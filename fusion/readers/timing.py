@@ -1,6 +1,7 @@
 """What all readers say about time: gaps between segments, clocks that were never set."""
 
 import hashlib
+from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -57,15 +58,24 @@ def bridged_spans(segments: Iterable[Segment]) -> list[Span]:
 
 
 def find_missing(
-    segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
+    segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[Span, ...]:
-    """All holes in order of time: between the segments, after the last, and those that were bridged."""
-    holes = [*find_gaps(segments, duration_us, excluded), *bridged_spans(segments)]
+    """All holes in order of time: between the segments, after the last, and those that were bridged.
+
+    What is excluded is not missing; of a bridged hole neither.
+    """
+    starts_us = sorted(span.start_us for span in excluded)
+    ends_us = sorted(span.end_us for span in excluded)
+    holes = list(find_gaps(segments, duration_us, excluded))
+    for hole in bridged_spans(segments):
+        middle_us = hole.start_us + hole.duration_us // 2
+        if bisect_right(starts_us, middle_us) == bisect_right(ends_us, middle_us):
+            holes.append(hole)
     return tuple(sorted(holes, key=lambda hole: hole.start_us))
 
 
 def flag_gaps(
-    segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
+    segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[QualityFlag, ...]:
     """Say where time is missing (W-GAP)."""
     return flag_spans("W-GAP", find_missing(segments, duration_us, excluded))

@@ -64,3 +64,22 @@ def thinned_at_random(first: int, stop: int) -> list[int]:
     """Two rows of five of a stretch are lost, nobody knows which."""
     lost = np.random.default_rng(3).random(stop - first) < 0.4
     return [*range(first), *(np.flatnonzero(~lost) + first).tolist(), *range(stop, 6000)]
+
+
+def paused(hours: int) -> str:
+    """Bare times of day, and a pause in the middle."""
+    first = datetime(2026, 3, 14, 18, 0)  # noqa: DTZ001 - a device's own clock
+    moments = [first + timedelta(milliseconds=10 * k, hours=hours if k >= 3000 else 0) for k in range(6000)]
+    return ordered(range(6000), [f"{moment:%H:%M:%S.%f}"[:-3] for moment in moments], CALENDAR)
+
+
+def lost_at_change(first: str, step_h: int) -> str:
+    """A wall clock that follows daylight saving, and ten seconds without rows as it is changed."""
+    begun = datetime.fromisoformat(first)
+    later = timedelta(hours=step_h, seconds=10)
+    moments = [begun + timedelta(milliseconds=10 * k) + later * (k >= 3000) for k in range(6000)]
+    return ordered(range(6000), [moment.isoformat(timespec="milliseconds") for moment in moments], CALENDAR)
+
+
+def preambled(line: str) -> str:
+    return f"# {line}\n" + ordered(range(6000), wall_clock(), CALENDAR)

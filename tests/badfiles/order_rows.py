@@ -3,10 +3,13 @@
 from datetime import datetime
 
 from tests.badfiles import order_files as o
+from tests.badfiles.gt3x_files import replaced, second
 from tests.badfiles.outcomes import given, read
-from tests.badfiles.table_files import NAMES
+from tests.badfiles.table_files import NAMES, resaved
 
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - a clock that lost its date
+MARCH = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001 - a day that is its month, too
+TEN = (60.0, 10.0, 0.0)
 BACKWARDS = range(5999, -1, -1)
 
 ORDER = (
@@ -24,7 +27,7 @@ ORDER = (
         "78 rows lost at random",
         "shift.csv",
         given(o.ordered(o.thinned_at_random(2000, 5000))),
-        "W-GAP W-ROWS-DROPPED W-SHORT",
+        "W-GAP W-LOWCOVER W-ROWS-DROPPED W-SHORT",
         (27.59, 32.41, 0.0),
     ),
     read(
@@ -35,6 +38,26 @@ ORDER = (
     ),
     read(
         "85 twice the rate at the end", "shift.csv", given(o.ordered(o.thinned(0, 4800, 2))), "W-RATE-CHANGE"
+    ),
+    read(
+        "56 fall, 10 s lost",
+        "shift.csv",
+        given(o.lost_at_change("2026-11-01T01:59:30", -1)),
+        "W-DST W-GAP",
+        TEN,
+    ),
+    read(
+        "56 spring, 10 s lost",
+        "shift.csv",
+        given(o.lost_at_change("2027-03-14T01:59:30", 1)),
+        "W-DST W-GAP",
+        TEN,
+    ),
+    read(
+        "58 another start in the header",
+        "shift.csv",
+        given(o.preambled("start: 2026-03-14T09:30:00")),
+        "W-START",
     ),
     read("77 pieces", "shift.csv", given(o.ordered(o.PASTED)), "W-PIECES"),
     read(
@@ -76,6 +99,28 @@ ORDER = (
         "shift.csv",
         given(o.ordered(BACKWARDS, [k / 100 for k in range(6000)], "time," + NAMES)),
         "W-REVERSED",
+    ),
+    read("27 last second an hour late", "shift.gt3x", replaced(59, second(59, stamp=3659)), "W-CLOCK-FWD"),
+    read("27 first second an hour early", "shift.gt3x", replaced(0, second(0, stamp=-3600)), "W-CLOCK-FWD"),
+    *(
+        read(
+            f"79 03/03 over midnight, {name}",
+            "shift.csv",
+            given(resaved(pattern, MARCH, "03/03/2026", word)),
+            "W-LOCALE",
+        )
+        for name, pattern, word in (
+            ("d/M", "%d/%m/%Y %H:%M:%S.%f", "dd/MM/yyyy"),
+            ("d/M under M/d", "%d/%m/%Y %H:%M:%S.%f", "M/d/yyyy"),
+            ("M/d under d/M", "%m/%d/%Y %H:%M:%S.%f", "dd/MM/yyyy"),
+        )
+    ),
+    read(
+        "79 no date, 13 h of pause",
+        "shift.csv",
+        given(o.paused(13)),
+        "W-GAP W-LOWCOVER W-NO-DATE",
+        (60.0, 46_800.0, 0.0),
     ),
     read("28 50 rows at 0", "shift.csv", given(o.stray([0] * 50)), "W-CLOCK-FWD"),
     read("28 50 rows from 0", "shift.csv", given(o.stray(range(0, 500_000, 10_000))), "W-CLOCK-FWD"),

@@ -115,3 +115,39 @@ def test_a_zone_behind_each_stamp_is_read() -> None:
 
     assert recording.duration_us == 20_000_000
     assert recording.start == datetime(2026, 3, 14, 12, tzinfo=UTC)
+
+
+@pytest.mark.parametrize("lost_s", [0, 10, 300])
+@pytest.mark.parametrize(
+    ("first", "step_h"),
+    [(datetime(2026, 11, 1, 1, 59, 40), -1), (datetime(2027, 3, 14, 1, 59, 40), 1)],  # noqa: DTZ001
+    ids=["back", "forward"],
+)
+def test_rows_lost_while_the_clocks_are_changed_are_all_that_is_missing(
+    first: datetime, step_h: int, lost_s: int
+) -> None:
+    moments = [first + timedelta(seconds=k / 100) for k in range(2000)]
+    later = first + timedelta(seconds=20 + lost_s, hours=step_h)
+    moments += [later + timedelta(seconds=k / 100) for k in range(2000)]
+    rows = [f"{moment.isoformat(timespec='milliseconds')},{line(k)}\n" for k, moment in enumerate(moments)]
+
+    recording = read_text(NAMES + "".join(rows))
+
+    assert recording.duration_us == 40_000_000 + 1_000_000 * lost_s
+    assert codes(recording) == (["W-DST", "W-GAP"] if lost_s else ["W-DST"])
+
+
+def test_a_start_in_the_preamble_that_the_rows_contradict_is_said_and_not_believed() -> None:
+    first = datetime(2026, 3, 2, 8)  # noqa: DTZ001
+
+    recording = read_text("# start: 2026-03-02T09:30:00-05:00\n" + wall_table(first))
+
+    (flag,) = recording.flags
+    assert f"{recording.start:%H:%M:%S %z}" == "08:00:00 -0500"
+    assert (flag.code, flag.facts["header"]) == ("W-START", "2026-03-02 09:30:00")
+
+
+def test_a_start_in_the_preamble_gives_the_rows_their_offset() -> None:
+    recording = read_text("# start: 2026-03-02T08:00:00-05:00\n" + wall_table(datetime(2026, 3, 2, 8)))  # noqa: DTZ001
+
+    assert (recording.time_zone, codes(recording)) == ("UTC-05:00", [])

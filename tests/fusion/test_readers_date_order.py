@@ -1,10 +1,12 @@
 """Day and month: settled by the dates, by a person, or by the header's start; else refused or said."""
 
+import gzip
 from datetime import datetime
 
 import pytest
 
 from fusion.errors import UnusableTime
+from fusion.readers.date_order import settle_by_span
 from tests.badfiles.table_files import calendar_table, resaved
 from tests.fusion.table_builder import codes, read_text
 
@@ -89,3 +91,32 @@ def test_without_a_header_day_and_month_are_asked_for() -> None:
         read_text(calendar_table(DAY_FIRST, SECOND_OF_MARCH))
 
     assert refusal.value.facts == {"why": "date-order"}
+
+
+@pytest.mark.parametrize("first", [datetime(2026, 3, 3, 23, 59, 30), datetime(2026, 3, 2, 23, 59, 30)])  # noqa: DTZ001
+@pytest.mark.parametrize("pattern", [DAY_FIRST, MONTH_FIRST], ids=["day first", "month first"])
+@pytest.mark.parametrize("word", ["M/d/yyyy", "dd/MM/yyyy"])
+def test_midnight_settles_day_and_month(first: datetime, pattern: str, word: str) -> None:
+    recording = read_text(resaved(pattern, first, "03/03/2026", word))
+
+    assert (recording.start, recording.duration_us) == (first, 60_000_000)
+    assert [flag.code for flag in recording.flags] == ["W-LOCALE"]
+
+
+def test_midnight_settles_day_and_month_where_no_header_tells() -> None:
+    first = datetime(2026, 3, 2, 23, 59, 30)  # noqa: DTZ001
+
+    assert read_text(calendar_table(DAY_FIRST, first)).start == first
+
+
+def test_midnight_in_a_packed_table_settles_day_and_month() -> None:
+    first = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001
+    packed = gzip.compress(resaved(DAY_FIRST, first, "03/03/2026").encode())
+
+    assert read_text(packed, "shift.csv.gz").start == first
+
+
+def test_the_first_and_the_last_date_settle_what_one_cannot() -> None:
+    assert settle_by_span(("03", "03", "2026"), ("04", "03", "2026")) == "dmy"
+    assert settle_by_span(("03", "03", "2026"), ("03", "04", "2026")) == "mdy"
+    assert settle_by_span(("03", "03", "2026"), ("03", "03", "2026")) is None

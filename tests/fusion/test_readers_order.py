@@ -168,6 +168,15 @@ def test_short_counters_are_carried_on_across_their_end(bits: int, tick_us: int,
     assert codes(recording) == ["W-WRAP"]
 
 
+def test_a_counter_with_a_sign_goes_on_below_zero() -> None:
+    stamps = [(2**31 - 20_000_000 + us + 2**31) % 2**32 - 2**31 for us in MICROS]
+
+    recording = read_text(ordered(range(6000), stamps))
+
+    assert_is_the_minute(recording)
+    assert codes(recording) == ["W-WRAP"]
+
+
 def test_a_hole_at_the_end_of_a_short_counter_is_missing() -> None:
     times_us = [us for us in range(30_000_000, 250_000_000, 10_000) if not 64_000_000 <= us < 68_000_000]
 

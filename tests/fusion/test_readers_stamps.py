@@ -285,3 +285,34 @@ def test_parquet_stamps_with_a_zone_are_utc(zone: str | None, start: datetime, s
     recording = read_recording(file, file_name="shift.parquet")
 
     assert (recording.start, codes(recording)) == (start, said)
+
+
+@pytest.mark.parametrize(
+    ("hour", "pause_h"), [(8, 13), (8, 15.5), (18, 13), (18, 20), (23, 12.5)], ids=lambda value: f"{value}"
+)
+def test_a_pause_of_half_a_day_between_bare_times_is_missing(hour: int, pause_h: float) -> None:
+    clock = moments(datetime(2026, 3, 2, hour, 0), 10.0, round(3600 * pause_h))  # noqa: DTZ001
+
+    recording = read_text(stamped([f"{moment:%H:%M:%S.%f}"[:-3] for moment in clock]))
+
+    assert recording.duration_us == 20_000_000 + round(3_600_000_000 * pause_h)
+    assert codes(recording) == ["W-GAP", "W-NO-DATE"]
+
+
+def test_a_bare_clock_set_back_by_an_hour_is_no_new_day() -> None:
+    clock = moments(datetime(2026, 3, 2, 18, 0), 10.0, -3600)  # noqa: DTZ001
+
+    recording = read_text(stamped([f"{moment:%H:%M:%S.%f}"[:-3] for moment in clock]))
+
+    assert (recording.duration_us, codes(recording)) == (20_000_000, ["W-CLOCK-BACK", "W-NO-DATE"])
+
+
+@pytest.mark.parametrize("way", [1, -1], ids=["as written", "newest row first"])
+def test_rows_that_came_late_over_midnight_are_put_right(way: int) -> None:
+    stamps = [f"{moment:%H:%M:%S.%f}"[:-3] for moment in moments(datetime(2026, 3, 2, 23, 59, 50))]  # noqa: DTZ001
+    stamps[995:1005] = [*stamps[1000:1005], *stamps[995:1000]]
+
+    recording = read_text(stamped(stamps[::way]))
+
+    assert (recording.duration_us, len(recording.segments)) == (20_000_000, 1)
+    assert "W-ORDER" in codes(recording)
