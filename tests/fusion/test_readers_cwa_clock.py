@@ -160,6 +160,13 @@ def test_stamps_of_no_use_are_refused() -> None:
         read_file(header() + b"".join(parts))
 
 
+def test_holes_before_every_other_block_are_no_sampling() -> None:
+    parts = [block(k, START_US + 400_000 * k + 50_000 * (k // 3)) for k in range(1000)]
+
+    with pytest.raises(UnusableTime):
+        read_file(header() + b"".join(parts))
+
+
 def test_a_date_that_is_none_is_no_stamp() -> None:
     packed, fraction, offset = stamp_fields(START_US + 8_000_000, 100.0)
     parts = blocks(range(50))

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import DamagedFile
+from fusion.errors import DamagedFile, UnknownColumns
+from fusion.readers.cwa import build_recording, decode_log
+from fusion.readers.cwa_header import DeviceHeader
 from fusion.recording import MICROSECONDS
 from tests.fusion.cwa_builder import (
     START,
@@ -159,6 +161,45 @@ def test_of_two_blocks_with_one_number_and_stamp_the_first_is_kept() -> None:
     assert spans_s(recording) == [(0.0, 2000)]
     assert codes(recording) == ["W-DUP-CONFLICT"]
     assert recording.segments[0].gyr_dps[19 * 40, 0] == pytest.approx(20 * 2000 / 32768)
+
+
+def test_doubles_of_other_lengths_contradict_the_block_before() -> None:
+    parts = blocks(range(50))
+    shorter = [block(k, START_US + 400_000 * k, still_rows(30, k)) for k in (10, 20)]
+
+    recording = read_file(
+        header() + b"".join([*parts[:11], shorter[0], *parts[11:21], shorter[1], *parts[21:]])
+    )
+
+    assert spans_s(recording) == [(0.0, 2000)]
+    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-DUP-CONFLICT", 2)]
+
+
+def test_blocks_that_went_back_in_number_and_not_in_time_stay_where_they_are() -> None:
+    """Number 20 stands where 30 was, with a stamp of its own: nothing agrees on its place."""
+    parts = blocks(range(50))
+    parts[30] = block(20, START_US + 4_000_000, still_rows(40, 800))
+
+    recording = read_file(header() + b"".join(parts))
+
+    assert sum(rows for _, rows in spans_s(recording)) == 2000
+    assert "W-ORDER" not in codes(recording)
+
+
+def test_sound_blocks_of_no_known_layout_alone_are_refused() -> None:
+    content = header() + b"".join(block(k, START_US + 400_000 * k, axes=0x52) for k in range(50))
+
+    with pytest.raises(UnknownColumns):
+        read_file(content)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_very_few_blocks_are_read(number: int) -> None:
+    log = decode_log(blocks(range(number)))
+
+    recording = build_recording(DeviceHeader(), log)
+
+    assert spans_s(recording) == [(0.0, 40 * number)]
 
 
 def test_a_block_that_came_late_is_put_into_its_place() -> None:
