@@ -11,9 +11,12 @@ NUMBA_BOUNDSCHECK=1 with a NUMBA_CACHE_DIR of its own makes them raise where the
 import argparse
 import importlib
 import io
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+
+COMPILED = re.compile(r"^@(njit|kernel|inner)\b", re.MULTILINE)
 
 
 def make_target(name: str) -> Callable[[bytes], None]:
@@ -43,10 +46,9 @@ def make_target(name: str) -> Callable[[bytes], None]:
 def list_compiled() -> list[str]:
     """The modules that hold kernels: numba cannot compile what Atheris has instrumented."""
     root = Path(__file__).parents[2]
-    sources = ((path, path.read_text("utf-8")) for path in sorted((root / "fusion").rglob("*.py")))
-    return [
-        ".".join(path.relative_to(root).with_suffix("").parts) for path, text in sources if "@njit" in text
-    ]
+    paths = sorted((root / "fusion").rglob("*.py"))
+    compiled = [path for path in paths if COMPILED.search(path.read_text("utf-8"))]
+    return [".".join(path.relative_to(root).with_suffix("").parts) for path in compiled]
 
 
 def write_corpus(name: str, folder: Path) -> None:

@@ -97,7 +97,7 @@ class BlockLog:
         """Raise where no sample can be trusted."""
         damaged_percent = 100.0 * float(self.tally[DAMAGED_BYTES]) / max(1, self.n_bytes)
         if damaged_percent > MAX_DAMAGED_PERCENT:
-            raise DamagedFile(p=round(damaged_percent, 1))
+            raise DamagedFile(p=round(damaged_percent, 1), **self._tell_damage())
         if self.columns.rows:
             return
         if self.n_plain:
@@ -105,6 +105,12 @@ class BlockLog:
         if self.n_strange:
             raise UnknownColumns(list="CWA")
         raise TooShort(s=0.0)
+
+    def _tell_damage(self) -> dict[str, str]:
+        """The clock at the last sound block before the damage."""
+        before = unpack_stamps(self.heads["stamp"][: int(self.tally[FIRST_DAMAGE])])
+        clock = datetime_at_us(int(before[-1]) * MICROSECONDS) if len(before) else None
+        return {} if clock is None else {"clock": clock.strftime("%Y-%m-%d %H:%M:%S")}
 
 
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0) -> BlockLog:

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import inner, kernel
 from fusion.readers.source import mark_last
 
 BLOCK_BYTES = 512
@@ -45,13 +45,13 @@ off; good blocks before the first and before the last damage."""
 TALLY_PLACES = 8
 
 
-@njit(cache=True, nogil=True)
+@inner
 def has_signature(buffer: NDArray[np.uint8], at: int) -> bool:
     """Whether the four bytes of a block's beginning lie at ``at``; room for them is the caller's care."""
     return buffer[at] == 0x41 and buffer[at + 1] == 0x58 and buffer[at + 2] == 0xFC and buffer[at + 3] == 0x01
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_block(buffer: NDArray[np.uint8], at: int) -> bool:
     """Whether a whole block with a true checksum lies at ``at``."""
     if at + BLOCK_BYTES > len(buffer) or not has_signature(buffer, at):
@@ -62,7 +62,7 @@ def is_block(buffer: NDArray[np.uint8], at: int) -> bool:
     return total & 0xFFFF == 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_unwritten(buffer: NDArray[np.uint8], first: int, stop: int) -> bool:
     """Whether the bytes are all ones or all zeros."""
     if buffer[first] != 0x00 and buffer[first] != 0xFF:
@@ -73,7 +73,7 @@ def is_unwritten(buffer: NDArray[np.uint8], first: int, stop: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def leads_on(buffer: NDArray[np.uint8], at: int) -> bool:
     """Whether what lies at ``at`` can follow a block: another one, never written room, or the end."""
     if at + BLOCK_BYTES > len(buffer):
@@ -81,7 +81,7 @@ def leads_on(buffer: NDArray[np.uint8], at: int) -> bool:
     return has_signature(buffer, at) or is_unwritten(buffer, at, at + BLOCK_BYTES)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def note_damage(tally: NDArray[np.int64], size_bytes: int) -> None:
     """Count damaged bytes, and where the damage is."""
     if tally[BAD_CHECKSUMS] + tally[RESYNCS] == 0:
@@ -90,7 +90,7 @@ def note_damage(tally: NDArray[np.int64], size_bytes: int) -> None:
     tally[DAMAGED_BYTES] += size_bytes
 
 
-@njit(cache=True, nogil=True)
+@inner
 def pass_sector(buffer: NDArray[np.uint8], at: int, tally: NDArray[np.int64]) -> int:
     """Step over a sector that is no block; return where to go on.
 
@@ -110,7 +110,7 @@ def pass_sector(buffer: NDArray[np.uint8], at: int, tally: NDArray[np.int64]) ->
     return at + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def scan_blocks(
     buffer: NDArray[np.uint8],
     is_last: bool,  # noqa: FBT001 (numba kernels take their arguments by place)
@@ -135,7 +135,7 @@ def scan_blocks(
     return at, found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_samples(
     buffer: NDArray[np.uint8],
     starts: NDArray[np.int64],

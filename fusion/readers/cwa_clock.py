@@ -3,7 +3,7 @@
 The sensor samples by a clock of its own; each block says what the device's clock read at one of its rows, to
 1/32768 s. Between blocks that follow one another the stamps say whether time is missing, as far as they are
 even themselves: the limit is half a sample period (CONTRACT §5: a step longer than 1.5 periods is a hole), or
-eight times the scatter of the stamps where that is more.
+eight times the scatter of the stamps where that is more and no block's number is missing.
 """
 
 import numpy as np
@@ -49,7 +49,7 @@ def cut_blocks(blocks: Blocks, columns: SampleColumns) -> tuple[Grid, int | None
     period_us = measure_periods(blocks)
     lengths_us = blocks.n_rows * period_us
     starts_us = place_starts(blocks, period_us)
-    jitter_us, limits_us = find_limits(starts_us, lengths_us, period_us)
+    jitter_us, limits_us = find_limits(blocks, starts_us, period_us)
     mended = mend_starts(starts_us, lengths_us, limits_us) + count_unstamped(blocks)
     holes = find_holes(blocks, starts_us, period_us, limits_us)
     runs = fit_runs(blocks, holes, starts_us, period_us)
@@ -115,14 +115,19 @@ def find_lags(starts_us: Floats, lengths_us: Floats) -> Floats:
     return starts_us[1:] - (starts_us[:-1] + lengths_us[:-1])
 
 
-def find_limits(starts_us: Floats, lengths_us: Floats, period_us: Floats) -> tuple[float, Floats]:
-    """How much the stamps scatter, and from which lag on time is missing before each block but the first."""
-    lags_us = find_lags(starts_us, lengths_us)
+def find_limits(blocks: Blocks, starts_us: Floats, period_us: Floats) -> tuple[float, Floats]:
+    """How much the stamps scatter, and from which lag on time is missing before each block but the first.
+
+    Where the numbers say that a block is missing, half a period is enough.
+    """
+    lags_us = find_lags(starts_us, blocks.n_rows * period_us)
     if len(lags_us) == 0:
         return 0.0, lags_us
     middle_us = np.median(lags_us)
     scatter_us = NORMAL_PER_MEDIAN * float(np.median(np.abs(lags_us - middle_us)))
-    return scatter_us / np.sqrt(2.0), np.maximum(0.5 * period_us[1:], SURE_SCATTERS * scatter_us)
+    is_skipped = np.diff(blocks.sequence) > 1
+    sure_us = np.where(is_skipped, 0.0, SURE_SCATTERS * scatter_us)
+    return scatter_us / np.sqrt(2.0), np.maximum(0.5 * period_us[1:], sure_us)
 
 
 def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int:

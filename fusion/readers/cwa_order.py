@@ -111,14 +111,13 @@ def find_doubles(blocks: Blocks) -> NDArray[np.bool_]:
 
 def count_identical(blocks: Blocks, columns: SampleColumns, doubles: Indices) -> int:
     """How many of the doubles hold what the block before holds."""
-    rows = [list_rows(blocks.take(doubles + shift)) for shift in (0, -1)]
-    if len(rows[0]) != len(rows[1]):
+    alike = doubles[blocks.n_rows[doubles] == blocks.n_rows[doubles - 1]]
+    if len(alike) == 0:
         return 0
-    is_same = np.all(columns.acc[rows[0]] == columns.acc[rows[1]], axis=1)
-    is_same &= np.all(columns.gyr[rows[0]] == columns.gyr[rows[1]], axis=1)
-    if not len(doubles):
-        return 0
-    edges = np.concatenate([[0], np.cumsum(blocks.n_rows[doubles])[:-1]])
+    here, before = (list_rows(blocks.take(alike - shift)) for shift in (0, 1))
+    is_same = np.all(columns.acc[here] == columns.acc[before], axis=1)
+    is_same &= np.all(columns.gyr[here] == columns.gyr[before], axis=1)
+    edges = np.cumsum(blocks.n_rows[alike]) - blocks.n_rows[alike]
     return int(np.count_nonzero(np.logical_and.reduceat(is_same, edges)))
 
 

@@ -22,6 +22,7 @@ MAX_UNPACKED_BYTES = 8 << 20
 LONGEST_RECORDING = timedelta(days=366)
 _STAMPED = {"calendar", "number since 1970"}
 _LONGEST_COUNT_US = 1 << 32  # a count of 32 bits, the usual one, begins anew after 72 minutes
+_CLOCK_DOUBTS = {"W-CLOCK-BACK", "W-CLOCK-FWD", "W-CLOCK-UNSET"}
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")  # APPNOTE 4.3.7: one before each member of a zip
 _DEVICE_TEXT = re.compile(rb"PK\x03\x04.{22}\x08\x00..info\.txt", re.DOTALL)
@@ -139,7 +140,7 @@ def _inspect_cwa(head: bytes, tail: bytes | None) -> HeadFacts:
 
 def _find_last_block(first: Recording, both: Recording) -> datetime | None:
     """Give the end of what begins with the head and ends with the tail, where one clock runs through both."""
-    is_one_clock = not any(flag.code.startswith("W-CLOCK") for flag in both.flags)
+    is_one_clock = _CLOCK_DOUBTS.isdisjoint(flag.code for flag in both.flags)
     goes_on = both is first or both.duration_us > first.duration_us
     return _find_end(both) if is_one_clock and goes_on and both.start == first.start else None
 

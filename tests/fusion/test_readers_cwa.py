@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fusion.errors import FusionError, NoGyroscope, TooShort, UnknownRate, WrongExtension
 from fusion.pipeline import analyse
-from fusion.readers import READERS, read_recording
+from fusion.readers import READERS, holds_device_format, read_recording
 from fusion.readers.cwa import decode_log
 from tests.badfiles import cwa_files
 from tests.badfiles.gt3x_files import LOG, pack
@@ -240,6 +240,10 @@ def test_a_header_that_is_lost_does_not_lose_the_recording() -> None:
 
     assert spans_s(recording) == [(0.0, 2000)]
     assert recording.serial_hash is None
+
+
+def test_it_is_told_for_a_device_s_own_format() -> None:
+    assert holds_device_format(io.BytesIO(log_of(range(50))))
 
 
 # ------------------------------------------------------------------ round trip

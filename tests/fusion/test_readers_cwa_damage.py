@@ -1,13 +1,13 @@
 """Damaged `.cwa` files: only what is damaged is lost, and every second is accounted for."""
 
-from datetime import timedelta
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import DamagedFile, UnusableTime
+from fusion.errors import DamagedFile, UnknownColumns
+from fusion.readers.cwa import build_recording, decode_log
+from fusion.readers.cwa_header import DeviceHeader
 from fusion.recording import MICROSECONDS
 from tests.fusion.cwa_builder import (
     START,
@@ -17,18 +17,13 @@ from tests.fusion.cwa_builder import (
     codes,
     header,
     log_of,
-    pack_time,
     read_file,
     spans_s,
-    stamp_fields,
     still_rows,
 )
 
 BLOCK_S = 0.4
 HEADER_BYTES, BLOCK_BYTES = 1024, 512
-NEVER = (0, 0, 0)
-"""A stamp that is no date."""
-YEAR_2000_US = 946_684_800 * MICROSECONDS
 
 
 def spoilt(number: int, *, of: int = 50) -> bytes:
@@ -119,7 +114,7 @@ def test_more_than_five_percent_damaged_is_refused() -> None:
     with pytest.raises(DamagedFile) as refusal:
         read_file(bytes(content))
 
-    assert refusal.value.facts["p"] == 8.0
+    assert refusal.value.facts == {"p": 8.0, "clock": "2026-03-02 08:00:01"}
 
 
 @pytest.mark.parametrize("fields", [{"count": 41}, {"axes": 0x63}, {"axes": 0x52}])
@@ -168,6 +163,45 @@ def test_of_two_blocks_with_one_number_and_stamp_the_first_is_kept() -> None:
     assert recording.segments[0].gyr_dps[19 * 40, 0] == pytest.approx(20 * 2000 / 32768)
 
 
+def test_doubles_of_other_lengths_contradict_the_block_before() -> None:
+    parts = blocks(range(50))
+    shorter = [block(k, START_US + 400_000 * k, still_rows(30, k)) for k in (10, 20)]
+
+    recording = read_file(
+        header() + b"".join([*parts[:11], shorter[0], *parts[11:21], shorter[1], *parts[21:]])
+    )
+
+    assert spans_s(recording) == [(0.0, 2000)]
+    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-DUP-CONFLICT", 2)]
+
+
+def test_blocks_that_went_back_in_number_and_not_in_time_stay_where_they_are() -> None:
+    """Number 20 stands where 30 was, with a stamp of its own: nothing agrees on its place."""
+    parts = blocks(range(50))
+    parts[30] = block(20, START_US + 4_000_000, still_rows(40, 800))
+
+    recording = read_file(header() + b"".join(parts))
+
+    assert sum(rows for _, rows in spans_s(recording)) == 2000
+    assert "W-ORDER" not in codes(recording)
+
+
+def test_sound_blocks_of_no_known_layout_alone_are_refused() -> None:
+    content = header() + b"".join(block(k, START_US + 400_000 * k, axes=0x52) for k in range(50))
+
+    with pytest.raises(UnknownColumns):
+        read_file(content)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_very_few_blocks_are_read(number: int) -> None:
+    log = decode_log(blocks(range(number)))
+
+    recording = build_recording(DeviceHeader(), log)
+
+    assert spans_s(recording) == [(0.0, 40 * number)]
+
+
 def test_a_block_that_came_late_is_put_into_its_place() -> None:
     recording = read_file(log_of([*range(20), 21, 22, 20, *range(23, 50)]))
 
@@ -206,142 +240,6 @@ def test_where_no_block_is_of_the_session_of_the_header_the_longer_one_is_kept()
     assert spans_s(recording) == [(0.0, 2000)]
 
 
-# ------------------------------------------------------------------ the clock
-
-
-def stamped(times_us: dict[int, int], *, of: int = 50) -> bytes:
-    """Blocks in a row, some of which bear another time than their own."""
-    parts = blocks(range(of))
-    for number, time_us in times_us.items():
-        parts[number] = block(number, time_us)
-    return header() + b"".join(parts)
-
-
-def test_a_stamp_alone_a_year_ahead_is_not_believed() -> None:
-    year_us = 365 * 86_400 * MICROSECONDS
-
-    recording = read_file(stamped({20: START_US + year_us}))
-
-    assert spans_s(recording) == [(0.0, 2000)]
-    assert codes(recording) == ["W-CLOCK-FWD"]
-
-
-@pytest.mark.parametrize("number", [0, 49])
-def test_a_first_or_last_stamp_far_from_all_others_is_not_believed(number: int) -> None:
-    recording = read_file(stamped({number: START_US - 400 * 86_400 * MICROSECONDS}))
-
-    assert spans_s(recording) == [(0.0, 2000)]
-    assert recording.start is not None
-    assert abs(recording.start - START) < timedelta(milliseconds=1)
-    assert codes(recording) == ["W-CLOCK-FWD"]
-
-
-@pytest.mark.parametrize("numbers", [[20], [0], [0, 1], [48, 49], [10, 20, 30]])
-def test_blocks_without_a_stamp_lie_where_their_numbers_say(numbers: list[int]) -> None:
-    parts = blocks(range(50))
-    for number in numbers:
-        parts[number] = block(number, 0, stamp=NEVER)
-
-    recording = read_file(header() + b"".join(parts))
-
-    assert spans_s(recording) == [(0.0, 2000)]
-    assert recording.start is not None
-    assert abs(recording.start - START) < timedelta(milliseconds=1)
-    assert codes(recording) == ["W-CLOCK-FWD"]
-
-
-def test_without_any_stamp_the_rate_of_the_setting_is_used_and_said() -> None:
-    parts = [block(k, 0, stamp=NEVER) for k in [*range(25), *range(30, 55)]]
-
-    recording = read_file(header() + b"".join(parts))
-
-    assert spans_s(recording) == [(0.0, 1000), (12.0, 1000)]
-    assert recording.start is None
-    assert codes(recording) == ["W-CLOCK-UNSET", "W-RATE", "W-GAP"]
-
-
-def test_a_clock_that_was_never_set_gives_durations_and_no_hour() -> None:
-    parts = [block(k, YEAR_2000_US + 400_000 * k) for k in range(50)]
-
-    recording = read_file(header() + b"".join(parts))
-
-    assert spans_s(recording) == [(0.0, 2000)]
-    assert recording.start is None
-    assert codes(recording) == ["W-CLOCK-UNSET"]
-
-
-def test_a_clock_set_back_costs_no_time() -> None:
-    later = {k: START_US - 3_600_000_000 + 400_000 * k for k in range(25, 50)}
-
-    recording = read_file(stamped(later))
-
-    assert [rows for _, rows in spans_s(recording)] == [1000, 1000]
-    assert recording.duration_us == pytest.approx(20_000_000, abs=100)
-    assert codes(recording) == ["W-CLOCK-BACK"]
-
-
-def test_a_clock_days_ahead_makes_no_gap_of_days() -> None:
-    later = {k: START_US + 3 * 86_400_000_000 + 400_000 * k for k in range(25, 50)}
-
-    recording = read_file(stamped(later))
-
-    assert recording.duration_us == pytest.approx(20_000_000, abs=100)
-    assert codes(recording) == ["W-CLOCK-FWD"]
-
-
-def test_stamps_that_scatter_by_some_milliseconds_make_no_holes() -> None:
-    scatter_us = np.random.default_rng(3).normal(0.0, 2000.0, 500)
-    parts = [block(k, START_US + 400_000 * k + round(scatter_us[k])) for k in range(500)]
-
-    recording = read_file(header() + b"".join(parts))
-
-    assert [rows for _, rows in spans_s(recording)] == [20_000]
-    assert recording.rate_hz == pytest.approx(100.0, rel=1e-4)
-    assert float(recording.understood["jitter_us"]) == pytest.approx(2000.0, rel=0.15)
-
-
-def test_a_sample_that_was_lost_between_two_blocks_is_bridged_and_missing() -> None:
-    late = {k: START_US + 10_000 + 400_000 * k for k in range(25, 50)}
-
-    recording = read_file(stamped(late))
-
-    (segment,) = recording.segments
-    assert segment.bridged == ((1000, 1001),)
-    assert len(segment) == 2001
-    assert recording.flags[0].seconds == pytest.approx(0.010, abs=1e-4)
-
-
-def test_a_clock_that_wanders_with_the_temperature_gives_the_true_duration() -> None:
-    """The rate falls by 0.4 % over the recording: every block's stamp is true, none is a hole."""
-    periods_us = 10_000 * (1 + 0.004 * np.linspace(0, 1, 2000))
-    starts_us = START_US + np.concatenate([[0], np.cumsum(40 * periods_us)])
-    parts = [block(k, round(starts_us[k])) for k in range(2000)]
-
-    recording = read_file(header() + b"".join(parts))
-
-    assert [rows for _, rows in spans_s(recording)] == [80_000]
-    assert recording.duration_us == pytest.approx(starts_us[-1] - START_US, abs=20_000)
-
-
-def test_stamps_of_no_use_are_refused() -> None:
-    times_us = np.random.default_rng(5).uniform(0, 3e9, 2000)
-    parts = [block(k, START_US + round(times_us[k])) for k in range(2000)]
-
-    with pytest.raises(UnusableTime):
-        read_file(header() + b"".join(parts))
-
-
-def test_a_date_that_is_none_is_no_stamp() -> None:
-    packed, fraction, offset = stamp_fields(START_US + 8_000_000, 100.0)
-    parts = blocks(range(50))
-    thirtieth_of_february = (packed & ~(0x3FF << 17)) | 2 << 22 | 30 << 17
-    parts[20] = block(20, 0, stamp=(thirtieth_of_february, fraction, offset))
-
-    recording = read_file(header() + b"".join(parts))
-
-    assert spans_s(recording) == [(0.0, 2000)]
-
-
 @settings(max_examples=50, deadline=None)
 @given(lost=st.sets(st.integers(1, 98), max_size=20))
 def test_whatever_blocks_are_lost_every_other_sample_is_where_it_was(lost: set[int]) -> None:
@@ -356,7 +254,3 @@ def test_whatever_blocks_are_lost_every_other_sample_is_where_it_was(lost: set[i
     ]
     assert at_s == pytest.approx([BLOCK_S * k for k in left], abs=1e-3)
     assert recording.duration_us == pytest.approx(40_000_000, abs=1000)
-
-
-def test_packing_a_time_is_what_the_documentation_says() -> None:
-    assert pack_time(START) == 0x68C48000
