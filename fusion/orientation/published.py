@@ -113,11 +113,14 @@ def _vertical_of(tilt: Any) -> tuple[float, float, float]:  # pragma: no cover
 
 @kernel
 def _run_published(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    acc: Any, gyr: Any, bias: Any, period_s: float, gains: Any, out: Any
+    acc: Any, gyr: Any, bias: Any, steps: Any, room: Any, out: Any
 ) -> None:  # pragma: no cover
-    """One pass: filters, A, G, slerp of the two tilts, vertical. ``gains``: acc, gyr, high-pass, weight."""
-    gain_acc, gain_gyr, keep, weight = gains
-    smooth_acc, smooth_gyr, rate = np.zeros(3), np.zeros(3), np.zeros(3)
+    """One pass: filters, A, G, slerp of the two tilts, vertical.
+
+    ``steps``: period, gains of acc, gyr and high-pass, weight of A; ``room``: (3,) for each filter.
+    """
+    period_s, gain_acc, gain_gyr, keep, weight = steps
+    smooth_acc, smooth_gyr, rate = room
     up = (0.0, 0.0, 1.0)
     for k in range(len(acc)):
         for i in range(3):
@@ -147,14 +150,14 @@ def estimate_published(
 ) -> FloatArray:
     """Unit vector to the zenith at each sample, (n, 3); ``bias_dps``: mean rate of the calibration."""
     parameters = parameters or PublishedParameters()
-    gains = (
+    steps = (
+        1.0 / run.rate_hz,
         lowpass_gain(parameters.lowpass_acc_hz, run.rate_hz),
         lowpass_gain(parameters.lowpass_gyr_hz, run.rate_hz),
         highpass_gain(parameters.highpass_gyr_hz, run.rate_hz),
         parameters.accelerometer_weight(run.rate_hz),
     )
     out: NDArray[Any] = np.zeros((len(run), 3), dtype=dtype)
-    _run_published(
-        run.acc_g, run.gyr_dps, np.asarray(bias_dps, dtype=np.float64), 1.0 / run.rate_hz, gains, out
-    )
+    room = (np.empty(3), np.empty(3), np.empty(3))
+    _run_published(run.acc_g, run.gyr_dps, np.asarray(bias_dps, dtype=np.float64), steps, room, out)
     return out

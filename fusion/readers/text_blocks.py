@@ -11,7 +11,7 @@ any other form is left to :func:`fusion.readers.text_words.take_plain`.
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import kernel
+from fusion.numba_kernels import kernel_making_arrays
 from fusion.readers.text_marks import Marks
 from fusion.readers.text_words import (
     ALL_BITS,
@@ -37,7 +37,7 @@ Words = NDArray[np.uint64]
 """Shape (4, block): the first bytes of each field, its last eight, those before its decimals, its length."""
 
 
-@kernel
+@kernel_making_arrays
 def gather_words(
     buffer: NDArray[np.uint8], fields: Marks, step: tuple[int, int], decimals: int, words: Words
 ) -> None:
@@ -58,7 +58,7 @@ def gather_words(
         at += np.uintp(stride)
 
 
-@kernel
+@kernel_making_arrays
 def fold_words(
     words: Words, decimals: int, form: tuple[int, float, float], values: NDArray[np.float64]
 ) -> bool:

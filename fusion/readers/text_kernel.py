@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner
+from fusion.numba_kernels import inner_making_arrays
 from fusion.readers.text_numbers import (
     MISSING,
     NEWLINE,
@@ -42,7 +42,7 @@ Values = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
 """Acceleration, angular rate, stamps."""
 
 
-@inner
+@inner_making_arrays
 def take_stamp(
     buffer: NDArray[np.uint8], at: int, signs: NDArray[np.int64], stamps: NDArray[np.int64]
 ) -> tuple[int, int]:
@@ -55,7 +55,7 @@ def take_stamp(
     return at, kind
 
 
-@inner
+@inner_making_arrays
 def take_row(
     buffer: NDArray[np.uint8],
     at: int,
@@ -90,7 +90,7 @@ def take_row(
     return close_line(buffer, at, delimiter, worst)
 
 
-@inner
+@inner_making_arrays
 def keep_row(
     fields: NDArray[np.float64],
     scales: NDArray[np.float64],
@@ -104,7 +104,7 @@ def keep_row(
         gyr[row, axis] = fields[4 + axis] * scales[4 + axis]
 
 
-@inner
+@inner_making_arrays
 def close_line(buffer: NDArray[np.uint8], at: int, delimiter: int, worst: int) -> tuple[int, int]:
     """Go to the line's end; further fields are unreadable unless they are empty."""
     while buffer[at] == delimiter or buffer[at] == SPACE or buffer[at] == RETURN:
@@ -116,7 +116,7 @@ def close_line(buffer: NDArray[np.uint8], at: int, delimiter: int, worst: int) -
     return at, worst
 
 
-@inner
+@inner_making_arrays
 def is_blank(buffer: NDArray[np.uint8], at: int, delimiter: int) -> bool:
     """Whether nothing but padding stands on the line."""
     while buffer[at] == SPACE or buffer[at] == RETURN or buffer[at] == delimiter or buffer[at] == QUOTE:
@@ -124,7 +124,7 @@ def is_blank(buffer: NDArray[np.uint8], at: int, delimiter: int) -> bool:
     return buffer[at] == NEWLINE
 
 
-@inner
+@inner_making_arrays
 def starts_with(buffer: NDArray[np.uint8], at: int, word: NDArray[np.uint8]) -> bool:
     """Whether the line begins with ``word``, which must hold no newline."""
     for k in range(len(word)):
@@ -133,7 +133,7 @@ def starts_with(buffer: NDArray[np.uint8], at: int, word: NDArray[np.uint8]) -> 
     return len(word) > 0
 
 
-@inner
+@inner_making_arrays
 def note_loss(kind: int, tally: NDArray[np.int64]) -> None:
     """Count a row that was not kept."""
     if kind == MISSING:
@@ -145,7 +145,7 @@ def note_loss(kind: int, tally: NDArray[np.int64]) -> None:
         tally[FIRST_BAD_LINE] = tally[LINES]
 
 
-@inner
+@inner_making_arrays
 def next_line(buffer: NDArray[np.uint8], at: int) -> int:
     """First byte after the line's end."""
     while buffer[at] != NEWLINE:

@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner, kernel
+from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
 from fusion.readers.text_kernel import (
     BLANKS,
     CALENDAR_TIME,
@@ -34,7 +34,7 @@ SHORTEST_RUN, LONGEST_RUN = 1, 1024
 """Lines that are tried together on the plain path; few enough that they stay in the processor's cache."""
 
 
-@inner
+@inner_making_arrays
 def parse_line(
     line: tuple[NDArray[np.uint8], int], row: int, rules: Rules, values: Values, tally: NDArray[np.int64]
 ) -> tuple[int, int]:
@@ -62,7 +62,7 @@ def parse_line(
     return next_line(buffer, at), int(kind == NUMBER)
 
 
-@inner
+@inner_making_arrays
 def has_all_columns(columns: NDArray[np.int64]) -> bool:
     """Whether the six readings have a column each."""
     for target in range(1, 7):  # noqa: SIM110 (numba compiles no generator expressions)
@@ -71,7 +71,7 @@ def has_all_columns(columns: NDArray[np.int64]) -> bool:
     return True
 
 
-@inner
+@inner_making_arrays
 def find_lines(piece: Piece, rules: Rules) -> tuple[int, int]:
     """Find the ends of fields and lines where the plain path can be tried; no lines where it cannot."""
     buffer, first, stop, marks, ends = piece
@@ -80,7 +80,7 @@ def find_lines(piece: Piece, rules: Rules) -> tuple[int, int]:
     return find_marks(buffer, (first, stop), rules[3][0], marks, ends)
 
 
-@kernel
+@kernel_making_arrays
 def take_plain_readings(piece: Piece, rules: Rules, values: Values, row: int) -> tuple[int, int]:
     """Read the six readings of a piece's lines up to the first that is not plain.
 
@@ -128,7 +128,7 @@ def parse_plain_lines(
     return row + rows, int(marks[ends[rows]]) + 1
 
 
-@kernel
+@kernel_making_arrays
 def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDArray[np.int64]) -> int:
     """Read all lines of a piece into the columns from ``row`` on; return the first row not filled.
 

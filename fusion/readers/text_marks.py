@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner
+from fusion.numba_kernels import inner_making_arrays
 from fusion.readers.text_words import (
     NEWLINE,
     ONE,
@@ -49,7 +49,7 @@ def write_ends(ends: Marks, lines: int, found: int, word: int, newlines: int) ->
     return lines
 
 
-@inner
+@inner_making_arrays
 def find_marks(
     buffer: NDArray[np.uint8], span: tuple[int, int], delimiter: int, marks: Marks, ends: Marks
 ) -> tuple[int, int]:

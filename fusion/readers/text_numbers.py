@@ -10,7 +10,7 @@ at which all loops stop, so none needs a bounds check.
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner
+from fusion.numba_kernels import inner_making_arrays
 
 NEWLINE, RETURN, SPACE, QUOTE, PLUS, MINUS, ZERO, NINE = 10, 13, 32, 34, 43, 45, 48, 57
 NUMBER, MISSING, UNREADABLE = 0, 1, 2
@@ -22,13 +22,13 @@ WHOLE_POWERS = 10 ** np.arange(0, 19, dtype=np.int64)
 LARGEST_WHOLE = np.int64(9_000_000_000_000_000_000) // WHOLE_POWERS
 
 
-@inner
+@inner_making_arrays
 def is_end(byte: int, delimiter: int) -> bool:
     """Whether a field ends here."""
     return byte == delimiter or byte == NEWLINE or byte == RETURN  # noqa: PLR1714 (bare compares in the kernel)
 
 
-@inner
+@inner_making_arrays
 def skip_field(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     """Go to the end of the field."""
     while not is_end(buffer[at], delimiter):
@@ -36,7 +36,7 @@ def skip_field(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     return at
 
 
-@inner
+@inner_making_arrays
 def skip_spaces(buffer: NDArray[np.uint8], at: int) -> int:
     """Go over spaces."""
     while buffer[at] == SPACE:
@@ -44,7 +44,7 @@ def skip_spaces(buffer: NDArray[np.uint8], at: int) -> int:
     return at
 
 
-@inner
+@inner_making_arrays
 def skip_padding(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     """Go over spaces and quotes."""
     while (buffer[at] == SPACE and delimiter != SPACE) or buffer[at] == QUOTE:
@@ -52,7 +52,7 @@ def skip_padding(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
     return at
 
 
-@inner
+@inner_making_arrays
 def take_digits(buffer: NDArray[np.uint8], at: int, mantissa: int) -> tuple[int, int]:
     """Append the digits at ``at`` to the mantissa; return where they end and the new mantissa."""
     digit = np.int64(buffer[at]) - ZERO
@@ -63,7 +63,7 @@ def take_digits(buffer: NDArray[np.uint8], at: int, mantissa: int) -> tuple[int,
     return at, mantissa
 
 
-@inner
+@inner_making_arrays
 def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int) -> tuple[int, int]:
     """Mantissa and exponent of more digits than an int64 holds: the first 18 count."""
     mantissa = np.int64(0)
@@ -83,7 +83,7 @@ def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int
     return mantissa, exponent
 
 
-@inner
+@inner_making_arrays
 def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
     """Read `e-05`; return (where it began, 0) where no digit follows."""
     start = at
@@ -97,7 +97,7 @@ def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
     return end, -exponent if is_negative else exponent
 
 
-@inner
+@inner_making_arrays
 def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
     """Tell a value that is absent (empty, `-`, nan, inf, null, NA) from an unreadable one."""
     while at < end and (buffer[at] == PLUS or buffer[at] == MINUS or buffer[at] == SPACE):
@@ -117,7 +117,7 @@ def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
     return UNREADABLE
 
 
-@inner
+@inner_making_arrays
 def take_number(
     buffer: NDArray[np.uint8], at: int, delimiter: int, decimal: int
 ) -> tuple[int, int, int, int]:
@@ -148,7 +148,7 @@ def take_number(
     return end, np.int64(0), 0, classify_word(buffer, start, end)
 
 
-@inner
+@inner_making_arrays
 def scale_decimal(mantissa: int, exponent: int) -> float:
     """Mantissa times a power of ten."""
     if exponent < 0:
@@ -156,7 +156,7 @@ def scale_decimal(mantissa: int, exponent: int) -> float:
     return mantissa * POWERS[min(exponent, 308)]
 
 
-@inner
+@inner_making_arrays
 def scale_stamp(mantissa: int, exponent: int) -> int:
     """Mantissa times a power of ten, as a whole number rounded to the nearest."""
     if 0 <= exponent <= 18 and abs(mantissa) <= LARGEST_WHOLE[exponent]:
@@ -168,7 +168,7 @@ def scale_stamp(mantissa: int, exponent: int) -> int:
     return np.int64(value) if abs(value) < 9e18 else np.int64(0)
 
 
-@inner
+@inner_making_arrays
 def count_days(year: int, month: int, day: int) -> int:
     """Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, days_from_civil)."""
     year -= int(month <= 2)
@@ -178,7 +178,7 @@ def count_days(year: int, month: int, day: int) -> int:
     return era * 146_097 + year_of_era * 365 + year_of_era // 4 - year_of_era // 100 + day_of_year - 719_468
 
 
-@inner
+@inner_making_arrays
 def take_calendar(buffer: NDArray[np.uint8], at: int, delimiter: int) -> tuple[int, int, int]:
     """Read `2019-02-14T08:58:00.0100000`; return where it ends, microseconds since 1970, what it is."""
     at = skip_padding(buffer, at, delimiter)

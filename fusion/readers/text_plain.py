@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner, kernel
+from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
 from fusion.readers.text_blocks import (
     BLOCK_ROWS,
     MOST_DECIMALS,
@@ -43,13 +43,13 @@ MARKS_OF_A_MINUTE = 1 << 4 | 1 << 7 | 1 << 10 | 1 << 13 | 1 << 16
 LONGEST_SECOND = 61
 
 
-@kernel
+@kernel_making_arrays
 def spread_mark(decimal: int) -> int:
     """The decimal mark as :func:`fusion.readers.text_words.take_plain` wants it."""
     return np.uint64(decimal ^ ZERO) * EVERY_BYTE
 
 
-@inner
+@inner_making_arrays
 def count_regular(ends: Marks, n_columns: int, most: int) -> int:
     """How many lines from here on have exactly ``n_columns`` fields."""
     rows = 0
@@ -66,7 +66,7 @@ def skip_padding(buffer: NDArray[np.uint8], at: int) -> int:
     return at
 
 
-@inner
+@inner_making_arrays
 def take_each(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -91,7 +91,7 @@ def take_each(
     return len(values)
 
 
-@inner
+@inner_making_arrays
 def take_values(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -120,7 +120,7 @@ def take_values(
     return len(values)
 
 
-@kernel
+@kernel_making_arrays
 def take_stamps(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -141,7 +141,7 @@ def take_stamps(
     return len(stamps)
 
 
-@inner
+@inner_making_arrays
 def is_minute(buffer: NDArray[np.uint8], at: int) -> bool:
     """Whether `2019-02-14T08:58:` stands here: digits, with one other byte after each number."""
     for k in range(MINUTE_BYTES):
@@ -151,7 +151,7 @@ def is_minute(buffer: NDArray[np.uint8], at: int) -> bool:
     return True
 
 
-@inner
+@inner_making_arrays
 def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
     """Read `08.0100000` between ``at`` and ``stop`` as microseconds; -1 for any other form."""
     if stop < at + 2 or buffer[at] == MINUS or (stop > at + 2 and buffer[at + 2] != POINT):
@@ -162,7 +162,7 @@ def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
     return scale_stamp(mantissa, 6 - decimals)
 
 
-@kernel
+@kernel_making_arrays
 def take_calendars(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -188,7 +188,7 @@ def take_calendars(
     return len(stamps)
 
 
-@inner
+@inner_making_arrays
 def take_plain_stamps(
     buffer: NDArray[np.uint8],
     fields: Marks,
@@ -203,7 +203,7 @@ def take_plain_stamps(
     return take_stamps(buffer, fields, step, (spread_mark(signs[1]), signs[3]), stamps)
 
 
-@inner
+@inner_making_arrays
 def take_readings(
     buffer: NDArray[np.uint8],
     lines: tuple[Marks, Marks, int],
@@ -231,7 +231,7 @@ def take_readings(
     return rows
 
 
-@inner
+@inner_making_arrays
 def take_plain_rows(
     buffer: NDArray[np.uint8],
     lines: tuple[Marks, Marks, int],

@@ -41,7 +41,7 @@ class Nodes:
     rows_per_node: int
     rows: int
     lag_rows: float
-    acc_g: NDArray[np.float32]
+    acc_g: NDArray[np.float64]
     turn_rad: NDArray[np.float64]
     bias_rad: NDArray[np.float64]
     gyro_gain: NDArray[np.float64]
@@ -59,7 +59,7 @@ def reduce_to_nodes(
     rows = rows if len(run) >= LEAST_NODES * rows else 1
     start_s, period_s, count = run.start_s + rows // 2 / run.rate_hz, rows / run.rate_hz, len(run) // rows
     bias_rad = bias.at(start_s + period_s * np.arange(count)) * RADIANS
-    acc_g, turn_rad = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3))
+    acc_g, turn_rad = np.zeros((2, count, 3))
     lag_rows = min(1.0, gyro_lag_s * run.rate_hz)
     steps = (rows, 1.0 / run.rate_hz, _place_taps(lag_rows))
     _reduce(run.acc_g, run.gyr_dps, bias_rad, steps, acc_g, turn_rad)
@@ -79,58 +79,41 @@ def correct_nodes(
     """
     gyro_gain = np.eye(3) if gyro_gain is None else gyro_gain
     felt = accelerometer or leave_accelerometer()
-    bias_rad, turn_rad = np.empty_like(nodes.bias_rad), np.empty_like(nodes.turn_rad)
-    acc_g = np.empty_like(nodes.acc_g)
+    bias_rad, offset_g = np.empty_like(nodes.bias_rad), np.zeros_like(nodes.acc_g)
+    turn_rad, acc_g = np.empty_like(nodes.turn_rad), np.empty_like(nodes.acc_g)
     change = gyro_gain @ np.linalg.inv(nodes.gyro_gain)
     times = (nodes.start_s, nodes.period_s)
     gyr_line, acc_line = (bias.time_s, bias.bias_dps * RADIANS), (felt.time_s, felt.offset_g)
-    _correct_gyr(nodes.turn_rad, nodes.bias_rad, (*times, change), gyr_line, turn_rad, bias_rad)
-    _correct_acc(nodes.acc_g, (*times, felt.gain), acc_line, acc_g)
+    _correct(nodes.turn_rad, nodes.bias_rad, (*times, nodes.period_s, change), gyr_line, turn_rad, bias_rad)
+    turn_rad[:1] = 0.0
+    _correct(nodes.acc_g, offset_g, (*times, 1.0, felt.gain), acc_line, acc_g, offset_g)
     return replace(nodes, acc_g=acc_g, turn_rad=turn_rad, bias_rad=bias_rad, gyro_gain=gyro_gain)
 
 
-@inner
-def _find_place(knots_s: Any, left: int, now_s: float) -> Any:  # pragma: no cover
-    """The knots about a time, not before ``left``, and the share of the second; constant outside."""
-    last = len(knots_s) - 1
-    while left < last - 1 and now_s >= knots_s[left + 1]:
-        left += 1
-    if last == 0:
-        return left, left, 0.0
-    share = (now_s - knots_s[left]) / (knots_s[left + 1] - knots_s[left])
-    return left, left + 1, 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
-
-
 @kernel
-def _correct_gyr(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    turns: Any, before: Any, steps: Any, line: Any, turned: Any, after: Any
+def _correct(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    readings: Any, before: Any, steps: Any, line: Any, out: Any, after: Any
 ) -> None:  # pragma: no cover
-    """Draw the bias into ``after``, change the turns by what it differs, and by the gain."""
-    (start_s, period_s, gain), (knots_s, bias) = steps, line
-    left = 0
-    for node in range(len(turns)):
-        left, right, share = _find_place(knots_s, left, start_s + node * period_s)
-        moved = period_s if node > 0 else 0.0
-        for axis in range(3):
-            after[node, axis] = bias[left, axis] + share * (bias[right, axis] - bias[left, axis])
-            turned[node, axis] = turns[node, axis] - moved * (after[node, axis] - before[node, axis])
-        x, y, z = turned[node, 0], turned[node, 1], turned[node, 2]
-        for axis in range(3):
-            turned[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
+    """Draw a line between knots (constant outside) into ``after``; ``gain @ (reading - share * change)``.
 
-
-@kernel
-def _correct_acc(acc: Any, steps: Any, line: Any, corrected: Any) -> None:  # pragma: no cover
-    """``gain @ (acceleration - offset)`` at each node."""
-    (start_s, period_s, gain), (knots_s, offset) = steps, line
-    left = 0
-    for node in range(len(acc)):
-        left, right, share = _find_place(knots_s, left, start_s + node * period_s)
-        x = acc[node, 0] - offset[left, 0] - share * (offset[right, 0] - offset[left, 0])
-        y = acc[node, 1] - offset[left, 1] - share * (offset[right, 1] - offset[left, 1])
-        z = acc[node, 2] - offset[left, 2] - share * (offset[right, 2] - offset[left, 2])
+    The change is that from ``before``, which may be the same array as ``after``.
+    """
+    (start_s, period_s, share, gain), (knots_s, values) = steps, line
+    last, left = len(knots_s) - 1, 0
+    for node in range(len(readings)):
+        now_s = start_s + node * period_s
+        while left < last - 1 and now_s >= knots_s[left + 1]:
+            left += 1
+        right = left + 1 if last > 0 else left
+        part = (now_s - knots_s[left]) / (knots_s[right] - knots_s[left]) if last > 0 else 0.0
+        part = 0.0 if part < 0.0 else 1.0 if part > 1.0 else part
         for axis in range(3):
-            corrected[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
+            old = before[node, axis]
+            after[node, axis] = values[left, axis] + part * (values[right, axis] - values[left, axis])
+            out[node, axis] = readings[node, axis] - share * (after[node, axis] - old)
+        x, y, z = out[node, 0], out[node, 1], out[node, 2]
+        for axis in range(3):
+            out[node, axis] = gain[axis, 0] * x + gain[axis, 1] * y + gain[axis, 2] * z
 
 
 def spread_rows(  # noqa: PLR0913, PLR0917 (it is asked for block by block)
