@@ -171,7 +171,7 @@ class WrongScale(UnusableRecording):
 
 
 class MixedColumns(UnusableRecording):
-    """Gravity does not turn as the gyroscope says. Facts: percent (unexplained), turns."""
+    """Gravity does not turn as the gyroscope says. Facts: percent (unexplained), turns; or lag_ms."""
 
     code = "E-MIXED"
 

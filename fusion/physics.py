@@ -29,6 +29,7 @@ from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measu
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
 from fusion.rest_length import measure_rest_scale
 from fusion.rest_probes import find_gyro_offset_dps, measure_rests_g, moving_mean, probe_blocks
+from fusion.sensor_lag import SensorLag, measure_lag
 from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
 
 USUAL_UNITS_G = (1.0, 1e-3, 1 / STANDARD_GRAVITY)
@@ -65,7 +66,8 @@ def check_physics(recording: Recording) -> Recording:
     WrongScale
         At rest the accelerometer reads something that no known unit makes 1 g, or not the same all round.
     MixedColumns
-        The two sensors contradict each other, and no one order and sign of the axes puts it right.
+        The two sensors contradict each other, and no one order and sign of the axes puts it right; or they
+        were not read at one moment.
     ExchangedSensors
         Each sensor reads like the other, and their exchange alone does not surely put it right.
     TooShort
@@ -94,7 +96,18 @@ def _check_as_named(recording: Recording) -> tuple[Recording, bool]:
     if evidence is None or not evidence.is_settled:
         assumed = _assume(checked, unit, candidates[0], evidence)
         return _narrow_ranges(assumed, is_cut=cut_off is not None), False
+    checked = _check_lag(checked, measure_lag(windows, evidence.chosen.model))
     return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None), True
+
+
+def _check_lag(recording: Recording, lag: SensorLag) -> Recording:
+    """Refuse what was surely not read at one moment; say what likely was not (W-LAG)."""
+    lag_ms = round(1000.0 * abs(lag.lag_s), -1)
+    if lag.is_certain:
+        raise MixedColumns(lag_ms=int(lag_ms))
+    if not lag.is_likely:
+        return recording
+    return replace(recording, flags=(*recording.flags, QualityFlag("W-LAG", facts={"lag_ms": int(lag_ms)})))
 
 
 def cut_whole_windows(segments: Sequence[Segment]) -> tuple[GravityWindows, float | None]:

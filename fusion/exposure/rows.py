@@ -4,13 +4,15 @@ Row i of a run lasts from ``start + i`` periods to ``start + i + 1`` periods. On
 resolution of all times, so an overlap of up to one microsecond is no overlap.
 """
 
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fusion.recording import MICROSECONDS, BoolArray
+from fusion.recording import MICROSECONDS, BoolArray, Span
 
 IntArray = NDArray[np.int64]
 USUAL_RUNS = 256
@@ -68,6 +70,14 @@ def find_touched_rows(run: EvenRun, start_us: int, end_us: int) -> slice:
     stop = np.ceil((end_us - run.start_us) * (run.rate_hz / MICROSECONDS) - tolerance)
     first, stop = np.clip([first, stop], 0, len(run))
     return slice(int(first), max(int(first), int(stop)))
+
+
+def list_touched_rows(run: EvenRun, spans: Sequence[Span]) -> list[slice]:
+    """Give the rows of each span, of some in time order and apart, that overlaps the run."""
+    first = bisect_right(spans, run.start_us, key=lambda span: span.end_us)
+    stop = bisect_left(spans, find_end_us(run), first, key=lambda span: span.start_us)
+    touched = (find_touched_rows(run, span.start_us, span.end_us) for span in spans[first:stop])
+    return [rows for rows in touched if rows.stop > rows.start]
 
 
 def find_touched_parts(run: EvenRun, edges_us: IntArray) -> slice:

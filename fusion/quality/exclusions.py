@@ -8,7 +8,7 @@ import numpy as np
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure.rows import find_touched_rows
+from fusion.exposure.rows import list_touched_rows
 from fusion.quality.clipping import find_clipped
 from fusion.recording import MICROSECONDS, Recording, Span
 
@@ -66,7 +66,7 @@ def _join_equal(pieces: Iterable[tuple[int, int, str | None]]) -> Iterable[Span]
 
 
 def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
-    """Mark the rows that the exclusions touch as not valid; the angle itself is shared, not copied."""
+    """Mark the rows that the exclusions, apart and in time order, touch as not valid; the angle is shared."""
     if not exclusions:
         return elevation
     segments = tuple(_leave_out(segment, exclusions) for segment in elevation.segments)
@@ -74,8 +74,7 @@ def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
 
 
 def _leave_out(segment: ElevationSegment, exclusions: tuple[Span, ...]) -> ElevationSegment:
-    touched = [find_touched_rows(segment, span.start_us, span.end_us) for span in exclusions]
-    touched = [rows for rows in touched if rows.stop > rows.start]
+    touched = list_touched_rows(segment, exclusions)
     if not touched:
         return segment
     valid = segment.valid.copy()

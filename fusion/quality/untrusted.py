@@ -6,7 +6,7 @@ import numpy as np
 
 from fusion.calibration import Calibration
 from fusion.elevation import Elevation
-from fusion.exposure.rows import find_runs, find_touched_rows
+from fusion.exposure.rows import find_runs, list_touched_rows
 from fusion.quality.spans import flag_spans
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
@@ -25,8 +25,8 @@ def flag_untrusted(
         doubted = ~segment.valid
         for first, stop in bridged.get(segment.start_us, ()):
             doubted[first:stop] = False
-        for span in exclusions:
-            doubted[find_touched_rows(segment, span.start_us, span.end_us)] = False
+        for rows in list_touched_rows(segment, exclusions):
+            doubted[rows] = False
         times_us = segment.start_us + np.rint(find_runs(doubted) * (MICROSECONDS / segment.rate_hz))
         spans += [Span(int(a), int(b - a), "untrusted") for a, b in times_us]
     if sum(span.duration_us for span in spans) < MICROSECONDS:
