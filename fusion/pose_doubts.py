@@ -37,7 +37,7 @@ class PoseEvidence:
     ``sigma_deg``: standard deviation where less is known of it than of any pose that is held; 0 otherwise.
     ``apart_deg``: between the window and how the arm hangs in walking; None where nobody walked enough.
     ``first_deg``, ``first_s``: between the window and the first posture that was held still, and when; 0 and
-    -inf where that is the window itself, or a person gave it. ``is_sure``: a minute of walking or more.
+    -inf where that is the window itself, or a person gave it. ``is_sure``: five minutes of walking or more.
     """
 
     sigma_deg: float
@@ -48,7 +48,7 @@ class PoseEvidence:
 
     @property
     def is_seen(self) -> bool:
-        """Whether a minute of walking speaks for the window, and another posture was held before it."""
+        """Whether five minutes of walking speak for the window, and another posture was held before it."""
         return self.is_sure and self.apart_deg is not None and self.first_s > -np.inf
 
 
@@ -57,8 +57,8 @@ def weigh_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still:
 
     The first stretch held still, and confirmed by walking, is taken for the pose. Another one, or one further
     from walking, may be a posture near it: the axis is then known as well as walking tells it, so that twice
-    the figure holds what the window differs from walking and what walking from the axis. Less than a minute
-    of walking may be another posture too: then its angle to the first stretch counts, if larger.
+    the figure holds what the window differs from walking and what walking from the axis. Less than five
+    minutes of walking may be another posture too: then its angle to the first stretch counts, if larger.
     """
     home = worn.find_home(still.start_s)
     quiet = find_quiet_windows(blocks, rules_for(recording.device))

@@ -8,7 +8,13 @@ from numpy.typing import NDArray
 
 from fusion.calibration_rules import CalibrationRules, rules_for, score_still_period
 from fusion.errors import UnusableCalibration
-from fusion.postures import SURE_STRIDING, find_angle_deg, find_hanging, find_striding_moments
+from fusion.postures import (
+    MINUTE_STRIDING,
+    SURE_STRIDING,
+    find_angle_deg,
+    find_hanging,
+    find_striding_moments,
+)
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.remount import count_readable
 from fusion.sensor_errors.accelerometer import calibrate_accelerometer, leave_accelerometer
@@ -57,10 +63,12 @@ def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPer
 
     The order is by the product of three factors. Good enough: the score, where it is under a half. Early:
     halved after ten minutes. Hanging: within 10 deg of the direction in which the arm hangs while walking;
-    half at 20 deg, hardly beyond. Where nobody walked, seen again: how much of the still time has the same
-    direction of gravity within 20 deg, where that is under a quarter of the commonest direction's; this puts
-    behind a sensor that lay on a desk before it was strapped on. Each stretch of stillness counts for at most
-    10 s.
+    half at 20 deg, hardly beyond. Where the first stretch does not hang like that, no pose may have been
+    held, and nearer is better (half at 10 deg); less than five minutes of walking do not outvote the first
+    stretch if the arm was held like that again. Where nobody walked, seen again: how much of the still time
+    has the same direction of gravity within 20 deg, where that is under a quarter of the commonest
+    direction's; this puts behind a sensor that lay on a desk before it was strapped on. Each stretch of
+    stillness counts for at most 10 s.
 
     Where the sensor slipped or was off, each part has an order of its own, by its own walking: first the
     proposals of the part in which the pose is sought, then the best one of each other part.
@@ -119,7 +127,7 @@ def _choose_home(
         for still in by_part[part.start_s][:1]
     }
     first = homes[0].start_s
-    later = [part.start_s for part in homes[1:] if len(part.strides.up) >= SURE_STRIDING]
+    later = [part.start_s for part in homes[1:] if len(part.strides.up) >= MINUTE_STRIDING]
     longest = max(later, key=lambda start_s: reads[start_s], default=first)
     return longest if reads[longest] >= TWICE * reads[first] else first
 

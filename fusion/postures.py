@@ -29,8 +29,8 @@ STRIDING_WINDOWS = 5
 STRIDING_WITHIN_DEG = 15.0
 LEAST_STRIDING = 15
 """Half a minute of walking, in windows of 2 s."""
-SURE_STRIDING = 30
-"""One minute of it: less may be steps with a load, the arm raised (27 deg off was seen)."""
+MINUTE_STRIDING, SURE_STRIDING = 30, 150
+"""One minute of it, and five: less may be steps with a load, the arm raised (23 to 27 deg off was seen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

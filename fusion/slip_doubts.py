@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.pose_doubts import WITHIN, PoseEvidence
-from fusion.postures import Moments, find_angle_deg, find_hanging
+from fusion.postures import NEAR_DEG, Moments, cos_deg, find_angle_deg, find_commonest
 from fusion.recording import QualityFlag
 from fusion.remount import AxisPart
 from fusion.slips import Doubt, SlipRules
@@ -68,23 +68,20 @@ def _find_axis(part: WornPart, arm_axis: Table, remounts: Sequence[AxisPart]) ->
 
 
 def _take_side(doubt: Doubt, part: WornPart, axis: Table) -> Spans:
-    """Walking alone tells the sides apart: each reaches to the walking of the other."""
-    time_s = np.concatenate([[part.start_s], part.strides.time_s, [part.end_s]])
-    start, end = np.searchsorted(time_s, (doubt.first_s, doubt.end_s))
-    inside: Spans = [(float(time_s[start - 1]), float(time_s[min(end, len(time_s) - 1)]))]
-    beside: Spans = [(part.start_s, float(time_s[start])), (float(time_s[end - 1]), part.end_s)]
-    if doubt.first_s <= doubt.of_s[0]:
-        inside, beside = [(part.start_s, inside[0][1])], beside[1:]
-    if doubt.end_s >= doubt.of_s[1]:
-        inside, beside = [(inside[0][0], part.end_s)], beside[:1]
-    return max((inside, beside), key=lambda spans: _find_apart_deg(part.strides, spans, axis))
-
-
-def _find_apart_deg(strides: Moments, spans: Spans, axis: Table) -> float:
-    within = [strides.within(*span_s) for span_s in spans]
-    up = np.concatenate([one.up for one in within])
-    hangs = find_hanging(Moments(np.concatenate([one.time_s for one in within]), up))
-    return 0.0 if hangs is None else find_angle_deg(hangs, axis)
+    """The side that the axis fits less, as far as walking, which tells both apart, shows no other."""
+    strides = part.strides
+    within = (strides.time_s >= doubt.first_s) & (strides.time_s < doubt.end_s)
+    sides = [Moments(strides.time_s[rows], strides.up[rows]).thin().up for rows in (within, ~within)]
+    inside, beside = (find_commonest(up)[0] for up in sides)
+    is_inside = find_angle_deg(inside, axis) >= find_angle_deg(beside, axis)
+    sound, turned = (beside, inside) if is_inside else (inside, beside)
+    near = (strides.up @ sound >= cos_deg(NEAR_DEG)) & (strides.up @ (sound - turned) > 0.0)
+    sound_s = np.concatenate([[part.start_s], strides.time_s[near], [part.end_s]])
+    if is_inside:
+        return [(float(sound_s[sound_s < doubt.first_s][-1]), float(sound_s[sound_s >= doubt.end_s][0]))]
+    before = (part.start_s, float(sound_s[sound_s >= doubt.first_s][0]))
+    after = (float(sound_s[sound_s < doubt.end_s][-1]), part.end_s)
+    return [before] * (doubt.first_s > doubt.of_s[0]) + [after] * (doubt.end_s < doubt.of_s[1])
 
 
 def flag_doubted_parts(parts: Sequence[DoubtedPart], duration_s: float) -> Iterator[QualityFlag]:

@@ -39,7 +39,8 @@ class Stretches:
     (:func:`fusion.postures.compare_postures`); ``angle_deg``: between these. ``hangs_deg``: between the
     directions in which the arm hangs in walking, NaN where one is not known; ``strides``: moments of walking
     on the side that has fewer; ``explained``: share of all walking near the direction of its own side;
-    ``pure``: that share on the side where it is less.
+    ``pure``: that share on the side where it is less; ``crossed``: shares of each near that of the other, as
+    in ``known``.
     """
 
     known: Table
@@ -48,6 +49,7 @@ class Stretches:
     strides: NDArray[np.int64]
     explained: Table
     pure: Table
+    crossed: Table
 
 
 def count_moments(moments: Moments, cell_deg: float) -> CountedMoments:
@@ -78,7 +80,7 @@ def compare_stretches(
 
 def _compare_walking(
     strides: CountedMoments, edges_s: Table, first: Rows, stop: Rows
-) -> tuple[Table, NDArray[np.int64], Table, Table]:
+) -> tuple[Table, NDArray[np.int64], Table, Table, Table]:
     """Angle between the directions of walking (NaN: not known), the lesser count, shares explained."""
     interval = np.searchsorted(edges_s, strides.moments.time_s, "right")
     walked = np.concatenate([[0], np.cumsum(np.bincount(interval, minlength=len(edges_s) + 1)[1:-1])])
@@ -86,7 +88,7 @@ def _compare_walking(
     fewer = np.minimum(within, walked[-1] - within)
     if fewer.max(initial=0) < LEAST_STRIDING:
         nothing = np.zeros(len(first))
-        return np.full(len(first), np.nan), fewer, nothing, nothing
+        return np.full(len(first), np.nan), fewer, nothing, nothing, nothing
     sums = _add_up(strides, interval, len(edges_s), *strides.moments.up.T)
     inside, beside = _part(sums[0], first, stop)
     at, to = inside.argmax(axis=1), beside.argmax(axis=1)
@@ -96,7 +98,9 @@ def _compare_walking(
     row = np.arange(len(first))
     near, far = inside[row, at].astype(np.float64), beside[row, to].astype(np.float64)
     pure = np.minimum(near / np.maximum(within, 1), far / np.maximum(walked[-1] - within, 1))
-    return np.where(fewer >= LEAST_STRIDING, angle_deg, np.nan), fewer, (near + far) / walked[-1], pure
+    crossed = inside[row, to] / np.maximum(near, 1.0) + beside[row, at] / np.maximum(far, 1.0)
+    hangs_deg = np.where(fewer >= LEAST_STRIDING, angle_deg, np.nan)
+    return hangs_deg, fewer, (near + far) / walked[-1], pure, crossed
 
 
 def _add_up(counted: CountedMoments, interval: Rows, edges: int, *weights: Table) -> Counts:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.postures import SURE_STRIDING, Moments, Table
+from fusion.postures import MINUTE_STRIDING, Moments, Table
 from fusion.slip_stretches import CountedMoments, Rows, Stretches, compare_stretches, count_moments
 
 Span = tuple[Rows, Rows]
@@ -44,7 +44,8 @@ class SlipRules:
     The figures behind the bounds stand in decision 32. Of stretches that are as good, one that reaches to the
     end is taken, unless another is known less by ``clearer``. A slip over minutes leaves most of its
     beginning and end to either side; ``margin_s`` is added to both. A turn is in doubt where
-    ``pure`` of the walking on each side is near its commonest direction: carrying parts from walking by less.
+    ``pure`` of the walking on each side is near its commonest direction and hardly any near that of the
+    other (``crossed``): loads carried among walks look otherwise.
     ``evidence``: how far the sum of logarithms may fall short (moments follow each other in like poses).
     """
 
@@ -67,7 +68,8 @@ class SlipRules:
     places: int = 100
     evidence: float = 10.0
     margin_s: float = 300.0
-    pure: float = 0.8
+    pure: float = 0.75
+    crossed: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +176,8 @@ def _find_turned(day: _Day, edges: Rows, span: Span, compared: Stretches) -> tup
 def _find_doubt(day: _Day, edges: Rows, span: Span, compared: Stretches) -> Iterator[Doubt]:
     """The stretch that parts the walking best, of those in which the arm hung apart."""
     rules = day.rules
-    apart = (compared.hangs_deg >= rules.hangs_alike_deg) & (compared.strides >= SURE_STRIDING)
-    apart &= compared.pure >= rules.pure
+    apart = (compared.hangs_deg >= rules.hangs_alike_deg) & (compared.strides >= MINUTE_STRIDING)
+    apart &= (compared.pure >= rules.pure) & (compared.crossed < rules.crossed)
     if not apart.any():
         return
     (starts, ends), times_s = span, _find_times(day, edges)

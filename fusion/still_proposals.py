@@ -33,8 +33,9 @@ def join_stretches(quiet: QuietTable, rules: CalibrationRules) -> tuple[NDArray[
 class Witness:
     """What walking says of a stretch of wear.
 
-    ``hangs`` (3,): the direction in which the arm hangs; ``is_sure``: a minute of it or more. ``is_fresh``:
-    the sensor was strapped on at the beginning, so that the first stretch held still may be the pose.
+    ``hangs`` (3,): the direction in which the arm hangs; ``is_sure``: five minutes of it or more;
+    ``is_fresh``: the sensor was strapped on at the beginning, and the first stretch held still may be the
+    pose.
     """
 
     hangs: Vector

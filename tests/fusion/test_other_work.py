@@ -262,6 +262,26 @@ def test_less_than_a_minute_of_walking_does_not_outvote_what_was_held_first() ->
     assert 1.96 * brief_deg > 35.0
 
 
+def carry(body: Choreography, duration_s: float, chance: Chance) -> None:
+    """Steps with a load, the arm held at 27 deg."""
+    body.go(1.0, {**HANGING, Channel.ELEVATION: 27.0, Channel.SPEED: 1.0})
+    body.sway(Channel.SWAY_UP, duration_s, 1.7, 0.018, chance.uniform(0.0, 6.28))
+    body.sway(Channel.ELEVATION, duration_s, 1.7, 1.5, 1.0)
+    body.wait(duration_s)
+    body.go(1.0, {Channel.SPEED: 0.0})
+
+
+def test_40_s_of_steps_with_a_load_do_not_outvote_a_pose_that_is_seen_again() -> None:
+    # A window like these steps was taken, 27 deg off, and nothing was said.
+    held = hold_at(27.0)
+    recording, _ = work((held, 15.0), (stand, 240.0), (carry, 40.0), (held, 12.0), (assemble, 900.0))
+
+    samples = calibrate(recording, "n-pose")
+
+    assert samples.calibration.still.start_s < POSE_S
+    assert [flag.code for flag in samples.flags] == ["W-POSE-APART"]
+
+
 def cut_start(recording: Recording, first_s: float) -> Recording:
     """The same without its beginning, and so without the pose."""
     (whole,) = recording.segments
