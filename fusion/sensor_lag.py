@@ -17,7 +17,7 @@ MOST_LAG_S, LEAST_PERIODS = 0.24, 1.5
 FEWEST_WINDOWS = 12
 LIKELY_NATS, LIKELY_LAG_S = 4.0, 0.025
 CERTAIN_NATS, CERTAIN_LAG_S = 12.0, 0.06
-"""Good recordings in hand fit best as they are; made late by 100 ms they give 13 to 29 nats, by 50 ms 4 to 13.
+"""Good recordings in hand fit best as they are; late by 100 ms they give 13 to 29 nats, by 50 ms 4 to 13.
 The lag itself is known to about 20 ms: too little to put it right, which would leave 5 deg in fast movement.
 """
 LEAST_MISS_G = 0.02
