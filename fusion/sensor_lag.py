@@ -17,7 +17,7 @@ MOST_LAG_S, LEAST_PERIODS = 0.24, 1.5
 FEWEST_WINDOWS = 12
 LIKELY_NATS, LIKELY_LAG_S = 4.0, 0.025
 CERTAIN_NATS, CERTAIN_LAG_S = 12.0, 0.06
-"""Good recordings in hand fit best as they are; made late by 100 ms they give 13 to 29 nats, by 50 ms 4 to 13.
+"""Good recordings in hand fit best as they are; late by 100 ms they give 13 to 29 nats, by 50 ms 4 to 13.
 The lag itself is known to about 20 ms: too little to put it right, which would leave 5 deg in fast movement.
 """
 LEAST_MISS_G = 0.02
@@ -68,4 +68,6 @@ def _shift(windows: GravityWindows, rows: int) -> GravityWindows:
     kept = [np.arange(a + max(0, -rows), b - max(0, rows)) for a, b in zip(starts, stops, strict=True)]
     numbers = np.concatenate(kept)
     first = np.concatenate([[0], np.cumsum([len(one) for one in kept])]).astype(np.int64)
-    return GravityWindows(windows.acc_g[numbers], windows.turn[numbers + rows], first, windows.period_s)
+    return GravityWindows(
+        windows.acc_g[numbers], windows.turn[numbers + rows], first, windows.period_s, windows.start_s
+    )
