@@ -111,8 +111,8 @@ def test_coarse_readings_of_a_turning_arm_did_not_stop(step_dps: float) -> None:
 
 
 def test_an_axis_that_stops_at_one_row_in_ten_is_faulty() -> None:
-    acc_g, gyr_dps = turning()
-    acc_g[3::7, 2] = 0.0
+    acc_g, gyr_dps = (np.tile(samples, (5, 1)) for samples in turning())
+    acc_g[3::6, 2] = 0.0
 
     with pytest.raises(DeadSensor) as refusal:
         exclude_stuck(record(acc_g, gyr_dps, 100.0))
