@@ -189,7 +189,7 @@ class TooShort(UnusableRecording):
 
 
 class DeadSensor(UnusableRecording):
-    """A channel never changes its value. Facts: sensor, axis."""
+    """A channel never changes its value, or stops at one row in ten. Facts: sensor, axis."""
 
     code = "E-DEAD"
 

@@ -68,4 +68,6 @@ def _shift(windows: GravityWindows, rows: int) -> GravityWindows:
     kept = [np.arange(a + max(0, -rows), b - max(0, rows)) for a, b in zip(starts, stops, strict=True)]
     numbers = np.concatenate(kept)
     first = np.concatenate([[0], np.cumsum([len(one) for one in kept])]).astype(np.int64)
-    return GravityWindows(windows.acc_g[numbers], windows.turn[numbers + rows], first, windows.period_s)
+    return GravityWindows(
+        windows.acc_g[numbers], windows.turn[numbers + rows], first, windows.period_s, windows.start_s
+    )

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from fusion.errors import DeadSensor
 from fusion.readers.row_ranges import place_rows
-from fusion.readers.stuck_channels import exclude_stuck
+from fusion.readers.stuck_channels import SENSORS, exclude_stuck
 from fusion.readers.timing import flag_spans
 from fusion.recording import MICROSECONDS, Recording, Segment, Span
 
-SENSORS = ("accelerometer", "gyroscope")
 DEAD_US = 10 * MICROSECONDS
 SPIKE_RATIO = 20.0
 """A spike stands out of the steps around it by this factor: hard taps on a sensor reach 10."""

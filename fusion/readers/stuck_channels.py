@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
+from fusion.errors import DeadSensor
 from fusion.readers.grid import LONGEST_BRIDGE_US
 from fusion.readers.row_ranges import Ranges, Rows, cut_rows, find_held_runs, join_ranges, place_rows
 from fusion.readers.stopped_axes import MOVED_DPS, MOVED_G, Stop, Values, find_stops
 from fusion.readers.timing import flag_spans
-from fusion.readers.unmeasured import bridge_rows
+from fusion.readers.unmeasured import bridge_rows, is_too_frequent
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
+SENSORS = ("accelerometer", "gyroscope")
 STUCK_S, STUCK_ROWS = 0.5, 40
 """An axis keeps one value so long, while something moves and the sensor's others show noise: it stuck."""
 LONG_S = 2.0
@@ -33,10 +35,17 @@ def exclude_stuck(recording: Recording) -> Recording:
 
     Of one channel, up to 50 ms are bridged for the filters, in place; longer stretches end the segment. May
     be asked again, when the units have become known.
+
+    Raises
+    ------
+    DeadSensor
+        A channel stops at one row in ten.
     """
     segments = recording.segments
-    found = zip(segments, find_stuck_rows(segments), find_stops(segments), strict=True)
-    pairs = [(segment, _part_rows(segment, rows, stops)) for segment, rows, stops in found]
+    stops = find_stops(segments)
+    _refuse_frequent(segments, stops)
+    found = zip(segments, find_stuck_rows(segments), stops, strict=True)
+    pairs = [(segment, _part_rows(segment, rows, some)) for segment, rows, some in found]
     stuck = [
         place_rows(segment, *rows, "stuck")
         for segment, parts in pairs
@@ -53,6 +62,14 @@ def exclude_stuck(recording: Recording) -> Recording:
         excluded=excluded,
         flags=(*others, *_flag_stuck(excluded)),
     )
+
+
+def _refuse_frequent(segments: Sequence[Segment], stops: Sequence[Sequence[Stop]]) -> None:
+    rows = sum(len(segment) for segment in segments)
+    counts = np.bincount([channel for some in stops for channel, _, _ in some], minlength=6)
+    worst = int(counts.argmax())
+    if is_too_frequent(int(counts[worst]), rows):
+        raise DeadSensor(sensor=SENSORS[worst // 3], axis="xyz"[worst % 3])
 
 
 def _tells_stuck(flag: QualityFlag) -> bool:

@@ -326,7 +326,16 @@ SIGNALS = (
             ("gyro rad/s", s.multiply_gyro(0.0174533), "W-UNITS"),
         )
     ),
-    refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro), "E-MIXED"),
+    refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro(50)), "E-MIXED"),
+    refused("87 gyro 0.1 s late", "shift.csv", s.tumbled(s.delay_gyro(10)), "E-MIXED"),
+    read("87 gyro 40 ms late", "shift.csv", s.tumbled(s.delay_gyro(4)), "W-LAG", (240.0, 0.0, 0.0)),
+    read(
+        "87 gyro y turned over on the way",
+        "shift.csv",
+        s.tumbled(s.turn_axis_late(4)),
+        "W-MIXED-PART W-UNTRUSTED",
+        (183.0, 57.0, 0.0),
+    ),
     refused("87 gyro noise", "shift.csv", s.tumbled(s.noise_for_gyro), "E-MIXED"),
     refused("87 acc x x1.5", "shift.csv", s.turned_all_round(s.stretch_acc(1.5)), "E-SCALE"),
     read("86 mdps", "shift.csv", s.altered(s.multiply_gyro(1000.0)), "W-UNITS"),

@@ -117,7 +117,7 @@ def swap_sensors(columns: Matrix) -> None:
 
 def swap_and_delay(columns: Matrix) -> None:
     """Exchanged, and the true gyroscope half a second late: nothing shows that the exchange is all."""
-    delay_gyro(columns)
+    delay_gyro(50)(columns)
     swap_sensors(columns)
 
 
@@ -133,9 +133,22 @@ def negate_gyro(columns: Matrix) -> None:
     columns[:, 3:] *= -1
 
 
-def delay_gyro(columns: Matrix) -> None:
-    """The gyroscope half a second late."""
-    columns[:, 3:] = np.roll(columns[:, 3:], 50, axis=0)
+def delay_gyro(rows: int) -> Callable[[Matrix], None]:
+    """The gyroscope so many hundredths of a second late."""
+
+    def change(columns: Matrix) -> None:
+        columns[:, 3:] = np.roll(columns[:, 3:], rows, axis=0)
+
+    return change
+
+
+def turn_axis_late(axis: int) -> Callable[[Matrix], None]:
+    """One axis the other way about in the last 70 of 240 s."""
+
+    def change(columns: Matrix) -> None:
+        columns[17_000:, axis] *= -1.0
+
+    return change
 
 
 def wild_at_rest(columns: Matrix) -> None:

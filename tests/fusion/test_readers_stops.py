@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fusion.errors import DeadSensor
 from fusion.readers.stopped_axes import find_stops
 from fusion.readers.stuck_channels import exclude_stuck
 from fusion.recording import Recording, Span
@@ -107,6 +108,16 @@ def test_coarse_readings_of_a_turning_arm_did_not_stop(step_dps: float) -> None:
     coarse = np.round(gyr_dps / step_dps) * step_dps
 
     assert excluded(record(acc_g, coarse, 100.0)) == ()
+
+
+def test_an_axis_that_stops_at_one_row_in_ten_is_faulty() -> None:
+    acc_g, gyr_dps = (np.tile(samples, (5, 1)) for samples in turning())
+    acc_g[3::6, 2] = 0.0
+
+    with pytest.raises(DeadSensor) as refusal:
+        exclude_stuck(record(acc_g, gyr_dps, 100.0))
+
+    assert refusal.value.facts == {"sensor": "accelerometer", "axis": "z"}
 
 
 def test_a_knock_after_a_rest_is_no_stop() -> None:
