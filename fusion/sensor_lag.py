@@ -5,6 +5,7 @@ is then seen too early or too late, and the angles are wrong in all movement: 50
 same windows that tell the axes tell the lag: gravity stands still at one shift of the rates alone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from fusion.gravity_windows import GravityWindows, GyroModel, measure_miss
 
 Table = NDArray[np.float64]
-MOST_LAG_S, LEAST_PERIODS = 0.24, 1.5
+MOST_LAG_S, LEAST_PERIODS, PROBED_PERIODS = 0.24, 1.5, 2
 FEWEST_WINDOWS = 12
 LIKELY_NATS, LIKELY_LAG_S = 4.0, 0.025
 CERTAIN_NATS, CERTAIN_LAG_S = 12.0, 0.06
@@ -47,13 +48,24 @@ def measure_lag(windows: GravityWindows, model: GyroModel) -> SensorLag:
         return SensorLag(0.0, 0.0)
     period_s = float(np.median(windows.period_s))
     most = min(int(MOST_LAG_S / period_s), int(np.diff(windows.first).min()) // 4)
+    if _is_least(windows, model, min(PROBED_PERIODS, most)):
+        return SensorLag(0.0, 0.0)
     shifts = range(-most, most + 1)
-    against = _weigh(np.array([measure_miss(_shift(windows, rows), model) for rows in shifts]))
+    against = _weigh_shifts(windows, model, shifts)
     best = int(against.argmin())
-    lag_s = shifts[best] * period_s
     if abs(shifts[best]) < LEAST_PERIODS:
         return SensorLag(0.0, 0.0)
-    return SensorLag(lag_s, float(against[most] - against[best]))
+    return SensorLag(shifts[best] * period_s, float(against[most] - against[best]))
+
+
+def _is_least(windows: GravityWindows, model: GyroModel, rows: int) -> bool:
+    """Whether no shift fits better than one to either side: with a lag, all go down towards it."""
+    earlier, as_read, later = _weigh_shifts(windows, model, (-rows, 0, rows))
+    return bool(as_read <= min(earlier, later))
+
+
+def _weigh_shifts(windows: GravityWindows, model: GyroModel, shifts: Sequence[int]) -> Table:
+    return _weigh(np.array([measure_miss(_shift(windows, rows), model) for rows in shifts]))
 
 
 def _weigh(miss_g: Table) -> Table:

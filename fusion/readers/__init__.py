@@ -101,7 +101,7 @@ def read_recording(
 def _check_readings(recording: Recording) -> Recording:
     """What was not measured goes first, so that the rest can be judged; then units, axes and faults."""
     measured = exclude_stuck(leave_out_held(refuse_dead(leave_out_zeros(recording))))
-    return flag_days(refuse_impossible_rates(exclude_faults(check_physics(measured))))
+    return flag_days(refuse_impossible_rates(exclude_faults(check_physics(measured), measured)))
 
 
 def holds_device_format(file: BinaryIO) -> bool:

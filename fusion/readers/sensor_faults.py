@@ -60,16 +60,22 @@ def has_only(values: NDArray[np.float32], axis: int, value: float) -> bool:
     return True
 
 
-def exclude_faults(recording: Recording) -> Recording:
+def exclude_faults(recording: Recording, searched: Recording | None = None) -> Recording:
     """Take spikes, and stretches in which a channel stuck, out of the analysed time, and say so.
 
-    Spikes are replaced by the mean of their neighbours, for the filters only, in place.
+    Spikes are replaced by the mean of their neighbours, for the filters only, in place. ``searched``: as it
+    was when last searched for what stuck; not again where nothing was said of it since.
     """
     spikes = [span for segment in recording.segments for span in _mend_spikes(segment)]
-    flags = (*recording.flags, *flag_spans("W-SPIKE", spikes))
-    return exclude_stuck(
-        replace(recording, excluded=(*recording.excluded, *spikes), flags=flags) if spikes else recording
-    )
+    if spikes:
+        flags = (*recording.flags, *flag_spans("W-SPIKE", spikes))
+        recording = replace(recording, excluded=(*recording.excluded, *spikes), flags=flags)
+    is_same = searched is not None and _tell(recording) == _tell(searched)
+    return recording if is_same else exclude_stuck(recording)
+
+
+def _tell(recording: Recording) -> tuple[object, object]:
+    return recording.flags, recording.understood
 
 
 def _mend_spikes(segment: Segment) -> list[Span]:

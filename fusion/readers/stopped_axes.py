@@ -31,6 +31,7 @@ CLIPPED_PART = 0.98
 """A flat top at the axis' own extreme is told of as clipped."""
 PROVEN_STOPS = 3
 SAMPLED_ROWS = 20_000
+BLOCK_ROWS = 64
 
 Values = NDArray[np.float32]
 Stop = tuple[int, int, int]
@@ -119,23 +120,65 @@ def scan_axis(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     value: float,
     found: Rows,
 ) -> int:
-    """Fill in the stops of one axis, as many as there is room for; return how many there are."""
-    count, first = 0, 0
-    for row in range(1, len(own) + 1):
-        if row < len(own) and own[row, axis] == own[first, axis]:
-            continue
-        held = own[first, axis]
-        is_run = row - first >= FEWEST_BETWEEN_LEAPS
-        if (is_run or held == 0.0) and abs(held) < extreme:
-            is_stop = tells_stop(own, other, axis, first, row, leaps[0 if is_run else 1], moved)
-            if not is_stop and held == value and row - first >= FEWEST_ROWS:
-                is_stop = has_moved(own, other, axis, first, row, moved)
-            if is_stop:
-                if count < len(found):
-                    found[count, 0], found[count, 1] = first, row
-                count += 1
-        first = row
+    """Fill in the stops of one axis, as many as there is room for; return how many there are.
+
+    Most rows stand in blocks without a leap, and are passed over: unless a value is given, no stop is there.
+    """
+    count, row, seen, is_passed = 0, 0, 0, False
+    while row < len(own):
+        if row >= seen:
+            seen = min(row + BLOCK_ROWS, len(own))
+            if np.isnan(value) and not has_leap(own, axis, row, seen, leaps[0]):
+                row, is_passed = seen, True
+                continue
+        first = row - 1 if is_passed else row
+        while is_passed and first > 0 and own[first - 1, axis] == own[first, axis]:
+            first -= 1
+        row, is_passed = find_end(own, axis, first), False
+        if is_stop(own, other, axis, (first, row), leaps, moved, extreme, value):
+            if count < len(found):
+                found[count, 0], found[count, 1] = first, row
+            count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def has_leap(own: Values, axis: int, first: int, stop: int, least: float) -> bool:
+    """Whether a reading is so far from the one before."""
+    for row in range(max(first, 1), stop):  # noqa: SIM110 (numba compiles no generator expressions)
+        if abs(own[row, axis] - own[row - 1, axis]) >= least:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def find_end(values: Values, axis: int, first: int) -> int:
+    """The first row after a run of one value."""
+    stop = first + 1
+    while stop < len(values) and values[stop, axis] == values[first, axis]:
+        stop += 1
+    return stop
+
+
+@njit(cache=True, nogil=True)
+def is_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    own: Values,
+    other: Values,
+    axis: int,
+    run: tuple[int, int],
+    leaps: tuple[float, float],
+    moved: tuple[float, float],
+    extreme: float,
+    value: float,
+) -> bool:
+    """Whether a run of one value shows the signs, or rests at the given value while other channels move."""
+    first, stop = run
+    held, is_long = own[first, axis], stop - first >= FEWEST_BETWEEN_LEAPS
+    if not (is_long or held == 0.0) or abs(held) >= extreme:
+        return False
+    if tells_stop(own, other, axis, first, stop, leaps[0 if is_long else 1], moved):
+        return True
+    return held == value and stop - first >= FEWEST_ROWS and has_moved(own, other, axis, first, stop, moved)
 
 
 @njit(cache=True, nogil=True)
