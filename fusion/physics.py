@@ -24,8 +24,17 @@ from fusion.corrections import (
 from fusion.errors import ExchangedSensors, MixedColumns, TooShort, WrongScale
 from fusion.exchanged_sensors import exchange_sensors, look_exchanged
 from fusion.flat_tops import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
-from fusion.gravity_windows import GravityWindows, cut_windows
-from fusion.gyro_frame import GOOD_SCORE, MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
+from fusion.gravity_windows import GravityWindows, cut_windows, fit_model, measure_miss
+from fusion.gyro_frame import (
+    GOOD_SCORE,
+    MOST_DPS,
+    Arrangement,
+    FrameEvidence,
+    Scale,
+    judge_frame,
+    make_axes_basis,
+    measure_scale,
+)
 from fusion.odd_parts import flag_odd_parts
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
 from fusion.rest_length import measure_rest_scale
@@ -97,11 +106,19 @@ def _check_as_named(recording: Recording) -> tuple[Recording, bool]:
     if evidence is None or not evidence.is_settled:
         assumed = _assume(checked, unit, candidates[0], evidence)
         return _narrow_ranges(assumed, is_cut=cut_off is not None), False
-    checked = _check_lag(checked, measure_lag(windows, evidence.chosen.model))
-    if evidence.chosen.score <= GOOD_SCORE:
-        odd = flag_odd_parts(windows, evidence.chosen.miss_g)
-        checked = replace(checked, flags=(*checked.flags, *odd))
+    checked = _check_agreement(checked, windows, evidence.chosen)
     return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None), True
+
+
+def _check_agreement(recording: Recording, windows: GravityWindows, chosen: Arrangement) -> Recording:
+    """Whether the sensors agree at each moment and in each part, a factor on each axis allowed for."""
+    basis = make_axes_basis(chosen.turn)
+    model = fit_model(windows, chosen.model, basis, chosen.factor).model
+    checked = _check_lag(recording, measure_lag(windows, model))
+    if chosen.score > GOOD_SCORE:
+        return checked
+    odd = flag_odd_parts(windows, measure_miss(windows, model))
+    return replace(checked, flags=(*checked.flags, *odd))
 
 
 def _check_lag(recording: Recording, lag: SensorLag) -> Recording:
