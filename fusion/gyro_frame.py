@@ -87,12 +87,16 @@ class Arrangement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scale:
-    """What is left to multiply the rates by: on all axes alike, and on each (3,), with standard errors."""
+    """What is left to multiply the rates by: on all axes alike, and on each (3,), with standard errors.
+
+    ``model``: that of the axes, from readings to true rates.
+    """
 
     overall: float
     error: float
     axes: Table
     axes_errors: Table
+    model: GyroModel
 
     @property
     def is_overall_off(self) -> bool:
@@ -172,9 +176,8 @@ def measure_scale(windows: GravityWindows, chosen: Arrangement, factor: float) -
     start = GyroModel(factor * chosen.turn, chosen.model.drift_dps, chosen.model.offset_g)
     overall = fit_model(windows, start, make_scale_basis(chosen.turn), factor)
     each = fit_model(windows, start, make_axes_basis(chosen.turn), factor)
-    return Scale(
-        1.0 + float(overall.values[0]), float(overall.errors[0]), 1.0 + each.values[:3], each.errors[:3]
-    )
+    size, error = 1.0 + float(overall.values[0]), float(overall.errors[0])
+    return Scale(size, error, 1.0 + each.values[:3], each.errors[:3], each.model)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

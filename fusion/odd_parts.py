@@ -4,14 +4,11 @@ So does a sensor that was started again in another range, a program that turned 
 on, or a gyroscope that was knocked. The windows that tell the axes of the whole are judged a few at a time.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.gravity_windows import WINDOW_S, GravityWindows, GyroModel, measure_miss
-from fusion.gyro_frame import GOOD_SCORE, Arrangement
-from fusion.recording import QualityFlag, Recording
+from fusion.recording import QualityFlag
 
 Table = NDArray[np.float64]
 LIVELY_G = 0.1
@@ -20,19 +17,9 @@ ODD_SCORE, ODD_MISS_G = 0.5, 0.2
 """Of good recordings, eight windows have a score of 0.39 at most, or miss by less than 0.17 g together."""
 
 
-def tell_odd_parts(
-    recording: Recording, windows: GravityWindows, chosen: Arrangement, gain: Table
-) -> Recording:
-    """Flag the parts that what was chosen does not explain, nor does ``gain``, with each axis' own scale."""
-    if chosen.score > GOOD_SCORE:
-        return recording
-    scaled = GyroModel(gain, chosen.model.drift_dps, chosen.model.offset_g)
-    odd = flag_odd_parts(windows, np.minimum(chosen.miss_g, measure_miss(windows, scaled)))
-    return replace(recording, flags=(*recording.flags, *odd))
-
-
-def flag_odd_parts(windows: GravityWindows, miss_g: Table) -> tuple[QualityFlag, ...]:
-    """Tell the stretches that contradict what holds for the whole (W-MIXED-PART); ``miss_g`` (n,) of it."""
+def flag_odd_parts(windows: GravityWindows, model: GyroModel) -> tuple[QualityFlag, ...]:
+    """Tell the stretches that contradict what holds for the whole (W-MIXED-PART)."""
+    miss_g = measure_miss(windows, model)
     blind = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
     blind_g = measure_miss(windows, blind)
     lively = np.flatnonzero(blind_g > LIVELY_G)

@@ -25,8 +25,16 @@ from fusion.errors import ExchangedSensors, MixedColumns, TooShort, WrongScale
 from fusion.exchanged_sensors import exchange_sensors, look_exchanged
 from fusion.flat_tops import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
 from fusion.gravity_windows import GravityWindows, cut_windows
-from fusion.gyro_frame import MOST_DPS, FrameEvidence, Scale, judge_frame, measure_scale
-from fusion.odd_parts import tell_odd_parts
+from fusion.gyro_frame import (
+    GOOD_SCORE,
+    MOST_DPS,
+    Arrangement,
+    FrameEvidence,
+    Scale,
+    judge_frame,
+    measure_scale,
+)
+from fusion.odd_parts import flag_odd_parts
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
 from fusion.rest_length import measure_rest_scale
 from fusion.rest_probes import find_gyro_offset_dps, measure_rests_g, moving_mean, probe_blocks
@@ -97,8 +105,16 @@ def _check_as_named(recording: Recording) -> tuple[Recording, bool]:
     if evidence is None or not evidence.is_settled:
         assumed = _assume(checked, unit, candidates[0], evidence)
         return _narrow_ranges(assumed, is_cut=cut_off is not None), False
-    checked = _check_lag(checked, measure_lag(windows, evidence.chosen.model))
     return _narrow_ranges(_arrange(checked, unit, windows, evidence), is_cut=cut_off is not None), True
+
+
+def _check_agreement(
+    recording: Recording, windows: GravityWindows, chosen: Arrangement, scale: Scale
+) -> Recording:
+    """Whether the sensors agree at each moment and in each part, a factor on each axis allowed for."""
+    checked = _check_lag(recording, measure_lag(windows, scale.model))
+    odd = flag_odd_parts(windows, scale.model) if chosen.score <= GOOD_SCORE else ()
+    return replace(checked, flags=(*checked.flags, *odd))
 
 
 def _check_lag(recording: Recording, lag: SensorLag) -> Recording:
@@ -179,7 +195,7 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
         arranged = flag_correction(arranged, "angular rate", "motion", {"factor": factor})
     arranged = turn_axes(arranged, chosen.turn)
     scale = measure_scale(windows, chosen, factor)
-    arranged = tell_odd_parts(arranged, windows, chosen, scale.axes[:, None] * (factor * chosen.turn))
+    arranged = _check_agreement(arranged, windows, chosen, scale)
     is_arduino = is_mirrored(chosen.turn) and is_on_grid(arranged.segments, ARDUINO_DPS)
     if is_arduino and scale.overall + SURE_ERRORS * scale.error > sqrt(ARDUINO_FACTOR):
         return _undo_arduino(arranged)
