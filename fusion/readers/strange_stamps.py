@@ -52,15 +52,28 @@ def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     found = _find_strangers(stamps, pieces, pace)
     rows = found.stop - found.first
     is_stuck = _tell_stuck(rows, found.span_us, pace)
+    if pace.is_coarse:  # there one stamp lasts for many rows anyway: it must be far away, too
+        is_stuck |= (found.span_us == 0) & (np.abs(stamps[found.first] - found.before_us) > FAR_US)
     fits = (is_stuck | (rows < LEAST_STUCK_ROWS)) & _tell_fit(found, pace)
     for k in np.flatnonzero(fits):
-        first, stop = int(found.first[k]), int(found.stop[k])
-        stamps[first:stop] = np.linspace(found.before_us[k], found.after_us[k], stop - first + 2)[1:-1]
+        _time_between(stamps, int(found.first[k]), int(found.stop[k]), pace)
     kept = np.ones(columns.rows, np.bool_)
     for k in np.flatnonzero(is_stuck & ~fits):
         kept[found.first[k] : found.stop[k]] = False
     _leave_out_ends(pieces, pace, kept)
     return _take_out(columns, kept) + _tell_timed(int(rows[fits].sum()))
+
+
+def _time_between(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) -> None:
+    """Time rows evenly between those around them; on a coarse clock each stamp gets its usual rows."""
+    before_us, after_us = int(stamps[first - 1]), int(stamps[stop])
+    if not pace.is_coarse:
+        stamps[first:stop] = np.linspace(before_us, after_us, stop - first + 2)[1:-1]
+        return
+    usual = max(1, round(pace.step_us / pace.period_us))
+    have = int(np.count_nonzero(stamps[max(0, first - usual) : first] == before_us))
+    steps = (have + np.arange(stop - first)) // usual
+    stamps[first:stop] = np.minimum(before_us + steps * round(pace.step_us), after_us)
 
 
 def place_strangers(columns: SampleColumns) -> tuple[QualityFlag, ...]:

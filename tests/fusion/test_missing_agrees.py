@@ -5,7 +5,7 @@ import io
 import pytest
 
 from fusion.pipeline import Analysis, analyse
-from fusion.quality import find_exclusions
+from fusion.quality import TimeAccount, find_exclusions, name_parts
 from fusion.readers import read_recording
 from fusion.readers.inspection import inspect_recording
 from tests.badfiles.gt3x_files import replaced, second
@@ -47,3 +47,22 @@ def test_one_second_alone_makes_no_hole_of_an_hour(place: int) -> None:
     assert recording.duration_us == 60_000_000
     assert [flag.code for flag in recording.flags] == ["W-CLOCK-FWD"]
     assert f"{recording.start:%H:%M:%S}" == "08:00:00"
+
+
+@pytest.mark.parametrize(
+    ("holes_us", "told"),
+    [
+        (5_000_000, {"missing": 5_000_000}),
+        (4_500_000, {"missing": 5_000_000}),
+        (3_000_000, {"missing": 3_000_000, "untrusted": 2_000_000}),
+    ],
+    ids=["only holes", "less than a second", "two seconds that are not trusted"],
+)
+def test_what_was_recorded_and_is_not_trusted_is_a_part_of_its_own(
+    holes_us: int, told: dict[str, int]
+) -> None:
+    time = TimeAccount(65_000_000, 60_000_000, 5_000_000, 0)
+
+    parts = name_parts(time, {"work": 60_000_000}, (), holes_us).parts
+
+    assert {part.name: part.duration_us for part in parts if part.account == "missing"} == told

@@ -138,6 +138,17 @@ def test_stamps_that_their_neighbours_contradict_cost_nothing(stamps: Iterable[i
     assert (flag.code, flag.count) == ("W-CLOCK-FWD", 50)
 
 
+@pytest.mark.parametrize("first", [3000, 3020, 2980], ids=["a whole second", "inside one", "across two"])
+def test_stamps_at_the_epoch_among_whole_seconds_cost_nothing(first: int) -> None:
+    stamps = wall_clock(digits=19)
+    stamps[first : first + 50] = ["1970-01-01T00:00:00"] * 50
+
+    recording = read_text(ordered(range(6000), stamps, CALENDAR))
+
+    assert_is_the_minute(recording)
+    assert codes(recording) == ["W-CLOCK-FWD", "W-JITTER"]
+
+
 def test_rows_at_zero_between_lost_ones_are_left_out() -> None:
     recording = read_text(stray([0] * 50, [*range(3050), *range(3150, 6000)]))
 
