@@ -47,8 +47,8 @@ tissue, so its errors are a lower bound for a worn one."""
 WHY_MISSED = """\
 ## Where a goal is missed: what was tried, and why
 
-**`smoothed` on the ten tasks, LSM9DS1, separate: throws.** What is left is the accelerometer's offset. In these
-recordings the arm nearly always hangs when it is still, and |a| = 1 g tells the offset only along the
+**`smoothed` on the ten tasks, LSM9DS1, separate: throws.** What is left is the accelerometer's offset. In
+these recordings the arm nearly always hangs when it is still, and |a| = 1 g tells the offset only along the
 directions seen. Across them the moving arm tells it since (decision 9): not by the mean length of the
 acceleration, which centripetal acceleration lengthens as much, but by the length of its mean in a frame that
 turns with the gyroscope. In a minute of throws alone no window of 4 s is calm enough for that, and with less
@@ -66,9 +66,9 @@ to it.
 day, half of them a break, nobody walks. An hour at the wheel between two on foot, with nothing turned, looks
 as different (0.06 of 2 on one of 60 hard days); a bound that finds the turn would leave out such an hour.
 
-**8 h at 100 Hz.** The document is made on a machine that others share, so that the figures move by a tenth and
-more. Half of what was over the goal was a pool of threads waiting for three small products of matrices
-(decision 39).
+**8 h at 100 Hz.** The document is made on a machine that others share, so that the figures move by a tenth
+and more. What was over the goal before: 0.05 s in which a pool of threads waited for three small products of
+matrices, and what decision 39 lists.
 
 **`published`, pattern of Table 1.** The pattern in rank is there in part, in size not. The amplitudes are
 ours, the paper's are not given, and the paper's errors hold skin, muscle and Xsens MVN's own error. Another
@@ -86,11 +86,11 @@ BROAD's gyroscope is about 1 ms late against its accelerometer; told so, `smooth
 but that lag cannot be told from a recording and differs between parts, so it is not assumed. Rectangular
 integration happens to undo it.
 
-**First call.** What the first call costs is the compiler: loading it (numba, and scipy, which numba loads, 0.4
-s) and compiling eight kernels. They are plain loops without allocation, and compiled by ten of the compiler's
-steps while garbage is not collected (decision 39): two thirds of the time before. The table gives the call
-alone and the whole process. A later call in a new process misses its goal with all imports by what numpy and
-numba take to load and to run the first compiled function, whatever it is: about 0.65 s on this machine.
+**First call.** What the first call costs is the compiler: loading it (numba, and scipy, which numba loads,
+0.4 s) and compiling eight kernels. They are plain loops without allocation, and compiled by ten of the
+compiler's steps while garbage is not collected (decision 39): two thirds of the time before. The table gives
+the call alone and the whole process. A later call in a new process misses its goal with all imports by what
+numpy and numba take to load and to run the first compiled function, whatever it is: about 0.65 s.
 
 **Offset of +10, -20, +15 deg/s with no rest, `live`.** Not a goal: a causal estimator that is never at rest
 has no reference for a bias of 27 deg/s; VQF's fails alike. `live` says whether it has rested

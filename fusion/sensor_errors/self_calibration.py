@@ -1,8 +1,8 @@
 """Everything that the recording says about its own sensor, found in one go.
 
 Order: still moments, clipped samples bridged, nodes (the samples are read no more after that), gyroscope
-bias, accelerometer (from the moving arm, too, where it was still in few directions), gyroscope scale; then the
-nodes once more with all of it applied.
+bias, accelerometer (from the moving arm, too, where it was still in few directions), gyroscope scale; then
+the nodes once more with all of it applied.
 """
 
 from collections.abc import Sequence
