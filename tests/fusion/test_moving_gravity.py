@@ -99,6 +99,17 @@ def test_the_moving_arm_tells_the_offset_across_the_only_pose_at_rest() -> None:
     assert correction.mean_offset_g == pytest.approx(OFFSET_G, abs=0.003)
 
 
+def test_what_is_left_open_shrinks_to_less_than_half() -> None:
+    hanging = still((0.0, 0.0, 1.0), OFFSET_G)
+    raised = place(np.random.default_rng(0).normal(size=(200, 3)), OFFSET_G)
+
+    alone, both = calibrate_accelerometer(hanging), calibrate_accelerometer(hanging, moving=raised)
+
+    # One direction of three known leaves sqrt(2/3) of 0.04 g.
+    assert alone.offset_sd_g == pytest.approx(0.033, abs=0.001)
+    assert both.offset_sd_g < 0.5 * alone.offset_sd_g
+
+
 def test_a_good_accelerometer_is_left_alone_whatever_the_moving_arm_shows() -> None:
     # 4 mg off: under the 1 % that a good part reads.
     offset_g = np.array([0.004, 0.0, 0.0])
