@@ -91,7 +91,7 @@ DEGREES = 180.0 / pi
 STRETCH = 512
 UNCERTAIN_DEG = 5.0
 SHORTEST_SEGMENT_S = 1.0
-VERSION = "3"
+VERSION = "4"
 
 TYPICAL_SIGMA_DEG = {"published": 4.2, "live": 1.3}
 """Methods without a measure of their own: RMSE on simulated arm tasks and shifts (docs/validation.md)."""

@@ -1,17 +1,23 @@
 """Everything that the recording says about its own sensor, found in one go.
 
 Order: still moments, clipped samples bridged, nodes (the samples are read no more after that), gyroscope
-bias, accelerometer, gyroscope scale; then the nodes once more with all of it applied.
+bias, accelerometer (from the moving arm, too, where it was still in few directions), gyroscope scale; then
+the nodes once more with all of it applied.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fusion.recording import FloatArray
-from fusion.sensor_errors.accelerometer import AccelerometerCorrection, calibrate_accelerometer
+from fusion.sensor_errors.accelerometer import (
+    AccelerometerCorrection,
+    calibrate_accelerometer,
+    sees_few_directions,
+)
 from fusion.sensor_errors.bias_track import GyroBias
 from fusion.sensor_errors.gyro_bias import follow_gyro_bias, reduce_about_start
 from fusion.sensor_errors.gyro_scale import GyroScale, estimate_gyro_scale
+from fusion.sensor_errors.moving_gravity import read_while_moving
 from fusion.sensor_errors.nodes import Nodes, correct_nodes, reduce_to_nodes
 from fusion.sensor_errors.runs import SensorRun
 from fusion.sensor_errors.saturation import bridge_saturation
@@ -50,7 +56,10 @@ def calibrate_sensor(
     bridged = bridge_saturation(runs, blocks, acc_range_g, gyr_range_dps)
     rough = reduce_about_start(bridged, stills)
     bias = follow_gyro_bias(rough, stills)
-    accelerometer = calibrate_accelerometer(stills)
+    moving = None
+    if sees_few_directions(stills):
+        moving = read_while_moving([correct_nodes(nodes, bias) for nodes in rough])
+    accelerometer = calibrate_accelerometer(stills, moving=moving)
     gyro_scale = estimate_gyro_scale(rough, stills, bias, accelerometer)
     calibration = SensorCalibration(bias, accelerometer, gyro_scale)
     return calibration, tuple(

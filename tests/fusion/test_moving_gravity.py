@@ -1,0 +1,129 @@
+"""What the accelerometer reads of gravity while the arm moves, and what it tells of its offset."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fusion.sensor_errors.accelerometer import (
+    MovingReadings,
+    calibrate_accelerometer,
+    leave_accelerometer,
+    sees_few_directions,
+)
+from fusion.sensor_errors.moving_gravity import read_while_moving
+from fusion.sensor_errors.nodes import Nodes
+from fusion.sensor_errors.stillness import QuietTable
+
+PERIOD_S = 0.05
+OFFSET_G = np.array([0.02, -0.03, 0.01])
+Table = NDArray[np.float64]
+
+
+def swing(
+    seconds: float,
+    amplitude_deg: float,
+    offset_g: Table | None = None,
+    swing_s: float = 4.0,
+    arm_m: float = 0.0,
+) -> Nodes:
+    """A sensor that swings about its y axis, ``arm_m`` along x from it; z points up in the middle."""
+    time_s, axis, arm = np.arange(0.0, seconds, PERIOD_S), np.eye(3)[1], np.array([arm_m, 0.0, 0.0]) / 9.81
+    phase = 2.0 * np.pi * time_s / swing_s
+    angle, rate = np.radians(amplitude_deg) * np.sin(phase), np.radians(amplitude_deg) * np.cos(phase)
+    rate, bend = rate * 2.0 * np.pi / swing_s, -angle * (2.0 * np.pi / swing_s) ** 2
+    pose = Rotation.from_rotvec(angle[:, None] * axis)
+    own_g = rate[:, None] ** 2 * np.cross(axis, np.cross(axis, arm)) + bend[:, None] * np.cross(axis, arm)
+    acc_g = pose.inv().apply([0.0, 0.0, 1.0]) + own_g + (np.zeros(3) if offset_g is None else offset_g)
+    turn_rad = np.diff(angle, prepend=0.0)[:, None] * axis
+    nil = np.zeros_like(acc_g)
+    return Nodes(0.0, PERIOD_S, 5, 5 * len(acc_g), 0.0, acc_g, turn_rad, nil, np.eye(3))
+
+
+def still(direction: tuple[float, float, float], offset_g: Table, count: int = 20) -> QuietTable:
+    """At rest in one direction."""
+    gravity_g = np.tile(np.array(direction) + offset_g, (count, 1))
+    zeros = np.zeros(count)
+    return QuietTable(np.linspace(0.0, 40.0, count), 1.5, gravity_g, np.zeros((count, 3)), zeros, zeros)
+
+
+def place(directions: Table, offset_g: Table) -> MovingReadings:
+    """Readings of the moving arm in these directions, one a second."""
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return MovingReadings(np.linspace(0.0, 40.0, len(unit)), np.asarray(unit + offset_g))
+
+
+def test_a_sensor_at_rest_reads_what_it_reads() -> None:
+    readings = read_while_moving([swing(10.0, 0.0, np.array([0.0, 0.0, 0.02]))])
+
+    assert len(readings.time_s) == 7  # windows of 4 s begin at 0, 1, 2, ... 6 s
+    assert readings.gravity_g == pytest.approx(np.tile([0.0, 0.0, 1.02], (7, 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("amplitude_deg", [10.0, 40.0])
+def test_without_the_offset_a_swinging_sensor_reads_1_g(amplitude_deg: float) -> None:
+    readings = read_while_moving([swing(20.0, amplitude_deg, OFFSET_G)])
+
+    # Exact to first order in the offset: what is left is its square, 0.037^2 / 2 = 0.0007 g.
+    lengths_g = np.linalg.norm(readings.gravity_g - OFFSET_G, axis=1)
+    assert np.abs(lengths_g - 1.0).max() < 0.001
+
+
+def test_a_sensor_off_the_axis_of_the_swing_still_reads_1_g() -> None:
+    # 10 cm off, 15 deg once a second: up to 1.6 rad/s, 0.028 g of centripetal acceleration, always outwards.
+    readings = read_while_moving([swing(20.0, 15.0, swing_s=1.0, arm_m=0.1)])
+
+    assert len(readings.time_s) == 17
+    assert np.abs(np.linalg.norm(readings.gravity_g, axis=1) - 1.0).max() < 0.004
+
+
+def test_a_lively_window_is_left_out() -> None:
+    nodes = swing(10.0, 0.0)
+    nodes.acc_g[::2, 0] += 0.4
+    nodes.acc_g[1::2, 0] -= 0.4
+
+    assert len(read_while_moving([nodes]).time_s) == 0
+
+
+def test_a_run_shorter_than_a_window_gives_no_reading() -> None:
+    assert len(read_while_moving([swing(3.0, 10.0)]).time_s) == 0
+
+
+def test_the_moving_arm_tells_the_offset_across_the_only_pose_at_rest() -> None:
+    hanging = still((0.0, 0.0, 1.0), OFFSET_G)
+    raised = place(np.random.default_rng(0).normal(size=(200, 3)), OFFSET_G)
+
+    correction = calibrate_accelerometer(hanging, moving=raised)
+
+    assert sees_few_directions(hanging)
+    assert correction.mean_offset_g == pytest.approx(OFFSET_G, abs=0.003)
+
+
+def test_what_is_left_open_shrinks_to_less_than_half() -> None:
+    hanging = still((0.0, 0.0, 1.0), OFFSET_G)
+    raised = place(np.random.default_rng(0).normal(size=(200, 3)), OFFSET_G)
+
+    alone, both = calibrate_accelerometer(hanging), calibrate_accelerometer(hanging, moving=raised)
+
+    # One direction of three known leaves sqrt(2/3) of 0.04 g.
+    assert alone.offset_sd_g == pytest.approx(0.033, abs=0.001)
+    assert both.offset_sd_g < 0.5 * alone.offset_sd_g
+
+
+def test_a_good_accelerometer_is_left_alone_whatever_the_moving_arm_shows() -> None:
+    # 4 mg off: under the 1 % that a good part reads.
+    offset_g = np.array([0.004, 0.0, 0.0])
+    raised = place(np.random.default_rng(0).normal(size=(200, 3)), offset_g)
+
+    correction = calibrate_accelerometer(still((0.0, 0.0, 1.0), offset_g), moving=raised)
+
+    assert np.array_equal(correction.offset_g, leave_accelerometer().offset_g)
+
+
+def test_a_moving_arm_seen_in_few_directions_adds_nothing() -> None:
+    hanging = still((0.0, 0.0, 1.0), OFFSET_G)
+    raised = place(np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]] * 20), OFFSET_G)
+
+    alone, both = calibrate_accelerometer(hanging), calibrate_accelerometer(hanging, moving=raised)
+
+    assert np.array_equal(alone.offset_g, both.offset_g)
