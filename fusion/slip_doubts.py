@@ -71,16 +71,19 @@ def _take_side(doubt: Doubt, part: WornPart, axis: Table) -> Spans:
     """The side that the axis fits less, as far as walking, which tells both apart, shows no other."""
     strides = part.strides
     within = (strides.time_s >= doubt.first_s) & (strides.time_s < doubt.end_s)
+    if within.all() or not within.any():
+        return []  # the part ends before: a slip was found beside it
     sides = [Moments(strides.time_s[rows], strides.up[rows]).thin().up for rows in (within, ~within)]
     inside, beside = (find_commonest(up)[0] for up in sides)
     is_inside = find_angle_deg(inside, axis) >= find_angle_deg(beside, axis)
     sound, turned = (beside, inside) if is_inside else (inside, beside)
     near = (strides.up @ sound >= cos_deg(NEAR_DEG)) & (strides.up @ (sound - turned) > 0.0)
-    sound_s = np.concatenate([[part.start_s], strides.time_s[near], [part.end_s]])
+    sound_s = strides.time_s[near]
     if is_inside:
-        return [(float(sound_s[sound_s < doubt.first_s][-1]), float(sound_s[sound_s >= doubt.end_s][0]))]
-    before = (part.start_s, float(sound_s[sound_s >= doubt.first_s][0]))
-    after = (float(sound_s[sound_s < doubt.end_s][-1]), part.end_s)
+        before_s = max(sound_s[sound_s < doubt.first_s], default=part.start_s)
+        return [(float(before_s), float(min(sound_s[sound_s >= doubt.end_s], default=part.end_s)))]
+    before = (part.start_s, float(min(sound_s[sound_s >= doubt.first_s], default=part.end_s)))
+    after = (float(max(sound_s[sound_s < doubt.end_s], default=part.start_s)), part.end_s)
     return [before] * (doubt.first_s > doubt.of_s[0]) + [after] * (doubt.end_s < doubt.of_s[1])
 
 

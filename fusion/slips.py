@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.postures import MINUTE_STRIDING, Moments, Table
+from fusion.postures import MINUTE_STRIDING, SURE_STRIDING, Moments, Table
 from fusion.slip_stretches import CountedMoments, Rows, Stretches, compare_stretches, count_moments
 
 Span = tuple[Rows, Rows]
@@ -45,7 +45,7 @@ class SlipRules:
     end is taken, unless another is known less by ``clearer``. A slip over minutes leaves most of its
     beginning and end to either side; ``margin_s`` is added to both. A turn is in doubt where
     ``pure`` of the walking on each side is near its commonest direction and hardly any near that of the
-    other (``crossed``): loads carried among walks look otherwise.
+    other (``crossed``, more from five minutes on both sides): loads carried among walks look otherwise.
     ``evidence``: how far the sum of logarithms may fall short (moments follow each other in like poses).
     """
 
@@ -69,7 +69,7 @@ class SlipRules:
     evidence: float = 10.0
     margin_s: float = 300.0
     pure: float = 0.75
-    crossed: float = 0.1
+    crossed: tuple[float, float] = (0.1, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +177,8 @@ def _find_doubt(day: _Day, edges: Rows, span: Span, compared: Stretches) -> Iter
     """The stretch that parts the walking best, of those in which the arm hung apart."""
     rules = day.rules
     apart = (compared.hangs_deg >= rules.hangs_alike_deg) & (compared.strides >= MINUTE_STRIDING)
-    apart &= (compared.pure >= rules.pure) & (compared.crossed < rules.crossed)
+    crossed = np.where(compared.strides >= SURE_STRIDING, rules.crossed[1], rules.crossed[0])
+    apart &= (compared.pure >= rules.pure) & (compared.crossed < crossed)
     if not apart.any():
         return
     (starts, ends), times_s = span, _find_times(day, edges)

@@ -30,7 +30,8 @@ HEAD = """# Bad inputs: expected and seen
 Written by `python -m benchmarks.bad_inputs`. Each file is made by a generator in `tests/badfiles`; rows are
 those of the list of what goes wrong with files. An outcome is a refusal (`E-`), or a report with warnings and
 with its seconds: analysed + missing + excluded = recorded. Left out is what every short recording calibrated
-in the N-pose is told (W-FEW-HOURS, W-NPOSE). "same" means: exactly the expected outcome.
+in a proposed window of the N-pose is told (W-FEW-HOURS, W-NPOSE, W-POSE-ALONE). "same" means: exactly the
+expected outcome.
 """
 Outcomes = dict[BadFile, str]
 

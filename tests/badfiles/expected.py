@@ -16,8 +16,8 @@ from tests.badfiles.outcomes import given, read, refused
 from tests.fusion.gt3x_builder import INFO, T0, record
 from tests.fusion.table_builder import HEADER
 
-ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE"})
-"""What any recording of an hour calibrated in the N-pose is told."""
+ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE", "W-POSE-ALONE"})
+"""What any recording of an hour is told, without walking, in a window of the N-pose that was proposed."""
 HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
 
 

@@ -1,5 +1,7 @@
 """Turns too small to be told for sure: kept, with a range that holds them, and said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,23 @@ def test_it_concerns_the_side_that_the_axis_does_not_fit() -> None:
     (part,) = find_doubted_parts(worn, UP, ())
 
     assert (part.start_s, part.end_s) == (-np.inf, 1805.0)
+
+
+@pytest.mark.parametrize("span_s", [(4000.0, 5000.0), (-100.0, 5000.0)])
+def test_one_that_lies_beside_what_is_left_of_its_part_concerns_nothing(span_s: tuple[float, float]) -> None:
+    # A slip was found beside the part; its margin took the walking that the doubt rested on.
+    worn = WornParts((make_day((1000.0, 2000.0)),), (), (doubt(*span_s),))
+
+    assert find_doubted_parts(worn, UP, ()) == ()
+
+
+def test_one_that_reaches_beyond_its_part_ends_with_it() -> None:
+    day = replace(make_day((3000.0, 3600.0)), end_s=3590.0)
+    worn = WornParts((day,), (), (Doubt(3000.0, 3900.0, (0.0, 4200.0), 15.0),))
+
+    (part,) = find_doubted_parts(worn, UP, ())
+
+    assert (part.start_s, part.end_s) == (2995.0, 3590.0)
 
 
 def test_its_range_holds_the_turn() -> None:
