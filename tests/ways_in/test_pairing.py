@@ -5,14 +5,9 @@ from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
-from typer.testing import CliRunner, Result
 
-from app.cli import app
 from fusion.simulation import write_recordings
-
-
-def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+from tests.ways_in.typed import run
 
 
 @pytest.fixture(scope="module")
