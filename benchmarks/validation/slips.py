@@ -44,12 +44,12 @@ and hard days of even seeds ([decision 38](decisions/0038-what-confirms-the-axis
 
 What is not told stands in the table: a turn that ends shortly before the recording does and after which
 nobody walked; those rows stay valid and are wrong by up to the turn. After a turn at a tenth of the day the
-rest is read from a window like walking, off by some degrees, which is in the pose's standard deviation and
-not in the band. Hours of other work without any walking look like a turn and are left out
-(tests/fusion/test_other_work.py). A turn about the arm's own axis does not change the angle. Days without
-any turn, of an hour (seeds {QUIET_SEEDS[0]} to {QUIET_SEEDS[-1]}) and of {BACK_HOURS:g} hours (the odd ones),
-are to raise no alarm and no caveat. The recordings of BROAD and of the project are shorter than the ten
-minutes that the search asks for."""
+rest is read from a window like walking, off by some degrees (after one of 20 or 30 deg by up to 20), which is
+in the pose's standard deviation and not in the band. Hours of other work without any walking look like a
+turn and are left out (tests/fusion/test_other_work.py). A turn about the arm's own axis does not change the
+angle. Days without any turn, of an hour (seeds {QUIET_SEEDS[0]} to {QUIET_SEEDS[-1]}) and of {BACK_HOURS:g}
+hours (the odd ones), are to raise no alarm and no caveat. The recordings of BROAD and of the project are
+shorter than the ten minutes that the search asks for."""
 
 BACK_PROSE = f"""\
 The same on days of {BACK_HOURS:g} h, with the sensor turned at {100 * BACK_AT:g} % of the day and pushed back

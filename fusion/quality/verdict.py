@@ -40,10 +40,10 @@ def assess_quality(
     """Collect every caveat and give the verdict with the codes of all that count, the gravest first.
 
     Poor: less than 2 h or half of the recording analysed, no still period, a calibration in a stretch that is
-    not trusted or in a posture that nothing confirms while another was held before it, a sensor that sat
-    otherwise for half of the recording, sensor upside down. Caution: less than 4 h, 1 % or more missing, 0.1
-    % or more clipped, any other doubt about the signal (also that the sensor may not have been worn). A note
-    (a duplicate second, the N-pose) leaves the verdict good.
+    not trusted or in a posture that tells the axis no better than 10 deg (nothing confirms it, or walking
+    lies apart), a sensor that sat otherwise for half of the recording, sensor upside down. Caution: less than
+    4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (the sensor may
+    not have been worn). A note (a duplicate second, the N-pose) leaves the verdict good.
     """
     given = (*recording.flags, *calibration_flags)
     told = {flag.code for flag in given}

@@ -10,7 +10,7 @@ towards standing still, so that a file with few poses is not bent; and it is bou
 directions know no axes: a sensor strapped on another way gives the same correction, turned.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +36,13 @@ class AccelerometerSettings:
     offset, between knots ``knot_s`` apart. Still moments within ``cell_deg`` of each other and between the
     same two knots are one observation; its variance is ``cell_g`` squared (what they have in common) and
     ``still_g`` squared by their number. Seen in fewer than ``least_directions``, an accelerometer is
-    corrected only where it departs from 1 g by more than ``scale``: less is what a good one reads, and few
-    directions do not tell scale from offset (the trials of BROAD, 1 to 10 mg off, lost up to 0.05 deg). Such
-    a recording is also looked at while the arm moves (:mod:`fusion.sensor_errors.moving_gravity`), if that
-    shows as many directions: ``moving_cell_g`` and ``moving_g`` are the errors of these readings,
-    ``moving_doubt`` how many times more they leave open, as they are wrong together: without it the band held
-    the truth 88 % of the time on four sessions of simulated tasks.
+    corrected only where the departure from 1 g that is taken off is more than ``scale``: less is what a good
+    one reads, and few directions do not tell scale from offset (the trials of BROAD, 1 to 10 mg off, lost up
+    to 0.05 deg). Such a recording is also looked at while the arm moves
+    (:mod:`fusion.sensor_errors.moving_gravity`), if that shows as many directions: ``moving_cell_g`` and
+    ``moving_g`` are the errors of these readings, ``moving_doubt`` how many times more they leave open, as
+    they are wrong together: without it the band held the truth 88 % of the time on four sessions of simulated
+    tasks.
 
     Chosen on simulated shifts with even seeds (1 and 8 h, both devices); half or twice of any of them moves
     the angle by less than 0.01 deg RMSE.
@@ -132,29 +133,44 @@ def calibrate_accelerometer(
 ) -> AccelerometerCorrection:
     """Fit offset and gain so that every direction reads 1 g, by damped least squares with Cauchy weights.
 
-    ``moving``: readings of the moving arm, for a recording that was still in few directions.
+    ``moving``: readings of the moving arm, for a recording that was still in few directions; where they give
+    no correction, the still moments are asked alone.
     Returns no correction where there is no still moment, where a bound is passed, where the departure from
-    1 g does not become smaller, or where few directions of still moments show but a small one.
+    1 g does not become smaller, or where still moments in few directions would have but a little taken off.
     """
     settings = settings or AccelerometerSettings()
     if len(stills) == 0:
         return leave_accelerometer()
-    cells = _average_cells(stills, settings, moving)
-    if moving is not None and cells.directions < settings.least_directions:
-        moving, cells = None, _average_cells(stills, settings, None)
+    is_few = _count_directions(stills, settings) < settings.least_directions
+    if moving is not None:
+        cells = _average_cells(stills, settings, moving)
+        found = _find_correction(cells, settings, is_few=is_few)
+        if found is not None and cells.directions >= settings.least_directions:
+            return replace(
+                found, offset_sd_g=min(settings.moving_doubt * found.offset_sd_g, settings.offset_g)
+            )
+    found = _find_correction(_average_cells(stills, settings, None), settings, is_few=is_few)
+    return found or leave_accelerometer()
+
+
+def _find_correction(
+    cells: "_Cells", settings: AccelerometerSettings, *, is_few: bool
+) -> AccelerometerCorrection | None:
+    """None where a bound is passed, or where less is taken off than a good accelerometer is off.
+
+    What is taken off counts, not the departure: that of few and lively readings may be their own error, and a
+    correction that follows it explains little of it.
+    """
     offset_g, gain = _fit(cells, settings)
     corrected = (cells.reading_g - cells.hats.read(offset_g)) @ gain
     before, after = (
-        float(np.sqrt(np.mean((np.linalg.norm(table, axis=1) - 1.0) ** 2)))
-        for table in (cells.reading_g, corrected)
+        float(np.mean((np.linalg.norm(table, axis=1) - 1.0) ** 2)) for table in (cells.reading_g, corrected)
     )
     farthest_g, most = np.linalg.norm(offset_g, axis=1).max(), np.abs(np.linalg.eigvalsh(gain) - 1.0).max()
-    small = _count_directions(stills, settings) < settings.least_directions and before < settings.scale
-    if small or farthest_g > 3.0 * settings.offset_g or most > 3.0 * settings.scale or after >= before:
-        return leave_accelerometer()
+    least = settings.scale**2 if is_few else 0.0
+    if farthest_g > 3.0 * settings.offset_g or most > 3.0 * settings.scale or before - after <= least:
+        return None
     left_g = _find_offset_sd(cells, corrected, settings)
-    if moving is not None:
-        left_g = min(settings.moving_doubt * left_g, settings.offset_g)
     return AccelerometerCorrection(cells.knots_s, offset_g, gain, cells.directions, left_g)
 
 

@@ -25,18 +25,24 @@ CALM_G = 0.15
 
 
 def read_while_moving(nodes: Sequence[Nodes]) -> MovingReadings:
-    """One reading for each window of 4 s of all runs; ``nodes`` with the bias taken off."""
-    parts = [_read_run(run) for run in nodes]
+    """One reading for each window of 4 s of all runs; ``nodes`` with the bias taken off.
+
+    Runs of one rate are read together: a day of thousands of short ones takes no longer than a whole one.
+    """
+    alike: dict[int, list[Nodes]] = {}
+    for run in nodes:
+        alike.setdefault(max(1, round(WINDOW_S / run.period_s)), []).append(run)
+    parts = [_read_runs(runs, steps) for steps, runs in alike.items()]
     return MovingReadings(
         np.concatenate([part.time_s for part in parts]), np.concatenate([part.gravity_g for part in parts])
     )
 
 
-def _read_run(nodes: Nodes) -> MovingReadings:
-    steps, every = max(1, round(WINDOW_S / nodes.period_s)), max(1, round(EVERY_S / nodes.period_s))
-    first = np.arange(0, len(nodes.acc_g) - steps + 1, every)
-    first = first[:: -(-len(first) // MOST_WINDOWS) or 1]
-    felt, turned, squares = _average(nodes, first, steps)
+def _read_runs(runs: Sequence[Nodes], steps: int) -> MovingReadings:
+    first, middle_s = _place_windows(runs, steps)
+    acc_g = np.concatenate([run.acc_g for run in runs])
+    turn_rad = np.concatenate([run.turn_rad for run in runs])
+    felt, turned, squares = _average(acc_g, turn_rad, first, steps)
     length_g = np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
     spread = squares - length_g**2
     # The mean is as long as gravity and, of the offset, what points along it in the mean.
@@ -45,10 +51,25 @@ def _read_run(nodes: Nodes) -> MovingReadings:
     told = (share > LEAST_SHARE) & (spread < CALM_G**2)
     slope, share, length_g = slope[told], share[told], length_g[told]
     gravity_g = slope / share[:, None] * (1.0 + (length_g - 1.0) / share)[:, None]
-    return MovingReadings(nodes.start_s + (first[told] + steps / 2.0) * nodes.period_s, gravity_g)
+    return MovingReadings(middle_s[told], gravity_g)
 
 
-def _average(nodes: Nodes, first: NDArray[np.intp], steps: int) -> tuple[Table, Table, Table]:
+def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp], Table]:
+    """First node of each window, counted through all runs, and its middle, s; none spans two runs."""
+    firsts, middles_s, before = [], [], 0
+    for run in runs:
+        own = np.arange(0, len(run.acc_g) - steps + 1, max(1, round(EVERY_S / run.period_s)))
+        firsts.append(own + before)
+        middles_s.append(run.start_s + (own + steps / 2.0) * run.period_s)
+        before += len(run.acc_g)
+    first, middle_s = np.concatenate(firsts), np.concatenate(middles_s)
+    every = -(-len(first) // MOST_WINDOWS) or 1
+    return first[::every], middle_s[::every]
+
+
+def _average(
+    acc_g: Table, turn_rad: Table, first: NDArray[np.intp], steps: int
+) -> tuple[Table, Table, Table]:
     """Mean acceleration (w, 3) and rotation (w, 3, 3) in each window's first frame, and mean square (w,)."""
     weight = np.hanning(steps + 2)[1:-1]
     weight /= weight.sum()
@@ -56,10 +77,10 @@ def _average(nodes: Nodes, first: NDArray[np.intp], steps: int) -> tuple[Table, 
     felt, turned, squares = np.zeros((len(first), 3)), np.zeros((len(first), 3, 3)), np.zeros(len(first))
     for step in range(steps):
         if step > 0:
-            frame = frame @ _turn_back(nodes.turn_rad[first + step])
-        felt += weight[step] * np.einsum("wij,wj->wi", frame, nodes.acc_g[first + step])
+            frame = frame @ _turn_back(turn_rad[first + step])
+        felt += weight[step] * np.einsum("wij,wj->wi", frame, acc_g[first + step])
         turned += weight[step] * frame
-        squares += weight[step] * (nodes.acc_g[first + step] ** 2).sum(axis=1)
+        squares += weight[step] * (acc_g[first + step] ** 2).sum(axis=1)
     return felt, turned, squares
 
 
