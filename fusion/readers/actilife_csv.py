@@ -101,7 +101,7 @@ def header_rate_hz(header: dict[str, str]) -> float:
 def _flag_rate(header: dict[str, str], grid: Grid) -> tuple[QualityFlag, ...]:
     """Say that the rows come at another rate than the header's (W-DRIFT)."""
     nominal_hz, true_hz = header_rate_hz(header), MICROSECONDS / grid.period_us
-    if abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
+    if abs(true_hz - nominal_hz) <= LARGEST_DRIFT * nominal_hz:
         return ()
     return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
 

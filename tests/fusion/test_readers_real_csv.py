@@ -56,6 +56,17 @@ def test_an_actilife_export_with_timestamps_is_read() -> None:
     assert recording.flags == ()
 
 
+@pytest.mark.parametrize("stated_hz", [0, 30])
+def test_a_rate_in_the_header_that_the_rows_contradict_is_said_and_not_believed(stated_hz: int) -> None:
+    header = ACTILIFE.replace("at 100 Hz", f"at {stated_hz} Hz") + "Timestamp," + IMU_COLUMNS
+    rows = (f"2019-02-14T08:58:{k // 100:02d}.{k % 100:02d}00000,{actilife_row(k)}" for k in range(2000))
+
+    recording = read_text(header + "".join(rows))
+
+    (flag,) = recording.flags
+    assert (flag.code, flag.facts) == ("W-DRIFT", {"nominal_hz": float(stated_hz), "rate_hz": 100.0})
+
+
 def test_without_timestamps_the_header_tells_start_and_rate() -> None:
     recording = read_text(ACTILIFE + IMU_COLUMNS + "".join(actilife_row(k) for k in range(2000)))
 
