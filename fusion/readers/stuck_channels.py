@@ -48,8 +48,8 @@ def exclude_stuck(recording: Recording) -> Recording:
     pairs = [(segment, _part_rows(segment, rows, some)) for segment, rows, some in found]
     stuck = [
         place_rows(segment, *rows, "stuck")
-        for segment, parts in pairs
-        for rows in sorted([*parts[0], *parts[1]])
+        for segment, (bridged, cut) in pairs
+        for rows in _leave_holes(segment, [*bridged, *cut])
     ]
     if not stuck:
         return recording
@@ -70,6 +70,17 @@ def _refuse_frequent(segments: Sequence[Segment], stops: Sequence[Sequence[Stop]
     worst = int(counts.argmax())
     if is_too_frequent(int(counts[worst]), rows):
         raise DeadSensor(sensor=SENSORS[worst // 3], axis="xyz"[worst % 3])
+
+
+def _leave_holes(segment: Segment, stuck: Ranges) -> list[Pair]:
+    """The same rows without the holes that were bridged before: those stay missing time."""
+    is_stuck = np.zeros(len(segment) + 1, np.bool_)
+    for first, stop in stuck:
+        is_stuck[first:stop] = True
+    for first, stop in segment.bridged if stuck else ():
+        is_stuck[first:stop] = False
+    edges = np.flatnonzero(np.diff(is_stuck.view(np.int8), prepend=np.int8(0)))
+    return [(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
 
 
 def _tells_stuck(flag: QualityFlag) -> bool:
