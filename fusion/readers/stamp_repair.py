@@ -4,6 +4,8 @@ that followed daylight saving.
 # mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -149,9 +151,9 @@ def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     usual = np.full(len(counts), float(np.median(counts)))
     differs = np.abs(np.diff(counts)) > np.maximum(1.0, SAME_COUNT * counts[1:])
     edges = np.concatenate([[0], np.flatnonzero(differs) + 1, [len(counts)]])
-    stretches = [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= EVEN_RUNS]
+    stretches = [(int(a), int(b)) for a, b in pairwise(edges) if b - a >= EVEN_RUNS]
     starts = [0, *(first for first, _ in stretches[1:]), len(counts)]
-    for (first, stop), start, end in zip(stretches, starts[:-1], starts[1:], strict=False):
+    for (first, stop), (start, end) in zip(stretches, pairwise(starts), strict=False):
         usual[start:end] = float(np.median(counts[first:stop]))
     return usual
 

@@ -83,9 +83,9 @@ def _fills_time(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) ->
     """Whether there are rows on both sides, and the time between them is that of the rows."""
     if first == 0 or stop == len(stamps):
         return False
-    places = [np.array([place], np.int64) for place in (first, stop)]
+    first_row, stop_row = np.array([first], np.int64), np.array([stop], np.int64)
     around_us = (stamps[first - 1 : first], stamps[stop : stop + 1])
-    return bool(_tell_fit(Strangers(*places, *around_us, np.zeros(1, np.int64)), pace)[0])
+    return bool(_tell_fit(Strangers(first_row, stop_row, *around_us, np.zeros(1, np.int64)), pace)[0])
 
 
 @njit(cache=True, nogil=True)

@@ -74,7 +74,7 @@ def test_a_table_of_nothing_but_uneven_steps_is_refused() -> None:
 
 @pytest.mark.parametrize("slow_s", [60, 40, 12])
 def test_a_clock_of_whole_seconds_hides_no_change_of_rate(slow_s: int) -> None:
-    """At 100 Hz, then at 50: before, half of each second was missing, and the other half went twice as fast."""
+    """At 100 Hz, then at 50: before, half of each second was missing, and the rest went twice as fast."""
     fast = 100 - slow_s
     seconds = [s for s in range(100) for _ in range(100 if s < fast else 50)]
 
