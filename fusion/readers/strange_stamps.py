@@ -22,6 +22,8 @@ LOOKED_AT_ROWS = 8193
 SHORTEST_STOP_US, SHORTEST_STOP_STEPS = 500_000, 3.0
 """So long, and so many steps of the clock, rows bear one stamp only where the clock stopped."""
 LEAST_TIMED_PART = 0.5
+FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
+"""More than a few, and more than one a minute, are rows that came in bunches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +66,7 @@ def mend_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
         return ()
     longest_us = max(SHORTEST_STOP_US, SHORTEST_STOP_STEPS * pace.step_us)
     runs = find_equal_runs(stamps, int(longest_us / pace.period_us) + 1)
-    if len(runs) == 0:
+    if not 0 < len(runs) <= FREE_STOPS + columns.rows * pace.period_us / BETWEEN_STOPS_US:
         return ()
     kept = np.ones(columns.rows, np.bool_)
     timed = 0

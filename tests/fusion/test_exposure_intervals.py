@@ -124,3 +124,14 @@ def test_a_rise_enters_5_deg_above_the_threshold_and_ends_5_deg_below(
     angle = np.concatenate([np.full(30, 20.0), np.tile(np.repeat([up_deg, down_deg], 30), 3)])
 
     assert summarise_exposure(elevate(angle, rate_hz=1.0)).entries[1].count == entries
+
+
+def test_five_minutes_of_nothing_but_short_pieces_have_no_speed_and_divide_nothing_by_zero() -> None:
+    """Draws may hold no other block; before, numpy warned of it on the person's screen."""
+    chance = np.random.default_rng(1)
+    whole = [30.0 + 20.0 * chance.random(30_000)]
+    pieces = [30.0 + 20.0 * chance.random(20) for _ in range(600)]
+
+    exposure = summarise(elevate(*whole, *pieces, hole_s=0.8), 1.0)
+
+    assert all(np.isfinite([found.low, found.high]).all() for found in exposure.intervals.values())

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fusion.errors import UnusableTime
-from fusion.readers.strange_stamps import find_equal_runs
+from fusion.readers.samples import SampleColumns
+from fusion.readers.strange_stamps import find_equal_runs, mend_stopped
 from tests.fusion.table_builder import codes, read_text, table
 
 SECOND_US = 1_000_000
@@ -67,6 +68,21 @@ def test_a_clock_of_whole_seconds_has_not_stopped(rows_in_a_second: int) -> None
 
     assert "W-CLOCK-FWD" not in codes(recording)
     assert "W-ROWS-DROPPED" not in codes(recording)
+
+
+def test_rows_in_uneven_bunches_are_no_stopped_clock() -> None:
+    """Without knowing when each was measured there is nothing to time them by."""
+    lengths = np.random.default_rng(5).geometric(1 / 40, 400)
+    stamps = 10_000 * np.repeat(np.cumsum(lengths), lengths)
+    columns = SampleColumns()
+    columns.make_room(len(stamps))
+    columns.rows = len(stamps)
+    columns.stamps[: len(stamps)] = stamps
+
+    flags = mend_stopped(columns)
+
+    assert flags == ()
+    assert columns.stamps[: columns.rows].tolist() == stamps.tolist()
 
 
 @pytest.mark.parametrize("shortest", [2, 3, 7, 50])
