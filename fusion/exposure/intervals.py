@@ -89,7 +89,9 @@ def name_speed_intervals(
         f"{kind}_velocity_p{p}_dps": scale_interval(value, drawn[:, k], coarse[k])
         for k, (p, value) in enumerate(values.items())
     }
-    means = draws.sum(tally.way_deg) / drawn_s.sum(axis=1)
+    total_s = drawn_s.sum(axis=1)
+    lacking = np.full(len(total_s), np.nan)  # a draw of nothing but short pieces has no speed
+    means = np.divide(draws.sum(tally.way_deg), total_s, out=lacking, where=total_s > 0.0)
     return name_intervals({**found, f"{kind}_velocity_mean_dps": scale_interval(1.0, means, 1.0)})
 
 

@@ -5,7 +5,7 @@ from fusion.readers.repeated_rows import leave_out_repeats
 from fusion.readers.row_order import order_pieces, turn_round
 from fusion.readers.samples import SampleColumns
 from fusion.readers.stamp_repair import count_backward, undo_daylight_saving
-from fusion.readers.strange_stamps import has_strange_ends, mend_stuck, place_strangers
+from fusion.readers.strange_stamps import has_strange_ends, mend_stopped, mend_stuck, place_strangers
 from fusion.recording import QualityFlag
 
 
@@ -22,6 +22,7 @@ def settle_rows(
     if is_wall_clock:
         flags += undo_daylight_saving(columns.stamps)
     flags += unwrap_counter(columns.stamps, tick_us)
+    flags += mend_stopped(columns)
     if count_backward(columns.stamps) == 0 and not has_strange_ends(columns.stamps):
         return flags
     flags += mend_stuck(columns) + leave_out_repeats(columns)

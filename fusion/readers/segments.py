@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import UnknownRate
+from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.grid import (
     FASTEST_HZ,
     FITTED_ROWS,
@@ -108,6 +108,8 @@ def _fit_runs(
         if stop - first >= FITTED_ROWS:
             inside = holes.take(first, stop)
             line = fit_line(stamps[first:stop], inside.row, inside.added)
+        if line[1] <= 0.0:
+            raise UnusableTime(why="constant")
         runs.append(FittedRun(first, stop, int(stamps[first]), *line, first in sets))
     return runs
 

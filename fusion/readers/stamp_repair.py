@@ -4,6 +4,8 @@ that followed daylight saving.
 # mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -21,6 +23,8 @@ EVEN_STEP = 0.4
 COARSE_ROWS = 4.0
 """Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
 FULL_RUN = 0.1
+EVEN_RUNS, SAME_COUNT = 10, 0.02
+"""So many stamps one after the other with as many rows each, give or take one or 2 %, are a rate."""
 HOUR_US = 3600 * MICROSECONDS
 CHANGE_US = HOUR_US // 2
 """Clocks are changed at a full hour; here and there at half past."""
@@ -116,20 +120,42 @@ def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFla
 
 
 @njit(cache=True, nogil=True)
-def spread_runs(stamps: NDArray[np.int64], edges: NDArray[np.int64], step_us: float, usual: float) -> None:
-    """Place the rows of each run of equal stamps evenly over the time until the next stamp, in place."""
+def spread_runs(
+    stamps: NDArray[np.int64], edges: NDArray[np.int64], step_us: float, usual: NDArray[np.float64]
+) -> None:
+    """Place the rows of each run of equal stamps evenly over the time until the next stamp, in place.
+
+    ``usual``: how many rows such a run has where none is lost, one for each.
+    """
     for run in range(len(edges) - 1):
         first, stop = edges[run], edges[run + 1]
         rows = stop - first
         length_us = step_us
         if stop < len(stamps) and 0 < stamps[stop] - stamps[first] < 1.5 * step_us:
             length_us = float(stamps[stop] - stamps[first])
-        is_full = abs(rows - usual) <= FULL_RUN * usual
-        share_us = length_us / (rows if is_full or rows > usual else usual)
-        late = usual - rows if run == 0 and rows < usual else 0.0  # began in the middle of its stamp
+        is_full = abs(rows - usual[run]) <= FULL_RUN * usual[run]
+        share_us = length_us / (rows if is_full or rows > usual[run] else usual[run])
+        late = (
+            usual[run] - rows if run == 0 and rows < usual[run] else 0.0
+        )  # began in the middle of its stamp
         base = stamps[first]
         for k in range(rows):
             stamps[first + k] = base + np.int64(np.round((k + late) * share_us))
+
+
+def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Give the rows that a stamp has where none is lost: those of its stretch, if it is one of an even rate.
+
+    Others take those of the even stretch before, or of the first one; without any, the median holds for all.
+    """
+    usual = np.full(len(counts), float(np.median(counts)))
+    differs = np.abs(np.diff(counts)) > np.maximum(1.0, SAME_COUNT * counts[1:])
+    edges = np.concatenate([[0], np.flatnonzero(differs) + 1, [len(counts)]])
+    stretches = [(int(a), int(b)) for a, b in pairwise(edges) if b - a >= EVEN_RUNS]
+    starts = [0, *(first for first, _ in stretches[1:]), len(counts)]
+    for (first, stop), (start, end) in zip(stretches, pairwise(starts), strict=False):
+        usual[start:end] = float(np.median(counts[first:stop]))
+    return usual
 
 
 @njit(cache=True, nogil=True)
@@ -154,7 +180,8 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     steps = np.diff(stamps[edges[:-1]])
     if not np.any(steps > 0):
         return ()
-    spread_runs(stamps, edges.astype(np.int64), float(np.median(steps[steps > 0])), float(np.median(counts)))
+    step_us = float(np.median(steps[steps > 0]))
+    spread_runs(stamps, edges.astype(np.int64), step_us, find_usual_counts(counts))
     return (QualityFlag("W-JITTER"),)
 
 

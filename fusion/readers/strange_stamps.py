@@ -1,10 +1,14 @@
 """Stamps that their neighbours contradict: a clock that stood still, fell to zero, or was away a while."""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from fusion.errors import UnusableTime
 from fusion.readers.row_order import Pace, Pieces, find_pieces, measure_pace
 from fusion.readers.samples import SampleColumns
 from fusion.recording import MICROSECONDS, QualityFlag
@@ -15,6 +19,11 @@ FIT_PERIODS, FIT_SHARE = 0.5, 0.02
 FAR_US = 60 * MICROSECONDS
 """A row at either end of a file, alone and so far from the others: one stamp is no proof of a minute."""
 LOOKED_AT_ROWS = 8193
+SHORTEST_STOP_US, SHORTEST_STOP_STEPS = 500_000, 3.0
+"""So long, and so many steps of the clock, rows bear one stamp only where the clock stopped."""
+LEAST_TIMED_PART = 0.5
+FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
+"""More than a few, and more than one a minute, are rows that came in bunches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +47,71 @@ def has_strange_ends(stamps: NDArray[np.int64]) -> bool:
     differs = stamps[:LOOKED_AT_ROWS] != stamps[0]
     second = int(np.argmax(differs)) if differs.any() else 1
     return bool(stamps[second] - stamps[0] > FAR_US or stamps[-1] - stamps[-2] > FAR_US)
+
+
+def mend_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Time rows of one and the same stamp by their neighbours (W-CLOCK-FWD), or leave them out.
+
+    Left out are those that do not fill the time between their neighbours, and those at either end of the
+    file, as :func:`mend_stuck` does where the stamp is a strange one, too.
+
+    Raises
+    ------
+    UnusableTime
+        Most rows would be left out.
+    """
+    stamps = columns.stamps[: columns.rows]
+    pace = measure_pace(stamps)
+    if pace.period_us <= 0.0 or pace.step_us <= 0.0:
+        return ()
+    longest_us = max(SHORTEST_STOP_US, SHORTEST_STOP_STEPS * pace.step_us)
+    runs = find_equal_runs(stamps, int(longest_us / pace.period_us) + 1)
+    if not 0 < len(runs) <= FREE_STOPS + columns.rows * pace.period_us / BETWEEN_STOPS_US:
+        return ()
+    kept = np.ones(columns.rows, np.bool_)
+    timed = 0
+    for first, stop in runs.tolist():
+        if _fills_time(stamps, first, stop, pace):
+            _time_between(stamps, first, stop, pace)
+            timed += stop - first
+        else:
+            kept[first:stop] = False
+    if np.count_nonzero(kept) < LEAST_TIMED_PART * columns.rows:
+        raise UnusableTime(why="constant")
+    return _take_out(columns, kept) + _tell_timed(timed)
+
+
+def _fills_time(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) -> bool:
+    """Whether there are rows on both sides, and the time between them is that of the rows."""
+    if first == 0 or stop == len(stamps):
+        return False
+    first_row, stop_row = np.array([first], np.int64), np.array([stop], np.int64)
+    around_us = (stamps[first - 1 : first], stamps[stop : stop + 1])
+    return bool(_tell_fit(Strangers(first_row, stop_row, *around_us, np.zeros(1, np.int64)), pace)[0])
+
+
+@njit(cache=True, nogil=True)
+def find_equal_runs(stamps: NDArray[np.int64], shortest: int) -> NDArray[np.int64]:
+    """Rows that share a stamp, ``shortest`` of them or more: first and first after, shape (m, 2).
+
+    In such a run some row at a multiple of half its least length has its like so many rows later.
+    """
+    half = max(1, shortest // 2)
+    runs = np.empty((len(stamps) // max(shortest, 1) + 1, 2), np.int64)
+    found = reached = 0
+    for row in range(0, len(stamps) - half, half):
+        if row < reached or stamps[row] != stamps[row + half]:
+            continue
+        first, stop = row, row
+        while first > 0 and stamps[first - 1] == stamps[row]:
+            first -= 1
+        while stop < len(stamps) and stamps[stop] == stamps[row]:
+            stop += 1
+        if stop - first >= shortest:
+            runs[found, 0], runs[found, 1] = first, stop
+            found += 1
+        reached = max(stop, row + 1)
+    return runs[:found]
 
 
 def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:

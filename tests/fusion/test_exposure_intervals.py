@@ -7,8 +7,10 @@ from scipy.stats import norm
 from fusion.elevation import Elevation
 from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.exposure.bins import CELLS
-from fusion.exposure.intervals import draw_figures
-from fusion.exposure.resampling import DRAWS, draw_blocks
+from fusion.exposure.intervals import draw_figures, name_speed_intervals
+from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks
+from fusion.exposure.types import Velocity
+from fusion.exposure.velocity import SpeedTally
 from tests.factories import elevate
 
 
@@ -124,3 +126,16 @@ def test_a_rise_enters_5_deg_above_the_threshold_and_ends_5_deg_below(
     angle = np.concatenate([np.full(30, 20.0), np.tile(np.repeat([up_deg, down_deg], 30), 3)])
 
     assert summarise_exposure(elevate(angle, rate_hz=1.0)).entries[1].count == entries
+
+
+def test_draws_of_nothing_but_short_pieces_have_no_speed_and_divide_nothing_by_zero() -> None:
+    """The second block has angles, in pieces too short for a speed; before, numpy warned on the screen."""
+    tally = SpeedTally(np.array([0, 300_000_000, 600_000_000], np.int64))
+    tally.block_s[0, 300] = 300.0
+    tally.way_deg[0] = 3000.0
+    few = np.array([[1.0, 1.0]] * (DRAWS - 4) + [[0.0, 2.0]] * 4)
+    draws = Resampling(np.ones(2, np.bool_), few, np.zeros(DRAWS))
+
+    found = name_speed_intervals("arm", Velocity(10.0, 10.0, 10.0, 10.0, 10.0), tally, draws)
+
+    assert found["arm_velocity_mean_dps"] == Interval(10.0, 10.0)

@@ -70,3 +70,24 @@ def test_a_table_of_nothing_but_uneven_steps_is_refused() -> None:
         read_text(ordered(thinned_at_random(0, 6000)))
 
     assert refusal.value.facts == {"why": "irregular"}
+
+
+@pytest.mark.parametrize("slow_s", [60, 40, 12])
+def test_a_clock_of_whole_seconds_hides_no_change_of_rate(slow_s: int) -> None:
+    """At 100 Hz, then at 50: before, half of each second was missing, and the rest went twice as fast."""
+    fast = 100 - slow_s
+    seconds = [s for s in range(100) for _ in range(100 if s < fast else 50)]
+
+    recording = read_text(table(1_000_000 * s for s in seconds))
+
+    assert spans(recording) == [(0, fast * 1_000_000, 100.0), (fast * 1_000_000, 100_000_000, 50.0)]
+    assert codes(recording) == ["W-JITTER", "W-RATE-CHANGE"]
+
+
+def test_a_second_with_fewer_rows_is_a_hole_and_no_change_of_rate() -> None:
+    seconds = [s for s in range(30) for _ in range(60 if s == 15 else 100)]
+
+    recording = read_text(table(1_000_000 * s for s in seconds))
+
+    assert codes(recording) == ["W-JITTER", "W-GAP"]
+    assert spans(recording) == [(0, 15_600_000, 100.0), (16_000_000, 30_000_000, 100.0)]
