@@ -1,5 +1,7 @@
 """Single axes that stop for a moment while the arm moves, and readings that only look like it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,17 @@ def test_up_to_50_ms_of_it_are_bridged_on_the_axis_that_stopped() -> None:
         before + (after - before) * np.array([0.25, 0.5, 0.75])
     )
     assert segment.gyr_dps[800:803, 0] == pytest.approx(gyr_dps[800:803, 0], abs=1e-4)
+
+
+def test_what_was_missing_before_an_axis_stopped_stays_missing() -> None:
+    acc_g, gyr_dps = turning()
+    gyr_dps[800:820, 1] = 0.0
+    whole = record(acc_g, gyr_dps, 100.0)
+    bridged = replace(whole.segments[0], bridged=((805, 808),))
+
+    recording = exclude_stuck(replace(whole, segments=(bridged,)))
+
+    assert recording.excluded == (Span(8_000_000, 50_000, "stuck"), Span(8_080_000, 120_000, "stuck"))
 
 
 def test_one_zero_of_an_axis_that_turns_is_no_reading() -> None:
