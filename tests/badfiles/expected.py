@@ -7,12 +7,12 @@ from datetime import datetime
 
 from tests.badfiles import gt3x_files as g
 from tests.badfiles import person_files as p
-from tests.badfiles import signal_files as s
 from tests.badfiles import table_files as t
 from tests.badfiles.axivity_rows import AXIVITY
 from tests.badfiles.clock_rows import CLOCKS
 from tests.badfiles.order_rows import ORDER
 from tests.badfiles.outcomes import given, read, refused
+from tests.badfiles.signal_rows import SIGNALS
 from tests.fusion.gt3x_builder import INFO, T0, record
 from tests.fusion.table_builder import HEADER
 
@@ -270,107 +270,6 @@ TABLES = (
     refused("84 DTD", "shift.mvnx", given(f"{XML}<!DOCTYPE m [<!ENTITY a 'b'>]><mvnx/>"), "E-XML"),
     refused("84 entity", "shift.mvnx", given(f"{XML}<!DOCTYPE m SYSTEM 'http://[::1]/'><mvnx/>"), "E-XML"),
     refused("84 cut", "shift.mvnx", given(f"{XML}<mvnx version='4'><subject><frames>"), "E-XML"),
-)
-
-FILLED = "W-STUCK-PART W-GAP"
-SIGNALS = (
-    read("85", "shift.csv", given("# rate_hz: 104\n" + t.canon()), "W-DRIFT"),
-    read("85 nominal", "shift.csv", given("# rate_hz: 100\n" + t.canon())),
-    read("86 m/s2", "shift.csv", s.scaled(9.80665, 1.0), "W-UNITS"),
-    read("86 mg", "shift.csv", s.scaled(1000.0, 1.0), "W-UNITS"),
-    read("86 mg under g", "shift.csv", s.scaled(1000.0, 1.0, HEADER), "W-UNITS"),
-    read("86 m/s2 under g", "shift.csv", s.scaled(9.80665, 1.0, HEADER), "W-UNITS"),
-    *(
-        read(f"86 {true} under {named}", "shift.csv", given(t.misnamed(named, per_s)), "W-UNITS")
-        for true, named, per_s in (
-            ("s", "ms", 1),
-            ("ms", "s", 1000),
-            ("ms", "us", 1000),
-            ("us", "ms", 1_000_000),
-        )
-    ),
-    refused("86 ten seconds", "shift.csv", given(t.every_ten_seconds()), "E-RATE"),
-    read("86 rad/s", "shift.csv", s.scaled(1.0, 0.0174533, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
-    refused("86 x2", "shift.csv", s.scaled(2.0, 1.0), "E-SCALE"),
-    refused("86 x0.5", "shift.csv", s.scaled(0.5, 1.0, HEADER), "E-SCALE"),
-    read("87 swapped", "shift.csv", s.altered(s.swap_sensors, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
-    read("87 swapped, much movement", "shift.csv", s.tumbled(s.swap_sensors), "W-UNITS", (240.0, 0.0, 0.0)),
-    refused("87 swapped, and gyro late", "shift.csv", s.tumbled(s.swap_and_delay), "E-SWAPPED"),
-    read("87 permuted", "shift.csv", s.tumbled(s.permute_gyro), "W-UNITS", (240.0, 0.0, 0.0)),
-    read("87 one sign", "shift.csv", s.tumbled(s.flip_gyro_y), "W-UNITS", (240.0, 0.0, 0.0)),
-    read("87 left-handed", "shift.csv", s.tumbled(s.left_handed), "W-UNITS", (240.0, 0.0, 0.0)),
-    read("87 right", "shift.csv", s.tumbled(s.leave), "", (240.0, 0.0, 0.0)),
-    *(
-        read(f"87 {name}", "shift.csv", s.tumbled(change), "W-UNITS", (240.0, 0.0, 0.0))
-        for name, change in (
-            ("acc xy swapped", s.order_acc(1, 0, 2)),
-            ("acc yz swapped", s.order_acc(0, 2, 1)),
-            ("acc xz swapped", s.order_acc(2, 1, 0)),
-            ("acc turned round", s.order_acc(1, 2, 0)),
-            ("gyro negated", s.negate_gyro),
-            ("gyro x0.5", s.multiply_gyro(0.5)),
-            ("gyro x0.87", s.multiply_gyro(0.87)),
-            ("gyro x1.3", s.multiply_gyro(1.3)),
-            ("gyro x2", s.multiply_gyro(2.0)),
-            ("gyro x0.001", s.multiply_gyro(0.001)),
-            ("gyro x1000", s.multiply_gyro(1000.0)),
-            ("gyro z x2", s.multiply_gyro(2.0, slice(5, 6))),
-        )
-    ),
-    *(
-        read(f"87 GT9X {name}", "shift.csv", s.tumbled(change, s.write_actilife), told, (240.0, 0.0, 0.0))
-        for name, change, told in (
-            ("right", s.leave, ""),
-            ("gyro negated", s.negate_gyro, "W-UNITS"),
-            ("gyro swapped", s.permute_gyro, "W-UNITS"),
-            ("gyro rad/s", s.multiply_gyro(0.0174533), "W-UNITS"),
-        )
-    ),
-    refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro(50)), "E-MIXED"),
-    refused("87 gyro 0.1 s late", "shift.csv", s.tumbled(s.delay_gyro(10)), "E-MIXED"),
-    read("87 gyro 40 ms late", "shift.csv", s.tumbled(s.delay_gyro(4)), "W-LAG", (240.0, 0.0, 0.0)),
-    read(
-        "87 gyro y turned over on the way",
-        "shift.csv",
-        s.tumbled(s.turn_axis_late(4)),
-        "W-MIXED-PART W-UNTRUSTED",
-        (183.0, 57.0, 0.0),
-    ),
-    refused("87 gyro noise", "shift.csv", s.tumbled(s.noise_for_gyro), "E-MIXED"),
-    refused("87 acc x x1.5", "shift.csv", s.turned_all_round(s.stretch_acc(1.5)), "E-SCALE"),
-    read("86 mdps", "shift.csv", s.altered(s.multiply_gyro(1000.0)), "W-UNITS"),
-    refused("86 impossible rate", "shift.csv", s.altered(s.wild_at_rest), "E-SCALE"),
-    read("88", "shift.csv", s.altered(s.throw, s.PREAMBLE + HEADER), "W-CLIP W-SHORT", (59.7, 0.0, 0.3)),
-    refused("89 one axis", "shift.csv", s.altered(s.dead_axis), "E-DEAD"),
-    refused("89 all zero", "shift.csv", s.altered(s.all_zero), "E-DEAD"),
-    read("89 part", "shift.csv", s.altered(s.freeze_axis), "W-STUCK-PART W-SHORT", (50.0, 0.0, 10.0)),
-    read("89 zeros", "shift.csv", s.altered(s.zero_part), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
-    read("89 zeros, 10 ms", "shift.csv", s.altered(s.zeros_of(1)), f"{FILLED} W-SHORT", (59.95, 0.05, 0.0)),
-    read("89 zeros, 0.4 s", "shift.csv", s.altered(s.zeros_of(40)), f"{FILLED} W-SHORT", (58.0, 2.0, 0.0)),
-    read(
-        "89 zeros, 0.4 s, GT9X",
-        "shift.csv",
-        s.rewritten(s.zeros_of(40), s.write_actilife),
-        f"{FILLED} W-SHORT",
-        (58.0, 2.0, 0.0),
-    ),
-    read("89 zeros, 1.4 s every 10 s", "shift.csv", s.tumbled(s.zeros_of(140)), FILLED, (207.8, 32.2, 0.0)),
-    *(
-        read(f"89 {name}", "shift.csv", s.tumbled(change), "W-STUCK-PART", (240.0 - lost_s, 0.0, lost_s))
-        for name, change, lost_s in (
-            ("gyro y zero, 30 ms", s.stop_axis(4, 3), 0.72),
-            ("gyro y zero, 0.2 s", s.stop_axis(4, 20), 4.8),
-            ("gyro z zero, 1.4 s", s.stop_axis(5, 140), 33.6),
-            # of 24, in two the axis hardly turned; the row that is repeated goes with the rest
-            ("gyro x held, 0.3 s", s.stop_axis(3, 30, is_held=True), 6.82),
-            ("acc z zero, 80 ms", s.stop_axis(2, 8), 1.92),
-        )
-    ),
-    read("89 acc zero, 80 ms", "shift.csv", s.altered(s.zero_acc), "W-STUCK-PART W-SHORT", (59.6, 0.0, 0.4)),
-    read("89 repeats", "shift.csv", s.altered(s.repeats), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
-    read("90", "shift.csv", s.altered(s.spikes), "W-SPIKE W-SHORT", (59.92, 0.0, 0.08)),
-    read("95 days", "shift.gt3x", g.three_days, "W-GAP W-MULTIDAY W-LOWCOVER", (60.0, 158_400.0, 0.0)),
-    refused("95 tiny", "shift.csv", given(t.canon()[:200]), "E-SHORT"),
 )
 
 PERSONS = (
