@@ -109,6 +109,8 @@ def _tells_single_steps(quantum_us: int, usual_us: float) -> bool:
 
 def steps_between(stamps: NDArray[np.int64], rows: int) -> NDArray[np.float64]:
     """Time from a row to the ``rows``-th after it, divided by ``rows``; where it advances, thinned evenly."""
+    if len(stamps) < 2:
+        return np.zeros(0)
     rows = min(rows, len(stamps) - 1)
     starts = np.arange(0, len(stamps) - rows, max(1, len(stamps) // MAX_STEPS))
     steps = (stamps[starts + rows] - stamps[starts]) / rows
