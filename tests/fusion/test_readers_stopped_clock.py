@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fusion.errors import TooShort, UnusableTime
+from fusion.errors import UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.strange_stamps import find_equal_runs, mend_stopped
 from tests.fusion.table_builder import codes, read_text, table
@@ -98,6 +98,6 @@ def test_runs_are_found_wherever_they_begin(shortest: int) -> None:
     ]
 
 
-def test_one_row_tells_no_pace_and_is_too_short() -> None:
-    with pytest.raises(TooShort):
+def test_one_row_tells_no_pace_and_is_refused() -> None:
+    with pytest.raises(UnusableTime):
         read_text(table([0]))
