@@ -193,16 +193,17 @@ def test_the_long_poll_answers_as_soon_as_the_job_ends(client: TestClient, store
     assert time.monotonic() - began_s < 5
 
 
-def test_others_are_answered_during_a_long_poll(client: TestClient) -> None:
+def test_others_are_answered_during_a_long_poll(client: TestClient, store: JobStore) -> None:
     job_id = client.post(URL, content=b"x").json()["id"]
-    poll = threading.Thread(target=client.get, args=(f"/api/v1/analyses/{job_id}?wait=1",))
+    poll = threading.Thread(target=client.get, args=(f"/api/v1/analyses/{job_id}?wait=30",))
     poll.start()
-    began_s = time.monotonic()
 
     client.get("/healthz")
 
-    assert time.monotonic() - began_s < 0.5
+    is_waiting = poll.is_alive()
+    store.cancel(job_id)
     poll.join()
+    assert is_waiting
 
 
 def test_cancelling_a_waiting_job_takes_effect_at_once(client: TestClient, store: JobStore) -> None:
