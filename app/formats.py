@@ -37,3 +37,8 @@ FORMATS = (
         "time, ax, ay, az, gx, gy, gz with their units in the header",
     ),
 )
+
+REFERENCES = (".mvnx",)
+"""Read too, as a recording of the posture and as the reference of a comparison."""
+ENDINGS = tuple(dict.fromkeys([*(ending for kind in FORMATS for ending in kind.extensions), *REFERENCES]))
+"""How the names of files end that are looked for in a folder."""

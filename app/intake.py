@@ -8,9 +8,10 @@ import logging
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from app.errors import AppError
+from app.formats import ENDINGS
 from app.jobs.job import Job
 from app.jobs.queueing import WayIn
 from app.jobs.store import JobStore
@@ -21,7 +22,7 @@ from app.storage import COPY_BYTES, Storage
 LOOK_S = 2.0
 STOP_S = 10.0
 TAKEN = "taken"
-ENDINGS = (".gt3x", ".cwa", ".csv", ".gz", ".zip", ".dat", ".txt", ".bin", ".parquet", ".mvnx")
+LAST_ENDINGS = frozenset(PurePath(f"log{ending}").suffix for ending in ENDINGS)
 
 Signature = tuple[int, int]
 
@@ -118,7 +119,7 @@ def _list_files(folder: Path) -> Iterator[tuple[Path, Signature]]:
     """Give the recordings of the folder and of those in it, with what changes while they grow."""
     for path in (*folder.glob("*"), *folder.glob("*/*")):
         is_taken = path.relative_to(folder).parts[0] == TAKEN
-        if not is_taken and path.suffix.lower() in ENDINGS and not path.name.startswith("."):
+        if not is_taken and path.suffix.lower() in LAST_ENDINGS and not path.name.startswith("."):
             status = path.stat()
             if path.is_file() and status.st_size:
                 yield path, (status.st_size, status.st_mtime_ns)

@@ -20,11 +20,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from app.formats import ENDINGS
 from app.request import Reference, ReportRequest
 from fusion.errors import Fact, FusionError, NoReference, UnusableStudy
 from fusion.task_windows import TaskWindow, read_tasks
 
-RECORDINGS = (".gt3x", ".cwa", ".cwa.gz", ".csv", ".csv.gz", ".dat", ".txt", ".mvnx", ".parquet")
+RECORDINGS = tuple(ending for ending in ENDINGS if ending not in {".zip", ".bin"})
 _PAPER_TASK = re.compile(r"task[-_ ]?0*(10|[1-9])(?!\d)", re.IGNORECASE)
 
 

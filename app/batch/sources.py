@@ -9,20 +9,8 @@ from pathlib import Path
 from app.batch.placing import MARKER
 from app.batch.plan import show_path
 from app.errors import UnusableList
+from app.formats import ENDINGS
 
-SUFFIXES = (
-    ".gt3x",
-    ".cwa",
-    ".cwa.gz",
-    ".csv",
-    ".csv.gz",
-    ".dat",
-    ".txt",
-    ".zip",
-    ".parquet",
-    ".bin",
-    ".mvnx",
-)
 _UNUSUAL = frozenset("*?[")
 
 
@@ -55,7 +43,7 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
     for path in _expand(paths):
         bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
         inside = _list_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
-        found = [p for p in inside if p is path or p.name.lower().endswith(SUFFIXES)]
+        found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
         logs.update(dict.fromkeys(found))
         others += len(inside) - len(found)
     return Found(tuple(logs), others, _find_base(bases))

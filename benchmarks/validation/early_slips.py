@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from benchmarks.validation.document import Goal, draw_table, judge
-from benchmarks.validation.turned_days import ABRUPT_S, HOURS, Turn, Turned
+from benchmarks.validation.turned_days import ABRUPT_S, HOURS, Turn, Turned, draw_across
 
 MINUTES, ANGLES_DEG = (2.0, 4.0, 7.0, 9.0, 12.0), (20.0, 45.0, 90.0)
 LEAST_VALID_PERCENT = 75.0
@@ -23,8 +23,7 @@ def list_early(seed: int) -> Iterator[tuple[tuple[float, float], Turn]]:
     chance = np.random.default_rng([seed, 38])
     for angle_deg in ANGLES_DEG:
         for minute in MINUTES:
-            about = chance.uniform(0.0, 2.0 * np.pi)
-            across = np.array([np.cos(about), np.sin(about), 0.0])
+            across = draw_across(chance)
             yield (angle_deg, minute), Turn(angle_deg, across, 60.0 * minute, ABRUPT_S)
 
 

@@ -13,6 +13,7 @@ from benchmarks.validation.turned_days import (
     RATE_HZ,
     Turn,
     Turned,
+    draw_across,
     measure,
     wear_turning,
 )
@@ -64,8 +65,7 @@ def list_turns(seed: int) -> Iterator[tuple[tuple[float, float, bool], Turn]]:
     for is_gradual in (False, True):
         for angle_deg in ANGLES_DEG:
             for place in PLACES:
-                about = chance.uniform(0.0, 2.0 * np.pi)
-                across = np.array([np.cos(about), np.sin(about), 0.0])
+                across = draw_across(chance)
                 during_s = GRADUAL_S if is_gradual else ABRUPT_S
                 turn = Turn(angle_deg, across, place * HOURS * 3600.0, during_s)
                 yield (angle_deg, place, is_gradual), turn
@@ -76,8 +76,7 @@ def list_backs(seed: int) -> Iterator[tuple[tuple[float, float], Turn]]:
     chance = np.random.default_rng([seed, 32])
     for angle_deg in BACK_ANGLES_DEG:
         for minutes in BACK_MINUTES:
-            about = chance.uniform(0.0, 2.0 * np.pi)
-            across = np.array([np.cos(about), np.sin(about), 0.0])
+            across = draw_across(chance)
             start_s = BACK_AT * BACK_HOURS * 3600.0
             yield (angle_deg, minutes), Turn(angle_deg, across, start_s, ABRUPT_S, start_s + 60.0 * minutes)
 

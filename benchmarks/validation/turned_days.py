@@ -39,6 +39,12 @@ class Turned:
     turned_percent: float = 0.0
 
 
+def draw_across(chance: np.random.Generator) -> NDArray[np.float64]:
+    """A direction across the arm, in its own frame."""
+    about = chance.uniform(0.0, 2.0 * np.pi)
+    return np.array([np.cos(about), np.sin(about), 0.0])
+
+
 @dataclass(frozen=True, slots=True)
 class Turn:
     """``angle_deg`` about ``axis`` (arm's frame), from ``start_s`` on, within ``during_s``; back from

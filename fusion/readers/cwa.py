@@ -48,7 +48,6 @@ WIDEST_G = 16.0
 USUAL_RANGE_CODE = 2
 """2000 deg/s, where a block does not tell the gyroscope's range."""
 MAX_DAMAGED_PERCENT = 5.0
-MOST_FORESEEN_BYTES = 1 << 30
 EARLY_END_S = 60.0
 
 
@@ -119,11 +118,11 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0) -> BlockLog:
     ``size_bytes``: how long the file is; the room that samples will take is foreseen from that.
     """
     log = BlockLog()
-    to_come = min(size_bytes, MOST_FORESEEN_BYTES)
+    to_come = size_bytes
     for found in find_blocks(_count_bytes(pieces, log), log.tally):
         _take_blocks(log, found)
         if log.columns.rows and to_come:
-            log.columns.reserve(round(1.02 * log.columns.rows * to_come / len(found.buffer)))
+            log.columns.foresee(len(found.buffer), to_come)
             to_come = 0
     log.columns.trim()
     return log

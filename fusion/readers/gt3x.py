@@ -45,8 +45,6 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
 WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
 MAX_DAMAGED_PERCENT = 5.0
-MOST_FORESEEN_BYTES = 1 << 30
-"""Three days; what says that it is longer is believed as it comes."""
 MAX_HELD_RECORDS = 512
 """Samples that come before their schema wait for it; more than that is no late schema but a missing one."""
 
@@ -129,14 +127,14 @@ def decode_log(pieces: Iterable[bytes], size_bytes: int = 0) -> DeviceLog:
     ``size_bytes``: how long it says it is; the room that samples will take is foreseen from that.
     """
     log = DeviceLog()
-    to_come = min(size_bytes, MOST_FORESEEN_BYTES)
+    to_come = size_bytes
     for piece in scan_pieces(_count_bytes(pieces, log), log.tally):
         records = _watched_records(piece)
         schemas = np.flatnonzero(records[:, 0] == SCHEMA)
         for part in np.split(records, schemas):  # each but the first begins with a schema
             _take_records(log, piece.buffer, part)
         if log.columns.rows and to_come:
-            log.columns.reserve(round(1.02 * log.columns.rows * to_come / len(piece.buffer)))
+            log.columns.foresee(len(piece.buffer), to_come)
             to_come = 0
     log.columns.trim()
     return log

@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 from fusion.readers.grid import open_rows
 
 FIRST_CAPACITY = 65_536
+MOST_FORESEEN_BYTES = 1 << 30
+"""Three days of a device; what says that it is longer is believed as it comes."""
 
 
 class SampleColumns:
@@ -50,6 +52,11 @@ class SampleColumns:
         acc[:filled], gyr[:filled] = self.acc[:filled], self.gyr[:filled]
         stamps[:filled] = self.stamps[:filled]
         self.acc, self.gyr, self.stamps = acc, gyr, stamps
+
+    def foresee(self, read_bytes: int, to_come_bytes: int) -> None:
+        """Take room for what is to come, if it holds as many rows a byte as what was read."""
+        foreseen_bytes = min(to_come_bytes, MOST_FORESEEN_BYTES)
+        self.reserve(round(1.02 * self.rows * foreseen_bytes / read_bytes))
 
     def trim(self) -> None:
         """Give back the room that was not used."""

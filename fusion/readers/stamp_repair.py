@@ -135,9 +135,8 @@ def spread_runs(
             length_us = float(stamps[stop] - stamps[first])
         is_full = abs(rows - usual[run]) <= FULL_RUN * usual[run]
         share_us = length_us / (rows if is_full or rows > usual[run] else usual[run])
-        late = (
-            usual[run] - rows if run == 0 and rows < usual[run] else 0.0
-        )  # began in the middle of its stamp
+        began_within = run == 0 and rows < usual[run]
+        late = usual[run] - rows if began_within else 0.0
         base = stamps[first]
         for k in range(rows):
             stamps[first + k] = base + np.int64(np.round((k + late) * share_us))

@@ -85,9 +85,7 @@ def _fills_time(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) ->
     """Whether there are rows on both sides, and the time between them is that of the rows."""
     if first == 0 or stop == len(stamps):
         return False
-    first_row, stop_row = np.array([first], np.int64), np.array([stop], np.int64)
-    around_us = (stamps[first - 1 : first], stamps[stop : stop + 1])
-    return bool(_tell_fit(Strangers(first_row, stop_row, *around_us, np.zeros(1, np.int64)), pace)[0])
+    return bool(_tell_fit(stop - first, stamps[stop] - stamps[first - 1], pace))
 
 
 @njit(cache=True, nogil=True)
@@ -128,7 +126,7 @@ def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     is_stuck = _tell_stuck(rows, found.span_us, pace)
     if pace.is_coarse:  # there one stamp lasts for many rows anyway: it must be far away, too
         is_stuck |= (found.span_us == 0) & (np.abs(stamps[found.first] - found.before_us) > FAR_US)
-    fits = (is_stuck | (rows < LEAST_STUCK_ROWS)) & _tell_fit(found, pace)
+    fits = (is_stuck | (rows < LEAST_STUCK_ROWS)) & _tell_fit(rows, found.after_us - found.before_us, pace)
     for k in np.flatnonzero(fits):
         _time_between(stamps, int(found.first[k]), int(found.stop[k]), pace)
     kept = np.ones(columns.rows, np.bool_)
@@ -182,9 +180,10 @@ def _tell_stuck(rows: NDArray[np.int64], span_us: NDArray[np.int64], pace: Pace)
     return is_stuck
 
 
-def _tell_fit(found: Strangers, pace: Pace) -> NDArray[np.bool_]:
-    filled_us = (found.stop - found.first + 1) * pace.period_us
-    off_us = np.abs(found.after_us - found.before_us - filled_us)
+def _tell_fit(rows: int | NDArray[np.int64], around_us: NDArray[np.int64], pace: Pace) -> NDArray[np.bool_]:
+    """Whether so many rows fill the time from the row before them to the one after."""
+    filled_us = (rows + 1) * pace.period_us
+    off_us = np.abs(around_us - filled_us)
     coarse_us = pace.step_us if pace.is_coarse else 0.0
     fits: NDArray[np.bool_] = (
         off_us <= np.maximum(FIT_PERIODS * pace.period_us, FIT_SHARE * filled_us) + coarse_us
