@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "0004"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0005"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 metadata = MetaData()
 
@@ -40,6 +40,8 @@ recordings = Table(
     Column("inspection", Text),
     Column("diary", Text, nullable=False, server_default="[]"),
     Column("trashed_s", Float),
+    Column("revision", Integer, nullable=False, server_default="1"),
+    Column("side_revision", Integer, nullable=False, server_default="0"),
     Index("recordings_by_age", "state", "created_at", "id"),
     Index("recordings_by_subject", "state", "subject", "created_at", "id"),
     Index("recordings_by_external_id", "state", "external_id", "created_at", "id"),
@@ -73,6 +75,7 @@ analyses = Table(
     Column("batch_id", String(32)),
     Column("replaced_by", String(32)),
     Column("put_backs", Integer, nullable=False, server_default="0"),
+    Column("interruptions", Integer, nullable=False, server_default="0"),
     Index("analyses_in_turn", "state", "priority", "turn", "created_at", "id"),
     Index("analyses_by_age", "created_at", "id"),
     Index("analyses_by_state", "state", "created_at", "id"),
