@@ -1,6 +1,7 @@
 """The long round of the crash matrix: ``python -m benchmarks.crash --kills 200 --power-cuts 50``.
 
-Every second kill is of everything at once (server, workers, helpers, children) while analyses run. Writes ``docs/reliability.md`` with what was really run. Power cuts need root (a loop-mounted ext4).
+Every second kill is of everything at once (server, workers, helpers, children) while analyses run. Writes
+``docs/reliability.md`` with what was really run. Power cuts need root (a loop-mounted ext4).
 """
 
 import argparse

@@ -228,7 +228,7 @@ def _wait_for_ends(store: JobStore) -> None:
 
 
 def _retry_set_aside(store: JobStore, journal: Journal) -> None:
-    """Ask again for what was set aside after enough ends of its host; after fewer it stays, and is a break."""
+    """Ask again for what was set aside after enough ends of its host; after fewer it stays, as a break."""
     for job in store.list_newest(1_000_000):
         if job.problem_code == Interrupted.code and journal.cuts[job.id] >= ENDS_BORNE:
             journal.recordings[store.retry(job.id).id] = journal.recordings.pop(job.id)
