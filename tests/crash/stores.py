@@ -42,8 +42,9 @@ class Ended:
 class Store:
     """A data folder and what is in it.
 
-    ``recordings`` are all that are stored, by SHA-256; of them ``recording`` has a note, an inspection and the
-    finished ``analysis``, and ``trashed`` is in the trash. ``upload`` is under way: ``sent`` is its whole file.
+    ``recordings`` gives the SHA-256 of all that are stored; of them ``recording`` has a note, an inspection
+    and the finished ``analysis``, and ``trashed`` is in the trash. ``upload`` is under way: ``sent`` is its
+    whole file.
     """
 
     folder: Path
@@ -133,7 +134,7 @@ class Server:
                 return view
 
     def _has_begun(self) -> bool:
-        return "Acromion is at" in self.read_log() and self._answers() or not self.runs
+        return self._answers() or not self.runs
 
     def _answers(self) -> bool:
         """Tell whether it takes requests: its address is told a moment before."""
