@@ -46,13 +46,20 @@ class Journal:
 
 
 class Site:
-    """One data folder with its server and its workers, each a process group of its own."""
+    """One data folder with its server and its workers; ``root`` is where their code is."""
 
     def __init__(
-        self, data: Path, log: Path, sync: str = "synced", workers: int = 1, environment: Environment = _NONE
+        self,
+        data: Path,
+        log: Path,
+        sync: str = "synced",
+        workers: int = 1,
+        environment: Environment = _NONE,
+        *,
+        root: Path = ROOT,
     ) -> None:
         self.settings = Settings(data_dir=data, min_free_bytes=0)
-        self._log, self._sync, self._environment = log, sync, environment
+        self._log, self._sync, self._environment, self._root = log, sync, environment, root
         self._web: subprocess.Popen[bytes] | None = None
         self._workers: list[subprocess.Popen[bytes]] = []
         self._wanted = workers
@@ -116,10 +123,10 @@ class Site:
 
     def _launch(self, role: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "tests.crash.program", role, str(self.settings.data_dir), self._sync]
-        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"}
+        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0", "PYTHONPATH": str(self._root)}
         environment |= self._environment
         with self._log.open("ab") as file:
-            return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=file, stderr=file)
+            return subprocess.Popen(command, cwd=self._root, env=environment, stdout=file, stderr=file)
 
     def _find_address(self) -> str | None:
         assert self._web is not None

@@ -102,7 +102,8 @@ class Server:
         wait_for(self._has_begun, math.inf)
         found = re.search(r"Acromion is at (http://\S+?)/ ", self.read_log())
         self.address = found[1] if found else ""
-        self.client = httpx2.Client(base_url=self.address, timeout=None)
+        apart = {"Connection": "close"}  # a bug's answer ends the connection; the next question needs its own
+        self.client = httpx2.Client(base_url=self.address, timeout=None, headers=apart)
 
     @property
     def runs(self) -> bool:
