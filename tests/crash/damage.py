@@ -154,8 +154,9 @@ def observe(stock: Stock, cell: Cell, folder: Path) -> Seen:
     before, seen = _list_digests(store.folder, with_side_files=_keeps_side_files(cell)), Seen()
     _ACTS[cell.action](Scene(stock, cell, store, folder, seen))
     after = set(_list_digests(store.folder, with_side_files=True).values())
+    finished = f"incoming/{store.upload}" if (cell.part, cell.action) == ("upload in flight", "serve") else ""
     for name, digest in before.items():
-        seen.expect(digest in after, f"removed {name}")
+        seen.expect(digest in after or name == finished, f"removed {name}")
     for log in folder.glob("log*"):
         text = log.read_text(errors="replace")
         seen.expect("Traceback" not in text, f"traceback: {text.strip().splitlines()[-1:]}")
