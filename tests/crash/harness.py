@@ -180,7 +180,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
         elif job.is_over:
             journal.ends[analysis_id] = (job.state, job.token)
     faults = find_faults(settings, list_kept(settings))
-    lost = (fault for fault in faults if fault.finding != "orphan")  # a start sweeps those: I7
+    lost = (fault for fault in faults if fault.finding in ("missing", "damaged"))
     return broken + [f"I2/I5 {fault.name} {fault.finding}" for fault in lost]
 
 
@@ -221,8 +221,9 @@ def _check_results(settings: Settings, journal: Journal) -> list[str]:
 
 
 def _find_litter(settings: Settings) -> list[str]:
-    """Files on the disk that no row promises."""
+    """Files on the disk that no row promises; each recording has its side file."""
     promised = {file.name for file in list_kept(settings)}
+    promised |= {f"{name}.json" for name in promised if name.startswith("recordings/")}
     kept = [path for kind in ("recordings", "analyses") for path in (settings.data_dir / kind).rglob("*")]
     names = {str(path.relative_to(settings.data_dir)) for path in kept if path.is_file()}
     return [f"I7 {name} has no row" for name in sorted(names - promised)]
