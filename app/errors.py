@@ -278,6 +278,12 @@ class StoreMismatch(ServerRefused):
     code = "E-STORE-OTHER"
 
 
+class UnknownRecordings(ServerRefused):
+    """The store holds recordings that the database does not know: it is lost, older or foreign."""
+
+    code = "E-UNKNOWN-RECORDINGS"
+
+
 class NotEmpty(ServerRefused):
     """A backup is restored only where nothing is. Facts: number (of recordings)."""
 

@@ -2,9 +2,11 @@
 
 import hashlib
 import os
+import re
 import secrets
 import shutil
-from collections.abc import Collection, Iterator
+import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +17,14 @@ from app.storage import (
     check_free,
     name_full_disk,
     name_once,
+    name_side,
     sync_file,
     sync_folder,
     too_large,
 )
+
+TEMPORARY = re.compile(r"((rec_)?[0-9a-f]{16}(\.[0-9a-f]{8})?|restored)\.part")
+"""The names that this program gives to temporary files in ``uploads``; a stranger's file is left alone."""
 
 
 class FolderUpload:
@@ -99,8 +105,9 @@ class FolderStorage:
         return self.recording(recording_id)
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording; no harm when it is gone."""
+        """Remove a recording, then its side file; no harm when they are gone."""
         self.recording(recording_id).unlink(missing_ok=True)
+        (self.root / name_side(recording_id)).unlink(missing_ok=True)
         sync_folder(self.root / "recordings")
 
     def put(self, path: Path, name: str) -> None:
@@ -161,20 +168,71 @@ class FolderStorage:
                 if path.is_file():
                     yield path.relative_to(self.root).as_posix()
 
-    def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
-        """Remove what a crash left: half uploads, files without a row, attempts that do not count.
+    def list_recordings(self) -> frozenset[str]:
+        """Name everything that lies among the recordings, side files too."""
+        with os.scandir(self.root / "recordings") as entries:
+            return frozenset(entry.name for entry in entries)
 
-        Only for the one server of this folder, before it takes uploads. Returns how many were removed.
-        """
-        parts = list((self.root / "uploads").iterdir())
-        orphans = [path for path in (self.root / "recordings").iterdir() if path.name not in recordings]
-        for path in [*parts, *orphans]:
-            path.unlink()
-        stale = [
-            folder
-            for folder in (self.root / "analyses").glob("*/*")
-            if (folder.parent.name, folder.name) not in attempts
+    def measure_recording(self, recording_id: str) -> int | None:
+        """Give the size of a recording in bytes; None where it is not there."""
+        path = self.recording(recording_id)
+        return path.stat().st_size if path.is_file() else None
+
+    def write_small(self, name: str, content: bytes) -> None:
+        """Write a small file, durably, whole or not at all."""
+        part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
+        with name_full_disk():
+            (self.root / name).parent.mkdir(exist_ok=True, mode=0o700)
+            part.write_bytes(content)
+            sync_file(part)
+            part.rename(self.root / name)
+            sync_folder((self.root / name).parent)
+
+    def read_small(self, name: str) -> bytes | None:
+        """Read a small file; None where there is none."""
+        try:
+            return (self.root / name).read_bytes()
+        except (FileNotFoundError, IsADirectoryError):
+            return None
+
+    def set_aside(self, name: str) -> bool:
+        """Move an unknown entry of the recordings into quarantine, under a name that is free there."""
+        quarantine = self.root / "quarantine"
+        quarantine.mkdir(exist_ok=True, mode=0o700)
+        kept = quarantine / name
+        if kept.exists() or kept.is_symlink():
+            kept = quarantine / f"{name}.{secrets.token_hex(4)}"
+        (self.root / "recordings" / name).rename(kept)
+        sync_folder(quarantine)
+        sync_folder(self.root / "recordings")
+        return True
+
+    def take_back(self, name: str) -> bool:
+        """Move a recording back from quarantine."""
+        (self.root / "quarantine" / name).rename(self.recording(name))
+        sync_folder(self.root / "recordings")
+        return True
+
+    def list_quarantine(self) -> tuple[str, ...]:
+        """Name what lies in quarantine."""
+        try:
+            return tuple(sorted(os.listdir(self.root / "quarantine")))  # noqa: PTH208 - names are all we need
+        except FileNotFoundError:
+            return ()
+
+    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+        """Give the folders of attempts: (analysis, token)."""
+        folders = (path for path in (self.root / "analyses").glob("*/*") if path.is_dir())
+        return tuple((path.parent.name, path.name) for path in folders)
+
+    def drop_temporary(self, min_age_s: float) -> int:
+        """Remove temporary files of our own making that nobody has written to for so long."""
+        newest_s = time.time() - min_age_s
+        old = [
+            path
+            for path in (self.root / "uploads").iterdir()
+            if TEMPORARY.fullmatch(path.name) and path.is_file() and path.stat().st_mtime <= newest_s
         ]
-        for folder in stale:
-            shutil.rmtree(folder, ignore_errors=True)
-        return len(parts) + len(orphans) + len(stale)
+        for path in old:
+            path.unlink(missing_ok=True)
+        return len(old)

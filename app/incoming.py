@@ -9,8 +9,10 @@ was written but never acknowledged, and is cut off before more is taken.
 
 import hashlib
 import os
+import re
 import secrets
 import threading
+import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +24,7 @@ from app.storage import hash_file, name_full_disk, sync_folder
 
 TAIL_SUFFIX = ".tail"
 """The last bytes of a file lie beside its first ones, in a file of this ending."""
+_OWN_NAME = re.compile(r"(up_[0-9a-f]{32})(\.\w+)?")
 
 
 class GrowingFile:
@@ -181,9 +184,18 @@ class Incoming:
         self.path(upload_id).unlink(missing_ok=True)
         self.forget_tail(upload_id)
 
-    def sweep(self, growing: Collection[str]) -> int:
-        """Remove files that no upload grows any more; returns how many."""
-        stale = [path for path in self.folder.iterdir() if path.name.partition(".")[0] not in growing]
+    def sweep(self, growing: Collection[str], known: Collection[str], min_age_s: float) -> int:
+        """Remove the files of known uploads that have ended, and old ones of unknown uploads.
+
+        A stranger's file is left alone. Returns how many were removed.
+        """
+        newest_s = time.time() - min_age_s
+        stale = [
+            path
+            for path in self.folder.iterdir()
+            if (found := _OWN_NAME.fullmatch(path.name)) and found[1] not in growing and path.is_file()
+            if found[1] in known or path.stat().st_mtime <= newest_s
+        ]
         for path in stale:
-            path.unlink()
+            path.unlink(missing_ok=True)
         return len(stale)

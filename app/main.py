@@ -23,7 +23,7 @@ from app.api.about import router as about_routes
 from app.api.batches import router as batch_routes
 from app.api.events import router as event_routes
 from app.api.guard import SECURITY_HEADERS, Guard
-from app.api.housekeeping import keep_house
+from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
 from app.api.metrics import router as metrics_routes
 from app.api.patience import make_patient_protocol
@@ -32,6 +32,7 @@ from app.api.recordings import router as recording_routes
 from app.api.requests import router as request_routes
 from app.api.routes import router as api_routes
 from app.api.services import Services, open_services
+from app.api.side_files import SideFiles
 from app.api.tus import router as upload_routes
 from app.api.validations import router as validation_routes
 from app.api.webhooks import router as webhook_routes
@@ -45,11 +46,13 @@ from app.errors import (
     WrongVerb,
 )
 from app.intake import FolderWatch, Intake
-from app.jobs.database import bring_up_to_date, open_database
+from app.jobs.database import bring_up_to_date
 from app.jobs.pool import WorkerPool
+from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage import FolderLock
-from app.stores import load_extra
+from app.stores import load_extra, open_storage
+from app.upkeep.reconcile import check_known
 from app.version import software_version
 from app.web.assets import FOLDER, Assets, find_assets
 from app.web.assets import router as asset_routes
@@ -118,6 +121,7 @@ def create_app(settings: Settings) -> FastAPI:
     rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
     answers = application.state.services.answers
     application.add_middleware(Idempotency, answers=answers, answer=answer_error)
+    application.add_middleware(SideFiles, services=application.state.services)
     application.add_middleware(Guard, answer=answer_error, min_rate_bytes_per_s=rate, patience_s=patience_s)
     return application
 
@@ -127,12 +131,16 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, PortTaken, FolderTaken, DatabaseTooNew
+    ForeignAddress, PortTaken, FolderTaken, DatabaseTooNew, UnknownRecordings
     """
     check_loopback(settings.host)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     listener = listen(settings)
-    _prepare_database(settings)
+    try:
+        _prepare_database(settings)
+    except BaseException:
+        listener.close()
+        raise
     application = create_app(settings)
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
@@ -164,13 +172,24 @@ def _prepare_database(settings: Settings) -> None:
     lock = FolderLock(settings.data_dir)
     try:
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
-        open_database(settings.database_url).dispose()
+        _check_recordings(settings)
     finally:
         lock.release()
     if settings.engine == "procrastinate":
         load_extra("app.jobs.cluster").install(settings.database_url)
     if copy:
         logger.info("the tables were migrated; their rows from before are in %s", copy)
+
+
+def _check_recordings(settings: Settings) -> None:
+    """Refuse to start over recordings that the database does not know."""
+    storage = open_storage(settings)
+    storage.prepare()
+    store = JobStore(settings.database_url)
+    try:
+        check_known(store, storage)
+    finally:
+        store.close()
 
 
 def check_loopback(host: str) -> None:
@@ -222,21 +241,20 @@ def _name_trouble(request: Request, error: OperationalError) -> FusionError | Ap
 
 @asynccontextmanager
 async def _live(application: FastAPI) -> AsyncIterator[None]:
-    """Hold the folder while we serve, and sweep first what a crash has left."""
+    """Hold the folder while we serve, and put right first what a crash has left."""
     services: Services = application.state.services
     lock = FolderLock(services.storage.root)
-    swept = services.storage.sweep(services.store.list_recordings(), services.store.list_attempts())
-    swept += services.incoming.sweep(services.uploads.list_growing())
-    if swept:
-        logger.info("swept %d files of interrupted uploads and attempts", swept)
-    services.answers.free_unfinished()
-    house = asyncio.create_task(keep_house(services))
     try:
-        yield
+        reconcile(services)
+        services.answers.free_unfinished()
+        house = asyncio.create_task(keep_house(services))
+        try:
+            yield
+        finally:
+            house.cancel()
+            with suppress(asyncio.CancelledError):
+                await house
     finally:
-        house.cancel()
-        with suppress(asyncio.CancelledError):
-            await house
         lock.release()
         services.store.close()
 

@@ -1,5 +1,6 @@
 """Recordings and reports as objects in a bucket (S3), read and written by any number of machines.
 
+    recordings/<recording>.json              its side file
     recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
     analyses/<analysis>/<attempt>/<file>     put before the row that says that the attempt counts
 
@@ -10,7 +11,8 @@ this machine holds the work in hand and nothing that may not be lost.
 import hashlib
 import secrets
 import shutil
-from collections.abc import Collection, Iterator
+import time
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
@@ -24,7 +26,7 @@ from obstore.store import S3Store
 from app.errors import StoreAway
 from app.folder import FolderStorage
 from app.settings import Settings
-from app.storage import COPY_BYTES, StoredRecording, check_free, name_full_disk, too_large
+from app.storage import COPY_BYTES, StoredRecording, check_free, name_full_disk, name_side, too_large
 
 if TYPE_CHECKING:
     from obstore.store import RetryConfig
@@ -110,8 +112,9 @@ class BucketStorage:
         return self._fetch(name_recording(recording_id), into)
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording; no harm when it is gone."""
+        """Remove a recording, then its side file; no harm when they are gone."""
         self._delete([name_recording(recording_id)])
+        self._delete([name_side(recording_id)])
 
     def put(self, path: Path, name: str) -> None:
         """Put a file of this machine under a name."""
@@ -164,15 +167,51 @@ class BucketStorage:
                 for objects in obstore.list(self.bucket, kind):
                     yield from (found["path"] for found in objects)
 
-    def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
-        """Remove what a crash left on this machine.
+    def list_recordings(self) -> frozenset[str]:
+        """Name everything that lies among the recordings, side files too."""
+        return frozenset(name.removeprefix("recordings/") for name in self._list("recordings/"))
 
-        Objects without a row stay: another machine may be about to write theirs (``acromion verify`` tells).
-        """
-        copies = list((self.root / "fetched").iterdir())
+    def measure_recording(self, recording_id: str) -> int | None:
+        """Give the size of a recording in bytes; None where it is not there."""
+        with name_store_trouble(), suppress(FileNotFoundError):
+            return int(obstore.head(self.bucket, name_recording(recording_id))["size"])
+        return None
+
+    def write_small(self, name: str, content: bytes) -> None:
+        """Put a small object."""
+        with name_store_trouble():
+            obstore.put(self.bucket, name, content)
+
+    def read_small(self, name: str) -> bytes | None:
+        """Get a small object; None where there is none."""
+        with name_store_trouble(), suppress(FileNotFoundError):
+            return bytes(obstore.get(self.bucket, name).bytes())
+        return None
+
+    def set_aside(self, name: str) -> bool:  # noqa: ARG002
+        """Leave it in place: another machine may be about to write its row (``acromion verify`` names it)."""
+        return False
+
+    def take_back(self, name: str) -> bool:  # noqa: ARG002
+        """Nothing to do: no recording is ever moved out of a bucket's place."""
+        return False
+
+    def list_quarantine(self) -> tuple[str, ...]:
+        """Name what lies in quarantine, in the bucket and on this machine."""
+        kept = (name.removeprefix("quarantine/") for name in self._list("quarantine/"))
+        return (*kept, *FolderStorage(self.root).list_quarantine())
+
+    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+        """Give the folders of attempts on this machine: (analysis, token)."""
+        return FolderStorage(self.root).list_attempts()
+
+    def drop_temporary(self, min_age_s: float) -> int:
+        """Remove temporary files and old copies of this machine."""
+        newest_s = time.time() - min_age_s
+        copies = [path for path in (self.root / "fetched").iterdir() if path.stat().st_mtime <= newest_s]
         for path in copies:
-            path.unlink()
-        return len(copies) + FolderStorage(self.root).sweep(recordings, attempts)
+            path.unlink(missing_ok=True)
+        return len(copies) + FolderStorage(self.root).drop_temporary(min_age_s)
 
     def _fetch(self, name: str, into: Path) -> Path:
         with name_store_trouble(), name_full_disk(), into.open("wb") as file:

@@ -2,6 +2,8 @@
 
     root/uploads/<recording>.part        bytes still arriving
     root/recordings/<recording>          bytes whose arrival was acknowledged
+    root/recordings/<recording>.json     its side file: what the rows say of it (:mod:`app.jobs.side_files`)
+    root/quarantine/<name>               what lay among the recordings and is unknown; only people remove it
     root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row says which attempt counts
 
 Where many machines work together, recordings and results are objects in a bucket instead
@@ -17,7 +19,7 @@ import os
 import secrets
 import shutil
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +31,7 @@ if sys.platform != "win32":
     import fcntl
 
 COPY_BYTES = 1 << 20
+SIDE_SUFFIX = ".json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +93,7 @@ class Storage(Protocol):
         """Give a recording as a file: ``into`` or, where it is in our folder, in its place."""
 
     def drop_recording(self, recording_id: str) -> None:
-        """Remove a recording; no harm when it is gone."""
+        """Remove a recording, then its side file; no harm when they are gone."""
 
     def put(self, path: Path, name: str) -> None:
         """Take a durable file of this machine under a name of the store (``recordings/...``)."""
@@ -119,8 +122,35 @@ class Storage(Protocol):
     def list_names(self) -> Iterator[str]:
         """Name every recording and every result that is kept, as :meth:`put` takes them."""
 
-    def sweep(self, recordings: Collection[str], attempts: Collection[tuple[str, str]]) -> int:
-        """Remove what a crash left on this machine; says how many files and folders."""
+    def list_recordings(self) -> frozenset[str]:
+        """Name everything that lies among the recordings, side files too."""
+
+    def measure_recording(self, recording_id: str) -> int | None:
+        """Give the size of a recording in bytes; None where it is not there."""
+
+    def write_small(self, name: str, content: bytes) -> None:
+        """Write a small file under a name of the store, durably, whole or not at all."""
+
+    def read_small(self, name: str) -> bytes | None:
+        """Read a small file of the store; None where there is none."""
+
+    def set_aside(self, name: str) -> bool:
+        """Move an unknown entry of the recordings into quarantine; False where the store leaves it in place.
+
+        A bucket does: another machine may be about to write the row.
+        """
+
+    def take_back(self, name: str) -> bool:
+        """Move a recording back from quarantine; False where the store has moved none there."""
+
+    def list_quarantine(self) -> tuple[str, ...]:
+        """Name what lies in quarantine."""
+
+    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+        """Give the folders of attempts on this machine: (analysis, token)."""
+
+    def drop_temporary(self, min_age_s: float) -> int:
+        """Remove temporary files of uploads that nobody has written to for so long; gives their number."""
 
 
 @contextmanager
@@ -218,6 +248,11 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def name_side(recording_id: str) -> str:
+    """Name the side file of a recording in the store."""
+    return f"recordings/{recording_id}{SIDE_SUFFIX}"
 
 
 def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:

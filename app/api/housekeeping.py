@@ -12,14 +12,26 @@ from sqlalchemy.exc import OperationalError
 
 from app.api.recordings import purge_recording
 from app.api.services import Services
+from app.api.side_files import write_side_files
 from app.api.tus_body import drop_upload
 from app.delivery import Message, send_message
 from app.errors import LockedUpload
 from app.jobs.keeper import Keeper
+from app.upkeep.reconcile import (
+    TEMPORARY_S,
+    catch_up,
+    check_known,
+    drop_stale_attempts,
+    return_known,
+    set_strange_aside,
+)
 
 LOOK_S = 1.0
+SIDE_FILES_AT_ONCE = 200
 AGE_S = 60.0
 ANSWER_TERM_S = 24 * 3600.0
+INCOMING_S = 24 * 3600.0
+"""After which the bytes of an upload without a row are removed: nobody can go on with it."""
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +54,7 @@ async def _keep_on(services: Services, keeper: Keeper) -> None:
             if not await run_in_threadpool(keeper.holds_office):
                 looked_s = aged_s = now_s  # another counts this time
                 continue
+            await run_in_threadpool(write_side_files, services, SIDE_FILES_AT_ONCE)
             await run_in_threadpool(tell_webhooks, services, now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
@@ -49,6 +62,33 @@ async def _keep_on(services: Services, keeper: Keeper) -> None:
                 aged_s = now_s
         except OperationalError:
             logger.exception("the database does not answer; trying again")
+
+
+def reconcile(services: Services) -> None:
+    """Compare the store with the rows, at a start: nothing that is not known is removed.
+
+    Raises
+    ------
+    UnknownRecordings
+    """
+    store, storage = services.store, services.storage
+    check_known(store, storage)
+    for recording_id in services.recordings.list_purging():
+        purge_recording(services, recording_id)
+    returned, moved = return_known(store, storage), set_strange_aside(store, storage)
+    removed = drop_stale_attempts(store, storage) + storage.drop_temporary(TEMPORARY_S)
+    uploads = services.uploads
+    removed += services.incoming.sweep(uploads.list_growing(), uploads.list_known(), INCOMING_S)
+    services.quarantine.names = storage.list_quarantine()
+    logger.info("removed %d temporary files and attempts that do not count", removed)
+    if returned:
+        logger.info("took %d recordings back from quarantine: they have rows", returned)
+    if moved:
+        logger.warning("moved %d unknown entries into quarantine", moved)
+    if services.quarantine.names:
+        logger.warning("%d entries in quarantine: acromion doctor", len(services.quarantine.names))
+    if written := catch_up(store, storage):
+        logger.info("wrote %d side files", written)
 
 
 def tell_webhooks(services: Services, elapsed_s: float) -> None:
@@ -78,3 +118,5 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     for recording_id in services.recordings.age_trash(elapsed_s, settings.trash_term_s):
         purge_recording(services, recording_id)
     services.answers.age(elapsed_s, ANSWER_TERM_S)
+    services.storage.drop_temporary(TEMPORARY_S)
+    services.quarantine.names = services.storage.list_quarantine()

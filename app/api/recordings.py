@@ -199,12 +199,13 @@ def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
-    """Delete a recording and every file made of it: the rows first, so that a start-up sweeps the rest."""
-    purged = services.recordings.purge(recording_id)
+    """Delete a recording and every file made of it; the rows go last, so that a start goes on with it."""
+    purged = services.recordings.begin_purge(recording_id)
     for analysis_id in purged.analyses:
         services.storage.drop_analysis(analysis_id)
     for stored_id in purged.recordings:
         services.storage.drop_recording(stored_id)
+    services.recordings.end_purge(recording_id)
 
 
 async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:

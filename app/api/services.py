@@ -11,6 +11,7 @@ from app.jobs.inspecting import Inspector
 from app.jobs.kept_answers import AnswerStore
 from app.jobs.queueing import WayIn
 from app.jobs.recordings import RecordingStore
+from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.uploads import UploadStore
 from app.jobs.webhooks import WebhookStore
@@ -20,6 +21,13 @@ from app.storage import Storage, name_once
 from app.stores import open_storage
 
 LANGUAGE_COOKIE = "acromion_lang"
+
+
+@dataclass(slots=True)
+class Quarantine:
+    """What lay among the recordings and is not known, as it was last looked up."""
+
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +45,8 @@ class Services:
     answers: AnswerStore
     webhooks: WebhookStore
     turns: Turns
+    side_files: SideWriter
+    quarantine: Quarantine
 
 
 def open_services(settings: Settings) -> Services:
@@ -62,6 +72,8 @@ def open_services(settings: Settings) -> Services:
         answers=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
         turns=Turns(settings.max_uploads_at_once),
+        side_files=SideWriter(*rows, storage),
+        quarantine=Quarantine(),
     )
 
 

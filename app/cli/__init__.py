@@ -10,7 +10,7 @@ import typer
 
 from app.cli.analysing import exposure, run
 from app.cli.looking import inspect, version
-from app.cli.operating import backup, doctor, restore, verify
+from app.cli.operating import backup, doctor, recover, restore, verify
 from app.cli.pairing import compare, pair
 from app.cli.samples import demo, simulate
 from app.cli.serving import serve, worker
@@ -27,7 +27,7 @@ app = typer.Typer(
 for command in (
     *(run, exposure, pair, compare, validate),
     *(demo, simulate, inspect, version),
-    *(serve, worker, backup, restore, verify, doctor),
+    *(serve, worker, backup, restore, recover, verify, doctor),
 ):
     app.command()(command)
 

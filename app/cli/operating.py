@@ -64,6 +64,22 @@ def verify(
     _say(lang, "verify", "good", number=str(number))
 
 
+def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
+    """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
+    from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
+
+    with _refusals_told(lang):
+        done = bring_back(_find_settings(data))
+    for trouble in done.troubles:
+        _say(lang, "recover", trouble.finding, name=trouble.name)
+    counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
+    facts = {name: str(number) for name, number in counts.items()}
+    _say(lang, "recover", "done", **facts)
+    if done.troubles:
+        _say(lang, "recover", "bad", number=str(len(done.troubles)))
+        raise typer.Exit(FAILED)
+
+
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Look for what would keep Acromion from working well on this machine, and say the cure."""
     from app.upkeep.doctor import examine  # noqa: PLC0415  the database, and only this needs it

@@ -31,7 +31,7 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
         return
     changed = _list_changed(connection, row, asked)
     if changed:
-        grown = {"version": recordings.c.version + 1}
+        grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
         connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
 
 

@@ -7,6 +7,7 @@ from sqlalchemy import Connection, Update, func, update
 
 from app.jobs.job import TRANSITIONS, Claimer, JobState, list_sources
 from app.jobs.reading import tell_now
+from app.jobs.side_files import count_change_of
 from app.jobs.tables import analyses, batch_items
 from app.jobs.webhooks import announce_end
 
@@ -42,6 +43,7 @@ def move_job(
         change = change.where(analyses.c.token == token)
     moved = is_changed(connection, change.values({"state": to, **values}))
     if moved and not TRANSITIONS[to]:
+        count_change_of(connection, analysis_id)
         announce_end(connection, analysis_id, to)
     return moved
 
@@ -57,6 +59,7 @@ def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
     connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(replaced_by=again))
     mine = batch_items.c.analysis_id == analysis_id
     connection.execute(update(batch_items).where(mine).values(analysis_id=again))
+    count_change_of(connection, analysis_id)
 
 
 def is_changed(connection: Connection, change: Update) -> bool:

@@ -14,6 +14,7 @@ from sqlalchemy import ColumnElement, Connection, exists, func, insert, select
 
 from app.jobs.job import JobState
 from app.jobs.reading import tell_now
+from app.jobs.side_files import count_change
 from app.jobs.tables import analyses, recordings
 from app.jobs.versions import identify_work, number_versions
 from app.request import ReportRequest
@@ -63,6 +64,7 @@ def enqueue_all(
     ]
     if rows:
         connection.execute(insert(analyses), rows)
+        count_change(connection, *(recording_id for recording_id, _, _ in items))
     return [str(row["id"]) for row in rows]
 
 

@@ -14,6 +14,8 @@ from fusion.errors import Fact
 
 STORED = "stored"
 TRASHED = "trashed"
+PURGING = "purging"
+"""Deleted for good: its files are being removed, its rows go last."""
 REFERENCE = "reference"
 """Stored for the comparison of another recording: in no list, and gone with that recording."""
 

@@ -10,7 +10,8 @@ from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, 
 from app.errors import NotHere, StaleVersion
 from app.jobs.job import JobState
 from app.jobs.moves import cancel_job
-from app.jobs.reading import REFERENCE, STORED, TRASHED, tell_now
+from app.jobs.reading import PURGING, REFERENCE, STORED, TRASHED, tell_now
+from app.jobs.side_files import count_change
 from app.jobs.tables import analyses, recordings, result_files, uploads
 from app.request import ReportRequest
 from app.storage import StoredRecording
@@ -110,7 +111,7 @@ class RecordingStore:
         query = select(recordings).where(recordings.c.id == recording_id)
         with self._reader.connect() as connection:
             row = connection.execute(query).one_or_none()
-        if row is None or (row.state == TRASHED and not trashed):
+        if row is None or row.state == PURGING or (row.state == TRASHED and not trashed):
             raise NotHere(id=recording_id)
         return _read_row(row)
 
@@ -139,6 +140,7 @@ class RecordingStore:
         with self._engine.begin() as connection:
             if connection.execute(change.values(version=version + 1, **values)).rowcount != 1:
                 raise StaleVersion
+            count_change(connection, recording_id)
         return self.get(recording_id)
 
     def describe(self, row: StoredRow, about: Description) -> StoredRow:
@@ -154,6 +156,7 @@ class RecordingStore:
         values = {"inspection": json.dumps(dict(found)), "start": found.get("start")}
         with self._engine.begin() as connection:
             connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
+            count_change(connection, recording_id)
 
     def trash(self, recording_id: str) -> None:
         """Take a recording out of every list and stop its analyses; nothing is deleted yet."""
@@ -161,13 +164,15 @@ class RecordingStore:
         going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
         mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
         with self._engine.begin() as connection:
+            # the analyses first, as those do who end one: nobody then waits for us while we wait for him
+            for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
+                cancel_job(connection, analysis_id)
             connection.execute(
                 update(recordings)
                 .where(recordings.c.id == recording_id)
                 .values(state=TRASHED, trashed_s=0.0, version=recordings.c.version + 1)
             )
-            for analysis_id in connection.execute(mine).scalars().all():
-                cancel_job(connection, analysis_id)
+            count_change(connection, recording_id)
 
     def restore(self, recording_id: str) -> StoredRow:
         """Take a recording out of the trash."""
@@ -175,13 +180,32 @@ class RecordingStore:
         back = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == TRASHED)
         with self._engine.begin() as connection:
             connection.execute(back.values(state=STORED, trashed_s=None, version=recordings.c.version + 1))
+            count_change(connection, recording_id)
         return self.get(recording_id)
 
-    def purge(self, recording_id: str) -> Purged:
-        """Delete every row of a recording and of its references; gives whose files are to go with them."""
+    def begin_purge(self, recording_id: str) -> Purged:
+        """Take a recording and its references out of reach for good; gives whose files are to go now.
+
+        The rows go last (:meth:`end_purge`), so that a purge that is interrupted can go on.
+        """
+        with self._engine.begin() as connection:
+            mine = analyses.c.recording_id == recording_id
+            of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
+            files = (recording_id, *_list_references(connection, recording_id))
+            gone = update(recordings).where(recordings.c.id.in_(files))
+            connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1))
+        return Purged(of_it, files)
+
+    def list_purging(self) -> tuple[str, ...]:
+        """Give the recordings whose purge was interrupted."""
+        query = select(recordings.c.id).where(recordings.c.state == PURGING)
+        with self._reader.connect() as connection:
+            return tuple(connection.execute(query).scalars())
+
+    def end_purge(self, recording_id: str) -> None:
+        """Delete every row of a recording and of its references, once their files are gone."""
         with self._engine.begin() as connection:
             of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
-            gone = tuple(connection.execute(of_it).scalars())
             references = _list_references(connection, recording_id)
             connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
             connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
@@ -189,7 +213,6 @@ class RecordingStore:
             files = (recording_id, *references)
             connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
         self._empty_log()
-        return Purged(gone, files)
 
     def _empty_log(self) -> None:
         """Leave no copy of deleted rows in SQLite's write-ahead log."""

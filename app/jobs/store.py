@@ -15,8 +15,9 @@ from app.jobs.database import READ_ONLY, lock_tables, open_database
 from app.jobs.job import Claim, Claimer, Job, JobState
 from app.jobs.moves import cancel_job, is_changed, move_job, replace_job, start_job
 from app.jobs.queueing import WayIn, enqueue, find_next
-from app.jobs.reading import read_job, select_items, select_jobs, tell_now
+from app.jobs.reading import PURGING, read_job, select_items, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
+from app.jobs.side_files import count_change
 from app.jobs.tables import analyses, facts, recordings, result_files
 from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
@@ -135,7 +136,9 @@ class JobStore:
         if job.state is not JobState.FAILED or not reports:
             raise NotHere
         mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
-        self.run(update(analyses).where(*mine).values(replaced_by=reports[0].id))
+        with self._engine.begin() as connection:
+            connection.execute(update(analyses).where(*mine).values(replaced_by=reports[0].id))
+            count_change(connection, job.recording_id)
         return reports[0]
 
     def get(self, analysis_id: str) -> Job:
@@ -327,6 +330,23 @@ class JobStore:
         """Every recording that was acknowledged."""
         with self._reader.connect() as connection:
             return frozenset(connection.execute(select(recordings.c.id)).scalars())
+
+    def list_with_side(self) -> frozenset[str]:
+        """Every recording whose side file was written."""
+        written = (recordings.c.side_revision > 0, recordings.c.state != PURGING)
+        with self._reader.connect() as connection:
+            return frozenset(connection.execute(select(recordings.c.id).where(*written)).scalars())
+
+    def read_revision(self, recording_id: str) -> int:
+        """Give the revision of a recording's rows; 0 where it has none."""
+        query = select(recordings.c.revision).where(recordings.c.id == recording_id)
+        with self._reader.connect() as connection:
+            return int(connection.execute(query).scalar() or 0)
+
+    def list_analyses(self) -> frozenset[str]:
+        """Every analysis that was asked for."""
+        with self._reader.connect() as connection:
+            return frozenset(connection.execute(select(analyses.c.id)).scalars())
 
     def list_attempts(self) -> frozenset[tuple[str, str]]:
         """Every attempt that runs or counts: (analysis, token)."""

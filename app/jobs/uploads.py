@@ -95,6 +95,11 @@ class UploadStore:
         with self._reader.connect() as connection:
             return frozenset(connection.execute(query).scalars())
 
+    def list_known(self) -> frozenset[str]:
+        """Every upload that has a row."""
+        with self._reader.connect() as connection:
+            return frozenset(connection.execute(select(uploads.c.id)).scalars())
+
     def age(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
         """Let time pass; gives the uploads that nobody has gone on with for the whole term."""
         with self._engine.begin() as connection:

@@ -15,7 +15,7 @@ from pathlib import Path
 from sqlalchemy.exc import OperationalError
 
 from app.decoded import DecodedCache, KnownLogs
-from app.errors import Crashed, DiskFull, StoreAway, StoreDamaged
+from app.errors import AppError, Crashed, DiskFull, StoreAway, StoreDamaged
 from app.jobs.answers import read_answer
 from app.jobs.attempt import (
     Attempt,
@@ -33,6 +33,7 @@ from app.jobs.forking import warm_up
 from app.jobs.heart import Heart
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
+from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
@@ -80,9 +81,18 @@ def run_next(bench: Bench) -> bool:
     with Heart(bench.store, (job.id, job.token), bench.settings.heartbeat_s).beating() as heart:
         outcome = _attempt_patiently(bench, job, job.token, heart)
         _insist(bench, partial(_publish, bench, job, job.token, outcome))
+    _write_side_file(bench, job.recording_id)
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
     return True
+
+
+def _write_side_file(bench: Bench, recording_id: str) -> None:
+    """Write what the rows say now; the server makes good what fails here."""
+    try:
+        SideWriter(bench.store.engine, bench.store.reader, bench.storage).write(recording_id)
+    except (AppError, OSError, OperationalError):
+        logger.exception("side file of %s is not written", recording_id)
 
 
 def reclaim_abandoned(bench: Bench) -> None:

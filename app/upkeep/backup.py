@@ -23,7 +23,7 @@ from sqlalchemy import Connection, insert, select
 from app.errors import BackupRefused, DatabaseTooNew, NotEmpty
 from app.jobs.database import READ_ONLY, connect, create_tables, lock_tables, read_revision
 from app.jobs.migrate import upgrade
-from app.jobs.rows import read_rows, reflect_tables, write_all_rows
+from app.jobs.rows import read_rows, reflect_tables, settle_row, write_all_rows
 from app.jobs.tables import REVISION, recordings, schema_revision
 from app.settings import Settings
 from app.storage import FolderLock, hash_file, name_full_disk, sync_file, sync_folder
@@ -203,16 +203,9 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: st
     else:
         upgrade(connection, to=revision)
     for table in reflect_tables(connection):
-        rows = [_settle(table.name, row) for row in read_rows(archive, table.name)]
+        rows = [settle_row(table.name, row) for row in read_rows(archive, table.name)]
         kept = [row for row in rows if row.get("name") != "store" or table.name != "facts"]
         if kept:
             connection.execute(insert(table), kept)
     if revision != REVISION:
         upgrade(connection)
-
-
-def _settle(table: str, row: dict[str, object]) -> dict[str, object]:
-    """Let an analysis that ran wait again: whoever ran it is not here."""
-    if table == "analyses" and row["state"] == "running":
-        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0}
-    return row

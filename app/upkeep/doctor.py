@@ -15,9 +15,11 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError
 from app.jobs.database import connect, open_database
+from app.jobs.store import JobStore
 from app.report.template_folder import find_template_folder
 from app.settings import Settings
 from app.stores import open_storage
+from app.upkeep.reconcile import find_unknown
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
 CLOCK_SKEW_S = 30.0
@@ -40,6 +42,8 @@ def examine(settings: Settings) -> Iterator[Examination]:
         _examine_disk,
         _examine_database,
         _examine_store,
+        _examine_recordings,
+        _examine_quarantine,
         _examine_cache,
         _examine_fonts,
         _examine_clock,
@@ -92,6 +96,34 @@ def _examine_store(settings: Settings) -> Examination:
     except OSError as error:
         return Examination("store", healthy=False, facts={"where": where, "why": error.strerror or ""})
     return Examination("store", healthy=True, facts={"where": where})
+
+
+def _examine_recordings(settings: Settings) -> Examination:
+    """Every stored recording has a row."""
+    try:
+        store = JobStore(settings.database_url)
+        try:
+            unknown = find_unknown(store, open_storage(settings)).recoverable
+        finally:
+            store.close()
+    except (AppError, SQLAlchemyError, OSError):
+        return Examination("recordings", healthy=True)  # database and store have checks of their own
+    facts = {"number": str(len(unknown))} if unknown else {}
+    return Examination("recordings", not unknown, facts)
+
+
+def _examine_quarantine(settings: Settings) -> Examination:
+    """Nothing lies there that somebody has to look at."""
+    try:
+        names = open_storage(settings).list_quarantine()
+    except (AppError, OSError):
+        return Examination("quarantine", healthy=True)
+    if not names:
+        return Examination("quarantine", healthy=True)
+    folder = str(settings.data_dir.resolve() / "quarantine")
+    return Examination(
+        "quarantine", healthy=False, facts={"number": str(len(names)), "first": names[0], "folder": folder}
+    )
 
 
 def _examine_cache(_settings: Settings) -> Examination:

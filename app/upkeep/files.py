@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.errors import BackupRefused
+from app.jobs.reading import PURGING
 from app.storage import Storage
 
 _NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)
@@ -31,16 +32,25 @@ class KeptFile:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One file that is not as its row says, or that has none."""
+    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it."""
 
     name: str
-    finding: Literal["missing", "damaged", "orphan"]
+    finding: Literal[
+        "missing",
+        "damaged",
+        "orphan",
+        "side_missing",
+        "side_damaged",
+        "side_behind",
+        "side_ahead",
+        "quarantine",
+    ]
 
 
 def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
     """Give every recording and every result that a row promises."""
     for row in recordings:
-        if row["state"] != "deleted":
+        if row["state"] != PURGING:
             yield _name(f"recordings/{row['id']}", row["sha256"])
     tokens = {row["id"]: row["token"] for row in analyses}
     for row in result_files:

@@ -1,16 +1,22 @@
 """Compare every file with what its row says, and find those of which no row speaks."""
 
+import time
 from collections.abc import Iterator
 
 from sqlalchemy import Connection, Table, select
 
 from app.jobs.database import READ_ONLY, connect
 from app.jobs.job import JobState
+from app.jobs.reading import PURGING
+from app.jobs.side_files import decode_side_file
 from app.jobs.tables import analyses, recordings, result_files
 from app.settings import Settings
-from app.storage import Storage, hash_file
+from app.storage import SIDE_SUFFIX, Storage, hash_file, name_side
 from app.stores import open_storage
 from app.upkeep.files import Fault, KeptFile, list_files
+
+LOOKS, WRITER_S = 5, 0.2
+"""How often, and after what pause, a side file that differs is compared again."""
 
 
 def list_kept(settings: Settings) -> tuple[KeptFile, ...]:
@@ -32,7 +38,8 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
     """
     storage = open_storage(settings)
     storage.prepare()
-    strangers = set(storage.list_names()) - {file.name for file in files}
+    beside = {f"{file.name}{SIDE_SUFFIX}" for file in files if file.name.startswith("recordings/")}
+    strangers = set(storage.list_names()) - {file.name for file in files} - beside
     suspects = [fault for file in files if (fault := _check(storage, file))]
     still = {file.name for file in list_kept(settings)} if suspects or strangers else set()
     yield from (fault for fault in suspects if fault.name in still)
@@ -41,6 +48,44 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
     for name in sorted(strangers - still - gone):
         if not name.startswith(at_work):
             yield Fault(name, "orphan")
+    yield from _check_side_files(settings, storage)
+    yield from (Fault(name, "quarantine") for name in storage.list_quarantine())
+
+
+def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
+    """Compare every side file with its row; one that differs is read again: a writer may be at work."""
+    suspects = _compare_side_files(settings, storage)
+    for _ in range(LOOKS):
+        if not suspects:
+            return
+        time.sleep(WRITER_S)
+        suspects &= _compare_side_files(settings, storage)
+    yield from sorted(suspects, key=lambda fault: fault.name)
+
+
+def _compare_side_files(settings: Settings, storage: Storage) -> set[Fault]:
+    present = storage.list_recordings()
+    faults = set()
+    for recording_id, revision in _read_revisions(settings):
+        name = name_side(recording_id)
+        side = decode_side_file(storage.read_small(name), recording_id)
+        if side is None:
+            is_there = f"{recording_id}{SIDE_SUFFIX}" in present
+            faults.add(Fault(name, "side_damaged" if is_there else "side_missing"))
+        elif side.revision != revision:
+            faults.add(Fault(name, "side_behind" if side.revision < revision else "side_ahead"))
+    return faults
+
+
+def _read_revisions(settings: Settings) -> list[tuple[str, int]]:
+    """Give every recording with the revision of its row."""
+    engine = connect(settings.database_url).execution_options(**READ_ONLY)
+    query = select(recordings.c.id, recordings.c.revision).where(recordings.c.state != PURGING)
+    try:
+        with engine.connect() as connection:
+            return [(row.id, row.revision) for row in connection.execute(query)]
+    finally:
+        engine.dispose()
 
 
 def _list_attempts_under_way(settings: Settings) -> tuple[str, ...]:

@@ -45,6 +45,7 @@ def home(request: Request, services: UsedServices, language: UsedLanguage) -> Re
         "devices": dict(load_wording(language)["device"]),
         "has_batches": bool(services.batches.list_newest(1)),
         "address": str(request.base_url).rstrip("/"),
+        "quarantined": str(len(services.quarantine.names) or ""),
     }
     return show_page(request, "home.html", language, values)
 

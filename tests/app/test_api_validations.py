@@ -15,6 +15,7 @@ from app.jobs.attempt import load_and_make_report
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.storage import Storage
+from app.upkeep.reconcile import Unknown, find_unknown
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 
@@ -112,9 +113,7 @@ def test_a_list_of_tasks_that_cannot_be_used_is_refused_at_once(client: TestClie
 def test_the_reference_outlives_a_restart(client: TestClient, storage: Storage, store: JobStore) -> None:
     client.post("/api/v1/validations", files=FILES)
 
-    swept = storage.sweep(store.list_recordings(), store.list_attempts())
-
-    assert (swept, len(list((storage.root / "recordings").iterdir()))) == (0, 2)
+    assert find_unknown(store, storage) == Unknown((), ())
 
 
 def test_among_the_analyses_a_comparison_leads_to_its_own_place(client: TestClient, bench: OpenBench) -> None:

@@ -2,6 +2,8 @@
 
 import errno
 import hashlib
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -90,31 +92,68 @@ def test_a_disk_that_fills_up_while_writing_is_named_as_that(tmp_path: Path) -> 
     upload.discard()
 
 
-def test_the_sweep_removes_half_uploads(storage: FolderStorage) -> None:
-    (storage.root / "uploads" / "rec_1.part").write_bytes(b"half")
+OWN_PART = "rec_0123456789abcdef.part"
 
-    assert storage.sweep(recordings=(), attempts=()) == 1
+
+def make_old(path: Path) -> Path:
+    """Let a file look as if nobody had written to it for two hours."""
+    then_s = time.time() - 7200
+    os.utime(path, (then_s, then_s))
+    return path
+
+
+def test_an_old_half_upload_is_removed(storage: FolderStorage) -> None:
+    part = storage.root / "uploads" / OWN_PART
+    part.write_bytes(b"half")
+    make_old(part)
+
+    assert storage.drop_temporary(3600) == 1
     assert list_files(storage) == []
 
 
-def test_the_sweep_removes_recordings_without_a_row_and_keeps_the_others(storage: FolderStorage) -> None:
-    storage.recording("rec_known").write_bytes(b"kept")
-    storage.recording("rec_orphan").write_bytes(b"orphan")
+def test_a_half_upload_that_may_still_grow_stays(storage: FolderStorage) -> None:
+    part = storage.root / "uploads" / OWN_PART
+    part.write_bytes(b"half")
 
-    storage.sweep(recordings={"rec_known"}, attempts=())
+    assert storage.drop_temporary(3600) == 0
+    assert list_files(storage) == [part]
 
-    assert list_files(storage) == [storage.recording("rec_known")]
+
+@pytest.mark.parametrize("name", ["notes.part", "rec_1.part", "rec_0123456789abcdef", "upload.txt"])
+def test_a_stranger_s_file_among_the_uploads_stays(storage: FolderStorage, name: str) -> None:
+    stranger = storage.root / "uploads" / name
+    stranger.write_bytes(b"mine")
+    make_old(stranger)
+
+    assert storage.drop_temporary(3600) == 0
+    assert list_files(storage) == [stranger]
 
 
-def test_the_sweep_removes_attempts_that_do_not_count(storage: FolderStorage) -> None:
-    counting = storage.open_attempt("an_1", "good") / "results.json"
-    stale = storage.open_attempt("an_1", "dead") / "results.json"
-    for file in (counting, stale):
-        file.write_bytes(b"{}")
+def test_a_folder_among_the_uploads_stays(storage: FolderStorage) -> None:
+    folder = storage.root / "uploads" / OWN_PART
+    folder.mkdir()
+    make_old(folder)
 
-    storage.sweep(recordings=(), attempts={("an_1", "good")})
+    assert storage.drop_temporary(3600) == 0
+    assert folder.is_dir()
 
-    assert list_files(storage) == [counting]
+
+def test_what_is_set_aside_keeps_its_name_and_its_bytes(storage: FolderStorage) -> None:
+    storage.recording("holiday.jpg").write_bytes(b"picture")
+
+    storage.set_aside("holiday.jpg")
+
+    assert (storage.root / "quarantine" / "holiday.jpg").read_bytes() == b"picture"
+    assert not storage.recording("holiday.jpg").exists()
+
+
+def test_what_is_set_aside_replaces_nothing_in_quarantine(storage: FolderStorage) -> None:
+    for content in (b"first", b"second"):
+        storage.recording("holiday.jpg").write_bytes(content)
+        storage.set_aside("holiday.jpg")
+
+    kept = [(storage.root / "quarantine" / name).read_bytes() for name in storage.list_quarantine()]
+    assert sorted(kept) == [b"first", b"second"]
 
 
 def test_sealing_a_folder_tells_every_file_with_its_hash(storage: FolderStorage) -> None:

@@ -133,7 +133,7 @@ def test_fetched_copies_of_a_killed_server_are_swept(storage: Storage) -> None:
     keep_attempt(storage, "t", b"{}")
     storage.fetch_result("an_1", "t", "results.json")
 
-    storage.sweep(recordings=(), attempts={("an_1", "t")})
+    storage.drop_temporary(min_age_s=0)
 
     copies = storage.root / "fetched"
     assert not copies.exists() or list(copies.iterdir()) == []

@@ -21,6 +21,7 @@ from app.jobs.worker import run_next
 from app.report.wording import load_wording
 from app.settings import Settings
 from app.storage import FolderLock, Storage
+from app.upkeep.reconcile import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 from tests.postgres import PostgresServer
@@ -121,6 +122,7 @@ def test_verify_leaves_alone_what_an_attempt_under_way_is_making(
     job = store.claim(identify_self())
     assert job is not None
     assert job.token is not None
+    catch_up(store, storage)
     (storage.open_attempt(job.id, job.token) / "results.json").write_text("{}")
 
     assert acromion("verify").exit_code == 0

@@ -215,7 +215,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
 
 
 def check_settled(settings: Settings, journal: Journal) -> list[str]:
-    """I4, I6, I7: once no one disturbs, every analysis ends well, once, and nothing half-made is left."""
+    """I4, I6, I7, I15: once no one disturbs, every analysis ends well, once, and nothing half-made is left."""
     store = JobStore(settings.database_url)
     try:
         _wait_for_ends(store)
@@ -225,7 +225,24 @@ def check_settled(settings: Settings, journal: Journal) -> list[str]:
         return [f"I6 {job.id} is stuck: {job.state}, attempt {job.attempts}" for job in _list_open(store)]
     finally:
         store.close()
-    return check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
+    broken = (
+        check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
+    )
+    return broken + _find_lags(settings)
+
+
+def _find_lags(settings: Settings) -> list[str]:
+    """Side files that do not say what their rows say, once their writers have had time."""
+    try:
+        wait_for(lambda: not _list_lags(settings), END_PATIENCE_S)
+    except TimeoutError:
+        return _list_lags(settings)
+    return []
+
+
+def _list_lags(settings: Settings) -> list[str]:
+    faults = find_faults(settings, list_kept(settings))
+    return [f"I15 {fault.name} {fault.finding}" for fault in faults if fault.finding.startswith("side_")]
 
 
 def _wait_for_ends(store: JobStore) -> None:
@@ -269,7 +286,7 @@ def _check_results(settings: Settings, journal: Journal) -> list[str]:
 
 
 def _find_litter(settings: Settings) -> list[str]:
-    """Files on the disk that no row promises; beside each recording may be its side file."""
+    """Files on the disk that no row promises; each recording has its side file."""
     promised = {file.name for file in list_kept(settings)}
     promised |= {f"{name}.json" for name in promised if name.startswith("recordings/")}
     kept = [path for kind in ("recordings", "analyses") for path in (settings.data_dir / kind).rglob("*")]

@@ -1,4 +1,4 @@
-"""A recording counts its changes, and which of them its side file tells; an analysis counts ends of its host."""
+"""A recording counts its changes and those in its side file; an analysis counts the ends of its host."""
 
 import sqlalchemy as sa
 from alembic import op

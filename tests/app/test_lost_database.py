@@ -1,0 +1,516 @@
+"""What a start does with recordings that the database does not know, and how they come back."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import text
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.errors import UnknownRecordings
+from app.jobs.database import connect
+from app.jobs.side_files import decode_side_file
+from app.jobs.store import JobStore
+from app.jobs.worker import open_bench, run_next
+from app.main import create_app
+from app.settings import Settings
+from app.storage import Storage, name_side
+from app.upkeep.reconcile import read_side_file
+from tests.app import stand_ins
+from tests.app.conftest import on_both_set_ups
+
+Acromion = Callable[..., Any]
+
+
+@contextmanager
+def serving(settings: Settings) -> Iterator[TestClient]:
+    """Start and stop a server over the store."""
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as client:
+        yield client
+
+
+def upload(client: TestClient, content: bytes, **said: str) -> str:
+    answer = client.post("/api/v1/recordings", params={"file_name": "shift.gt3x"} | said, content=content)
+    return str(answer.json()["id"])
+
+
+def analyse(settings: Settings, client: TestClient, recording_id: str) -> str:
+    """Have a stored recording analysed by a stand-in for the science."""
+    asked = client.post("/api/v1/analyses", json={"recording_ids": [recording_id]})
+    bench = open_bench(settings, stand_ins.write_report)
+    assert run_next(bench)
+    bench.store.close()
+    return str(asked.json()["items"][0]["id"])
+
+
+def lose_database(settings: Settings) -> None:
+    """Throw away every table."""
+    if settings.database_url.startswith("sqlite"):
+        for path in settings.data_dir.glob("acromion.sqlite3*"):
+            path.unlink()
+        return
+    engine = connect(settings.database_url)
+    with engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+    engine.dispose()
+
+
+def read_every_byte(storage: Storage) -> dict[str, bytes]:
+    """Give what is kept, by name, without the side files."""
+    names = [
+        name for name in storage.list_names() if not name.endswith(".json") or name.startswith("analyses/")
+    ]
+    return {name: storage.read_small(name) or b"" for name in names}
+
+
+@pytest.fixture
+def acromion(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Acromion:
+    """Call a command with the settings of the test."""
+    for name, value in settings.as_environment().items():
+        monkeypatch.setenv(name, value)
+    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+# --- the side file --------------------------------------------------------------------------------------
+
+
+@on_both_set_ups
+def test_a_stored_recording_has_a_side_file_when_it_is_acknowledged(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one", subject="S012", side="left")
+
+        side = read_side_file(storage, recording_id)
+
+    assert side is not None
+    assert (side.recording["subject"], side.recording["side"]) == ("S012", "left")
+    assert (side.recording["file_name"], side.recording["state"]) == ("shift.gt3x", "stored")
+
+
+def test_a_changed_name_is_in_the_side_file(settings: Settings, storage: Storage) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one", subject="S012")
+        client.patch(f"/api/v1/recordings/{recording_id}", json={"subject": "S013"})
+
+        side = read_side_file(storage, recording_id)
+
+    assert side is not None
+    assert side.recording["subject"] == "S013"
+
+
+def test_periods_are_in_the_side_file(settings: Settings, storage: Storage) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+        periods = [
+            {"start": "2026-03-02T09:00:00", "end": "2026-03-02T09:15:00", "kind": "break", "label": "tea"}
+        ]
+        client.put(f"/api/v1/recordings/{recording_id}/periods", json=periods)
+
+        side = read_side_file(storage, recording_id)
+
+    assert side is not None
+    assert [entry["label"] for entry in json.loads(side.recording["diary"])] == ["tea"]
+
+
+def test_a_trashed_recording_is_trashed_in_its_side_file(settings: Settings, storage: Storage) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+        client.delete(f"/api/v1/recordings/{recording_id}")
+
+        side = read_side_file(storage, recording_id)
+
+    assert side is not None
+    assert side.recording["state"] == "trashed"
+
+
+def test_a_finished_report_is_in_the_side_file_with_the_digest_of_each_file(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        analysis_id = analyse(settings, client, recording_id := upload(client, b"one"))
+
+        side = read_side_file(storage, recording_id)
+
+    assert side is not None
+    assert [(row["id"], row["state"]) for row in side.rows["analyses"]] == [(analysis_id, "succeeded")]
+    assert "results.json" in {row["name"] for row in side.rows["result_files"]}
+
+
+def test_one_altered_digit_makes_a_side_file_invalid(settings: Settings, storage: Storage) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one", subject="S012")
+        content = storage.read_small(name_side(recording_id))
+
+    assert content is not None
+    assert decode_side_file(content, recording_id) is not None
+    assert decode_side_file(content.replace(b"S012", b"S013"), recording_id) is None
+
+
+def test_a_side_file_of_another_recording_is_not_valid(settings: Settings, storage: Storage) -> None:
+    with serving(settings) as client:
+        first, second = upload(client, b"one"), upload(client, b"two")
+        content = storage.read_small(name_side(first))
+
+    assert decode_side_file(content, second) is None
+
+
+def test_the_first_start_of_a_folder_without_side_files_writes_them_all(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        kept = [upload(client, content) for content in (b"one", b"two", b"three")]
+    for recording_id in kept:
+        (storage.root / name_side(recording_id)).unlink()
+
+    with serving(settings):
+        assert all(read_side_file(storage, recording_id) is not None for recording_id in kept)
+
+
+def test_a_side_file_that_was_not_written_is_written_by_the_next_start(
+    settings: Settings, storage: Storage, store: JobStore
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one", subject="S012")
+        with store.engine.begin() as connection:  # as a change whose writer was killed after the commit
+            connection.execute(text("UPDATE recordings SET subject = 'S013', revision = revision + 1"))
+
+    with serving(settings):
+        side = read_side_file(storage, recording_id)
+
+    assert side is not None
+    assert side.recording["subject"] == "S013"
+
+
+# --- the start ------------------------------------------------------------------------------------------
+
+
+@on_both_set_ups
+def test_a_start_with_a_lost_database_is_refused_and_removes_nothing(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        analyse(settings, client, upload(client, b"one"))
+        upload(client, b"two")
+    before = read_every_byte(storage)
+    lose_database(settings)
+
+    with pytest.raises(UnknownRecordings) as refusal, serving(settings):
+        pass
+
+    assert refusal.value.facts["number"] == 2
+    assert read_every_byte(storage) == before
+
+
+def test_a_start_with_yesterday_s_database_is_refused_and_removes_nothing(
+    settings: Settings, storage: Storage
+) -> None:
+    database = settings.data_dir / "acromion.sqlite3"
+    with serving(settings) as client:
+        upload(client, b"one")
+    shutil.copy(database, settings.data_dir.with_name("yesterday"))
+    with serving(settings) as client:
+        upload(client, b"two")
+        upload(client, b"three")
+    before = read_every_byte(storage)
+    shutil.copy(settings.data_dir.with_name("yesterday"), database)
+
+    with pytest.raises(UnknownRecordings) as refusal, serving(settings):
+        pass
+
+    assert refusal.value.facts["number"] == 2
+    assert read_every_byte(storage) == before
+
+
+def test_the_command_names_the_refusal_and_its_cure(settings: Settings, acromion: Acromion) -> None:
+    with serving(settings) as client:
+        upload(client, b"one")
+    lose_database(settings)
+
+    done = acromion("serve", "--port", "0", "--data", settings.data_dir)
+
+    assert done.exit_code == 2
+    assert "E-UNKNOWN-RECORDINGS" in done.stderr
+    assert "acromion recover" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["holiday.jpg", "rec_0123456789abcdef", "notes.json"])
+def test_a_stranger_s_file_goes_to_quarantine(settings: Settings, storage: Storage, name: str) -> None:
+    (storage.root / "recordings" / name).write_bytes(b"mine")
+
+    with serving(settings):
+        assert (storage.root / "quarantine" / name).read_bytes() == b"mine"
+        assert not (storage.root / "recordings" / name).exists()
+
+
+def test_a_stranger_s_folder_goes_to_quarantine(settings: Settings, storage: Storage) -> None:
+    (storage.root / "recordings" / "mine").mkdir()
+    (storage.root / "recordings" / "mine" / "file").write_bytes(b"mine")
+
+    with serving(settings):
+        assert (storage.root / "quarantine" / "mine" / "file").read_bytes() == b"mine"
+
+
+def test_an_unknown_file_in_a_bucket_stays_where_it_is(
+    tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    swift = request.getfixturevalue("swift")
+    for name, value in swift.environment.items():
+        monkeypatch.setenv(name, value)
+    settings = Settings(data_dir=tmp_path / "data", object_store=swift.make_bucket(), min_free_bytes=0)
+    with serving(settings) as client:
+        storage: Storage = client.app.state.services.storage  # type: ignore[attr-defined]
+        storage.write_small("recordings/rec_0123456789abcdef", b"another machine's, its row is on the way")
+
+    with serving(settings):
+        assert storage.read_small("recordings/rec_0123456789abcdef") is not None
+
+
+def test_what_lies_in_quarantine_is_told_by_page_and_doctor(
+    settings: Settings, storage: Storage, acromion: Acromion
+) -> None:
+    (storage.root / "recordings" / "holiday.jpg").write_bytes(b"mine")
+
+    with serving(settings) as client:
+        page = client.get("/", headers={"Accept-Language": "en"}).text
+    doctor = acromion("doctor")
+
+    assert "set aside: 1" in page
+    assert doctor.exit_code == 1
+    assert "holiday.jpg" in doctor.output
+
+
+def test_a_recording_in_quarantine_comes_back_with_its_row(settings: Settings, storage: Storage) -> None:
+    database = settings.data_dir / "acromion.sqlite3"
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+    shutil.copy(database, settings.data_dir.with_name("backup"))
+    (storage.root / name_side(recording_id)).unlink()
+    lose_database(settings)
+    with serving(settings):
+        assert (storage.root / "quarantine" / recording_id).exists()
+    shutil.copy(settings.data_dir.with_name("backup"), database)
+
+    with serving(settings):
+        assert (storage.root / "recordings" / recording_id).read_bytes() == b"one"
+
+
+def test_the_attempt_of_an_unknown_analysis_stays(settings: Settings, storage: Storage) -> None:
+    kept = storage.open_attempt("an_0123456789abcdef", "token") / "results.json"
+    kept.write_bytes(b"{}")
+
+    with serving(settings):
+        assert kept.read_bytes() == b"{}"
+
+
+def test_the_attempt_of_a_known_analysis_that_does_not_count_is_removed(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        analysis_id = analyse(settings, client, upload(client, b"one"))
+    (storage.open_attempt(analysis_id, "dead") / "results.json").write_bytes(b"{}")
+
+    with serving(settings):
+        assert [name for name, _ in storage.list_attempts()] == [analysis_id]
+
+
+# --- a purge that is interrupted ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", ["drop_analysis", "drop_recording"])
+def test_an_interrupted_purge_goes_on_at_the_next_start(
+    settings: Settings, storage: Storage, step: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("killed here")
+
+    with serving(settings) as client:
+        analyse(settings, client, recording_id := upload(client, b"one"))
+        with monkeypatch.context() as patched:
+            patched.setattr(type(storage), step, fail)
+            with pytest.raises(OSError, match="killed"):
+                client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/recordings/{recording_id}").status_code == 404
+        assert list(storage.list_names()) == []
+
+
+# --- recover --------------------------------------------------------------------------------------------
+
+
+@on_both_set_ups
+def test_recover_brings_back_recordings_with_all_that_was_known_of_them(
+    settings: Settings, storage: Storage, acromion: Acromion
+) -> None:
+    with serving(settings) as client:
+        first = upload(client, b"one", subject="S012", side="left", external_id="study-7", note="left-handed")
+        trashed = upload(client, b"two")
+        client.delete(f"/api/v1/recordings/{trashed}")
+    lose_database(settings)
+
+    done = acromion("recover")
+
+    assert done.exit_code == 0, done.output
+    assert "brought back: 2 (in the trash: 1" in done.output
+    with serving(settings) as client:
+        row = client.get(f"/api/v1/recordings/{first}").json()
+        in_trash = client.get("/api/v1/recordings", params={"trashed": True}).json()["items"]
+    told = (row["subject"], row["side"], row["external_id"], row["note"])
+    assert told == ("S012", "left", "study-7", "left-handed")
+    assert [entry["id"] for entry in in_trash] == [trashed]
+
+
+@on_both_set_ups
+def test_recover_brings_back_the_reports(settings: Settings, acromion: Acromion) -> None:
+    with serving(settings) as client:
+        analysis_id = analyse(settings, client, upload(client, b"one"))
+        before = client.get(f"/api/v1/analyses/{analysis_id}/results.json").content
+    lose_database(settings)
+
+    done = acromion("recover")
+
+    assert "reports: 1" in done.output
+    with serving(settings) as client:
+        after = client.get(f"/api/v1/analyses/{analysis_id}/results.json")
+    assert (after.status_code, after.content) == (200, before)
+
+
+def test_recover_queues_again_what_was_queued(settings: Settings, acromion: Acromion) -> None:
+    with serving(settings) as client:
+        answer = client.post("/api/v1/analyses", json={"recording_ids": [upload(client, b"one")]})
+        asked = answer.json()["items"][0]
+    lose_database(settings)
+
+    acromion("recover")
+
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/analyses/{asked['id']}").json()["state"] == "queued"
+
+
+def test_recover_brings_back_a_batch(settings: Settings, acromion: Acromion) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+        items = [{"recording_id": recording_id}]
+        batch = client.post("/api/v1/batches", json={"name": "wave 1", "items": items}).json()
+    lose_database(settings)
+
+    acromion("recover")
+
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/batches/{batch['id']}").json()["name"] == "wave 1"
+
+
+def test_recover_adds_to_an_older_database_and_keeps_its_rows(settings: Settings, acromion: Acromion) -> None:
+    database = settings.data_dir / "acromion.sqlite3"
+    with serving(settings) as client:
+        old = upload(client, b"one", subject="old")
+    shutil.copy(database, settings.data_dir.with_name("yesterday"))
+    with serving(settings) as client:
+        new = upload(client, b"two", subject="new")
+        client.patch(f"/api/v1/recordings/{old}", json={"subject": "changed since"})
+    shutil.copy(settings.data_dir.with_name("yesterday"), database)
+
+    done = acromion("recover")
+
+    assert done.exit_code == 1
+    assert f"DATABASE OLDER {old}" in done.output
+    kept = [path.read_text() for path in (settings.data_dir / "quarantine").iterdir()]
+    assert ["changed since" in text for text in kept] == [True]
+    with serving(settings) as client:
+        subjects = [client.get(f"/api/v1/recordings/{one}").json()["subject"] for one in (old, new)]
+    assert subjects == ["old", "new"]
+
+
+def test_recover_names_a_recording_whose_bytes_are_gone(
+    settings: Settings, storage: Storage, acromion: Acromion
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+    lose_database(settings)
+    (storage.root / "recordings" / recording_id).unlink()
+
+    done = acromion("recover")
+
+    assert done.exit_code == 1
+    assert f"BYTES MISSING {recording_id}" in done.output
+    verified = acromion("verify")
+    assert verified.exit_code == 1
+    assert f"MISSING recordings/{recording_id}" in verified.output
+
+
+def test_recover_done_twice_changes_nothing_more(settings: Settings, acromion: Acromion) -> None:
+    with serving(settings) as client:
+        upload(client, b"one")
+    lose_database(settings)
+    acromion("recover")
+
+    again = acromion("recover")
+
+    assert again.exit_code == 0
+    assert "brought back: 0" in again.output
+
+
+def test_recover_is_refused_while_a_server_runs(settings: Settings, acromion: Acromion) -> None:
+    with serving(settings):
+        refused = acromion("recover")
+
+    assert refused.exit_code == 3
+    assert "E-FOLDER-IN-USE" in refused.stderr
+
+
+# --- verify ---------------------------------------------------------------------------------------------
+
+
+def test_verify_names_a_side_file_behind_its_row(
+    settings: Settings, store: JobStore, acromion: Acromion
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+    with store.engine.begin() as connection:
+        connection.execute(text("UPDATE recordings SET revision = revision + 1"))
+
+    verified = acromion("verify")
+
+    assert verified.exit_code == 1
+    assert f"SIDE FILE BEHIND ITS ROW recordings/{recording_id}.json" in verified.output
+
+
+@pytest.mark.parametrize(
+    ("content", "finding"),
+    [(None, "NO SIDE FILE"), (b"", "SIDE FILE DAMAGED"), (b"{}", "SIDE FILE DAMAGED")],
+)
+def test_verify_names_a_side_file_that_is_absent_or_damaged(
+    settings: Settings, storage: Storage, acromion: Acromion, content: bytes | None, finding: str
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+    side = storage.root / name_side(recording_id)
+    side.unlink() if content is None else side.write_bytes(content)
+
+    verified = acromion("verify")
+
+    assert verified.exit_code == 1
+    assert f"{finding} recordings/{recording_id}.json" in verified.output
+
+
+def test_recover_writes_a_damaged_side_file_anew(
+    settings: Settings, storage: Storage, acromion: Acromion
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one", subject="S012")
+    (storage.root / name_side(recording_id)).write_bytes(b"{}")
+
+    acromion("recover")
+
+    side = read_side_file(storage, recording_id)
+    assert side is not None
+    assert side.recording["subject"] == "S012"
+    assert acromion("verify").exit_code == 0
