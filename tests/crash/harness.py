@@ -215,7 +215,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
 
 
 def check_settled(settings: Settings, journal: Journal) -> list[str]:
-    """I4, I6, I7, I15: once no one disturbs, every analysis ends well, once, and nothing half-made is left."""
+    """I4, I6, I7, I15: undisturbed, every analysis ends well, once, and nothing half-made is left."""
     store = JobStore(settings.database_url)
     try:
         _wait_for_ends(store)
