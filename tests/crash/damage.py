@@ -407,7 +407,9 @@ def _back_up(scene: Scene) -> None:
     if scene.cell.part in PROMISED:
         scene.seen.expect(exists and made.exit_code == 1, f"backup of a damaged store: exit {made.exit_code}")
         scene.seen.expect(scene.damaged_name in made.output, f"backup does not name {scene.damaged_name}")
-    elif scene.cell.part != "database":
+    elif scene.cell.part == "database":
+        scene.seen.expect(made.exit_code, "the backup of a folder without its rows is called whole")
+    else:
         scene.seen.expect(exists, "no backup was made")
 
 
