@@ -111,12 +111,13 @@ def delete_recording(
     services: UsedServices,
     purge: bool = False,  # noqa: FBT001, FBT002
 ) -> Response:
-    """Throw away a recording and all that was made of it; with ``purge``, or when in the trash, for good."""
-    row = services.recordings.get(recording_id, trashed=True)
-    if row.state == "stored":
-        services.recordings.trash(row.id)
-    if row.state == "trashed" or purge or services.settings.trash_term_s <= 0:
-        purge_recording(services, row.id)
+    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+
+    With ``purge`` it is deleted for good; without, when its time in the trash is over.
+    """
+    services.recordings.trash(recording_id)
+    if purge or services.settings.trash_term_s <= 0:
+        purge_recording(services, recording_id)
     return Response(status_code=204)
 
 

@@ -10,6 +10,7 @@ from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, 
 from app.errors import NotHere, StaleVersion
 from app.jobs.job import JobState
 from app.jobs.moves import cancel_job
+from app.jobs.purging import drop_traces
 from app.jobs.reading import REFERENCE, STORED, TRASHED, tell_now
 from app.jobs.tables import analyses, recordings, result_files, uploads
 from app.request import ReportRequest
@@ -156,14 +157,21 @@ class RecordingStore:
             connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
 
     def trash(self, recording_id: str) -> None:
-        """Take a recording out of every list and stop its analyses; nothing is deleted yet."""
-        self.get(recording_id)
+        """Take a recording out of every list and stop its analyses; nothing is deleted yet.
+
+        One that is in the trash stays there as it is: its term does not begin anew.
+
+        Raises
+        ------
+        NotHere
+        """
+        self.get(recording_id, trashed=True)
         going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
         mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
         with self._engine.begin() as connection:
             connection.execute(
                 update(recordings)
-                .where(recordings.c.id == recording_id)
+                .where(recordings.c.id == recording_id, recordings.c.state == STORED)
                 .values(state=TRASHED, trashed_s=0.0, version=recordings.c.version + 1)
             )
             for analysis_id in connection.execute(mine).scalars().all():
@@ -188,6 +196,7 @@ class RecordingStore:
             connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
             files = (recording_id, *references)
             connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
+            drop_traces(connection, {*gone, *files})
         self._empty_log()
         return Purged(gone, files)
 
