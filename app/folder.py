@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from app.private import FOLDER_MODE, make_folder
 from app.storage import (
     StoredRecording,
     check_free,
@@ -70,7 +71,7 @@ class FolderStorage:
     def prepare(self) -> None:
         """Make the folders."""
         for name in ("uploads", "recordings", "analyses"):
-            (self.root / name).mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_folder(self.root / name)
 
     def identify(self) -> str:
         """Give the name of this folder's contents, written in it once for all."""
@@ -106,7 +107,7 @@ class FolderStorage:
     def put(self, path: Path, name: str) -> None:
         """Copy a file into its place, whole or not at all."""
         kept = self.root / name
-        kept.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_folder(kept.parent)
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         with name_full_disk():
             shutil.copyfile(path, part)
@@ -123,7 +124,8 @@ class FolderStorage:
         """Make that folder, empty."""
         folder = self.attempt(analysis_id, token)
         with name_full_disk():
-            folder.mkdir(parents=True)
+            make_folder(folder.parent)
+            folder.mkdir(mode=FOLDER_MODE)
         return folder
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:

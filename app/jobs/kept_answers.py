@@ -93,7 +93,8 @@ def empty_answers(connection: Connection, ids: Collection[str]) -> None:
     """Empty every kept answer that speaks of what is being purged, and forget all refusals.
 
     An emptied answer keeps its key and its fingerprint, so that the request, asked again, does not make
-    anew what was purged. A refusal has made nothing, and may repeat a subject code that was sent: it is judged anew.
+    anew what was purged. A refusal may repeat a subject code that was sent; it has made nothing, and the
+    request is judged anew.
     """
     refused = (kept_answers.c.status >= _FIRST_REFUSAL, kept_answers.c.status != GONE)
     connection.execute(delete(kept_answers).where(*refused))

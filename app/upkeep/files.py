@@ -31,10 +31,10 @@ class KeptFile:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One file that is not as its row says, or that has none."""
+    """One file that is not as its row says, or that has none; ``known``: the backup that holds it says so."""
 
     name: str
-    finding: Literal["missing", "damaged", "orphan"]
+    finding: Literal["missing", "damaged", "orphan", "known_missing", "known_damaged"]
 
 
 def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
