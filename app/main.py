@@ -231,6 +231,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     swept += services.incoming.sweep(services.uploads.list_growing())
     if swept:
         logger.info("swept %d files of interrupted uploads and attempts", swept)
+    services.inspector.sweep()
     services.answers.free_unfinished()
     house = asyncio.create_task(keep_house(services))
     try:

@@ -1,7 +1,7 @@
 """The rows of recordings: what is stored, whose arm it is, what its day consisted of."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -127,6 +127,12 @@ class RecordingStore:
         with self._reader.connect() as connection:
             rows = connection.execute(query.order_by(*newest_first).limit(limit)).all()
         return tuple(_read_row(row) for row in rows)
+
+    def list_known(self, digests: Collection[str]) -> frozenset[str]:
+        """Give those of some SHA-256 of which there is a recording, in the trash or not."""
+        query = select(recordings.c.sha256).where(recordings.c.sha256.in_(digests)).distinct()
+        with self._reader.connect() as connection:
+            return frozenset(connection.execute(query).scalars())
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
         """Change columns, if nobody else has meanwhile.
