@@ -12,17 +12,12 @@ WORDS = {"file_name": f"{CANARY}.gt3x", "subject": CANARY}
 
 def test_no_line_of_the_log_holds_a_subject_code_or_a_file_name(tmp_path: Path) -> None:
     (recording,) = (path for path in write_recordings(tmp_path, "gt9x", 0.05, 1) if path.suffix == ".gt3x")
-    watched = tmp_path / "watched" / CANARY
-    watched.mkdir(parents=True)
-    (watched / f"{CANARY}.csv").write_bytes(b"no recording")
-    settings = {"ACROMION_WATCH_DIR": str(watched.parent), "ACROMION_MAX_ATTEMPTS": "1"}
     log = tmp_path / "server.log"
-    server = RunningServer(tmp_path / "data", log, **settings)
+    server = RunningServer(tmp_path / "data", log)
     try:
         good, bad = server.send(recording, **WORDS), server.send(log, **WORDS)
         ended = [wait_for(partial(find_end, server, job["id"]), 900) for job in (good, bad)]
         server.client.post(f"/api/v1/recordings?subject={CANARY}&side=neither", content=b"x")
-        wait_for(lambda: "a watched file was taken in" in log.read_text(), 900)
         for job in (good, bad):
             server.client.delete(f"/api/v1/recordings/{job['recording_id']}", params={"purge": True})
     finally:
