@@ -7,7 +7,8 @@
                        (tus: WrongOffset 409, UnknownProtocol 412, LockedUpload 423, WrongDigest 460)
       Busy             the queue is full (503); TooMany: so many uploads at once are not taken (429)
       StaleVersion     changed by somebody else meanwhile (412)
-      KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409)
+      KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409);
+                       PurgedSince: what it made has been deleted for good (410)
       ForeignWebhook   a webhook may not lead there (422)
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
@@ -168,6 +169,12 @@ class KeyInUse(AppError):
     code = "E-KEY-IN-USE"
 
 
+class PurgedSince(AppError):
+    """What a request with this idempotency key made has been deleted for good."""
+
+    code = "E-PURGED"
+
+
 class ForeignWebhook(AppError):
     """A webhook may not lead there. Facts: url."""
 
@@ -285,7 +292,7 @@ class UnknownRecordings(ServerRefused):
 
 
 class NotEmpty(ServerRefused):
-    """A backup is restored only where nothing is. Facts: number (of recordings)."""
+    """A backup is restored only where nothing is. Facts: number, where (a table, or a file in the store)."""
 
     code = "E-NOT-EMPTY"
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from app.private import FOLDER_MODE, create_file, make_folder
 from app.storage import (
     StoredRecording,
     check_free,
@@ -76,7 +77,7 @@ class FolderStorage:
     def prepare(self) -> None:
         """Make the folders."""
         for name in ("uploads", "recordings", "analyses"):
-            (self.root / name).mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_folder(self.root / name)
 
     def identify(self) -> str:
         """Give the name of this folder's contents, written in it once for all."""
@@ -113,7 +114,7 @@ class FolderStorage:
     def put(self, path: Path, name: str) -> None:
         """Copy a file into its place, whole or not at all."""
         kept = self.root / name
-        kept.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_folder(kept.parent)
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         with name_full_disk():
             shutil.copyfile(path, part)
@@ -130,7 +131,8 @@ class FolderStorage:
         """Make that folder, empty."""
         folder = self.attempt(analysis_id, token)
         with name_full_disk():
-            folder.mkdir(parents=True)
+            make_folder(folder.parent)
+            folder.mkdir(mode=FOLDER_MODE)
         return folder
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
@@ -182,8 +184,9 @@ class FolderStorage:
         """Write a small file, durably, whole or not at all."""
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         with name_full_disk():
-            (self.root / name).parent.mkdir(exist_ok=True, mode=0o700)
-            part.write_bytes(content)
+            make_folder((self.root / name).parent)
+            with create_file(part) as file:
+                file.write(content)
             sync_file(part)
             part.rename(self.root / name)
             sync_folder((self.root / name).parent)
@@ -198,7 +201,7 @@ class FolderStorage:
     def set_aside(self, name: str) -> bool:
         """Move an unknown entry of the recordings into quarantine, under a name that is free there."""
         quarantine = self.root / "quarantine"
-        quarantine.mkdir(exist_ok=True, mode=0o700)
+        make_folder(quarantine)
         kept = quarantine / name
         if kept.exists() or kept.is_symlink():
             kept = quarantine / f"{name}.{secrets.token_hex(4)}"

@@ -8,6 +8,7 @@ import logging
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path, PurePath
 
 from app.errors import AppError
@@ -94,25 +95,38 @@ class FolderWatch:
         while not self._stopping.wait(LOOK_S):
             try:
                 self.look()
-            except OSError:
-                logger.exception("the watched folder cannot be read; trying again")
+            except OSError as error:
+                logger.error("the watched folder cannot be read; trying again: %s", error.strerror)
 
     def _take(self, path: Path) -> Job | None:
-        """Take one file in; one that cannot be taken stays where it is and is told in the log."""
+        """Take one file in; one that cannot be taken stays where it is, and the log tells its size and age.
+
+        Neither folder nor file is named in the log: their names are subject codes, or hold them.
+        """
         inside = path.relative_to(self.folder)
         subject = inside.parts[0] if len(inside.parts) > 1 else ""
         try:
             name, paper = clean_file_name(path.name), self.intake.settings.paper
             request = ReportRequest(name, check_subject(subject), paper=paper)
             job = self.intake.take(path, request, "api")
-        except (AppError, OSError, ValueError):
-            logger.exception("%s could not be taken in", inside)
+        except (AppError, OSError, ValueError) as error:
+            size_bytes, changed_ns = self._seen[path]
+            changed = datetime.fromtimestamp(changed_ns / 1e9, UTC).isoformat(timespec="seconds")
+            told = (size_bytes, changed, _name_trouble(error))
+            logger.error("a watched file of %d bytes, changed %s, could not be taken in: %s", *told)
             return None
         place = self.folder / TAKEN / inside.parent / f"{job.id}_{path.name}"
         place.parent.mkdir(parents=True, exist_ok=True)
         path.rename(place)
-        logger.info("%s was taken in as %s", inside, job.id)
+        logger.info("a watched file was taken in as %s", job.id)
         return job
+
+
+def _name_trouble(error: AppError | OSError | ValueError) -> str:
+    """Name it without any word of the file's."""
+    if isinstance(error, AppError):
+        return error.code
+    return (error.strerror or "") if isinstance(error, OSError) else "its name cannot be used"
 
 
 def _list_files(folder: Path) -> Iterator[tuple[Path, Signature]]:

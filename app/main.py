@@ -46,9 +46,10 @@ from app.errors import (
     WrongVerb,
 )
 from app.intake import FolderWatch, Intake
-from app.jobs.database import bring_up_to_date
+from app.jobs.database import bring_up_to_date, find_database_file
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
+from app.private import close_to_others, make_folder
 from app.settings import Settings
 from app.storage import FolderLock
 from app.stores import load_extra, open_storage
@@ -168,9 +169,10 @@ def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | Non
 
 def _prepare_database(settings: Settings) -> None:
     """Bring the tables up to date while no other server works in the folder, and wake who waits for work."""
-    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+    make_folder(settings.data_dir)
     lock = FolderLock(settings.data_dir)
     try:
+        close_to_others(settings.data_dir, find_database_file(settings.database_url))
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
         _check_recordings(settings)
     finally:
@@ -246,6 +248,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     lock = FolderLock(services.storage.root)
     try:
         reconcile(services)
+        services.inspector.sweep()
         services.answers.free_unfinished()
         house = asyncio.create_task(keep_house(services))
         try:

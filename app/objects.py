@@ -214,9 +214,11 @@ class BucketStorage:
         return len(copies) + FolderStorage(self.root).drop_temporary(min_age_s)
 
     def _fetch(self, name: str, into: Path) -> Path:
-        with name_store_trouble(), name_full_disk(), into.open("wb") as file:
-            for chunk in obstore.get(self.bucket, name).stream(min_chunk_size=COPY_BYTES):
-                file.write(chunk)
+        with name_store_trouble(), name_full_disk():
+            found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
+            with into.open("wb") as file:
+                for chunk in found.stream(min_chunk_size=COPY_BYTES):
+                    file.write(chunk)
         return into
 
     def _list(self, prefix: str) -> list[str]:

@@ -10,7 +10,7 @@ import anyio
 from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import OperationalError
 
-from app.api.recordings import purge_recording
+from app.api.recordings import forget_samples, purge_recording
 from app.api.services import Services
 from app.api.side_files import write_side_files
 from app.api.tus_body import drop_upload
@@ -117,6 +117,7 @@ def grow_older(services: Services, elapsed_s: float) -> None:
             continue
     for recording_id in services.recordings.age_trash(elapsed_s, settings.trash_term_s):
         purge_recording(services, recording_id)
+    forget_samples(services)  # a child may have written some while its recording was being purged
     services.answers.age(elapsed_s, ANSWER_TERM_S)
     services.storage.drop_temporary(TEMPORARY_S)
     services.quarantine.names = services.storage.list_quarantine()

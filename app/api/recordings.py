@@ -19,7 +19,7 @@ from app.api.recording_views import (
     view_recording,
 )
 from app.api.services import Services, UsedServices
-from app.api.tus_body import finish_upload
+from app.api.tus_body import finish_upload, get_upload_row
 from app.api.upload import read_digest, read_small_body, receive_recording, store_recording
 from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
 from app.jobs.recordings import StoredRow
@@ -111,12 +111,13 @@ def delete_recording(
     services: UsedServices,
     purge: bool = False,  # noqa: FBT001, FBT002
 ) -> Response:
-    """Throw away a recording and all that was made of it; with ``purge``, or when in the trash, for good."""
-    row = services.recordings.get(recording_id, trashed=True)
-    if row.state == "stored":
-        services.recordings.trash(row.id)
-    if row.state == "trashed" or purge or services.settings.trash_term_s <= 0:
-        purge_recording(services, row.id)
+    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+
+    With ``purge`` it is deleted for good; without, when its time in the trash is over.
+    """
+    services.recordings.trash(recording_id)
+    if purge or services.settings.trash_term_s <= 0:
+        purge_recording(services, recording_id)
     return Response(status_code=204)
 
 
@@ -206,6 +207,13 @@ def purge_recording(services: Services, recording_id: str) -> None:
     for stored_id in purged.recordings:
         services.storage.drop_recording(stored_id)
     services.recordings.end_purge(recording_id)
+    forget_samples(services)
+
+
+def forget_samples(services: Services) -> None:
+    """Remove the decoded samples of which no recording is left."""
+    held = services.cache.list_digests()
+    services.cache.forget(held - services.recordings.list_known(held))
 
 
 async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:
@@ -222,7 +230,7 @@ async def _receive_form(request: Request, services: Services, words: RecordingWo
 
 def _take_uploaded(services: Services, body: bytes) -> StoredRow:
     said = take_model(UploadedRecording, take_json(body))
-    upload = finish_upload(services, services.uploads.get(said.upload_id))
+    upload = finish_upload(services, get_upload_row(services, said.upload_id))
     if upload.recording_id is None:
         raise NotFinished(state=f"{upload.offset_bytes}/{upload.length_bytes}")
     row = services.recordings.get(upload.recording_id)

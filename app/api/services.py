@@ -5,6 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from app.decoded import DecodedCache
 from app.incoming import Incoming, Turns
 from app.jobs.batches import BatchStore
 from app.jobs.inspecting import Inspector
@@ -47,6 +48,7 @@ class Services:
     turns: Turns
     side_files: SideWriter
     quarantine: Quarantine
+    cache: DecodedCache
 
 
 def open_services(settings: Settings) -> Services:
@@ -74,6 +76,7 @@ def open_services(settings: Settings) -> Services:
         turns=Turns(settings.max_uploads_at_once),
         side_files=SideWriter(*rows, storage),
         quarantine=Quarantine(),
+        cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
     )
 
 

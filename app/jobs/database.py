@@ -5,6 +5,7 @@ A new database gets its tables here. One of an earlier release is brought up to 
 """
 
 import importlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from sqlalchemy.engine import make_url
 
 from app.errors import DatabaseTooNew, DatabaseTooOld
 from app.jobs.tables import REVISION, analyses, metadata, schema_revision
+from app.private import create_file, make_folder
 
 READ_ONLY = {"acromion_read_only": True}
 _PREPARING = 0x6163726F  # any number of our own: who holds it prepares the tables
@@ -50,15 +52,23 @@ def bring_up_to_date(url: str, backups: Path) -> Path | None:
 
 
 def connect(url: str) -> Engine:
-    """Give an engine whose commits outlast a power cut."""
+    """Give an engine whose commits outlast a power cut, and whose errors hold no subject code."""
     if make_url(url).get_backend_name() != "sqlite":
         patience = {"connect_timeout": _PATIENCE_S}
-        return create_engine(url, pool_size=20, pool_pre_ping=True, connect_args=patience)
-    engine = create_engine(url)
-    Path(str(engine.url.database)).parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        return create_engine(
+            url, pool_size=20, pool_pre_ping=True, connect_args=patience, hide_parameters=True
+        )
+    engine = create_engine(url, hide_parameters=True)
+    _create_private(Path(str(engine.url.database)))
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
+
+
+def find_database_file(url: str) -> Path | None:
+    """Say which file holds the rows; None where they are on a server."""
+    parts = make_url(url)
+    return Path(str(parts.database)) if parts.get_backend_name() == "sqlite" else None
 
 
 def lock_tables(connection: Connection) -> None:
@@ -98,6 +108,13 @@ def _check_revision(connection: Connection) -> None:
         create_tables(connection)
     elif found > REVISION:
         raise DatabaseTooNew(found=found, needed=REVISION)
+
+
+def _create_private(path: Path) -> None:
+    """Make the file of a new database; SQLite gives its log the same mode."""
+    make_folder(path.parent)
+    with suppress(OSError):  # it is there already, or SQLite says why it cannot be
+        create_file(path).close()
 
 
 def _prepare_sqlite(connection: Any, _record: Any) -> None:

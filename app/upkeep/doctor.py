@@ -16,6 +16,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.errors import AppError
 from app.jobs.database import connect, open_database
 from app.jobs.store import JobStore
+from app.private import make_folder
 from app.report.template_folder import find_template_folder
 from app.settings import Settings
 from app.stores import open_storage
@@ -57,7 +58,7 @@ def _examine_folder(settings: Settings) -> Examination:
     folder = settings.data_dir
     facts = {"folder": str(folder.resolve())}
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_folder(folder)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:

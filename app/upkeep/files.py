@@ -32,13 +32,18 @@ class KeptFile:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it."""
+    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it.
+
+    ``known``: the backup that holds the file says so.
+    """
 
     name: str
     finding: Literal[
         "missing",
         "damaged",
         "orphan",
+        "known_missing",
+        "known_damaged",
         "side_missing",
         "side_damaged",
         "side_behind",

@@ -53,13 +53,23 @@ def ask_to_delete(
 ) -> Response:
     """Say what goes before anything goes."""
     row = services.recordings.get(recording_id, trashed=True)
-    made = services.store.list_page(JobFilter(recording_id=recording_id), SHOWN)
-    return show_page(request, "delete.html", language, _describe(services, row, len(made), language))
+    values = _describe(services, row, language) | {"for_good": row.state == "trashed"}
+    return show_page(request, "delete.html", language, values)
+
+
+@router.get("/recordings/{recording_id}/purge")
+def ask_to_purge(
+    recording_id: str, request: Request, services: UsedServices, language: UsedLanguage
+) -> Response:
+    """Ask once more before a recording is deleted for good."""
+    row = services.recordings.get(recording_id, trashed=True)
+    values = _describe(services, row, language) | {"for_good": True}
+    return show_page(request, "delete.html", language, values)
 
 
 @router.post("/recordings/{recording_id}/delete")
 def throw_away(recording_id: str, request: Request, services: UsedServices) -> Response:
-    """Put a recording and all that was made of it into the trash."""
+    """Put a recording and all that was made of it into the trash; one that is there stays as it is."""
     services.recordings.trash(recording_id)
     return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
 
@@ -67,10 +77,8 @@ def throw_away(recording_id: str, request: Request, services: UsedServices) -> R
 @router.post("/recordings/{recording_id}/purge")
 def delete_for_good(recording_id: str, request: Request, services: UsedServices) -> Response:
     """Delete a recording, its analyses and every file of them."""
-    row = services.recordings.get(recording_id, trashed=True)
-    if row.state == "stored":
-        services.recordings.trash(row.id)
-    purge_recording(services, row.id)
+    services.recordings.trash(recording_id)
+    purge_recording(services, recording_id)
     return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
 
 
@@ -93,12 +101,13 @@ def show_trash(request: Request, services: UsedServices, language: UsedLanguage)
     return show_page(request, "trash.html", language, values)
 
 
-def _describe(services: Services, row: StoredRow, count: int, language: Language) -> dict[str, Any]:
+def _describe(services: Services, row: StoredRow, language: Language) -> dict[str, Any]:
+    made = services.store.list_page(JobFilter(recording_id=row.id), SHOWN)
     return {
         "recording": row,
         "size": format_size(row.size_bytes, language),
         "added": tell_moment(row.created_at),
-        "analyses": count,
+        "analyses": len(made),
         "term": _tell_term(services, language),
         "t": load_wording(language, "page")["trash"],
     }
