@@ -5,6 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from app.api.readiness import Readiness
 from app.incoming import Incoming, Turns
 from app.jobs.batches import BatchStore
 from app.jobs.inspecting import Inspector
@@ -37,6 +38,7 @@ class Services:
     answers: AnswerStore
     webhooks: WebhookStore
     turns: Turns
+    readiness: Readiness
 
 
 def open_services(settings: Settings) -> Services:
@@ -62,6 +64,7 @@ def open_services(settings: Settings) -> Services:
         answers=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
         turns=Turns(settings.max_uploads_at_once),
+        readiness=Readiness(store, storage, settings),
     )
 
 

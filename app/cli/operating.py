@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.errors import AppError, DatabaseAway
+from app.errors import AppError, BackupRefused, DatabaseAway
 from app.report.messages import describe_problem
 from app.report.wording import Language, fill, load_wording
 from app.settings import Settings
@@ -29,8 +29,9 @@ def backup(
     """Write every row and every file into one file; the server may run meanwhile."""
     from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
 
-    with _refusals_told(lang):
-        number = back_up(_find_settings(data), file)
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        number = back_up(settings, file)
     _say(lang, "backup", "done", number=str(number), file=str(file))
 
 
@@ -43,7 +44,7 @@ def restore(
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
 
     settings = _find_settings(data)
-    with _refusals_told(lang):
+    with _refusals_told(lang, settings):
         number = put_back(settings, file)
     _say(lang, "restore", "done", number=str(number), folder=str(settings.data_dir))
 
@@ -54,7 +55,7 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    with _refusals_told(lang):
+    with _refusals_told(lang, _find_settings(data)):
         number, faults = _verify_kept(data) if file is None else _verify_backup(file)
     for name, finding in faults:
         _say(lang, "verify", finding, name=name)
@@ -79,9 +80,11 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 
 def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
-    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415  the database, and only this needs it
+    from app.jobs.database import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415
 
     settings = _find_settings(data)
+    check_whole(settings.database_url)
     kept = list_kept(settings)
     return len(kept), [(fault.name, fault.finding) for fault in find_faults(settings, kept)]
 
@@ -102,16 +105,21 @@ def _say(language: Language, command: str, sentence: str, /, **facts: str) -> No
 
 
 @contextmanager
-def _refusals_told(language: Language) -> Iterator[None]:
+def _refusals_told(language: Language, settings: Settings) -> Iterator[None]:
     """Tell a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
+    from app.jobs.database import name_start_trouble  # noqa: PLC0415
+
     try:
-        yield
+        with name_start_trouble(settings):
+            yield
     except AppError as refusal:
         _tell_refusal(refusal, language)
     except SQLAlchemyError:
         _tell_refusal(DatabaseAway(), language)
+    except OSError as error:  # the place of the backup
+        _tell_refusal(BackupRefused(why=f"{error.filename or ''} {error.strerror}".strip()), language)
 
 
 def _tell_refusal(refusal: AppError, language: Language) -> None:

@@ -212,7 +212,8 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: st
 
 
 def _settle(table: str, row: dict[str, object]) -> dict[str, object]:
-    """Let an analysis that ran wait again: whoever ran it is not here."""
+    """Let an analysis that ran wait again, uncounted: whoever ran it is not here."""
     if table == "analyses" and row["state"] == "running":
-        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0}
+        attempts = int(str(row["attempts"])) - 1
+        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0, "attempts": attempts}
     return row
