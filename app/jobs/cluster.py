@@ -22,7 +22,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.jobs.attempt import MakeReport
 from app.jobs.database import connect, lock_tables
-from app.jobs.forking import warm_up
+from app.jobs.forking import warm_up_and_wait
 from app.jobs.pulse import Pulse
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
@@ -79,7 +79,7 @@ def run_cluster_worker(
     if pulse is not None:
         bench = replace(bench, pulse=pulse)
     install(settings.database_url)
-    warm_up()
+    warm_up_and_wait()
     address = make_url(settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)

@@ -51,6 +51,14 @@ def warm_up(preloaded: str = FOR_MANY) -> None:
         forkserver.ensure_running()
 
 
+def warm_up_and_wait() -> None:
+    """Have the fork server import the science, and wait until it has, so that no claimed job waits for it."""
+    child = choose_context().Process(target=int, daemon=True)
+    with suppress(NotStarted):
+        start_child(child)
+        end_child(child)
+
+
 def start_child(child: BaseProcess) -> None:
     """Start a child, by another fork server where the first is dead or does not answer.
 

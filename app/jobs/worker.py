@@ -32,7 +32,7 @@ from app.jobs.attempt import (
     run_attempt,
 )
 from app.jobs.database import name_database_trouble, name_start_trouble
-from app.jobs.forking import warm_up
+from app.jobs.forking import warm_up_and_wait
 from app.jobs.heart import Heart
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
@@ -121,9 +121,9 @@ def run_worker(
     bench = open_bench(settings, make)
     if pulse is not None:
         bench = replace(bench, pulse=pulse)
-    warm_up()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: bench.stopping.set())
+    warm_up_and_wait()
     while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
         bench.pulse.step()
         if not run_next_patiently(bench):
@@ -141,8 +141,11 @@ def run_by_settings(settings: Settings, parent_pid: int | None = None, pulse: Pu
     """
     pulse = pulse or Pulse()
     pulse.start()
-    with name_database_trouble(settings.database_url):
-        choose_engine(settings)(parent_pid=parent_pid, pulse=pulse)
+    try:
+        with name_database_trouble(settings.database_url):
+            choose_engine(settings)(parent_pid=parent_pid, pulse=pulse)
+    finally:
+        pulse.stop()
 
 
 def choose_engine(settings: Settings) -> Callable[..., None]:
