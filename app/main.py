@@ -137,9 +137,13 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     check_loopback(settings.host)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     listener = listen(settings)
-    with name_start_trouble(settings):
-        _prepare_database(settings)
-        application = create_app(settings)
+    try:
+        with name_start_trouble(settings):
+            _prepare_database(settings)
+            application = create_app(settings)
+    except BaseException:
+        listener.close()
+        raise
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
     pool.start()

@@ -54,14 +54,14 @@ class Readiness:
         return found
 
     def _list_checks(self) -> Mapping[str, tuple[Callable[[], None], type[AppError]]]:
-        """Give each check with what it means that it fails in a way of its own, or does not end."""
+        """Give each check with what it means that it fails without a code, or does not end."""
         settings = self.settings
         return {
             "folder": (lambda: check_folder(settings.data_dir), FolderUnusable),
             "disk": (lambda: self.storage.check_space(0, settings.min_free_bytes), DiskFull),
             "database": (lambda: check_writable(settings.database_url, LOCK_S), DatabaseAway),
             "store": (self.storage.prepare, StoreAway),
-            "queue": (self._check_queue, Busy),
+            "queue": (self._check_queue, DatabaseAway),
         }
 
     async def _ask(

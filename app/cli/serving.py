@@ -41,11 +41,15 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
+    from app.jobs.database import check_whole, name_start_trouble  # noqa: PLC0415
     from app.jobs.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
+    settings = Settings(data_dir=data)
     try:
-        run_by_settings(Settings(data_dir=data))
+        with name_start_trouble(settings):
+            check_whole(settings.database_url)
+        run_by_settings(settings)
     except AppError as refusal:
         print_problem("worker", refusal.code, refusal.facts, "en")
         raise typer.Exit(Exit.USAGE) from None
