@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import cast
 
@@ -64,7 +65,7 @@ def die_while_running(store: JobStore) -> None:
 
 
 def find_fork_server() -> int:
-    pid = getattr(forking.forkserver._forkserver, "_forkserver_pid", None)
+    pid = getattr(forkserver._forkserver, "_forkserver_pid", None)
     assert pid is not None
     return int(pid)
 
