@@ -16,7 +16,8 @@
       NoSuchFile       the analysis ended without this file (404); NoSuchRange: not so many bytes (416)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
-                       StoreMismatch, DatabaseTooOld, DatabaseTooNew
+                       FolderUnusable (FolderReadOnly, FolderForbidden, FolderIsFile),
+                       StoreMismatch, DatabaseTooOld, DatabaseTooNew, DatabaseDamaged, DatabaseLocked
                        NotInstalled, NotEmpty, BackupRefused
       DatabaseAway     the database does not answer (503); StoreAway: the bucket does not
       StoreDamaged     the stored bytes are no longer those that came (500)
@@ -267,6 +268,42 @@ class FolderTaken(ServerRefused):
     code = "E-FOLDER-IN-USE"
 
 
+class FolderUnusable(ServerRefused):
+    """The data folder cannot be used. Facts: folder, why."""
+
+    code = "E-FOLDER"
+
+
+class FolderReadOnly(FolderUnusable):
+    """The data folder is on a disk that can only be read. Facts: folder."""
+
+    code = "E-FOLDER-READ-ONLY"
+
+
+class FolderForbidden(FolderUnusable):
+    """The user of this process may not write in the data folder. Facts: folder."""
+
+    code = "E-FOLDER-PERMISSION"
+
+
+class FolderIsFile(FolderUnusable):
+    """A file stands where the data folder should be. Facts: folder."""
+
+    code = "E-FOLDER-FILE"
+
+
+class DatabaseDamaged(ServerRefused):
+    """The file of the database is damaged; it is never replaced by itself. Facts: file, why."""
+
+    code = "E-DATABASE-DAMAGED"
+
+
+class DatabaseLocked(ServerRefused):
+    """Another process holds the database and does not let go. Facts: file, pid (where it is known)."""
+
+    code = "E-DATABASE-LOCKED"
+
+
 class DatabaseTooOld(ServerRefused):
     """The tables are of an earlier release, and only the server migrates. Facts: found, needed."""
 
@@ -322,7 +359,7 @@ class StoreDamaged(AppError):
 
 
 class DatabaseAway(AppError):
-    """The database does not answer."""
+    """The database does not answer. Facts: why, at a start."""
 
     code = "E-DATABASE"
 
@@ -334,13 +371,13 @@ class AttemptFailed(AppError):
 
 
 class Interrupted(AttemptFailed):
-    """The run was ended before this recording was done."""
+    """The computer or the program ended before this recording was done. Facts: times, on a server."""
 
     code = "E-INTERRUPTED"
 
 
 class Crashed(AttemptFailed):
-    """The analysis died as often as is allowed. Facts: attempts."""
+    """The analysis died as often as is allowed, while its worker lived. Facts: attempts."""
 
     code = "E-CRASHED"
 

@@ -94,7 +94,7 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     StoreDamaged: Outcome(500, 3),
     DatabaseAway: Outcome(503, 3, retryable=True),
     AttemptFailed: Outcome(500, 3),
-    Interrupted: Outcome(422, 130, retryable=True),
+    Interrupted: Outcome(503, 130, retryable=True),
     Crashed: Outcome(422, 3, retryable=True),
     OutOfMemory: Outcome(422, 3),
     OutOfTime: Outcome(422, 3),

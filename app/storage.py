@@ -19,13 +19,22 @@ import os
 import secrets
 import shutil
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from app.errors import DiskFull, FileTooLarge, FolderTaken
+from app.errors import (
+    DiskFull,
+    FileTooLarge,
+    FolderForbidden,
+    FolderIsFile,
+    FolderReadOnly,
+    FolderTaken,
+    FolderUnusable,
+)
 
 if sys.platform != "win32":
     import fcntl
@@ -269,3 +278,41 @@ def name_full_disk() -> Iterator[None]:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise DiskFull from error
         raise
+
+
+_FOLDER_TROUBLE: Mapping[int, type[FolderUnusable]] = {
+    errno.EROFS: FolderReadOnly,
+    errno.EACCES: FolderForbidden,
+    errno.EPERM: FolderForbidden,
+    errno.EEXIST: FolderIsFile,
+    errno.ENOTDIR: FolderIsFile,
+}
+
+
+@contextmanager
+def name_folder_trouble(folder: Path) -> Iterator[None]:
+    """Turn an error of the system about a data folder, or anything in it, into a refusal with a code."""
+    try:
+        with name_full_disk():
+            yield
+    except OSError as error:
+        place = Path(os.fsdecode(error.filename)) if isinstance(error.filename, (str, bytes)) else folder
+        if not (place.is_relative_to(folder) or folder.is_relative_to(place)):
+            raise
+        kind = _FOLDER_TROUBLE.get(error.errno or 0, FolderUnusable)
+        raise kind(folder=str(folder), why=error.strerror or str(error)) from error
+
+
+def check_folder(folder: Path) -> None:
+    """See that a data folder, and each folder of ours in it, can be written.
+
+    Raises
+    ------
+    FolderUnusable, DiskFull
+    """
+    with name_folder_trouble(folder):
+        for name in ("", "uploads", "recordings", "analyses", "incoming"):
+            place = folder / name
+            if place.is_dir() or not name:
+                with tempfile.TemporaryFile(dir=place):
+                    pass

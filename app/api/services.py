@@ -5,6 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from app.api.readiness import Readiness
 from app.decoded import DecodedCache
 from app.incoming import Incoming, Turns
 from app.jobs.batches import BatchStore
@@ -49,6 +50,7 @@ class Services:
     side_files: SideWriter
     quarantine: Quarantine
     cache: DecodedCache
+    readiness: Readiness
 
 
 def open_services(settings: Settings) -> Services:
@@ -77,6 +79,7 @@ def open_services(settings: Settings) -> Services:
         side_files=SideWriter(*rows, storage),
         quarantine=Quarantine(),
         cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
+        readiness=Readiness(store, storage, settings),
     )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.errors import AppError, DatabaseAway
+from app.errors import AppError, BackupRefused, DatabaseAway
 from app.report.messages import describe_problem
 from app.report.wording import Language, fill, load_wording
 from app.settings import Settings
@@ -35,8 +35,9 @@ def backup(
     """
     from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
 
-    with _refusals_told(lang):
-        copied = back_up(_find_settings(data), file)
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        copied = back_up(settings, file)
     _tell_copied(lang, "backup", copied, file=str(file))
 
 
@@ -52,7 +53,7 @@ def restore(
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
 
     settings = _find_settings(data)
-    with _refusals_told(lang):
+    with _refusals_told(lang, settings):
         copied = put_back(settings, file)
     _tell_copied(lang, "restore", copied, folder=str(settings.data_dir))
 
@@ -63,7 +64,7 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    with _refusals_told(lang):
+    with _refusals_told(lang, _find_settings(data)):
         number, faults = _verify_kept(data) if file is None else _verify_backup(file)
     _tell_faults(lang, faults)
     if faults:
@@ -76,8 +77,9 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
 
-    with _refusals_told(lang):
-        done = bring_back(_find_settings(data))
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        done = bring_back(settings)
     for trouble in done.troubles:
         _say(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
@@ -103,9 +105,11 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 
 def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
-    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415  the database, and only this needs it
+    from app.jobs.database import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415
 
     settings = _find_settings(data)
+    check_whole(settings.database_url)
     kept = list_kept(settings)
     return len(kept), [(fault.name, fault.finding) for fault in find_faults(settings, kept)]
 
@@ -142,16 +146,21 @@ def _say(language: Language, command: str, sentence: str, /, **facts: str) -> No
 
 
 @contextmanager
-def _refusals_told(language: Language) -> Iterator[None]:
+def _refusals_told(language: Language, settings: Settings) -> Iterator[None]:
     """Tell a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
+    from app.jobs.database import name_start_trouble  # noqa: PLC0415
+
     try:
-        yield
+        with name_start_trouble(settings):
+            yield
     except AppError as refusal:
         _tell_refusal(refusal, language)
     except SQLAlchemyError:
         _tell_refusal(DatabaseAway(), language)
+    except OSError as error:  # the place of the backup
+        _tell_refusal(BackupRefused(why=f"{error.filename or ''} {error.strerror}".strip()), language)
 
 
 def _tell_refusal(refusal: AppError, language: Language) -> None:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from app.errors import Crashed, RecordedProblem
+from app.errors import Crashed, Interrupted, RecordedProblem
 from app.incoming import TAIL_SUFFIX
-from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, choose_limits, run_attempt
+from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, Unstarted, choose_limits, run_attempt
 from app.jobs.forking import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
@@ -131,7 +131,7 @@ class Inspector:
                 return (out / name).read_bytes()
         if isinstance(outcome, Refused):
             raise RecordedProblem(outcome.code, outcome.facts)
-        raise Crashed(attempts=1)
+        raise Interrupted if isinstance(outcome, Unstarted) else Crashed(attempts=1)
 
 
 def _read(body: bytes) -> dict[str, Any]:

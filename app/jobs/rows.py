@@ -60,9 +60,10 @@ def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
 
 
 def settle_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Make a row true of another place: an analysis that ran waits again, and no side file is written yet."""
+    """Make a row true of another place: an analysis that ran waits again; no side file is written yet."""
     if table == "recordings" and "side_revision" in row:
         return row | {"side_revision": 0}
     if table == "analyses" and row["state"] == "running":
-        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0}
+        attempts = int(row["attempts"]) - 1
+        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0, "attempts": attempts}
     return row

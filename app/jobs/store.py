@@ -8,7 +8,7 @@ from typing import Literal
 from sqlalchemy import Engine, Executable, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
-from app.errors import NotHere, StoreMismatch
+from app.errors import Interrupted, NotHere, StoreMismatch
 from app.jobs.adopting import adopt_description
 from app.jobs.answers import Answer, insert_answer
 from app.jobs.database import READ_ONLY, lock_tables, open_database
@@ -23,6 +23,8 @@ from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
+
+_BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,17 +254,28 @@ class JobStore:
 
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job with the reason."""
-        reason = {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}
         with self._engine.begin() as connection:
-            return move_job(connection, analysis_id, JobState.FAILED, reason, token)
+            return move_job(connection, analysis_id, JobState.FAILED, _write_end(code, facts), token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
         """Put the job back in the queue; ``forgiven`` attempts (an orderly stop) do not count as deaths."""
-        back: dict[str, object] = {"token": None, "stage": None, "progress": 0.0}
-        if forgiven:
-            back["attempts"] = analyses.c.attempts - 1
+        back = {**_BACK, "attempts": analyses.c.attempts - 1} if forgiven else _BACK
         with self._engine.begin() as connection:
             return move_job(connection, analysis_id, JobState.QUEUED, back, token)
+
+    def interrupt(self, analysis_id: str, token: str, most: int) -> bool:
+        """Put back a job whose worker or computer has ended, without counting the attempt.
+
+        The ``most``-th interruption sets it aside: an analysis may be what ends its computer.
+        """
+        mine = select(analyses.c.interruptions).where(analyses.c.id == analysis_id)
+        counted = {"attempts": analyses.c.attempts - 1, "interruptions": analyses.c.interruptions + 1}
+        with self._engine.begin() as connection:
+            times = 1 + int(connection.execute(mine).scalar() or 0)
+            if times < most:
+                return move_job(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
+            ended = _write_end(Interrupted.code, {"times": times})
+            return move_job(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
 
     def hold_up(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
         """Say what holds an attempt up, and how often its job was put back for it."""
@@ -354,3 +367,7 @@ class JobStore:
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         with self._reader.connect() as connection:
             return frozenset((row.id, row.token) for row in connection.execute(query))
+
+
+def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:
+    return {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}

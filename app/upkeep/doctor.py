@@ -14,7 +14,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError
-from app.jobs.database import connect, open_database
+from app.jobs.database import check_whole, connect, name_start_trouble, open_database
 from app.jobs.store import JobStore
 from app.private import make_folder
 from app.report.template_folder import find_template_folder
@@ -77,8 +77,10 @@ def _examine_disk(settings: Settings) -> Examination:
 def _examine_database(settings: Settings) -> Examination:
     """It answers, and its tables are ours."""
     try:
-        engine = open_database(settings.database_url)
-        engine.dispose()
+        with name_start_trouble(settings):
+            check_whole(settings.database_url)
+            engine = open_database(settings.database_url)
+            engine.dispose()
     except AppError as refusal:
         return Examination("database", healthy=False, facts={"why": refusal.code})
     except SQLAlchemyError as error:

@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 from app.api.results import check_succeeded
 from app.api.services import Services
-from app.errors import Crashed, RecordedProblem
-from app.jobs.attempt import Attempt, Finished, Refused, choose_limits, run_attempt
+from app.errors import Crashed, Interrupted, RecordedProblem
+from app.jobs.attempt import Attempt, Finished, Refused, Unstarted, choose_limits, run_attempt
 from app.jobs.job import Job
 from app.report.wording import Language
 from app.request import OnStage, ReportRequest
@@ -115,7 +115,7 @@ def _make(services: Services, asked: BesideRequest, folders: tuple[Path, ...], o
     if isinstance(outcome, Refused):
         raise RecordedProblem(outcome.code, outcome.facts)
     if not isinstance(outcome, Finished):
-        raise Crashed(attempts=1)
+        raise Interrupted if isinstance(outcome, Unstarted) else Crashed(attempts=1)
 
 
 @contextmanager

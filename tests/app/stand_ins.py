@@ -52,6 +52,11 @@ def write_slowly(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
     write_report(log, request, out, on_stage)
 
 
+def stand_still(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Never come back, as a process does that was stopped."""
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
 def refuse(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Find the recording too short."""
     raise TooShort(s=4.0)

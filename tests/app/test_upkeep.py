@@ -540,7 +540,7 @@ def test_an_analysis_that_ran_waits_again_after_a_restore(
     acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
     restored = JobStore(Settings(data_dir=tmp_path / "new").database_url)
-    assert restored.get(job.id).state is JobState.QUEUED
+    assert (restored.get(job.id).state, restored.get(job.id).attempts) == (JobState.QUEUED, 0)
     restored.close()
 
 

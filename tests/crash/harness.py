@@ -101,7 +101,7 @@ class Site:
 
     def _launch(self, role: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "tests.crash.program", role, str(self.settings.data_dir), self._sync]
-        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0", "ACROMION_MAX_ATTEMPTS": "50"}
+        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"}
         environment |= self._environment
         with self._log.open("ab") as file:
             return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=file, stderr=file)

@@ -161,7 +161,8 @@ def test_the_job_of_a_killed_worker_is_done_by_another(
     doomed.kill()
 
     wait_for(lambda: store.get(job).is_over)
-    assert (store.get(job).state, store.get(job).attempts) == (JobState.SUCCEEDED, 2)
+    done = store.get(job)
+    assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 1, 1)
 
 
 def test_a_worker_asked_to_stop_puts_its_job_back_and_ends_well(
