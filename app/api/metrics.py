@@ -31,7 +31,8 @@ async def readyz(services: UsedServices) -> JSONResponse:
         return JSONResponse(body, 503, headers={"Retry-After": "5"})
     counts = await run_in_threadpool(services.store.count_states)
     analyses = {state.value: number for state, number in counts.items()}
-    return JSONResponse({"status": GOOD, "checks": checks, "analyses": analyses})
+    body = {"status": GOOD, "checks": checks, "analyses": analyses}
+    return JSONResponse(body | {"quarantine": len(services.quarantine.names)})
 
 
 @router.get("/metrics")

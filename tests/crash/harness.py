@@ -1,6 +1,7 @@
 """A server, workers and clients that can be killed at any instant, and the invariants checked afterwards."""
 
 import hashlib
+import math
 import os
 import random
 import re
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,6 +19,7 @@ from typing import Literal
 
 import httpx2
 
+from app.errors import Crashed, Interrupted
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.settings import Settings
@@ -24,10 +27,12 @@ from app.upkeep.verify import find_faults, list_kept
 from tests.ways_in.servers import ROOT, list_children, read_stat, wait_for
 
 Victim = Literal["web", "worker", "child", "all"]
-VICTIMS: tuple[Victim, ...] = ("web", "worker", "child", "all")
+PARTS: tuple[Victim, ...] = ("web", "worker", "child")
 Environment = Mapping[str, str]
 _NONE: Environment = {}
-END_PATIENCE_S = 120.0
+END_PATIENCE_S = 600.0  # only a queue in which nothing ends for so long is called stuck
+LOSSES = frozenset({"missing", "damaged"})  # other findings, as of files without a row, a start puts right
+ENDS_BORNE = 5  # ends of the host that an analysis outlives before it is set aside
 
 
 @dataclass
@@ -36,16 +41,25 @@ class Journal:
 
     recordings: dict[str, tuple[str, str]] = field(default_factory=dict)  # analysis: (recording, SHA-256)
     ends: dict[str, tuple[JobState, str | None]] = field(default_factory=dict)
+    cuts: Counter[str] = field(default_factory=Counter)  # how often an analysis lost its worker by our hand
+    retried: set[str] = field(default_factory=set)  # set aside after five such ends, and asked for again
 
 
 class Site:
-    """One data folder with its server and its workers, each a process group of its own."""
+    """One data folder with its server and its workers; ``root`` is where their code is."""
 
     def __init__(
-        self, data: Path, log: Path, sync: str = "synced", workers: int = 1, environment: Environment = _NONE
+        self,
+        data: Path,
+        log: Path,
+        sync: str = "synced",
+        workers: int = 1,
+        environment: Environment = _NONE,
+        *,
+        root: Path = ROOT,
     ) -> None:
         self.settings = Settings(data_dir=data, min_free_bytes=0)
-        self._log, self._sync, self._environment = log, sync, environment
+        self._log, self._sync, self._environment, self._root = log, sync, environment, root
         self._web: subprocess.Popen[bytes] | None = None
         self._workers: list[subprocess.Popen[bytes]] = []
         self._wanted = workers
@@ -57,15 +71,18 @@ class Site:
         if self._web is None or self._web.poll() is not None:
             self._log.write_bytes(b"")
             self._web = self._launch("web")
-            self.address = wait_for(self._find_address)
+            self.address = wait_for(self._find_address, math.inf)  # fails at once when the server ends
         self._workers = [worker for worker in self._workers if worker.poll() is None]
         while len(self._workers) < self._wanted:
             self._workers.append(self._launch("worker"))
 
     def kill(self, victim: Victim, dice: random.Random) -> None:
-        """Kill -9, with no chance to tidy up."""
+        """Kill -9, with no chance to tidy up; "all" is every process, the helpers and children too."""
         assert self._web is not None
-        groups = {"web": [self._web], "worker": self._workers, "all": [self._web, *self._workers]}
+        if victim == "all":
+            self.end()
+            return
+        groups = {"web": [self._web], "worker": self._workers}
         if victim == "child":
             children = self._find_attempts()
             if children:
@@ -90,10 +107,15 @@ class Site:
         pids = self._list_all()
         for pid in pids:
             os.kill(pid, signal.SIGSTOP)
-        wait_for(lambda: all(_stands_still(pid) for pid in pids))
+        wait_for(lambda: all(_stands_still(pid) for pid in pids), math.inf)
+
+    def check_lives(self) -> None:
+        """Raise when the server or a worker has ended by itself: there is nothing to wait for."""
+        for process in self._list_started():
+            assert process.poll() is None, self._log.read_text(errors="replace")
 
     def end(self) -> None:
-        """Kill everything."""
+        """Kill everything; the parents first, so that none of them sees the death of a child."""
         for pid in self._list_all():
             _end(pid)
         for process in self._list_started():
@@ -101,10 +123,10 @@ class Site:
 
     def _launch(self, role: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "tests.crash.program", role, str(self.settings.data_dir), self._sync]
-        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"}
+        environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0", "PYTHONPATH": str(self._root)}
         environment |= self._environment
         with self._log.open("ab") as file:
-            return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=file, stderr=file)
+            return subprocess.Popen(command, cwd=self._root, env=environment, stdout=file, stderr=file)
 
     def _find_address(self) -> str | None:
         assert self._web is not None
@@ -141,14 +163,22 @@ class Clients:
         for thread in self._threads:
             thread.start()
 
+    def wait_for_first(self) -> None:
+        """Wait for the first acknowledgement of all, however long a busy machine takes."""
+        wait_for(self._has_first, math.inf)
+
     def stop(self) -> None:
-        """Let every thread end; one that waits for a frozen server gives up."""
+        """Let every thread end; the server answers or is gone (one that is frozen is to be killed first)."""
         self._stopping.set()
         for thread in self._threads:
-            thread.join(10)
+            thread.join()
+
+    def _has_first(self) -> bool:
+        self._site.check_lives()
+        return bool(self._journal.recordings)
 
     def _upload(self, dice: random.Random) -> None:
-        with httpx2.Client(timeout=5) as client:
+        with httpx2.Client(timeout=None) as client:  # a killed server ends the connection
             while not self._stopping.is_set():
                 content = dice.randbytes(dice.choice((100, 20_000, 700_000)))
                 try:
@@ -166,10 +196,11 @@ class Clients:
 def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
     """I1, I2, I3, I5: all that was acknowledged is there, whole, in a state that may follow the last seen."""
     broken: list[str] = []
+    acknowledged = journal.recordings.copy()  # first: what is acknowledged later need not be read
     store = JobStore(settings.database_url)
     jobs = {job.id: job for job in store.list_newest(1_000_000)}
     store.close()
-    for analysis_id, (recording_id, sha256) in dict(journal.recordings).items():
+    for analysis_id, (recording_id, sha256) in acknowledged.items():
         job = jobs.get(analysis_id)
         if job is None:
             broken.append(f"I1 {analysis_id} lost")
@@ -180,20 +211,38 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
         elif job.is_over:
             journal.ends[analysis_id] = (job.state, job.token)
     faults = find_faults(settings, list_kept(settings))
-    lost = (fault for fault in faults if fault.finding in ("missing", "damaged"))
-    return broken + [f"I2/I5 {fault.name} {fault.finding}" for fault in lost]
+    return broken + [f"I2/I5 {fault.name} {fault.finding}" for fault in faults if fault.finding in LOSSES]
 
 
 def check_settled(settings: Settings, journal: Journal) -> list[str]:
-    """I4, I6, I7: once no one disturbs, every analysis ends well, once, and nothing half-made is left."""
+    """I4, I6, I7, I15: undisturbed, every analysis ends well, once, and nothing half-made is left."""
     store = JobStore(settings.database_url)
     try:
+        _wait_for_ends(store)
+        _retry_set_aside(store, journal)
         _wait_for_ends(store)
     except TimeoutError:
         return [f"I6 {job.id} is stuck: {job.state}, attempt {job.attempts}" for job in _list_open(store)]
     finally:
         store.close()
-    return check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
+    broken = (
+        check_acknowledged(settings, journal) + _check_results(settings, journal) + _find_litter(settings)
+    )
+    return broken + _find_lags(settings)
+
+
+def _find_lags(settings: Settings) -> list[str]:
+    """Side files that do not say what their rows say, once their writers have had time."""
+    try:
+        wait_for(lambda: not _list_lags(settings), END_PATIENCE_S)
+    except TimeoutError:
+        return _list_lags(settings)
+    return []
+
+
+def _list_lags(settings: Settings) -> list[str]:
+    faults = find_faults(settings, list_kept(settings))
+    return [f"I15 {fault.name} {fault.finding}" for fault in faults if fault.finding.startswith("side_")]
 
 
 def _wait_for_ends(store: JobStore) -> None:
@@ -202,12 +251,28 @@ def _wait_for_ends(store: JobStore) -> None:
         wait_for(partial(_has_fewer_open, store, waiting), END_PATIENCE_S)
 
 
+def _retry_set_aside(store: JobStore, journal: Journal) -> None:
+    """Ask again for what was set aside after enough ends of its host; after fewer it stays, as a break."""
+    for job in store.list_newest(1_000_000):
+        if job.problem_code == Interrupted.code and journal.cuts[job.id] >= ENDS_BORNE:
+            journal.recordings[store.retry(job.id).id] = journal.recordings.pop(job.id)
+            journal.retried.add(job.id)
+
+
 def _has_fewer_open(store: JobStore, than: int) -> bool:
     return len(_list_open(store)) < than
 
 
 def _list_open(store: JobStore) -> list[Job]:
     return [job for job in store.list_newest(1_000_000) if not job.is_over]
+
+
+def count_blamed(settings: Settings) -> int:
+    """Count the analyses that ended as E-CRASHED: every recording here is sound."""
+    store = JobStore(settings.database_url)
+    blamed = store.count_problems().get(Crashed.code, 0)
+    store.close()
+    return blamed
 
 
 def _check_results(settings: Settings, journal: Journal) -> list[str]:

@@ -1,5 +1,6 @@
 """The rounds: kills at random instants, and power cuts of a loop-mounted disk."""
 
+import math
 import os
 import random
 import shutil
@@ -8,12 +9,40 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
+from app.jobs.job import JobState
+from app.jobs.store import JobStore
 from app.settings import Settings
-from tests.crash.harness import VICTIMS, Clients, Journal, Site, check_acknowledged, check_settled
+from tests.crash.harness import (
+    PARTS,
+    Clients,
+    Journal,
+    Site,
+    check_acknowledged,
+    check_settled,
+    count_blamed,
+)
+from tests.ways_in.servers import wait_for
 
 DISK_BYTES = 96 << 20
+
+
+@dataclass
+class Result:
+    """What some rounds came to.
+
+    ``cut``: analyses that lost their worker by a kill; ``set_aside``: those of them that ended as
+    E-INTERRUPTED and succeeded when asked for again; ``blamed``: those that ended as E-CRASHED.
+    """
+
+    acknowledged: int = 0
+    broken: list[str] = field(default_factory=list)
+    cut: int = 0
+    set_aside: int = 0
+    blamed: int = 0
 
 
 def can_cut_power() -> bool:
@@ -22,15 +51,19 @@ def can_cut_power() -> bool:
     return sys.platform == "linux" and os.geteuid() == 0 and tools and Path("/dev/loop-control").exists()
 
 
-def kill_rounds(folder: Path, rounds: int, seed: int) -> tuple[int, list[str]]:
-    """Kill somebody in every round; gives the number of acknowledged uploads and what was broken."""
+def kill_rounds(folder: Path, rounds: int, seed: int) -> Result:
+    """Kill in every round: in every second one everything, while analyses run; in the others one part."""
     dice, journal, broken = random.Random(seed), Journal(), list[str]()
     site = Site(folder / "data", folder / "log", workers=2)
     clients = Clients(site, journal, seed, pause_s=4.0)  # no faster than the workers
     try:
-        for _ in range(rounds):
+        clients.wait_for_first()
+        for round_ in range(rounds):
             time.sleep(dice.uniform(0.2, 1.5))
-            site.kill(dice.choice(VICTIMS), dice)
+            if round_ % 2:
+                _kill_one(site, journal, dice)
+            else:
+                _kill_all_at_work(site, journal, dice)
             time.sleep(dice.uniform(0, 0.3))
             site.start()
             broken += check_acknowledged(site.settings, journal)
@@ -39,13 +72,48 @@ def kill_rounds(folder: Path, rounds: int, seed: int) -> tuple[int, list[str]]:
         site.start()
         broken += check_settled(site.settings, journal)
     finally:
-        clients.stop()
         site.end()
-    return len(journal.recordings), broken
+        clients.stop()
+    cut = journal.cuts.total()
+    return Result(len(journal.recordings), broken, cut, len(journal.retried), count_blamed(site.settings))
 
 
-def power_cut(folder: Path, seed: int, sync: str = "synced") -> tuple[int, list[str]]:
-    """Cut the power at a random instant; gives the same as :func:`kill_rounds`."""
+def _kill_one(site: Site, journal: Journal, dice: random.Random) -> None:
+    victim = dice.choice(PARTS)
+    site.kill(victim, dice)
+    if victim == "worker":
+        _count_cut(site.settings, journal)
+
+
+def _kill_all_at_work(site: Site, journal: Journal, dice: random.Random) -> None:
+    """Kill everything at a random instant of an analysis; again, when it had ended just before."""
+    while True:
+        store = JobStore(site.settings.database_url)
+        wait_for(partial(_is_at_work, site, store), math.inf)
+        store.close()
+        time.sleep(dice.uniform(0, 0.1))
+        site.kill("all", dice)
+        if _count_cut(site.settings, journal):
+            return
+        site.start()
+
+
+def _is_at_work(site: Site, store: JobStore) -> bool:
+    site.check_lives()
+    return store.count_states()[JobState.RUNNING] > 0
+
+
+def _count_cut(settings: Settings, journal: Journal) -> int:
+    """Write down which analyses have just lost their worker."""
+    store = JobStore(settings.database_url)
+    cut = [claim.analysis_id for claim in store.list_claims()]
+    store.close()
+    journal.cuts.update(cut)
+    return len(cut)
+
+
+def power_cut(folder: Path, seed: int, sync: str = "synced") -> Result:
+    """Cut the power at a random instant after the first acknowledgement."""
     dice, journal = random.Random(seed), Journal()
     image, copy = folder / "disk.img", folder / "copy.img"
     _make_disk(image)
@@ -53,17 +121,18 @@ def power_cut(folder: Path, seed: int, sync: str = "synced") -> tuple[int, list[
         site = Site(disk / "data", folder / "log", sync)
         clients = Clients(site, journal, seed)
         try:
-            time.sleep(dice.uniform(1.0, 3.0))
+            clients.wait_for_first()
+            time.sleep(dice.uniform(0.0, 2.0))
             site.freeze()
             _copy_at_rest(image, copy)
         finally:
-            clients.stop()
             site.end()
+            clients.stop()
     with _mounted(copy, folder / "after") as disk:
         broken = _check_after_power_cut(disk / "data", journal)
     image.unlink()
     copy.unlink()
-    return len(journal.recordings), broken
+    return Result(len(journal.recordings), broken)
 
 
 def _copy_at_rest(image: Path, copy: Path) -> None:

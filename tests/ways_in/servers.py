@@ -74,7 +74,7 @@ class RunningServer:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
         self.client.close()
-        return self.process.wait(20)
+        return self.process.wait(PATIENCE_S)
 
 
 def list_children(parent: int) -> list[int]:
