@@ -136,12 +136,10 @@ async def _send(message: Message, *, allow_private: bool) -> bool:
     """Connect to the very address that was checked: the name is not asked for a second time."""
     address, port = await _find_address(message.url, allow_private=allow_private)
     parts = urlsplit(message.url)
-    secure = (
-        {"ssl": ssl.create_default_context(), "server_hostname": parts.hostname}
-        if parts.scheme == "https"
-        else {}
+    tls, name = (ssl.create_default_context(), parts.hostname) if parts.scheme == "https" else (None, None)
+    reader, writer = await asyncio.open_connection(
+        address, port, limit=MAX_HEAD_BYTES, ssl=tls, server_hostname=name
     )
-    reader, writer = await asyncio.open_connection(address, port, limit=MAX_HEAD_BYTES, **secure)
     try:
         connection = h11.Connection(h11.CLIENT, max_incomplete_event_size=MAX_HEAD_BYTES)
         writer.write(_write_request(connection, message, parts))

@@ -296,7 +296,12 @@ def test_terms_pass_while_one_never_answers(
     services, connected, aged = services_of(open_client.app), threading.Event(), threading.Event()
     monkeypatch.setattr(housekeeping, "LOOK_S", 0.01)
     monkeypatch.setattr(housekeeping, "AGE_S", 0.0)
-    monkeypatch.setattr(housekeeping, "grow_older", lambda *_: connected.is_set() and aged.set())
+
+    def grow_older(*_: object) -> None:
+        if connected.is_set():
+            aged.set()
+
+    monkeypatch.setattr(housekeeping, "grow_older", grow_older)
 
     async def keep_house() -> None:
         house = asyncio.create_task(housekeeping.keep_house(services))
