@@ -45,7 +45,9 @@ DIARY = "start,end,kind,label\n00:05:00,00:15:00,task,packing\n00:15:00,00:20:00
 
 def main() -> None:
     """Make the digests, or compare with those of a file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("verb", choices=("make", "compare"))
     parser.add_argument("file", type=Path)
     parser.add_argument("--keep", type=Path, help="leave the outputs in this folder")
