@@ -6,15 +6,20 @@ import secrets
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
 from app.storage import (
+    UNREADABLE,
+    Fetched,
+    Mark,
     StoredRecording,
+    Verdicts,
     check_free,
     name_full_disk,
     name_once,
+    read_mark,
     sync_file,
     sync_folder,
     too_large,
@@ -66,6 +71,12 @@ class FolderStorage:
     """A folder of recordings and reports on this machine."""
 
     root: Path
+    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+
+    @property
+    def is_near(self) -> bool:
+        """Files are read in their place."""
+        return True
 
     def prepare(self) -> None:
         """Make the folders."""
@@ -94,9 +105,19 @@ class FolderStorage:
             sync_folder(self.root / "recordings")
         return stored
 
-    def fetch_recording(self, recording_id: str, into: Path) -> Path:  # noqa: ARG002 - it is here already
-        """Give the kept recording itself."""
-        return self.recording(recording_id)
+    def fetch(self, name: str) -> Fetched:
+        """Give the file itself, whatever it holds."""
+        mark = read_mark(self.root / name)
+        return Fetched(self.root / name, mark, mark)
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size, time and inode of a file; None where there is none."""
+        try:
+            return read_mark(self.root / name)
+        except OSError as error:
+            if error.errno not in UNREADABLE:
+                raise
+            return None
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording; no harm when it is gone."""
@@ -128,10 +149,6 @@ class FolderStorage:
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
         """Nothing to do: the attempt has sealed its own folder, and that is the place."""
-
-    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
-        """Give the result itself."""
-        return self.attempt(analysis_id, token) / name
 
     def give_back(self, path: Path) -> None:
         """Leave the file where it is kept."""

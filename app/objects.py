@@ -12,7 +12,7 @@ import secrets
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,9 +24,22 @@ from obstore.store import S3Store
 from app.errors import StoreAway
 from app.folder import FolderStorage
 from app.settings import Settings
-from app.storage import COPY_BYTES, StoredRecording, check_free, name_full_disk, too_large
+from app.storage import (
+    COPY_BYTES,
+    Fetched,
+    Mark,
+    StoredRecording,
+    Verdicts,
+    check_free,
+    name_full_disk,
+    name_recording,
+    name_result,
+    read_mark,
+    too_large,
+)
 
 if TYPE_CHECKING:
+    from obstore import ObjectMeta
     from obstore.store import RetryConfig
 
 PART_BYTES = 8 << 20
@@ -79,6 +92,12 @@ class BucketStorage:
 
     root: Path
     bucket: S3Store
+    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+
+    @property
+    def is_near(self) -> bool:
+        """Each reading is a copy."""
+        return False
 
     def prepare(self) -> None:
         """Make the folders of this machine, and see that the bucket answers."""
@@ -105,9 +124,21 @@ class BucketStorage:
         self.put(path, name_recording(stored.id))
         return stored
 
-    def fetch_recording(self, recording_id: str, into: Path) -> Path:
-        """Copy a recording to this machine."""
-        return self._fetch(name_recording(recording_id), into)
+    def fetch(self, name: str) -> Fetched:
+        """Copy an object to this machine, whatever it holds."""
+        into = self.root / "fetched" / secrets.token_hex(8)
+        try:
+            mark = self._copy(name, into)
+            return Fetched(into, mark, read_mark(into))
+        except BaseException:
+            self.give_back(into)
+            raise
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size and ETag of an object; None where there is none."""
+        with name_store_trouble(), suppress(FileNotFoundError):
+            return _read_mark(obstore.head(self.bucket, name))
+        return None
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording; no harm when it is gone."""
@@ -126,7 +157,7 @@ class BucketStorage:
         """Put the attempt's files, and keep no copy here; a second time there is nothing left to put."""
         folder = FolderStorage(self.root).attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
-            self.put(path, f"analyses/{analysis_id}/{token}/{path.name}")
+            self.put(path, name_result(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
@@ -138,11 +169,6 @@ class BucketStorage:
         """Remove every file of an analysis."""
         FolderStorage(self.root).drop_analysis(analysis_id)
         self._delete(self._list(f"analyses/{analysis_id}/"))
-
-    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
-        """Copy a result to this machine."""
-        into = self.root / "fetched" / secrets.token_hex(8)
-        return self._fetch(f"analyses/{analysis_id}/{token}/{name}", into)
 
     def give_back(self, path: Path) -> None:
         """Remove the copy."""
@@ -174,11 +200,12 @@ class BucketStorage:
             path.unlink()
         return len(copies) + FolderStorage(self.root).sweep(recordings, attempts)
 
-    def _fetch(self, name: str, into: Path) -> Path:
+    def _copy(self, name: str, into: Path) -> Mark:
         with name_store_trouble(), name_full_disk(), into.open("wb") as file:
-            for chunk in obstore.get(self.bucket, name).stream(min_chunk_size=COPY_BYTES):
+            found = obstore.get(self.bucket, name)
+            for chunk in found.stream(min_chunk_size=COPY_BYTES):
                 file.write(chunk)
-        return into
+        return _read_mark(found.meta)
 
     def _list(self, prefix: str) -> list[str]:
         with name_store_trouble():
@@ -189,9 +216,9 @@ class BucketStorage:
             obstore.delete(self.bucket, names)
 
 
-def name_recording(recording_id: str) -> str:
-    """Name the object of a recording."""
-    return f"recordings/{recording_id}"
+def _read_mark(found: "ObjectMeta") -> Mark:
+    """Give size and ETag; what has no ETag gets another mark each time, so that it is always compared."""
+    return found["size"], found["e_tag"] or secrets.token_hex(8)
 
 
 @contextmanager
