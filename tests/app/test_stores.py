@@ -1,7 +1,6 @@
 """What every store of recordings promises, folder or bucket."""
 
 import hashlib
-from pathlib import Path
 
 import pytest
 
