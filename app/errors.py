@@ -20,7 +20,8 @@
                        StoreMismatch, DatabaseTooOld, DatabaseTooNew, DatabaseDamaged, DatabaseLocked
                        NotInstalled, NotEmpty, BackupRefused
       DatabaseAway     the database does not answer (503); StoreAway: the bucket does not
-      StoreDamaged     the stored bytes are no longer those that came (500)
+      StoreDamaged     the stored bytes are no longer those that came (410); ResultDamaged: nor those of a
+                       report, which can be made again
       AttemptFailed    the analysis was stopped: Interrupted, Crashed, OutOfMemory, OutOfTime, InternalError
 
 As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
@@ -356,6 +357,14 @@ class StoreDamaged(AppError):
     """The stored bytes are no longer those that came."""
 
     code = "E-STORE-DAMAGED"
+
+
+class ResultDamaged(AppError):
+    """A file of a finished analysis is missing or not what was made. Facts: name, analysis, again (the
+    analysis that replaces it, where there is one).
+    """
+
+    code = "E-RESULT-DAMAGED"
 
 
 class DatabaseAway(AppError):

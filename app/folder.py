@@ -8,17 +8,23 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
 from app.private import FOLDER_MODE, create_file, make_folder
 from app.storage import (
+    SIDE_SUFFIX,
+    UNREADABLE,
+    Fetched,
+    Mark,
     StoredRecording,
+    Verdicts,
     check_free,
     name_full_disk,
     name_once,
     name_side,
+    read_mark,
     sync_file,
     sync_folder,
     too_large,
@@ -73,6 +79,12 @@ class FolderStorage:
     """A folder of recordings and reports on this machine."""
 
     root: Path
+    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+
+    @property
+    def is_near(self) -> bool:
+        """Files are read in their place."""
+        return True
 
     def prepare(self) -> None:
         """Make the folders."""
@@ -101,14 +113,26 @@ class FolderStorage:
             sync_folder(self.root / "recordings")
         return stored
 
-    def fetch_recording(self, recording_id: str, into: Path) -> Path:  # noqa: ARG002 - it is here already
-        """Give the kept recording itself."""
-        return self.recording(recording_id)
+    def fetch(self, name: str) -> Fetched:
+        """Give the file itself, whatever it holds."""
+        mark = read_mark(self.root / name)
+        return Fetched(self.root / name, mark, mark)
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size, time and inode of a file; None where there is none."""
+        try:
+            return read_mark(self.root / name)
+        except OSError as error:
+            if error.errno not in UNREADABLE:
+                raise
+            return None
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
         self.recording(recording_id).unlink(missing_ok=True)
         (self.root / name_side(recording_id)).unlink(missing_ok=True)
+        for path in (self.root / "quarantine").glob(f"{recording_id}.*{SIDE_SUFFIX}"):
+            path.unlink()
         sync_folder(self.root / "recordings")
 
     def put(self, path: Path, name: str) -> None:
@@ -137,10 +161,6 @@ class FolderStorage:
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
         """Nothing to do: the attempt has sealed its own folder, and that is the place."""
-
-    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
-        """Give the result itself."""
-        return self.attempt(analysis_id, token) / name
 
     def give_back(self, path: Path) -> None:
         """Leave the file where it is kept."""
@@ -174,11 +194,6 @@ class FolderStorage:
         """Name everything that lies among the recordings, side files too."""
         with os.scandir(self.root / "recordings") as entries:
             return frozenset(entry.name for entry in entries)
-
-    def measure_recording(self, recording_id: str) -> int | None:
-        """Give the size of a recording in bytes; None where it is not there."""
-        path = self.recording(recording_id)
-        return path.stat().st_size if path.is_file() else None
 
     def write_small(self, name: str, content: bytes) -> None:
         """Write a small file, durably, whole or not at all."""

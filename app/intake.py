@@ -15,6 +15,7 @@ from app.errors import AppError
 from app.formats import ENDINGS
 from app.jobs.job import Job
 from app.jobs.queueing import WayIn
+from app.jobs.renewing import find_same
 from app.jobs.store import JobStore
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
@@ -54,7 +55,8 @@ class Intake:
             stored = upload.keep()
         finally:
             upload.discard()
-        same = self.store.find_same(stored.sha256, request)
+        own = (stored.id, stored.sha256)
+        same = find_same(self.store, self.storage, own, request, way_in)
         if same is None:
             return self.store.add(stored, request, way_in)
         self.storage.drop_recording(stored.id)

@@ -43,6 +43,7 @@ from app.errors import (
     ForeignAddress,
     PortTaken,
     RecordedProblem,
+    ResultDamaged,
     WrongVerb,
 )
 from app.intake import FolderWatch, Intake
@@ -224,9 +225,15 @@ def answer_error(request: Request, error: Exception) -> Response:
         refusal = WrongVerb(method=request.method, allowed=", ".join(_list_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
     outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
-    response = answer_refusal(request, refusal) if outside else answer_with_page(request, refusal)
+    is_page = not outside or _is_read_by_person(request, refusal)
+    response = answer_with_page(request, refusal) if is_page else answer_refusal(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
+
+
+def _is_read_by_person(request: Request, refusal: FusionError | AppError | RecordedProblem) -> bool:
+    """Tell whether a browser has opened a damaged file: its page offers to analyse again."""
+    return isinstance(refusal, ResultDamaged) and "text/html" in request.headers.get("accept", "")
 
 
 def _list_methods(request: Request) -> list[str]:

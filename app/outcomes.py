@@ -29,6 +29,7 @@ from app.errors import (
     OutOfMemory,
     OutOfTime,
     PurgedSince,
+    ResultDamaged,
     ServerRefused,
     SlowUpload,
     StaleVersion,
@@ -91,7 +92,8 @@ OUTCOMES: Mapping[type[Exception], Outcome] = {
     WrongVerb: Outcome(405, 2),
     ServerRefused: Outcome(503, 2),
     StoreAway: Outcome(503, 3, retryable=True),
-    StoreDamaged: Outcome(500, 3),
+    StoreDamaged: Outcome(410, 3),  # gone: what this address promised is not there any more, and no bug
+    ResultDamaged: Outcome(410, 3, retryable=True),
     DatabaseAway: Outcome(503, 3, retryable=True),
     AttemptFailed: Outcome(500, 3),
     Interrupted: Outcome(503, 130, retryable=True),

@@ -1,7 +1,7 @@
 """Freeze what the command line writes, to the byte, and compare it after a change that may move no figure.
 
     python -m benchmarks.freeze make FILE       write the digest of every output
-    python -m benchmarks.freeze compare FILE    make the outputs again and name those that differ; exit 1 if any
+    python -m benchmarks.freeze compare FILE    make the outputs again and name those that differ (exit 1)
 
 A dozen recordings of every format, with the settings that change a report, pairs, changes, agreements and
 profiles. Recordings under ``../shared/data`` are taken where they are there, the others are simulated.
@@ -150,7 +150,7 @@ def _write_angles(work: Path) -> None:
     import pyarrow.parquet as pq  # noqa: PLC0415  only here
 
     truth = next((work / "gt9x").glob("*truth*.parquet"))
-    table = pq.read_table(truth).to_pydict()  # type: ignore[no-untyped-call]
+    table = pq.read_table(truth).to_pydict()
     rows = list(zip(table["time_s"], table["elevation_deg"], strict=True))[::5]
     lines = ["time_s,elevation_deg", *(f"{time_s:.2f},{angle_deg:.3f}" for time_s, angle_deg in rows)]
     (work / "angles.csv").write_text("\n".join(lines) + "\n")

@@ -21,10 +21,10 @@ from app.api.recording_views import (
 from app.api.services import Services, UsedServices
 from app.api.tus_body import finish_upload, get_upload_row
 from app.api.upload import read_digest, read_small_body, receive_recording, store_recording
-from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
+from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion, StoreDamaged
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
-from app.storage import StoredRecording, borrow_recording
+from app.storage import StoredRecording, borrow_recording, seems_whole
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
@@ -138,10 +138,12 @@ def get_inspection(
 
 
 def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -> dict[str, Any]:
+    if not seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes)):
+        raise StoreDamaged
     if row.inspection is not None and rate_hz is None:
         return dict(row.inspection)
     wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
-    with borrow_recording(services.storage, row.id) as log:
+    with borrow_recording(services.storage, row.id, row.sha256) as log:
         found = services.inspector.look(log, wish)
     if rate_hz is None:
         services.recordings.keep_inspection(row.id, found)

@@ -25,6 +25,7 @@ from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
 
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
+MOST_SAME = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +98,11 @@ class JobStore:
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
-    def find_same(self, sha256: str, request: ReportRequest) -> Job | None:
-        """Give the analysis of the same bytes with the same settings by the same engine, if there is one."""
-        query = select_same([identify_work(sha256, request)]).limit(1)
+    def list_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
+        """Give the analyses of the same bytes with the same settings by the same engine, the oldest first."""
+        query = select_same([identify_work(sha256, request)]).limit(MOST_SAME)
         with self._reader.connect() as connection:
-            row = connection.execute(query).one_or_none()
-        return read_job(row) if row else None
+            return tuple(read_job(row) for row in connection.execute(query))
 
     def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
         """Queue a failed or cancelled analysis again, once; one that is under way or done stays as it is.
@@ -114,8 +114,10 @@ class JobStore:
         job = self.get(analysis_id)
         if job.replaced_by is not None:
             return self.get(job.replaced_by)
-        if job.state not in (JobState.FAILED, JobState.CANCELLED):
-            return job
+        return self.repeat(job, way_in) if job.state in (JobState.FAILED, JobState.CANCELLED) else job
+
+    def repeat(self, job: Job, way_in: WayIn) -> Job:
+        """Queue an analysis that is over again, once, in its place."""
         mine = analyses.c.id == job.id
         with self._engine.begin() as connection:
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
@@ -123,7 +125,7 @@ class JobStore:
                 recording = (job.recording_id, job.sha256)
                 again = enqueue(connection, recording, job.request, way_in, job.batch_id)
                 replace_job(connection, job.id, again)
-        return self.get(str(self.get(analysis_id).replaced_by))
+        return self.get(str(self.get(job.id).replaced_by))
 
     def withdraw(self, analysis_id: str) -> Job:
         """Let an analysis that failed count no more, for the report before it does; gives that report's.
@@ -134,7 +136,8 @@ class JobStore:
             No such analysis failed, or no report was there before.
         """
         job = self.get(analysis_id)
-        reports = self.list_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id), 1)
+        finished = self.list_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id))
+        reports = [other for other in finished if other.replaced_by is None]
         if job.state is not JobState.FAILED or not reports:
             raise NotHere
         mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
@@ -160,7 +163,7 @@ class JobStore:
         """Give the jobs asked for last, newest first."""
         return self.list_page(JobFilter(), limit)
 
-    def list_page(self, wanted: JobFilter, limit: int, after: Place | None = None) -> tuple[Job, ...]:
+    def list_page(self, wanted: JobFilter, limit: int = 100, after: Place | None = None) -> tuple[Job, ...]:
         """Give the newest jobs that are wanted, from ``after`` on."""
         query = select_jobs()
         for name, value in asdict(wanted).items():
@@ -319,11 +322,28 @@ class JobStore:
             row = connection.execute(query).one_or_none()
         return ResultFile(*row) if row else None
 
-    def list_files(self, analysis_id: str) -> tuple[str, ...]:
-        """Name every file that was published."""
-        query = select(result_files.c.name).where(result_files.c.analysis_id == analysis_id)
+    def list_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
+        """Give every file that was published, by name."""
+        query = select(result_files.c.name, result_files.c.sha256, result_files.c.size_bytes).where(
+            result_files.c.analysis_id == analysis_id
+        )
         with self._reader.connect() as connection:
-            return tuple(connection.execute(query.order_by(result_files.c.name)).scalars())
+            rows = connection.execute(query.order_by(result_files.c.name)).all()
+        return tuple(ResultFile(*row) for row in rows)
+
+    def find_sha256(self, recording_id: str) -> str:
+        """Give the SHA-256 of a recording, or of the reference of one.
+
+        Raises
+        ------
+        NotHere
+        """
+        query = select(recordings.c.sha256).where(recordings.c.id == recording_id)
+        with self._reader.connect() as connection:
+            sha256 = connection.execute(query).scalar()
+        if sha256 is None:
+            raise NotHere(id=recording_id)
+        return str(sha256)
 
     def run(self, change: Executable) -> None:
         """Make a change that the engine of the workers needs."""

@@ -16,8 +16,8 @@ from pathlib import Path
 from sqlalchemy.exc import OperationalError
 
 from app.decoded import DecodedCache, KnownLogs
-from app.errors import AppError, Crashed, DiskFull, StoreAway, StoreDamaged
-from app.jobs.answers import read_answer
+from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
+from app.jobs.answers import Answer, read_answer
 from app.jobs.attempt import (
     Attempt,
     Died,
@@ -42,7 +42,7 @@ from app.jobs.store import JobStore
 from app.report.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage import Storage, borrow_recording, borrow_result, check_folder, hash_file
+from app.storage import Storage, borrow_recording, borrow_result, check_folder
 from app.stores import load_extra, open_storage
 
 IDLE_S = 0.25
@@ -195,8 +195,8 @@ def _attempt_patiently(bench: Bench, job: Job, token: str, heart: Heart) -> Outc
         return _hold(bench, job, heart, HeldUp(trouble.code, job.put_backs, TROUBLE_S))
     except DiskFull:
         outcome = Refused(DiskFull.code, {})
-    except FileNotFoundError:
-        logger.exception("%s: the recording %s is gone", job.id, job.recording_id)
+    except StoreDamaged:
+        logger.error("%s: the stored recording %s is damaged or missing", job.id, job.recording_id)
         return Refused(StoreDamaged.code, {})
     if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
         return outcome
@@ -229,10 +229,8 @@ def _hold(bench: Bench, job: Job, heart: Heart, held: HeldUp) -> Outcome:
 
 def _attempt(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
-    with borrow_recording(bench.storage, job.recording_id) as log, _borrow_reference(bench, job) as request:
-        if hash_file(log) != job.sha256:
-            logger.error("%s: the stored recording %s is damaged", job.id, job.recording_id)
-            return Refused(StoreDamaged.code, {})
+    own = borrow_recording(bench.storage, job.recording_id, job.sha256)
+    with own as log, _borrow_reference(bench, job) as request:
         limits = choose_limits(bench.settings, job.size_bytes)
         attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
         return run_attempt(attempt, partial(_tell_unless_stopping, bench, heart))
@@ -257,7 +255,8 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
     if reference is None:
         yield job.request
         return
-    with borrow_recording(bench.storage, reference.path) as path:
+    sha256 = bench.store.find_sha256(reference.path)
+    with borrow_recording(bench.storage, reference.path, sha256) as path:
         yield replace(job.request, reference=replace(reference, path=str(path)))
 
 
@@ -265,9 +264,7 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
         bench.storage.keep_attempt(job.id, token)
-        with borrow_result(bench.storage, job.id, token, "results.json") as results:
-            answer = read_answer(results)
-        won = bench.store.finish(job.id, token, outcome.files, answer)
+        won = bench.store.finish(job.id, token, outcome.files, _read_answer(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
         bench.store.fail(job.id, token, outcome.code, outcome.facts)
@@ -280,6 +277,18 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
         bench.store.release(job.id, token, forgiven=True)
     if not kept:
         bench.storage.drop_attempt(job.id, token)
+
+
+def _read_answer(bench: Bench, analysis_id: str, token: str, made: Finished) -> Answer | None:
+    """Take the answer of what was just made; a comparison with a reference has none."""
+    results = next((file for file in made.files if file.name == "results.json"), None)
+    if results is None:
+        return None
+    try:
+        with borrow_result(bench.storage, analysis_id, token, results) as path:
+            return read_answer(path)
+    except ResultDamaged:  # whoever opens it is told
+        return None
 
 
 def _release_after_death(bench: Bench, analysis_id: str, token: str, attempts: int) -> None:

@@ -35,6 +35,7 @@ from app.private import FILE_MODE, create_file, make_folder
 from app.settings import Settings
 from app.storage import (
     COPY_BYTES,
+    SIDE_SUFFIX,
     FolderLock,
     Storage,
     hash_file,
@@ -316,7 +317,8 @@ def _restore_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
     storage = open_storage(settings)
     storage.prepare()
     files, present = tuple(_list_promised(archive)), frozenset(storage.list_names())
-    strangers = sorted(present - {file.name for file in files})
+    beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
+    strangers = sorted(present - {file.name for file in files} - beside)
     if strangers:
         raise NotEmpty(number=len(strangers), where=strangers[0])
     restored = (_restore_file(storage, archive, file, file.name in present) for file in files)

@@ -8,12 +8,14 @@ from fastapi.responses import RedirectResponse
 
 from app.api.recordings import purge_recording
 from app.api.services import Services, UsedLanguage, UsedServices
+from app.errors import ResultDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library import Library
 from app.jobs.recordings import RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
 from app.report.messages import describe_problem
-from app.report.summary import encode_summary, summarise_results
+from app.report.origin import Origin
+from app.report.summary import encode_summary, summarise_failure, summarise_results
 from app.report.tables import FRENCH_EXCEL, INTERNATIONAL, Row, encode_table
 from app.report.wording import Language, fill, load_wording
 from app.web.answers import find_results
@@ -133,6 +135,11 @@ def _tell_problem(job: Job, language: Language) -> Row:
 
 def _summarise(services: Services, jobs: list[Job]) -> Iterator[Row]:
     for job in jobs:
-        results = find_results(services, job)
+        try:
+            results = find_results(services, job)
+        except ResultDamaged as damaged:
+            origin = Origin(job.file_name, job.request.subject, job.request.side)
+            yield summarise_failure(origin, damaged.code)
+            continue
         if results is not None:
             yield summarise_results(results)

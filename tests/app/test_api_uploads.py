@@ -68,7 +68,7 @@ def test_bytes_in_two_pieces_become_one_recording(client: TestClient, storage: S
     assert append(client, address, 5, b"56789") == 204
 
     recording = client.get(client.get(address).json()["links"]["recording"]).json()
-    with borrow_recording(storage, recording["id"]) as kept:
+    with borrow_recording(storage, recording["id"], recording["sha256"]) as kept:
         assert kept.read_bytes() == b"0123456789"
     assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
     assert (recording["file_name"], recording["subject"], recording["side"]) == ("shift.gt3x", "S012", "left")
@@ -347,7 +347,8 @@ def test_bytes_that_the_disk_has_lost_are_asked_for_again(
     kept_bytes = int(client.head(address, headers=TUS).headers["upload-offset"])
     assert kept_bytes == len(left or b"")
     assert append(client, address, kept_bytes, b"0123456789"[kept_bytes:]) == 204
-    with borrow_recording(storage, client.get(address).json()["recording_id"]) as kept:
+    recording_id = client.get(address).json()["recording_id"]
+    with borrow_recording(storage, recording_id, hashlib.sha256(b"0123456789").hexdigest()) as kept:
         assert kept.read_bytes() == b"0123456789"
 
 

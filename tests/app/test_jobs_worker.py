@@ -92,7 +92,8 @@ def test_the_published_files_are_those_of_the_attempt_that_counts(
 
     token = store.get(job.id).token
     assert token is not None
-    assert storage.fetch_result(job.id, token, "results.json").read_bytes() == stand_ins.RESULTS
+    name = f"analyses/{job.id}/{token}/results.json"
+    assert storage.fetch(name).path.read_bytes() == stand_ins.RESULTS
 
 
 def test_a_refusal_ends_the_job_with_its_code(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
@@ -433,7 +434,7 @@ def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: Ad
     assert watch.find_abandoned(store.list_claims()) == ()
 
 
-@pytest.mark.parametrize("way", ["fetch_recording", "keep_attempt"])
+@pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
 def test_a_holder_beats_while_the_store_is_slow(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
 ) -> None:

@@ -27,7 +27,7 @@ from app.jobs.webhooks import EVENTS, WebhookStore
 from app.jobs.worker import run_next
 from app.report.wording import load_wording
 from app.settings import Settings
-from app.storage import FolderLock, Storage
+from app.storage import Fetched, FolderLock, Storage
 from app.upkeep.reconcile import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
@@ -75,6 +75,13 @@ def damaged(finished: Job, settings: Settings) -> Path:
     path = settings.data_dir / "recordings" / finished.recording_id
     path.write_bytes(b"the Recording")
     return path
+
+
+def purge(store: JobStore, recording_id: str) -> None:
+    """Delete the rows of a recording; its files are left to the test."""
+    rows = RecordingStore(store.engine, store.reader)
+    rows.begin_purge(recording_id)
+    rows.end_purge(recording_id)
 
 
 @pytest.fixture
@@ -248,15 +255,17 @@ def test_a_recording_purged_during_a_backup_is_no_fault(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    job, purged = add_job(b"another"), []
+    job, fetch = add_job(b"another"), FolderStorage.fetch
+    purged: list[str] = []
 
-    def fetch_after_purge(self: FolderStorage, recording_id: str, into: Path) -> Path:
+    def fetch_after_purge(self: FolderStorage, name: str) -> Fetched:
         if not purged:
-            purged.append(RecordingStore(store.engine, store.reader).purge(job.recording_id))
+            purged.append(job.recording_id)
+            purge(store, job.recording_id)
             self.drop_recording(job.recording_id)
-        return self.recording(recording_id)
+        return fetch(self, name)
 
-    monkeypatch.setattr(FolderStorage, "fetch_recording", fetch_after_purge)
+    monkeypatch.setattr(FolderStorage, "fetch", fetch_after_purge)
 
     assert acromion("backup", tmp_path / "b.zip").exit_code == 0
     assert acromion("verify", tmp_path / "b.zip").exit_code == 0
@@ -409,7 +418,7 @@ def test_a_backup_is_not_restored_over_rows_of_any_kind(
     finished: Job, store: JobStore, acromion: Acromion, tmp_path: Path
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    RecordingStore(store.engine, store.reader).purge(finished.recording_id)
+    purge(store, finished.recording_id)
     WebhookStore(store.engine, store.reader).add("https://example.org/", EVENTS)
 
     result = acromion("restore", tmp_path / "b.zip")
@@ -424,7 +433,7 @@ def test_a_restore_leaves_tables_of_somebody_else_alone(
     finished: Job, store: JobStore, acromion: Acromion, tmp_path: Path, settings: Settings
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    RecordingStore(store.engine, store.reader).purge(finished.recording_id)
+    purge(store, finished.recording_id)
     shutil.rmtree(settings.data_dir / "recordings")
     shutil.rmtree(settings.data_dir / "analyses")
     with store.engine.begin() as connection:
