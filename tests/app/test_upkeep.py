@@ -19,7 +19,7 @@ from app.folder import FolderStorage
 from app.jobs.database import connect
 from app.jobs.job import Job, JobState
 from app.jobs.lease import identify_self
-from app.jobs.recordings import Description, RecordingStore
+from app.jobs.recordings import Description, Purged, RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.tables import REVISION
 from app.jobs.uploads import UploadStore
@@ -246,7 +246,7 @@ def test_a_recording_purged_during_a_backup_is_no_fault(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    job, purged = add_job(b"another"), []
+    job, purged = add_job(b"another"), list[Purged]()
 
     def fetch_after_purge(self: FolderStorage, recording_id: str, into: Path) -> Path:
         if not purged:
