@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
-from app.api.validations import MEDIA_TYPES
+from app.api.validations import NAMES
 from app.cli import app
 from app.jobs.attempt import load_and_make_report
 from app.jobs.store import JobStore
@@ -44,9 +44,14 @@ def test_a_pair_is_taken_and_its_place_is_told(client: TestClient) -> None:
 def test_a_comparison_gives_every_file(client: TestClient, bench: OpenBench) -> None:
     address = compare(client, bench)
 
-    kinds = {name: client.get(f"{address}/{name}").headers["content-type"] for name in MEDIA_TYPES}
+    kinds = {name: client.get(f"{address}/{name}").headers["content-type"] for name in NAMES}
 
-    assert kinds == MEDIA_TYPES
+    assert kinds == {
+        "validation.json": "application/json",
+        "validation.csv": "text/csv; charset=utf-8",
+        "validation.html": "text/html; charset=utf-8",
+        "validation.pdf": "application/pdf",
+    }
 
 
 def test_the_same_file_twice_differs_by_nothing(client: TestClient, bench: OpenBench) -> None:
