@@ -15,7 +15,7 @@ import os
 import secrets
 import shutil
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -74,6 +74,22 @@ class DecodedCache:
         except OSError:
             logger.warning("the decoded samples could not be kept", exc_info=True)
 
+    def list_digests(self) -> frozenset[str]:
+        """Give the SHA-256 of every file whose samples are here."""
+        return frozenset(digest for _, digest in self._list_heads())
+
+    def forget(self, digests: Collection[str]) -> None:
+        """Remove the samples of these files, those that are just being written too."""
+        for path, digest in self._list_heads():
+            if digest in digests:
+                path.unlink(missing_ok=True)
+
+    def _list_heads(self) -> Iterator[tuple[Path, str]]:
+        """Give each entry with its file's SHA-256; one whose head cannot be read is nobody's: ""."""
+        for path in self.folder.glob("*"):
+            with suppress(FileNotFoundError):
+                yield path, _read_digest(path)
+
     def _write(self, key: str, recording: Recording) -> None:
         part = self.folder / f"{key}.{secrets.token_hex(4)}.part"
         try:
@@ -110,6 +126,14 @@ class KnownLogs:
 
 
 NOTHING_KNOWN = KnownLogs()
+
+
+def _read_digest(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return str(json.loads(file.readline(LONGEST_HEAD_BYTES))["sha256"])
+    except (ValueError, KeyError, TypeError):
+        return ""
 
 
 def _list_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:

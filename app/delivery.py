@@ -1,20 +1,71 @@
 """Telling a webhook: one signed POST (Standard Webhooks 1.0), no redirect, no address that is not allowed."""
 
+import asyncio
 import base64
+import concurrent.futures
 import hashlib
 import hmac
-import http.client
 import ipaddress
 import logging
 import socket
 import ssl
+import threading
 import time
 from dataclasses import dataclass
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, quote, urlsplit
+
+import h11
 
 from app.errors import ForeignWebhook
 
-TIMEOUT_S = 10.0
+LIMIT_S = 30.0
+"""For the whole of one delivery, from the look-up of the name to the head of the answer."""
+READ_BYTES = 1 << 12
+MAX_HEAD_BYTES = 1 << 16
+TARGET_SIGNS = "/?%:@!$&'()*+,;=~"
+"""What is sent as it stands; everything else in a path or query is percent-encoded."""
+
+REFUSED_NETWORKS = tuple(
+    ipaddress.ip_network(network)
+    for network in (
+        "0.0.0.0/8",  # this network, RFC 1122
+        "10.0.0.0/8",  # private, RFC 1918
+        "100.64.0.0/10",  # shared by a carrier's customers, RFC 6598
+        "127.0.0.0/8",  # this computer, RFC 1122
+        "169.254.0.0/16",  # link-local, RFC 3927
+        "172.16.0.0/12",  # private, RFC 1918
+        "192.0.0.0/24",  # protocol assignments, RFC 6890
+        "192.0.2.0/24",  # documentation, RFC 5737
+        "192.88.99.0/24",  # relays of 6to4, RFC 7526
+        "192.168.0.0/16",  # private, RFC 1918
+        "198.18.0.0/15",  # benchmarks, RFC 2544
+        "198.51.100.0/24",  # documentation, RFC 5737
+        "203.0.113.0/24",  # documentation, RFC 5737
+        "224.0.0.0/4",  # multicast, RFC 5771
+        "240.0.0.0/4",  # reserved, RFC 1112, and broadcast, RFC 919
+        "::/96",  # unspecified, this computer and IPv4-compatible, RFC 4291
+        "::ffff:0:0/96",  # IPv4-mapped, RFC 4291
+        "::ffff:0:0:0/96",  # IPv4-translated, RFC 2765
+        "64:ff9b::/96",  # IPv4 behind NAT64, RFC 6052
+        "64:ff9b:1::/48",  # the same in a network of its own, RFC 8215
+        "100::/64",  # discarded, RFC 6666
+        "100:0:0:1::/64",  # dummy prefix, RFC 9780
+        "2001::/23",  # protocol assignments, RFC 2928: Teredo (RFC 4380), benchmarks, ORCHID
+        "2001:db8::/32",  # documentation, RFC 3849
+        "2002::/16",  # 6to4, RFC 3056
+        "3fff::/20",  # documentation, RFC 9637
+        "5f00::/16",  # segment routing, RFC 9602
+        "fc00::/7",  # private, RFC 4193
+        "fe80::/10",  # link-local, RFC 4291
+        "fec0::/10",  # site-local, RFC 3879
+        "ff00::/8",  # multicast, RFC 4291
+    )
+)
+"""Where no webhook leads unless the settings allow private networks.
+
+A table of our own: what Python calls global changed between its versions, and forms of IPv6 that carry an
+IPv4 address are global to it whatever they carry.
+"""
 
 logger = logging.getLogger(__name__)
 
@@ -29,18 +80,12 @@ class Message:
     body: str
 
 
-def send_message(message: Message, *, allow_private: bool) -> bool:
-    """Tell it once; whether it was heard (a status of 2xx)."""
-    parts = urlsplit(message.url)
-    target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+async def send_message(message: Message, *, allow_private: bool, limit_s: float = LIMIT_S) -> bool:
+    """Tell it once; whether it was heard (a status of 2xx) within the limit."""
     try:
-        connection = _connect(message.url, allow_private=allow_private)
-        try:
-            connection.request("POST", target, message.body.encode(), sign_message(message, int(time.time())))
-            return 200 <= connection.getresponse().status < 300
-        finally:
-            connection.close()
-    except (OSError, http.client.HTTPException, ForeignWebhook) as error:
+        async with asyncio.timeout(limit_s):
+            return await _send(message, allow_private=allow_private)
+    except (OSError, ValueError, h11.ProtocolError, ForeignWebhook) as error:
         logger.warning("webhook %s not reached: %s", message.id, type(error).__name__)
         return False
 
@@ -65,7 +110,7 @@ def check_address(url: str, *, allow_private: bool) -> tuple[str, int]:
     Raises
     ------
     ForeignWebhook
-        It is no http or https address, or it leads into a private network where that is not allowed.
+        It is no http or https address, or it leads into a network where no webhook may lead.
     """
     try:
         parts = urlsplit(url)
@@ -76,18 +121,74 @@ def check_address(url: str, *, allow_private: bool) -> tuple[str, int]:
     except (OSError, ValueError):
         raise ForeignWebhook(url=url[:100]) from None
     addresses = [str(entry[4][0]) for entry in found]
-    if not allow_private and not all(ipaddress.ip_address(a.partition("%")[0]).is_global for a in addresses):
+    if not allow_private and not all(map(is_public, addresses)):
         raise ForeignWebhook(url=url[:100])
     return addresses[0], port
 
 
-def _connect(url: str, *, allow_private: bool) -> http.client.HTTPConnection:
+def is_public(address: str) -> bool:
+    """Whether an address, without a name, lies outside of every refused network."""
+    found = ipaddress.ip_address(address.partition("%")[0])
+    return not any(found in network for network in REFUSED_NETWORKS)
+
+
+async def _send(message: Message, *, allow_private: bool) -> bool:
     """Connect to the very address that was checked: the name is not asked for a second time."""
-    address, port = check_address(url, allow_private=allow_private)
-    parts = urlsplit(url)
-    connection = http.client.HTTPConnection(parts.hostname or "", port, timeout=TIMEOUT_S)
-    line: socket.socket = socket.create_connection((address, port), TIMEOUT_S)
-    if parts.scheme == "https":
-        line = ssl.create_default_context().wrap_socket(line, server_hostname=parts.hostname)
-    connection.sock = line
-    return connection
+    address, port = await _find_address(message.url, allow_private=allow_private)
+    parts = urlsplit(message.url)
+    tls, name = (ssl.create_default_context(), parts.hostname) if parts.scheme == "https" else (None, None)
+    reader, writer = await asyncio.open_connection(
+        address, port, limit=MAX_HEAD_BYTES, ssl=tls, server_hostname=name
+    )
+    try:
+        connection = h11.Connection(h11.CLIENT, max_incomplete_event_size=MAX_HEAD_BYTES)
+        writer.write(_write_request(connection, message, parts))
+        return 200 <= await _read_status(connection, reader) < 300
+    finally:
+        writer.transport.abort()
+
+
+async def _find_address(url: str, *, allow_private: bool) -> tuple[str, int]:
+    """Look the name up in a thread that nobody waits for: a slow look-up cannot be stopped."""
+    found: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
+
+    def look_up() -> None:
+        if found.set_running_or_notify_cancel():
+            try:
+                found.set_result(check_address(url, allow_private=allow_private))
+            except ForeignWebhook as error:
+                found.set_exception(error)
+
+    threading.Thread(target=look_up, name="webhook-look-up", daemon=True).start()
+    return await asyncio.wrap_future(found)
+
+
+def _write_request(connection: h11.Connection, message: Message, parts: SplitResult) -> bytes:
+    target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+    body = message.body.encode()
+    headers = {
+        "Host": _write_host(parts),
+        **sign_message(message, int(time.time())),
+        "Content-Length": str(len(body)),
+        "Connection": "close",
+    }
+    request = h11.Request(method="POST", target=quote(target, TARGET_SIGNS), headers=list(headers.items()))
+    events = (request, h11.Data(data=body), h11.EndOfMessage())
+    return b"".join(connection.send(event) or b"" for event in events)
+
+
+def _write_host(parts: SplitResult) -> str:
+    """Write the name as it goes over the line: non-ASCII letters in punycode, IPv6 in brackets."""
+    name = parts.hostname or ""
+    host = f"[{name}]" if ":" in name else name.encode("idna").decode()
+    return f"{host}:{parts.port}" if parts.port else host
+
+
+async def _read_status(connection: h11.Connection, reader: asyncio.StreamReader) -> int:
+    """Read the head of the answer, beyond those that only announce one (1xx)."""
+    while True:
+        event = connection.next_event()
+        if isinstance(event, h11.Response):
+            return event.status_code
+        if event is h11.NEED_DATA:
+            connection.receive_data(await reader.read(READ_BYTES))

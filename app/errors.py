@@ -7,7 +7,8 @@
                        (tus: WrongOffset 409, UnknownProtocol 412, LockedUpload 423, WrongDigest 460)
       Busy             the queue is full (503); TooMany: so many uploads at once are not taken (429)
       StaleVersion     changed by somebody else meanwhile (412)
-      KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409)
+      KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409);
+                       PurgedSince: what it made has been deleted for good (410)
       ForeignWebhook   a webhook may not lead there (422)
       NotHere          no such page, recording or analysis (404)
       NotFinished      the analysis has not ended yet (409)
@@ -15,10 +16,12 @@
       NoSuchFile       the analysis ended without this file (404); NoSuchRange: not so many bytes (416)
       NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
       ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
-                       StoreMismatch, DatabaseTooOld, DatabaseTooNew
+                       FolderUnusable (FolderReadOnly, FolderForbidden, FolderIsFile),
+                       StoreMismatch, DatabaseTooOld, DatabaseTooNew, DatabaseDamaged, DatabaseLocked
                        NotInstalled, NotEmpty, BackupRefused
       DatabaseAway     the database does not answer (503); StoreAway: the bucket does not
-      StoreDamaged     the stored bytes are no longer those that came (500)
+      StoreDamaged     the stored bytes are no longer those that came (410); ResultDamaged: nor those of a
+                       report, which can be made again
       AttemptFailed    the analysis was stopped: Interrupted, Crashed, OutOfMemory, OutOfTime, InternalError
 
 As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
@@ -168,6 +171,12 @@ class KeyInUse(AppError):
     code = "E-KEY-IN-USE"
 
 
+class PurgedSince(AppError):
+    """What a request with this idempotency key made has been deleted for good."""
+
+    code = "E-PURGED"
+
+
 class ForeignWebhook(AppError):
     """A webhook may not lead there. Facts: url."""
 
@@ -260,6 +269,42 @@ class FolderTaken(ServerRefused):
     code = "E-FOLDER-IN-USE"
 
 
+class FolderUnusable(ServerRefused):
+    """The data folder cannot be used. Facts: folder, why."""
+
+    code = "E-FOLDER"
+
+
+class FolderReadOnly(FolderUnusable):
+    """The data folder is on a disk that can only be read. Facts: folder."""
+
+    code = "E-FOLDER-READ-ONLY"
+
+
+class FolderForbidden(FolderUnusable):
+    """The user of this process may not write in the data folder. Facts: folder."""
+
+    code = "E-FOLDER-PERMISSION"
+
+
+class FolderIsFile(FolderUnusable):
+    """A file stands where the data folder should be. Facts: folder."""
+
+    code = "E-FOLDER-FILE"
+
+
+class DatabaseDamaged(ServerRefused):
+    """The file of the database is damaged; it is never replaced by itself. Facts: file, why."""
+
+    code = "E-DATABASE-DAMAGED"
+
+
+class DatabaseLocked(ServerRefused):
+    """Another process holds the database and does not let go. Facts: file, pid (where it is known)."""
+
+    code = "E-DATABASE-LOCKED"
+
+
 class DatabaseTooOld(ServerRefused):
     """The tables are of an earlier release, and only the server migrates. Facts: found, needed."""
 
@@ -285,7 +330,7 @@ class UnknownRecordings(ServerRefused):
 
 
 class NotEmpty(ServerRefused):
-    """A backup is restored only where nothing is. Facts: number (of recordings)."""
+    """A backup is restored only where nothing is. Facts: number, where (a table, or a file in the store)."""
 
     code = "E-NOT-EMPTY"
 
@@ -314,8 +359,16 @@ class StoreDamaged(AppError):
     code = "E-STORE-DAMAGED"
 
 
+class ResultDamaged(AppError):
+    """A file of a finished analysis is missing or not what was made. Facts: name, analysis, again (the
+    analysis that replaces it, where there is one).
+    """
+
+    code = "E-RESULT-DAMAGED"
+
+
 class DatabaseAway(AppError):
-    """The database does not answer."""
+    """The database does not answer. Facts: why, at a start."""
 
     code = "E-DATABASE"
 
@@ -327,13 +380,13 @@ class AttemptFailed(AppError):
 
 
 class Interrupted(AttemptFailed):
-    """The run was ended before this recording was done."""
+    """The computer or the program ended before this recording was done. Facts: times, on a server."""
 
     code = "E-INTERRUPTED"
 
 
 class Crashed(AttemptFailed):
-    """The analysis died as often as is allowed. Facts: attempts."""
+    """The analysis died as often as is allowed, while its worker lived. Facts: attempts."""
 
     code = "E-CRASHED"
 

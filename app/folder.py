@@ -8,16 +8,23 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from app.private import FOLDER_MODE, create_file, make_folder
 from app.storage import (
+    SIDE_SUFFIX,
+    UNREADABLE,
+    Fetched,
+    Mark,
     StoredRecording,
+    Verdicts,
     check_free,
     name_full_disk,
     name_once,
     name_side,
+    read_mark,
     sync_file,
     sync_folder,
     too_large,
@@ -72,11 +79,17 @@ class FolderStorage:
     """A folder of recordings and reports on this machine."""
 
     root: Path
+    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+
+    @property
+    def is_near(self) -> bool:
+        """Files are read in their place."""
+        return True
 
     def prepare(self) -> None:
         """Make the folders."""
         for name in ("uploads", "recordings", "analyses"):
-            (self.root / name).mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_folder(self.root / name)
 
     def identify(self) -> str:
         """Give the name of this folder's contents, written in it once for all."""
@@ -100,20 +113,32 @@ class FolderStorage:
             sync_folder(self.root / "recordings")
         return stored
 
-    def fetch_recording(self, recording_id: str, into: Path) -> Path:  # noqa: ARG002 - it is here already
-        """Give the kept recording itself."""
-        return self.recording(recording_id)
+    def fetch(self, name: str) -> Fetched:
+        """Give the file itself, whatever it holds."""
+        mark = read_mark(self.root / name)
+        return Fetched(self.root / name, mark, mark)
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size, time and inode of a file; None where there is none."""
+        try:
+            return read_mark(self.root / name)
+        except OSError as error:
+            if error.errno not in UNREADABLE:
+                raise
+            return None
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
         self.recording(recording_id).unlink(missing_ok=True)
         (self.root / name_side(recording_id)).unlink(missing_ok=True)
+        for path in (self.root / "quarantine").glob(f"{recording_id}.*{SIDE_SUFFIX}"):
+            path.unlink()
         sync_folder(self.root / "recordings")
 
     def put(self, path: Path, name: str) -> None:
         """Copy a file into its place, whole or not at all."""
         kept = self.root / name
-        kept.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_folder(kept.parent)
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         with name_full_disk():
             shutil.copyfile(path, part)
@@ -130,15 +155,12 @@ class FolderStorage:
         """Make that folder, empty."""
         folder = self.attempt(analysis_id, token)
         with name_full_disk():
-            folder.mkdir(parents=True)
+            make_folder(folder.parent)
+            folder.mkdir(mode=FOLDER_MODE)
         return folder
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
         """Nothing to do: the attempt has sealed its own folder, and that is the place."""
-
-    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
-        """Give the result itself."""
-        return self.attempt(analysis_id, token) / name
 
     def give_back(self, path: Path) -> None:
         """Leave the file where it is kept."""
@@ -173,17 +195,13 @@ class FolderStorage:
         with os.scandir(self.root / "recordings") as entries:
             return frozenset(entry.name for entry in entries)
 
-    def measure_recording(self, recording_id: str) -> int | None:
-        """Give the size of a recording in bytes; None where it is not there."""
-        path = self.recording(recording_id)
-        return path.stat().st_size if path.is_file() else None
-
     def write_small(self, name: str, content: bytes) -> None:
         """Write a small file, durably, whole or not at all."""
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
         with name_full_disk():
-            (self.root / name).parent.mkdir(exist_ok=True, mode=0o700)
-            part.write_bytes(content)
+            make_folder((self.root / name).parent)
+            with create_file(part) as file:
+                file.write(content)
             sync_file(part)
             part.rename(self.root / name)
             sync_folder((self.root / name).parent)
@@ -198,7 +216,7 @@ class FolderStorage:
     def set_aside(self, name: str) -> bool:
         """Move an unknown entry of the recordings into quarantine, under a name that is free there."""
         quarantine = self.root / "quarantine"
-        quarantine.mkdir(exist_ok=True, mode=0o700)
+        make_folder(quarantine)
         kept = quarantine / name
         if kept.exists() or kept.is_symlink():
             kept = quarantine / f"{name}.{secrets.token_hex(4)}"

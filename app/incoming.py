@@ -117,6 +117,13 @@ class Incoming:
         """Where the bytes of an upload are."""
         return self.folder / upload_id
 
+    def measure(self, upload_id: str) -> int:
+        """Say how many bytes of an upload are on the disk."""
+        try:
+            return self.path(upload_id).stat().st_size
+        except FileNotFoundError:
+            return 0
+
     def take(self, upload_id: str) -> bool:
         """Become the one writer of an upload; False while another is."""
         with self._guard:

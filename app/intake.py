@@ -8,12 +8,14 @@ import logging
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path, PurePath
 
 from app.errors import AppError
 from app.formats import ENDINGS
 from app.jobs.job import Job
 from app.jobs.queueing import WayIn
+from app.jobs.renewing import find_same
 from app.jobs.store import JobStore
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
@@ -53,7 +55,8 @@ class Intake:
             stored = upload.keep()
         finally:
             upload.discard()
-        same = self.store.find_same(stored.sha256, request)
+        own = (stored.id, stored.sha256)
+        same = find_same(self.store, self.storage, own, request, way_in)
         if same is None:
             return self.store.add(stored, request, way_in)
         self.storage.drop_recording(stored.id)
@@ -94,25 +97,38 @@ class FolderWatch:
         while not self._stopping.wait(LOOK_S):
             try:
                 self.look()
-            except OSError:
-                logger.exception("the watched folder cannot be read; trying again")
+            except OSError as error:
+                logger.error("the watched folder cannot be read; trying again: %s", error.strerror)
 
     def _take(self, path: Path) -> Job | None:
-        """Take one file in; one that cannot be taken stays where it is and is told in the log."""
+        """Take one file in; one that cannot be taken stays where it is, and the log tells its size and age.
+
+        Neither folder nor file is named in the log: their names are subject codes, or hold them.
+        """
         inside = path.relative_to(self.folder)
         subject = inside.parts[0] if len(inside.parts) > 1 else ""
         try:
             name, paper = clean_file_name(path.name), self.intake.settings.paper
             request = ReportRequest(name, check_subject(subject), paper=paper)
             job = self.intake.take(path, request, "api")
-        except (AppError, OSError, ValueError):
-            logger.exception("%s could not be taken in", inside)
+        except (AppError, OSError, ValueError) as error:
+            size_bytes, changed_ns = self._seen[path]
+            changed = datetime.fromtimestamp(changed_ns / 1e9, UTC).isoformat(timespec="seconds")
+            told = (size_bytes, changed, _name_trouble(error))
+            logger.error("a watched file of %d bytes, changed %s, could not be taken in: %s", *told)
             return None
         place = self.folder / TAKEN / inside.parent / f"{job.id}_{path.name}"
         place.parent.mkdir(parents=True, exist_ok=True)
         path.rename(place)
-        logger.info("%s was taken in as %s", inside, job.id)
+        logger.info("a watched file was taken in as %s", job.id)
         return job
+
+
+def _name_trouble(error: AppError | OSError | ValueError) -> str:
+    """Name it without any word of the file's."""
+    if isinstance(error, AppError):
+        return error.code
+    return (error.strerror or "") if isinstance(error, OSError) else "its name cannot be used"
 
 
 def _list_files(folder: Path) -> Iterator[tuple[Path, Signature]]:

@@ -4,7 +4,6 @@ import asyncio
 import logging
 import signal
 import socket
-import sqlite3
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Iterator
@@ -15,7 +14,7 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
@@ -39,18 +38,27 @@ from app.api.webhooks import router as webhook_routes
 from app.errors import (
     AppError,
     DatabaseAway,
+    DatabaseDamaged,
     DiskFull,
     ForeignAddress,
     PortTaken,
     RecordedProblem,
+    ResultDamaged,
     WrongVerb,
 )
 from app.intake import FolderWatch, Intake
-from app.jobs.database import bring_up_to_date
+from app.jobs.database import (
+    bring_up_to_date,
+    check_whole,
+    explain_trouble,
+    find_database_file,
+    name_start_trouble,
+)
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
+from app.private import close_to_others, make_folder
 from app.settings import Settings
-from app.storage import FolderLock
+from app.storage import FolderLock, check_folder
 from app.stores import load_extra, open_storage
 from app.upkeep.reconcile import check_known
 from app.version import software_version
@@ -93,8 +101,6 @@ PAGES = (
 MAX_HEADER_BYTES = 64 * 1024
 GRACE_S = 3
 BACKLOG = 2048
-FULL_DISK = ("disk is full", "No space left")  # SQLite's words, and PostgreSQL's
-SQLITE_AWAY = ("database is locked", "unable to open", "disk I/O error")
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
@@ -131,17 +137,19 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, PortTaken, FolderTaken, DatabaseTooNew, UnknownRecordings
+    ForeignAddress, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew, DatabaseDamaged, DatabaseLocked,
+    DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_loopback(settings.host)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     listener = listen(settings)
     try:
-        _prepare_database(settings)
+        with name_start_trouble(settings):
+            _prepare_database(settings)
+            application = create_app(settings)
     except BaseException:
         listener.close()
         raise
-    application = create_app(settings)
     address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
     pool.start()
@@ -168,9 +176,12 @@ def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | Non
 
 def _prepare_database(settings: Settings) -> None:
     """Bring the tables up to date while no other server works in the folder, and wake who waits for work."""
-    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+    make_folder(settings.data_dir)
     lock = FolderLock(settings.data_dir)
     try:
+        check_folder(settings.data_dir)
+        close_to_others(settings.data_dir, find_database_file(settings.database_url))
+        check_whole(settings.database_url)
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
         _check_recordings(settings)
     finally:
@@ -209,16 +220,20 @@ def check_loopback(host: str) -> None:
 
 def answer_error(request: Request, error: Exception) -> Response:
     """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
-    refusal = (
-        _name_trouble(request, error) if isinstance(error, OperationalError) else name_refusal(request, error)
-    )
+    refusal = _name_trouble(request, error) if isinstance(error, DBAPIError) else name_refusal(request, error)
     if isinstance(refusal, WrongVerb):
         refusal = WrongVerb(method=request.method, allowed=", ".join(_list_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
     outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
-    response = answer_refusal(request, refusal) if outside else answer_with_page(request, refusal)
+    is_page = not outside or _is_read_by_person(request, refusal)
+    response = answer_with_page(request, refusal) if is_page else answer_refusal(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
+
+
+def _is_read_by_person(request: Request, refusal: FusionError | AppError | RecordedProblem) -> bool:
+    """Tell whether a browser has opened a damaged file: its page offers to analyse again."""
+    return isinstance(refusal, ResultDamaged) and "text/html" in request.headers.get("accept", "")
 
 
 def _list_methods(request: Request) -> list[str]:
@@ -228,15 +243,16 @@ def _list_methods(request: Request) -> list[str]:
     return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 
 
-def _name_trouble(request: Request, error: OperationalError) -> FusionError | AppError | RecordedProblem:
-    """Tell a full disk, a database that does not answer, and a bug from each other."""
-    words = str(error.orig)
-    if any(sign in words for sign in FULL_DISK):
-        return DiskFull()
-    if isinstance(error.orig, sqlite3.Error) and not any(sign in words for sign in SQLITE_AWAY):
+def _name_trouble(request: Request, error: DBAPIError) -> FusionError | AppError | RecordedProblem:
+    """Tell a full disk, a damaged database, one that does not answer, and a bug from each other."""
+    services: Services = request.app.state.services
+    refusal = explain_trouble(error, services.settings.database_url)
+    if refusal is None:
         return name_refusal(request, error)
-    logger.error("the database does not answer: %s", words)
-    return DatabaseAway()
+    if isinstance(refusal, DiskFull):
+        return refusal
+    logger.error("the database does not answer: %s", error.orig)
+    return DatabaseDamaged() if isinstance(refusal, DatabaseDamaged) else DatabaseAway()
 
 
 @asynccontextmanager
@@ -246,6 +262,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     lock = FolderLock(services.storage.root)
     try:
         reconcile(services)
+        services.inspector.sweep()
         services.answers.free_unfinished()
         house = asyncio.create_task(keep_house(services))
         try:

@@ -14,7 +14,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,9 +26,23 @@ from obstore.store import S3Store
 from app.errors import StoreAway
 from app.folder import FolderStorage
 from app.settings import Settings
-from app.storage import COPY_BYTES, StoredRecording, check_free, name_full_disk, name_side, too_large
+from app.storage import (
+    COPY_BYTES,
+    Fetched,
+    Mark,
+    StoredRecording,
+    Verdicts,
+    check_free,
+    name_full_disk,
+    name_recording,
+    name_result,
+    name_side,
+    read_mark,
+    too_large,
+)
 
 if TYPE_CHECKING:
+    from obstore import ObjectMeta
     from obstore.store import RetryConfig
 
 PART_BYTES = 8 << 20
@@ -81,6 +95,12 @@ class BucketStorage:
 
     root: Path
     bucket: S3Store
+    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+
+    @property
+    def is_near(self) -> bool:
+        """Each reading is a copy."""
+        return False
 
     def prepare(self) -> None:
         """Make the folders of this machine, and see that the bucket answers."""
@@ -107,14 +127,26 @@ class BucketStorage:
         self.put(path, name_recording(stored.id))
         return stored
 
-    def fetch_recording(self, recording_id: str, into: Path) -> Path:
-        """Copy a recording to this machine."""
-        return self._fetch(name_recording(recording_id), into)
+    def fetch(self, name: str) -> Fetched:
+        """Copy an object to this machine, whatever it holds."""
+        into = self.root / "fetched" / secrets.token_hex(8)
+        try:
+            mark = self._copy(name, into)
+            return Fetched(into, mark, read_mark(into))
+        except BaseException:
+            self.give_back(into)
+            raise
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size and ETag of an object; None where there is none."""
+        with name_store_trouble(), suppress(FileNotFoundError):
+            return _read_mark(obstore.head(self.bucket, name))
+        return None
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
         self._delete([name_recording(recording_id)])
-        self._delete([name_side(recording_id)])
+        self._delete([name_side(recording_id), *self._list(f"quarantine/{recording_id}.")])
 
     def put(self, path: Path, name: str) -> None:
         """Put a file of this machine under a name."""
@@ -129,7 +161,7 @@ class BucketStorage:
         """Put the attempt's files, and keep no copy here; a second time there is nothing left to put."""
         folder = FolderStorage(self.root).attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
-            self.put(path, f"analyses/{analysis_id}/{token}/{path.name}")
+            self.put(path, name_result(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
@@ -141,11 +173,6 @@ class BucketStorage:
         """Remove every file of an analysis."""
         FolderStorage(self.root).drop_analysis(analysis_id)
         self._delete(self._list(f"analyses/{analysis_id}/"))
-
-    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
-        """Copy a result to this machine."""
-        into = self.root / "fetched" / secrets.token_hex(8)
-        return self._fetch(f"analyses/{analysis_id}/{token}/{name}", into)
 
     def give_back(self, path: Path) -> None:
         """Remove the copy."""
@@ -170,12 +197,6 @@ class BucketStorage:
     def list_recordings(self) -> frozenset[str]:
         """Name everything that lies among the recordings, side files too."""
         return frozenset(name.removeprefix("recordings/") for name in self._list("recordings/"))
-
-    def measure_recording(self, recording_id: str) -> int | None:
-        """Give the size of a recording in bytes; None where it is not there."""
-        with name_store_trouble(), suppress(FileNotFoundError):
-            return int(obstore.head(self.bucket, name_recording(recording_id))["size"])
-        return None
 
     def write_small(self, name: str, content: bytes) -> None:
         """Put a small object."""
@@ -213,11 +234,13 @@ class BucketStorage:
             path.unlink(missing_ok=True)
         return len(copies) + FolderStorage(self.root).drop_temporary(min_age_s)
 
-    def _fetch(self, name: str, into: Path) -> Path:
-        with name_store_trouble(), name_full_disk(), into.open("wb") as file:
-            for chunk in obstore.get(self.bucket, name).stream(min_chunk_size=COPY_BYTES):
-                file.write(chunk)
-        return into
+    def _copy(self, name: str, into: Path) -> Mark:
+        with name_store_trouble(), name_full_disk():
+            found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
+            with into.open("wb") as file:
+                for chunk in found.stream(min_chunk_size=COPY_BYTES):
+                    file.write(chunk)
+        return _read_mark(found.meta)
 
     def _list(self, prefix: str) -> list[str]:
         with name_store_trouble():
@@ -228,9 +251,9 @@ class BucketStorage:
             obstore.delete(self.bucket, names)
 
 
-def name_recording(recording_id: str) -> str:
-    """Name the object of a recording."""
-    return f"recordings/{recording_id}"
+def _read_mark(found: "ObjectMeta") -> Mark:
+    """Give size and ETag; what has no ETag gets another mark each time, so that it is always compared."""
+    return found["size"], found["e_tag"] or secrets.token_hex(8)
 
 
 @contextmanager

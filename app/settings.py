@@ -50,7 +50,11 @@ class Settings(BaseSettings):
     lease_s, heartbeat_s
         A worker that has not beaten for ``lease_s`` has lost its job.
     max_attempts
-        Deaths after which a recording is given up.
+        Deaths of the analysis, while its worker lives, after which a recording is given up.
+    max_interruptions
+        Ends of the worker or its computer during one analysis after which it is set aside (E-INTERRUPTED).
+    worker_silence_s
+        Time without a heartbeat after which ``serve`` replaces a worker; longer than ``lease_s``.
     max_put_backs
         Times that an analysis waits for room on a full disk, 2 s at first and 60 s at most (20: a quarter of
         an hour in all), before it fails with E-DISK.
@@ -89,6 +93,8 @@ class Settings(BaseSettings):
     lease_s: float = 30.0
     heartbeat_s: float = 3.0
     max_attempts: int = 3
+    max_interruptions: int = 5
+    worker_silence_s: float = 60.0
     max_put_backs: int = 20
     memory_limit_bytes: int = 6 * GIB
     wall_limit_s: float = 600.0

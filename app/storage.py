@@ -15,23 +15,52 @@ committed, and it is on the disk before: write, fsync, rename, fsync of the fold
 
 import errno
 import hashlib
+import logging
 import os
 import secrets
 import shutil
 import sys
-from collections.abc import Iterator
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from stat import S_ISREG
 from typing import Protocol
 
-from app.errors import DiskFull, FileTooLarge, FolderTaken
+from app.errors import (
+    AppError,
+    DiskFull,
+    FileTooLarge,
+    FolderForbidden,
+    FolderIsFile,
+    FolderReadOnly,
+    FolderTaken,
+    FolderUnusable,
+    ResultDamaged,
+    StoreDamaged,
+)
 
 if sys.platform != "win32":
     import fcntl
 
 COPY_BYTES = 1 << 20
 SIDE_SUFFIX = ".json"
+VERDICT_TERM_S = 3600.0
+MOST_VERDICTS = 100_000
+GLANCE_BYTES = 512 << 20
+"""Largest recording that is read whole to show a page; a second of work at most, once an hour."""
+UNREADABLE = frozenset(
+    {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EIO}
+)
+"""What the system says of a file that is gone, is none, or lies on a broken disk."""
+
+logger = logging.getLogger(__name__)
+
+Mark = tuple[int | str, ...]
+"""What changes when stored bytes change: size, time and inode of a file, size and ETag of an object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +81,41 @@ class ResultFile:
     size_bytes: int
 
 
+@dataclass(frozen=True, slots=True)
+class Fetched:
+    """A stored file, not compared yet; ``mark`` is that of the store, ``own_mark`` that of ``path``."""
+
+    path: Path
+    mark: Mark
+    own_mark: Mark
+
+
+class Verdicts:
+    """Which stored files were found to be what their rows say.
+
+    A verdict counts for an hour at most, in this process, and until the mark changes. Damage is not
+    remembered, so that a file that was put right is served at once.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._lock = clock, threading.Lock()
+        self._whole: dict[str, tuple[str, Mark, float]] = {}
+
+    def is_known(self, name: str, sha256: str, mark: Mark) -> bool:
+        """Tell whether the file was found whole a short while ago and has not changed since."""
+        with self._lock:
+            known = self._whole.get(name)
+        return known is not None and known[:2] == (sha256, mark) and self._clock() - known[2] < VERDICT_TERM_S
+
+    def remember(self, name: str, sha256: str, mark: Mark) -> None:
+        """Remember that the file is whole; the oldest verdict goes where there are too many."""
+        with self._lock:
+            self._whole.pop(name, None)
+            self._whole[name] = (sha256, mark, self._clock())
+            if len(self._whole) > MOST_VERDICTS:
+                del self._whole[next(iter(self._whole))]
+
+
 class Upload(Protocol):
     """Bytes on their way in, hashed as they come."""
 
@@ -70,8 +134,17 @@ class Upload(Protocol):
 class Storage(Protocol):
     """Where recordings and results are: a folder, or a bucket with a folder for the work in hand.
 
-    What is fetched is a file on this machine; give it back when done with it.
+    What is fetched is a file on this machine; give it back when done with it. :meth:`fetch` compares nothing:
+    whoever shows or computes anything goes by :func:`borrow_recording` and :func:`borrow_result`.
     """
+
+    @property
+    def verdicts(self) -> Verdicts:
+        """Which files were found whole."""
+
+    @property
+    def is_near(self) -> bool:
+        """Files can be read in their place; else each reading is a copy."""
 
     @property
     def root(self) -> Path:
@@ -89,8 +162,11 @@ class Storage(Protocol):
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
         """Take a durable file of this machine as a recording; the caller removes it after the commit."""
 
-    def fetch_recording(self, recording_id: str, into: Path) -> Path:
-        """Give a recording as a file: ``into`` or, where it is in our folder, in its place."""
+    def fetch(self, name: str) -> Fetched:
+        """Give a file by its name in the store, whatever it holds. Raises FileNotFoundError, StoreAway."""
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give the mark of a file, its size first; None where there is none."""
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
@@ -110,9 +186,6 @@ class Storage(Protocol):
     def drop_analysis(self, analysis_id: str) -> None:
         """Remove every file of an analysis."""
 
-    def fetch_result(self, analysis_id: str, token: str, name: str) -> Path:
-        """Give a result as a file."""
-
     def give_back(self, path: Path) -> None:
         """Let go of a fetched file."""
 
@@ -124,9 +197,6 @@ class Storage(Protocol):
 
     def list_recordings(self) -> frozenset[str]:
         """Name everything that lies among the recordings, side files too."""
-
-    def measure_recording(self, recording_id: str) -> int | None:
-        """Give the size of a recording in bytes; None where it is not there."""
 
     def write_small(self, name: str, content: bytes) -> None:
         """Write a small file under a name of the store, durably, whole or not at all."""
@@ -154,24 +224,122 @@ class Storage(Protocol):
 
 
 @contextmanager
-def borrow_result(storage: Storage, analysis_id: str, token: str, name: str) -> Iterator[Path]:
-    """Lend a result as a file, and give it back."""
-    path = storage.fetch_result(analysis_id, token, name)
-    try:
+def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> Iterator[Path]:
+    """Lend a result whose bytes are what its row says.
+
+    Raises
+    ------
+    ResultDamaged
+        It is missing or altered, or was altered while it was lent.
+    """
+    damaged = ResultDamaged(name=file.name, analysis=analysis_id)
+    with _borrow(storage, name_result(analysis_id, token, file.name), file.sha256, damaged) as path:
         yield path
-    finally:
-        storage.give_back(path)
 
 
 @contextmanager
-def borrow_recording(storage: Storage, recording_id: str) -> Iterator[Path]:
-    """Lend a recording as a file, and give it back."""
-    into = storage.root / "uploads" / f"{recording_id}.{secrets.token_hex(4)}.part"
-    path = storage.fetch_recording(recording_id, into)
-    try:
+def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterator[Path]:
+    """Lend a recording whose bytes are what its row says.
+
+    Raises
+    ------
+    StoreDamaged
+        It is missing or altered, or was altered while it was lent.
+    """
+    with _borrow(storage, name_recording(recording_id), sha256, StoreDamaged()) as path:
         yield path
+
+
+def is_result_whole(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> bool:
+    """Tell whether a result is there and what its row says; reads it unless a verdict is remembered."""
+    return _is_whole(storage, name_result(analysis_id, token, file.name), file.sha256)
+
+
+def is_recording_whole(storage: Storage, recording_id: str, sha256: str) -> bool:
+    """Tell whether a recording is there and what its row says; reads it unless a verdict is remembered."""
+    return _is_whole(storage, name_recording(recording_id), sha256)
+
+
+def seems_whole(storage: Storage, stored: StoredRecording) -> bool:
+    """Tell the same of a recording whose page is shown: by its size alone where reading would take long."""
+    mark = storage.find_mark(name_recording(stored.id))
+    if mark is None or mark[0] != stored.size_bytes:
+        return False
+    is_read = storage.is_near and stored.size_bytes <= GLANCE_BYTES
+    return not is_read or is_recording_whole(storage, stored.id, stored.sha256)
+
+
+def name_recording(recording_id: str) -> str:
+    """Name a recording in the store."""
+    return f"recordings/{recording_id}"
+
+
+def name_result(analysis_id: str, token: str, name: str) -> str:
+    """Name a result in the store."""
+    return f"analyses/{analysis_id}/{token}/{name}"
+
+
+def read_mark(path: Path) -> Mark:
+    """Give size, time and inode of a file.
+
+    Raises
+    ------
+    FileNotFoundError
+        Also for what is there and is no file.
+    """
+    status = path.stat()
+    if not S_ISREG(status.st_mode):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    return status.st_size, status.st_mtime_ns, status.st_ino
+
+
+@contextmanager
+def _borrow(storage: Storage, name: str, sha256: str, damaged: AppError) -> Iterator[Path]:
+    """Lend a file after its bytes were compared, and see at the end that they are still the same."""
+    with _name_damage(name, damaged):
+        fetched = storage.fetch(name)
+    try:
+        if not storage.verdicts.is_known(name, sha256, fetched.mark):
+            _compare(fetched, name, sha256, damaged)
+            storage.verdicts.remember(name, sha256, fetched.mark)
+        yield fetched.path
+        with _name_damage(name, damaged):
+            is_same = read_mark(fetched.path) == fetched.own_mark
+        if not is_same:
+            _compare(fetched, name, sha256, damaged)
     finally:
-        storage.give_back(path)
+        storage.give_back(fetched.path)
+
+
+def _compare(fetched: Fetched, name: str, sha256: str, damaged: AppError) -> None:
+    with _name_damage(name, damaged):
+        found = hash_file(fetched.path)
+    if found != sha256:
+        logger.error("%s is damaged: its row says SHA-256 %s, its bytes %s", name, sha256, found)
+        raise damaged
+
+
+@contextmanager
+def _name_damage(name: str, damaged: AppError) -> Iterator[None]:
+    """Turn a file that is gone or cannot be read into a refusal with a code."""
+    try:
+        yield
+    except OSError as error:
+        if not isinstance(error, FileNotFoundError) and error.errno not in UNREADABLE:
+            raise
+        logger.error("%s cannot be read: %s", name, error.strerror or "missing")
+        raise damaged from error
+
+
+def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
+    mark = storage.find_mark(name)
+    if mark is None or storage.verdicts.is_known(name, sha256, mark):
+        return mark is not None
+    try:
+        with _borrow(storage, name, sha256, StoreDamaged()):
+            return True
+    except StoreDamaged:
+        return False
 
 
 class FolderLock:
@@ -269,3 +437,41 @@ def name_full_disk() -> Iterator[None]:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise DiskFull from error
         raise
+
+
+_FOLDER_TROUBLE: Mapping[int, type[FolderUnusable]] = {
+    errno.EROFS: FolderReadOnly,
+    errno.EACCES: FolderForbidden,
+    errno.EPERM: FolderForbidden,
+    errno.EEXIST: FolderIsFile,
+    errno.ENOTDIR: FolderIsFile,
+}
+
+
+@contextmanager
+def name_folder_trouble(folder: Path) -> Iterator[None]:
+    """Turn an error of the system about a data folder, or anything in it, into a refusal with a code."""
+    try:
+        with name_full_disk():
+            yield
+    except OSError as error:
+        place = Path(os.fsdecode(error.filename)) if isinstance(error.filename, (str, bytes)) else folder
+        if not (place.is_relative_to(folder) or folder.is_relative_to(place)):
+            raise
+        kind = _FOLDER_TROUBLE.get(error.errno or 0, FolderUnusable)
+        raise kind(folder=str(folder), why=error.strerror or str(error)) from error
+
+
+def check_folder(folder: Path) -> None:
+    """See that a data folder, and each folder of ours in it, can be written.
+
+    Raises
+    ------
+    FolderUnusable, DiskFull
+    """
+    with name_folder_trouble(folder):
+        for name in ("", "uploads", "recordings", "analyses", "incoming"):
+            place = folder / name
+            if place.is_dir() or not name:
+                with tempfile.TemporaryFile(dir=place):
+                    pass

@@ -188,6 +188,12 @@ class TooShort(UnusableRecording):
     code = "E-SHORT"
 
 
+class TooLong(UnusableRecording):
+    """More rows than any device records. Facts: rows, most (millions)."""
+
+    code = "E-LONG"
+
+
 class DeadSensor(UnusableRecording):
     """A channel never changes its value, or stops at one row in ten. Facts: sensor, axis."""
 

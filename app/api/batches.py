@@ -12,16 +12,19 @@ from app.api.problems import PROBLEM_RESPONSES, take_model
 from app.api.requests import build_request, check_queue
 from app.api.results import read_result
 from app.api.services import Services, UsedLanguage, UsedServices
-from app.errors import NotFinished
+from app.errors import NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
+from app.jobs.renewing import can_renew
 from app.report.origin import Origin, add_origin
 from app.report.problem_rows import PROBLEM_COLUMNS, tell_problem
 from app.report.summary import encode_summary, summarise_failure, summarise_results
 from app.report.tables import Row, encode_table
 from app.report.wording import Language
+from app.storage import is_result_whole
 
 CANCELLED = "E-CANCELLED"
+RESULTS = "results.json"
 CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
 
 router = APIRouter(prefix="/api/v1/batches", responses=PROBLEM_RESPONSES, tags=["batches"])
@@ -100,16 +103,20 @@ def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
 def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
-    """The recordings without a result, and what to do about each."""
-    jobs = [job for job in _list_ended(services, batch_id) if job.state is not JobState.SUCCEEDED]
-    return _answer_table(encode_table(PROBLEM_COLUMNS, [_tell_problem(job, language) for job in jobs]))
+    """The recordings without a result, and what to do about each; those whose result is damaged, too."""
+    told = (_tell_problem(services, job, language) for job in _list_ended(services, batch_id))
+    return _answer_table(encode_table(PROBLEM_COLUMNS, [row for row in told if row is not None]))
 
 
 @router.post("/{batch_id}/retry-failed", status_code=202)
 def retry_failed(batch_id: str, services: UsedServices) -> BatchView:
-    """Analyse anew what failed in a batch."""
+    """Analyse anew what failed in a batch, and what has lost its result or holds a damaged one."""
     batch = services.batches.get(batch_id)
-    check_queue(services, batch.counts[JobState.FAILED])
+    damaged = [job for job in services.batches.list_jobs(batch_id) if _is_damaged(services, job)]
+    check_queue(services, batch.counts[JobState.FAILED] + len(damaged))
+    for job in damaged:
+        if can_renew(services.store, services.storage, job):
+            services.store.repeat(job, "api")
     services.batches.retry_failed(batch_id)
     return view_batch(services.batches.get(batch_id))
 
@@ -145,14 +152,27 @@ def _list_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
 
 
 def _summarise(services: Services, job: Job) -> Row:
-    if job.state is JobState.SUCCEEDED:
-        results = json.loads(read_result(services, job, "results.json"))
-        return summarise_results(add_origin(results, _tell_origin(job)))
-    return summarise_failure(_tell_origin(job), job.problem_code or CANCELLED)
+    if job.state is not JobState.SUCCEEDED:
+        return summarise_failure(_tell_origin(job), job.problem_code or CANCELLED)
+    try:
+        results = json.loads(read_result(services, job, RESULTS))
+    except ResultDamaged as damaged:
+        return summarise_failure(_tell_origin(job), damaged.code)
+    return summarise_results(add_origin(results, _tell_origin(job)))
 
 
-def _tell_problem(job: Job, language: Language) -> Row:
-    return tell_problem(_tell_origin(job), job.problem_code or CANCELLED, job.problem_facts, language)
+def _tell_problem(services: Services, job: Job, language: Language) -> Row | None:
+    if job.state is not JobState.SUCCEEDED:
+        return tell_problem(_tell_origin(job), job.problem_code or CANCELLED, job.problem_facts, language)
+    if _is_damaged(services, job):
+        return tell_problem(_tell_origin(job), ResultDamaged.code, {"name": RESULTS}, language)
+    return None
+
+
+def _is_damaged(services: Services, job: Job) -> bool:
+    """Tell whether the figures of an analysis are lost; all its files would be too many to read here."""
+    file = services.store.find_file(job.id, RESULTS) if job.state is JobState.SUCCEEDED else None
+    return file is not None and not is_result_whole(services.storage, job.id, str(job.token), file)
 
 
 def _tell_origin(job: Job) -> Origin:

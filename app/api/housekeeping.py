@@ -3,20 +3,24 @@
 Old is counted in time that the server has run, not by the clock: a clock that is put forward deletes nothing.
 """
 
+import asyncio
 import logging
 import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import anyio
 from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import OperationalError
 
-from app.api.recordings import purge_recording
+from app.api.recordings import forget_samples, purge_recording
 from app.api.services import Services
 from app.api.side_files import write_side_files
 from app.api.tus_body import drop_upload
-from app.delivery import Message, send_message
+from app.delivery import LIMIT_S, Message, send_message
 from app.errors import LockedUpload
 from app.jobs.keeper import Keeper
+from app.jobs.webhooks import Delivery
 from app.upkeep.reconcile import (
     TEMPORARY_S,
     catch_up,
@@ -32,20 +36,23 @@ AGE_S = 60.0
 ANSWER_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
+MOST_AT_ONCE = 16
+"""Addresses that are told at the same time; each of them hears one message after the other."""
 
 logger = logging.getLogger(__name__)
 
 
 async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
-    keeper = Keeper(services.store.engine)
+    keeper, sender = Keeper(services.store.engine), WebhookSender(services)
     try:
-        await _keep_on(services, keeper)
+        await _keep_on(services, keeper, sender)
     finally:
+        await sender.stop()
         keeper.close()
 
 
-async def _keep_on(services: Services, keeper: Keeper) -> None:
+async def _keep_on(services: Services, keeper: Keeper, sender: "WebhookSender") -> None:
     looked_s = aged_s = time.monotonic()
     while True:
         await anyio.sleep(LOOK_S)
@@ -55,7 +62,7 @@ async def _keep_on(services: Services, keeper: Keeper) -> None:
                 looked_s = aged_s = now_s  # another counts this time
                 continue
             await run_in_threadpool(write_side_files, services, SIDE_FILES_AT_ONCE)
-            await run_in_threadpool(tell_webhooks, services, now_s - looked_s)
+            await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
                 await run_in_threadpool(grow_older, services, now_s - aged_s)
@@ -91,20 +98,59 @@ def reconcile(services: Services) -> None:
         logger.info("wrote %d side files", written)
 
 
-def tell_webhooks(services: Services, elapsed_s: float) -> None:
-    """Tell what is due; what is not heard is tried again later.
+@dataclass(slots=True)
+class WebhookSender:
+    """Delivers to several addresses at once, in tasks that nobody has to wait for.
 
-    An address that does not hear is tried once in a round: it must not keep the others waiting.
+    ``limit_s``: for each delivery.
     """
-    deaf: set[str] = set()
-    for delivery in services.webhooks.wait(elapsed_s):
-        if delivery.url in deaf or not services.webhooks.take(delivery):
-            continue
-        message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
-        if send_message(message, allow_private=services.settings.webhooks_may_be_private):
-            services.webhooks.told(delivery)
-        else:
-            deaf.add(delivery.url)
+
+    services: Services
+    limit_s: float = LIMIT_S
+    _under_way: dict[str, asyncio.Task[None]] = field(default_factory=dict)
+    _starts: dict[str, int] = field(default_factory=dict)
+    _started: int = 0
+
+    async def start_due(self, elapsed_s: float) -> None:
+        """Begin to tell what is due, where nothing is under way to the same address.
+
+        Addresses that were told longest ago go first: slow ones with much to hear keep nobody waiting.
+        """
+        due: dict[str, list[Delivery]] = {}
+        for delivery in await run_in_threadpool(self.services.webhooks.wait, elapsed_s):
+            due.setdefault(delivery.url, []).append(delivery)
+        self._under_way = {url: task for url, task in self._under_way.items() if not task.done()}
+        self._starts = {url: start for url, start in self._starts.items() if url in due}
+        free = sorted(due.keys() - self._under_way.keys(), key=lambda url: (self._starts.get(url, 0), url))
+        for url in free[: MOST_AT_ONCE - len(self._under_way)]:
+            self._started += 1
+            self._starts[url] = self._started
+            self._under_way[url] = asyncio.create_task(self._tell(due[url]))
+
+    async def finish(self) -> None:
+        """Wait until nothing is under way."""
+        await asyncio.gather(*self._under_way.values())
+
+    async def stop(self) -> None:
+        """Break off what is under way; it is told again when its pause has passed."""
+        for task in self._under_way.values():
+            task.cancel()
+        await asyncio.gather(*self._under_way.values(), return_exceptions=True)
+
+    async def _tell(self, deliveries: Iterable[Delivery]) -> None:
+        """Tell one address what is due to it, one message after the other, until it does not hear."""
+        webhooks, settings = self.services.webhooks, self.services.settings
+        try:
+            for delivery in deliveries:
+                if not await run_in_threadpool(webhooks.take, delivery):
+                    continue
+                message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
+                allow_private = settings.webhooks_may_be_private
+                if not await send_message(message, allow_private=allow_private, limit_s=self.limit_s):
+                    return
+                await run_in_threadpool(webhooks.told, delivery)
+        except OperationalError:
+            logger.exception("the database does not answer; a webhook is told again later")
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:
@@ -117,6 +163,7 @@ def grow_older(services: Services, elapsed_s: float) -> None:
             continue
     for recording_id in services.recordings.age_trash(elapsed_s, settings.trash_term_s):
         purge_recording(services, recording_id)
+    forget_samples(services)  # a child may have written some while its recording was being purged
     services.answers.age(elapsed_s, ANSWER_TERM_S)
     services.storage.drop_temporary(TEMPORARY_S)
     services.quarantine.names = services.storage.list_quarantine()

@@ -2,6 +2,7 @@
 
 Source: IETF draft httpapi-idempotency-key-header-07: the same key with another request is a 422, a key whose
 request is still under way a 409. Answers that a repetition may change (409, 423, 429, 5xx) are not kept.
+What was purged since is a 410: the repetition makes nothing anew.
 """
 
 import hashlib
@@ -13,8 +14,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import AppError, KeyInUse, KeyReused
-from app.jobs.kept_answers import AnswerStore, KeptAnswer
+from app.errors import AppError, KeyInUse, KeyReused, PurgedSince
+from app.jobs.kept_answers import GONE, AnswerStore, KeptAnswer
 
 LONGEST_KEY = 255
 PASSING = frozenset({408, 409, 423, 429})
@@ -39,8 +40,18 @@ class Idempotency:
         if known is None:
             await self._answer_first(key, scope, listener)
         else:
-            response = await _answer_again(known, listener) or self._answer(Request(scope), _refuse(known))
+            response = await self._answer_again(known, scope, listener)
             await response(scope, receive, send)
+
+    async def _answer_again(self, known: KeptAnswer, scope: Scope, listener: "_Listener") -> Response:
+        """Give the kept answer, once the whole request is seen to be the same; else the refusal."""
+        if known.status is None:
+            return self._answer(Request(scope), KeyInUse())
+        if not await _is_same(known, listener):
+            return self._answer(Request(scope), KeyReused())
+        if known.status == GONE:
+            return self._answer(Request(scope), PurgedSince())
+        return Response(known.body, known.status, dict(known.headers))
 
     async def _answer_first(self, key: str, scope: Scope, listener: "_Listener") -> None:
         kept = False
@@ -91,20 +102,11 @@ class _Listener:
         return KeptAnswer(self.digest.hexdigest(), self.status, tuple(self.headers), bytes(self.body))
 
 
-async def _answer_again(known: KeptAnswer, listener: _Listener) -> Response | None:
-    """Give the kept answer, once the whole request is seen to be the same; None where it is not."""
-    if known.status is None:
-        return None
+async def _is_same(known: KeptAnswer, listener: _Listener) -> bool:
     while not listener.heard_all:
         if (await listener.receive())["type"] == "http.disconnect":
             break
-    if listener.digest.hexdigest() != known.fingerprint:
-        return None
-    return Response(known.body, known.status, dict(known.headers))
-
-
-def _refuse(known: KeptAnswer) -> AppError:
-    return KeyInUse() if known.status is None else KeyReused()
+    return listener.digest.hexdigest() == known.fingerprint
 
 
 def _find_key(scope: Scope) -> str:

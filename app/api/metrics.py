@@ -4,11 +4,13 @@ import shutil
 from collections.abc import Iterable
 
 from fastapi import APIRouter, Response
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, ProcessCollector, generate_latest
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from app.api.readiness import GOOD
 from app.api.services import Services, UsedServices
 
 router = APIRouter(include_in_schema=False)
@@ -21,11 +23,16 @@ def healthz() -> dict[str, str]:
 
 
 @router.get("/readyz")
-def readyz(services: UsedServices) -> JSONResponse:
-    """Say whether work can be taken: the database answers and the disk has room."""
-    counts = {state.value: number for state, number in services.store.count_states().items()}
-    services.storage.check_space(0, services.settings.min_free_bytes)
-    return JSONResponse({"status": "ok", "analyses": counts})
+async def readyz(services: UsedServices) -> JSONResponse:
+    """Say whether uploads are taken: 200, or 503 with the code of each check that fails."""
+    checks = await services.readiness.check()
+    if set(checks.values()) != {GOOD}:
+        body = {"status": "unready", "checks": checks}
+        return JSONResponse(body, 503, headers={"Retry-After": "5"})
+    counts = await run_in_threadpool(services.store.count_states)
+    analyses = {state.value: number for state, number in counts.items()}
+    body = {"status": GOOD, "checks": checks, "analyses": analyses}
+    return JSONResponse(body | {"quarantine": len(services.quarantine.names)})
 
 
 @router.get("/metrics")

@@ -19,12 +19,12 @@ from app.api.recording_views import (
     view_recording,
 )
 from app.api.services import Services, UsedServices
-from app.api.tus_body import finish_upload
+from app.api.tus_body import finish_upload, get_upload_row
 from app.api.upload import read_digest, read_small_body, receive_recording, store_recording
-from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion
+from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion, StoreDamaged
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
-from app.storage import StoredRecording, borrow_recording
+from app.storage import StoredRecording, borrow_recording, seems_whole
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])
@@ -111,12 +111,13 @@ def delete_recording(
     services: UsedServices,
     purge: bool = False,  # noqa: FBT001, FBT002
 ) -> Response:
-    """Throw away a recording and all that was made of it; with ``purge``, or when in the trash, for good."""
-    row = services.recordings.get(recording_id, trashed=True)
-    if row.state == "stored":
-        services.recordings.trash(row.id)
-    if row.state == "trashed" or purge or services.settings.trash_term_s <= 0:
-        purge_recording(services, row.id)
+    """Put a recording and all that was made of it into the trash; one that is there stays as it is.
+
+    With ``purge`` it is deleted for good; without, when its time in the trash is over.
+    """
+    services.recordings.trash(recording_id)
+    if purge or services.settings.trash_term_s <= 0:
+        purge_recording(services, recording_id)
     return Response(status_code=204)
 
 
@@ -137,10 +138,12 @@ def get_inspection(
 
 
 def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -> dict[str, Any]:
+    if not seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes)):
+        raise StoreDamaged
     if row.inspection is not None and rate_hz is None:
         return dict(row.inspection)
     wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
-    with borrow_recording(services.storage, row.id) as log:
+    with borrow_recording(services.storage, row.id, row.sha256) as log:
         found = services.inspector.look(log, wish)
     if rate_hz is None:
         services.recordings.keep_inspection(row.id, found)
@@ -206,6 +209,13 @@ def purge_recording(services: Services, recording_id: str) -> None:
     for stored_id in purged.recordings:
         services.storage.drop_recording(stored_id)
     services.recordings.end_purge(recording_id)
+    forget_samples(services)
+
+
+def forget_samples(services: Services) -> None:
+    """Remove the decoded samples of which no recording is left."""
+    held = services.cache.list_digests()
+    services.cache.forget(held - services.recordings.list_known(held))
 
 
 async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:
@@ -222,7 +232,7 @@ async def _receive_form(request: Request, services: Services, words: RecordingWo
 
 def _take_uploaded(services: Services, body: bytes) -> StoredRow:
     said = take_model(UploadedRecording, take_json(body))
-    upload = finish_upload(services, services.uploads.get(said.upload_id))
+    upload = finish_upload(services, get_upload_row(services, said.upload_id))
     if upload.recording_id is None:
         raise NotFinished(state=f"{upload.offset_bytes}/{upload.length_bytes}")
     row = services.recordings.get(upload.recording_id)

@@ -19,6 +19,7 @@ from app.errors import Busy
 from app.jobs.job import Job
 from app.jobs.queueing import WayIn
 from app.jobs.recordings import StoredRow
+from app.jobs.renewing import find_same, retry
 from app.report.wording import Language
 from app.request import Paper, ReportRequest
 from app.storage import StoredRecording
@@ -61,7 +62,8 @@ async def analyze(
     wish = parameters.to_request(language, services.settings.paper)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
-        same = None if parameters.again else services.store.find_same(stored.sha256, wish)
+        own = (stored.id, stored.sha256)
+        same = None if parameters.again else find_same(services.store, services.storage, own, wish, way_in)
         if same is not None:
             services.storage.drop_recording(stored.id)
             return same, True
@@ -118,8 +120,11 @@ def cancel_analysis(analysis_id: str, services: UsedServices, language: UsedLang
 def retry_analysis(
     analysis_id: str, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
 ) -> AnalysisView:
-    """Analyse anew what failed or was cancelled; what is under way or done comes back as it is."""
-    job = services.store.retry(analysis_id, way_in)
+    """Analyse anew what failed, was cancelled, or has a file that is damaged or missing.
+
+    What is under way, or done and whole, comes back as it is.
+    """
+    job = retry(services.store, services.storage, analysis_id, way_in)
     return _accept(view_analysis(job, language).model_dump(exclude_unset=True), job)  # type: ignore[return-value]
 
 
@@ -158,8 +163,9 @@ def _start(
     services: Services, row: StoredRow, request: ReportRequest, way_in: WayIn, *, again: bool
 ) -> tuple[Job, bool]:
     """Give the analysis, and whether it was there before."""
-    same = None if again else services.store.find_same(row.sha256, request)
-    return same or services.store.add_analysis((row.id, row.sha256), request, way_in), same is not None
+    own = (row.id, row.sha256)
+    same = None if again else find_same(services.store, services.storage, own, request, way_in)
+    return same or services.store.add_analysis(own, request, way_in), same is not None
 
 
 def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:

@@ -2,19 +2,22 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
-from starlette.background import BackgroundTask
+from starlette.types import Message, Receive, Scope, Send
 
 from app.api.guard import REPORT_POLICY
 from app.api.ranges import check_range
 from app.api.services import Services
-from app.errors import NoSuchFile, NotFinished
+from app.errors import NoSuchFile, NotFinished, ResultDamaged
 from app.jobs.job import Job, JobState
 from app.report.naming import Origin, name_file
-from app.storage import borrow_result
+from app.storage import ResultFile, borrow_result, read_mark
 
 MEDIA_TYPES: Mapping[str, str] = {
     "json": "application/json",
@@ -28,34 +31,51 @@ MEDIA_TYPES: Mapping[str, str] = {
     "gz": "application/gzip",
     "yaml": "application/yaml",
 }
-FOR_EVER = "private, max-age=31536000, immutable"
-"""What is published for an analysis never changes: another attempt is another analysis."""
 
 
-def serve_file(request: Request, services: Services, job: Job, name: str) -> Response:
-    """Give the stored bytes of a published file, and nothing of an attempt that does not count.
+def serve_file(request: Request, services: Services, job: Job, name: str, download: str = "") -> Response:
+    """Give the bytes of a published file, held against their row; ``download`` names them, else the one rule.
 
     Raises
     ------
-    NotFinished, NoSuchFile, NoSuchRange
+    NotFinished, NoSuchFile, NoSuchRange, ResultDamaged
     """
-    token = check_succeeded(job, name)
-    file = services.store.find_file(job.id, name)
-    if file is None:
-        raise NoSuchFile(name=name)
+    file = find_file(services, job, name)
     headers = head_file(name, file.sha256)
     if _is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     check_range(request, file.size_bytes)
-    path = services.storage.fetch_result(job.id, token, name)
-    return FileResponse(
-        path,
-        background=BackgroundTask(services.storage.give_back, path),
-        headers=headers,
-        media_type=MEDIA_TYPES[name.rpartition(".")[2]],
-        filename=name_download(services, job, name),
-        content_disposition_type="inline" if name.endswith(".html") else "attachment",
-    )
+    with ExitStack() as opened:
+        path = opened.enter_context(borrow_file(services, job, name))
+        answer = _LentFile(
+            path,
+            headers=headers,
+            media_type=MEDIA_TYPES[name.rpartition(".")[2]],
+            filename=download or name_download(services, job, name),
+            content_disposition_type="inline" if name.endswith(".html") else "attachment",
+        )
+        answer.lent = opened.pop_all()
+    return answer
+
+
+class _LentFile(FileResponse):
+    """A borrowed file, given back at the end. Where it changes on the way, the answer breaks off."""
+
+    def __init__(self, path: Path, **told: Any) -> None:
+        super().__init__(path, **told)
+        self._mark, self.lent = read_mark(path), ExitStack()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def watch(message: Message) -> None:
+            if read_mark(Path(self.path)) != self._mark:
+                raise ResultDamaged(name=Path(self.path).name)
+            await send(message)
+
+        try:
+            await super().__call__(scope, receive, watch)
+        finally:
+            with suppress(ResultDamaged):
+                self.lent.close()
 
 
 def serve_bytes(request: Request, services: Services, job: Job, name: str, body: bytes) -> Response:
@@ -70,11 +90,40 @@ def serve_bytes(request: Request, services: Services, job: Job, name: str, body:
 
 
 def head_file(name: str, sha256: str) -> dict[str, str]:
-    """Give the headers of a file that never changes."""
-    headers = {"ETag": f'"{sha256}"', "Cache-Control": FOR_EVER}
-    if name.startswith(("report", "answer")):  # the language may be the browser's choice
-        headers["Cache-Control"] = "private, no-cache"
+    """Give the headers of a file. It is health data: no copy stays on a computer that people share."""
+    headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
+
+
+def find_file(services: Services, job: Job, name: str) -> ResultFile:
+    """Give what was published under a name.
+
+    Raises
+    ------
+    NotFinished, NoSuchFile
+    """
+    check_succeeded(job, name)
+    file = services.store.find_file(job.id, name)
+    if file is None:
+        raise NoSuchFile(name=name)
+    return file
+
+
+@contextmanager
+def borrow_file(services: Services, job: Job, name: str) -> Iterator[Path]:
+    """Lend a published file, held against its row.
+
+    Raises
+    ------
+    NotFinished, NoSuchFile, ResultDamaged
+    """
+    file = find_file(services, job, name)
+    try:
+        with borrow_result(services.storage, job.id, str(job.token), file) as path:
+            yield path
+    except ResultDamaged as damaged:
+        again = {"again": job.replaced_by} if job.replaced_by else {}
+        raise ResultDamaged(**damaged.facts, **again) from damaged
 
 
 def read_result(services: Services, job: Job, name: str) -> bytes:
@@ -82,15 +131,14 @@ def read_result(services: Services, job: Job, name: str) -> bytes:
 
     Raises
     ------
-    NotFinished, NoSuchFile
+    NotFinished, NoSuchFile, ResultDamaged
     """
-    token = check_succeeded(job, name)
-    with borrow_result(services.storage, job.id, token, name) as path:
+    with borrow_file(services, job, name) as path:
         return path.read_bytes()
 
 
-def check_succeeded(job: Job, name: str) -> str:
-    """Give the attempt that counts.
+def check_succeeded(job: Job, name: str) -> None:
+    """See that an analysis has files.
 
     Raises
     ------
@@ -100,7 +148,6 @@ def check_succeeded(job: Job, name: str) -> str:
         raise NotFinished(state=job.state.value)
     if job.state is not JobState.SUCCEEDED or job.token is None:
         raise NoSuchFile(name=name)
-    return job.token
 
 
 def name_ascii(name: str) -> str:
@@ -116,8 +163,11 @@ def name_download(services: Services, job: Job, name: str) -> str:
 
 
 def _find_start(services: Services, job: Job) -> str:
-    """Give when the recording began; empty where its clock was never set."""
-    recording = json.loads(read_result(services, job, "results.json")).get("recording", {})
+    """Give when the recording began; empty where its clock was never set, or the results are damaged."""
+    try:
+        recording = json.loads(read_result(services, job, "results.json")).get("recording", {})
+    except ResultDamaged:
+        return ""
     return str(recording.get("start") or "")
 
 

@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse
 
 from app.api.paging import cut_page, read_cursor
 from app.api.problems import PROBLEM_RESPONSES
-from app.api.results import check_succeeded, read_result, serve_bytes, serve_file
+from app.api.results import borrow_file, check_succeeded, read_result, serve_bytes, serve_file
 from app.api.schemas import (
     RESULT_NAMES,
     AnalysisList,
@@ -28,7 +28,6 @@ from app.report.bundle import pack_files
 from app.report.summary import PERIOD_COLUMNS, list_periods
 from app.report.tables import encode_table
 from app.report.wording import Language
-from app.storage import borrow_result
 
 EXPORT_NAMES = tuple(name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap")))
 
@@ -110,7 +109,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
     job = services.store.get(analysis_id)
     check_succeeded(job, "bundle.zip")
-    names = [name for name in services.store.list_files(job.id) if name != DAY_NAME]
+    names = [file.name for file in services.store.list_files(job.id) if file.name != DAY_NAME]
     body = pack_files({name: read_result(services, job, name) for name in names})
     return serve_bytes(request, services, job, "bundle.zip", body)
 
@@ -134,8 +133,7 @@ def get_settings_file(analysis_id: str, request: Request, services: UsedServices
 def get_elevation_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """The angle over time as text, in gzip."""
     job = services.store.get(analysis_id)
-    token = check_succeeded(job, "elevation.csv.gz")
-    with borrow_result(services.storage, job.id, token, "elevation.parquet") as parquet:
+    with borrow_file(services, job, "elevation.parquet") as parquet:
         body = services.inspector.write_angles(parquet)
     return serve_bytes(request, services, job, "elevation.csv.gz", body)
 

@@ -51,6 +51,7 @@ class AnalysisView(BaseModel):
     links: dict[str, str]
     batch_id: str | None = None
     replaced_by: str | None = None
+    interruptions: int = 0
     duplicate_of: str | None = None
     problem: ProblemView | None = None
 
@@ -100,6 +101,7 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         links=dict(list_links(job)),
         batch_id=job.batch_id,
         replaced_by=job.replaced_by,
+        interruptions=job.interruptions,
     )
     if job.problem_code is not None:
         view.problem = view_problem(job.problem_code, job.problem_facts, language, view.links["self"])

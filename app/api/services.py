@@ -5,6 +5,8 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from app.api.readiness import Readiness
+from app.decoded import DecodedCache
 from app.incoming import Incoming, Turns
 from app.jobs.batches import BatchStore
 from app.jobs.inspecting import Inspector
@@ -47,6 +49,8 @@ class Services:
     turns: Turns
     side_files: SideWriter
     quarantine: Quarantine
+    cache: DecodedCache
+    readiness: Readiness
 
 
 def open_services(settings: Settings) -> Services:
@@ -74,6 +78,8 @@ def open_services(settings: Settings) -> Services:
         turns=Turns(settings.max_uploads_at_once),
         side_files=SideWriter(*rows, storage),
         quarantine=Quarantine(),
+        cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
+        readiness=Readiness(store, storage, settings),
     )
 
 

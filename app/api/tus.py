@@ -15,7 +15,14 @@ from pydantic import BaseModel, Field
 
 from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS
 from app.api.services import Services, UsedServices
-from app.api.tus_body import CHECKSUMS, OFFSET_BODY, drop_upload, finish_upload, take_bytes
+from app.api.tus_body import (
+    CHECKSUMS,
+    OFFSET_BODY,
+    drop_upload,
+    finish_upload,
+    get_upload_row,
+    take_bytes,
+)
 from app.api.tus_ends import TAIL_BODY, TAIL_BYTES, keep_tail, read_both_ends
 from app.api.tus_metadata import read_metadata
 from app.api.upload import check_room, read_small_body
@@ -111,7 +118,7 @@ def get_upload(upload_id: str, services: UsedServices, said: Said) -> UploadView
     """Say how many bytes are safe (HEAD gives the same in headers, as tus asks)."""
     if said.tus_resumable is not None:
         said.check_protocol()
-    row = finish_upload(services, services.uploads.get(upload_id))
+    row = finish_upload(services, get_upload_row(services, upload_id))
     headers = _tell(row, services) | {"Upload-Length": str(row.length_bytes), "Cache-Control": "no-store"}
     if row.metadata:
         headers["Upload-Metadata"] = row.metadata

@@ -44,7 +44,7 @@ async def _take_alone(
     if not services.incoming.take(upload_id):
         raise LockedUpload
     try:
-        row = await run_in_threadpool(services.uploads.get, upload_id)
+        row = await run_in_threadpool(get_upload_row, services, upload_id)
         _check_place(request, row, offset_bytes)
         body = await run_in_threadpool(_open_body, services, row, checksum)
         body.unpacker = unpacker
@@ -65,6 +65,18 @@ def _check_place(request: Request, row: UploadRow, offset_bytes: int) -> None:
     is_plain = "content-encoding" not in request.headers
     if is_plain and announced.isdecimal() and offset_bytes + int(announced) > row.length_bytes:
         raise WrongLength
+
+
+def get_upload_row(services: Services, upload_id: str) -> UploadRow:
+    """Give the row of an upload; what counted and is not on the disk any more has to be sent again.
+
+    Otherwise zeros would take the place of the bytes that are lost.
+    """
+    row = services.uploads.get(upload_id)
+    found_bytes = services.incoming.measure(upload_id)
+    if row.recording_id is None and found_bytes < row.offset_bytes:
+        return services.uploads.step_back(row, found_bytes)
+    return row
 
 
 def finish_upload(services: Services, row: UploadRow) -> UploadRow:

@@ -39,7 +39,8 @@ def read_both_ends(services: Services, row: UploadRow) -> tuple[bytes, bytes | N
         head = _read_head(services.incoming.path(row.id), row.offset_bytes)
         tail = services.incoming.read_tail(row.id)
     else:
-        with borrow_recording(services.storage, row.recording_id) as log:
+        sha256 = services.store.find_sha256(row.recording_id)
+        with borrow_recording(services.storage, row.recording_id, sha256) as log:
             head, tail = _read_head(log, row.offset_bytes), _read_tail(log)
     unseen_bytes = row.length_bytes - len(head)
     if unseen_bytes and (tail is None or unseen_bytes > len(tail)):

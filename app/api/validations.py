@@ -8,13 +8,11 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel
-from starlette.background import BackgroundTask
 from starlette.datastructures import FormData, UploadFile
 
-from app.api.guard import REPORT_POLICY
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
-from app.api.results import check_succeeded
-from app.api.services import Services, UsedLanguage, UsedServices
+from app.api.results import serve_file
+from app.api.services import Services, UsedLanguage, UsedServices, choose_language
 from app.errors import BadParameter, NotHere
 from app.jobs.job import Job, JobState
 from app.report.wording import Language
@@ -34,12 +32,7 @@ from fusion.task_windows import TaskWindow, read_tasks
 
 T = TypeVar("T")
 
-MEDIA_TYPES = {
-    "validation.json": "application/json",
-    "validation.csv": "text/csv; charset=utf-8",
-    "validation.html": "text/html; charset=utf-8",
-    "validation.pdf": "application/pdf",
-}
+NAMES = ("validation.json", "validation.csv", "validation.html", "validation.pdf")
 CHOICES: dict[str, tuple[str, ...]] = {
     "side": ("", "left", "right"),
     "method": ("smoothed", "published", "live"),
@@ -114,26 +107,15 @@ def get_validation(validation_id: str, services: UsedServices, language: UsedLan
 def get_validation_file(
     validation_id: str,
     name: Literal["validation.json", "validation.csv", "validation.html", "validation.pdf"],
+    request: Request,
     services: UsedServices,
-    language: UsedLanguage,
     lang: Annotated[Language | None, Query(description="en or fr; else the one asked for first")] = None,
 ) -> Response:
     """Every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
     job = find_validation(services, validation_id)
-    token = check_succeeded(job, name)
     stem, _, kind = name.partition(".")
-    stored = f"{stem}.{lang or language}.{kind}" if kind in {"html", "pdf"} else name
-    headers = {"Content-Security-Policy": REPORT_POLICY} if kind == "html" else {}
-    disposition = "inline" if kind == "html" else "attachment"
-    path = services.storage.fetch_result(job.id, token, stored)
-    return FileResponse(
-        path,
-        background=BackgroundTask(services.storage.give_back, path),
-        headers=headers,
-        media_type=MEDIA_TYPES[name],
-        filename=name,
-        content_disposition_type=disposition,
-    )
+    stored = f"{stem}.{lang or choose_language(request)}.{kind}" if kind in {"html", "pdf"} else name
+    return serve_file(request, services, job, stored, name)
 
 
 def find_validation(services: Services, validation_id: str) -> Job:
@@ -154,7 +136,7 @@ def view_validation(job: Job, language: Language) -> ValidationView:
     own = f"/api/v1/validations/{job.id}"
     links = {"self": own, "page": f"/validations/{job.id}"}
     if job.state is JobState.SUCCEEDED:
-        links |= {name.replace(".", "_"): f"{own}/{name}" for name in MEDIA_TYPES}
+        links |= {name.replace(".", "_"): f"{own}/{name}" for name in NAMES}
     problem = None
     if job.problem_code is not None:
         problem = view_problem(job.problem_code, job.problem_facts, language, own)

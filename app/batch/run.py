@@ -26,12 +26,13 @@ from app.batch.folder import (
 from app.batch.placing import MARKER
 from app.batch.plan import Task
 from app.decoded import KnownLogs
-from app.errors import Crashed
+from app.errors import Crashed, Interrupted
 from app.jobs.attempt import (
     Attempt,
     Finished,
     MakeReport,
     Refused,
+    Unstarted,
     choose_limits,
     load_and_make_report,
     load_and_tell_again,
@@ -178,6 +179,8 @@ def _attempt(
     outcome = run_attempt(Attempt(task.log, request, staging, make, limits), go_on)
     if isinstance(outcome, Refused):
         return Outcome(task, code=outcome.code, facts=outcome.facts)
+    if isinstance(outcome, Unstarted):
+        return Outcome(task, code=Interrupted.code)
     if not isinstance(outcome, Finished):
         return Outcome(task, code=Crashed.code, facts={"attempts": 1})
     return Outcome(task)

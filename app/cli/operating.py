@@ -3,14 +3,17 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.errors import AppError, DatabaseAway
+from app.errors import AppError, BackupRefused, DatabaseAway
 from app.report.messages import describe_problem
 from app.report.wording import Language, fill, load_wording
 from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.upkeep.backup import Copied
 
 FAILED, REFUSED = 1, 3
 
@@ -26,12 +29,16 @@ def backup(
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Write every row and every file into one file; the server may run meanwhile."""
+    """Write every row and every file into one file; the server may run meanwhile.
+
+    A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
+    """
     from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
 
-    with _refusals_told(lang):
-        number = back_up(_find_settings(data), file)
-    _say(lang, "backup", "done", number=str(number), file=str(file))
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        copied = back_up(settings, file)
+    _tell_copied(lang, "backup", copied, file=str(file))
 
 
 def restore(
@@ -39,13 +46,16 @@ def restore(
     data: DataOption = None,
     lang: LanguageOption = "en",
 ) -> None:
-    """Put a backup into an empty data folder (or an empty database and bucket)."""
+    """Put a backup into an empty data folder (or an empty database and bucket).
+
+    A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
+    """
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
 
     settings = _find_settings(data)
-    with _refusals_told(lang):
-        number = put_back(settings, file)
-    _say(lang, "restore", "done", number=str(number), folder=str(settings.data_dir))
+    with _refusals_told(lang, settings):
+        copied = put_back(settings, file)
+    _tell_copied(lang, "restore", copied, folder=str(settings.data_dir))
 
 
 def verify(
@@ -54,10 +64,9 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    with _refusals_told(lang):
+    with _refusals_told(lang, _find_settings(data)):
         number, faults = _verify_kept(data) if file is None else _verify_backup(file)
-    for name, finding in faults:
-        _say(lang, "verify", finding, name=name)
+    _tell_faults(lang, faults)
     if faults:
         _say(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
         raise typer.Exit(FAILED)
@@ -68,8 +77,9 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
 
-    with _refusals_told(lang):
-        done = bring_back(_find_settings(data))
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        done = bring_back(settings)
     for trouble in done.troubles:
         _say(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
@@ -95,9 +105,11 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 
 def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
-    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415  the database, and only this needs it
+    from app.jobs.database import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415
 
     settings = _find_settings(data)
+    check_whole(settings.database_url)
     kept = list_kept(settings)
     return len(kept), [(fault.name, fault.finding) for fault in find_faults(settings, kept)]
 
@@ -105,8 +117,24 @@ def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
 def _verify_backup(file: Path) -> tuple[int, list[tuple[str, str]]]:
     from app.upkeep.backup import find_damage  # noqa: PLC0415  the database, and only this needs it
 
-    number, damaged = find_damage(file)
-    return number, [(name, "damaged") for name in damaged]
+    copied = find_damage(file)
+    return copied.promised, [(fault.name, fault.finding) for fault in copied.faults]
+
+
+def _tell_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
+    """Tell how many files were copied and which were not whole; exit 1 where there are any."""
+    if not copied.faults:
+        _say(language, command, "done", number=str(copied.promised), **facts)
+        return
+    _tell_faults(language, [(fault.name, fault.finding) for fault in copied.faults])
+    counts = {"number": str(copied.promised), "faults": str(len(copied.faults))}
+    _say(language, command, "not_whole", **counts, **facts)
+    raise typer.Exit(FAILED)
+
+
+def _tell_faults(language: Language, faults: list[tuple[str, str]]) -> None:
+    for name, finding in faults:
+        _say(language, "verify", finding, name=name)
 
 
 def _find_settings(data: Path | None) -> Settings:
@@ -118,16 +146,21 @@ def _say(language: Language, command: str, sentence: str, /, **facts: str) -> No
 
 
 @contextmanager
-def _refusals_told(language: Language) -> Iterator[None]:
+def _refusals_told(language: Language, settings: Settings) -> Iterator[None]:
     """Tell a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
+    from app.jobs.database import name_start_trouble  # noqa: PLC0415
+
     try:
-        yield
+        with name_start_trouble(settings):
+            yield
     except AppError as refusal:
         _tell_refusal(refusal, language)
     except SQLAlchemyError:
         _tell_refusal(DatabaseAway(), language)
+    except OSError as error:  # the place of the backup
+        _tell_refusal(BackupRefused(why=f"{error.filename or ''} {error.strerror}".strip()), language)
 
 
 def _tell_refusal(refusal: AppError, language: Language) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from app.cli.said import Exit, print_problem
-from app.errors import ServerRefused
+from app.errors import AppError
 
 
 def serve(
@@ -30,7 +30,7 @@ def serve(
     try:
         settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
         serve_app(settings, open_browser=open_)
-    except ServerRefused as refusal:
+    except AppError as refusal:
         print_problem("serve", refusal.code, refusal.facts, "en")
         raise typer.Exit(Exit.USAGE) from None
 
@@ -41,11 +41,15 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
-    from app.jobs.worker import choose_engine  # noqa: PLC0415
+    from app.jobs.database import check_whole, name_start_trouble  # noqa: PLC0415
+    from app.jobs.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
+    settings = Settings(data_dir=data)
     try:
-        choose_engine(Settings(data_dir=data))()
-    except ServerRefused as refusal:
+        with name_start_trouble(settings):
+            check_whole(settings.database_url)
+        run_by_settings(settings)
+    except AppError as refusal:
         print_problem("worker", refusal.code, refusal.facts, "en")
         raise typer.Exit(Exit.USAGE) from None

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.decoded import NOTHING_KNOWN, KnownLogs
 from app.errors import AppError, AttemptFailed, InternalError, OutOfMemory, OutOfTime
-from app.jobs.forking import choose_context
+from app.jobs.forking import NotStarted, choose_context, end_child, start_child
 from app.request import OnStage, ReportRequest, Stage
 from app.storage import ResultFile, name_full_disk, seal_folder
 from fusion.errors import Fact, FusionError
@@ -91,7 +91,12 @@ class Stopped:
     """We ended it, for its result is no longer wanted."""
 
 
-Outcome = Finished | Refused | Died | Stopped
+@dataclass(frozen=True, slots=True)
+class Unstarted:
+    """No child could be started: the machine's trouble, not the file's."""
+
+
+Outcome = Finished | Refused | Died | Stopped | Unstarted
 
 
 def load_and_make_report(
@@ -131,13 +136,17 @@ def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     context = choose_context()
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_work, args=(attempt, theirs), daemon=True)
-    child.start()
-    theirs.close()
+    try:
+        start_child(child)
+    except NotStarted:
+        ours.close()
+        return Unstarted()
+    finally:
+        theirs.close()
     try:
         return _follow(child, ours, attempt.limits, on_progress)
     finally:
-        child.kill()
-        child.join()
+        end_child(child)
         ours.close()
 
 

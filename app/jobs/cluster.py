@@ -10,6 +10,7 @@ import asyncio
 import logging
 import os
 import signal
+from dataclasses import replace
 from functools import partial
 
 from procrastinate import App, PsycopgConnector
@@ -21,7 +22,8 @@ from sqlalchemy.exc import OperationalError
 
 from app.jobs.attempt import MakeReport
 from app.jobs.database import connect, lock_tables
-from app.jobs.forking import warm_up
+from app.jobs.forking import warm_up_and_wait
+from app.jobs.pulse import Pulse
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 
@@ -64,15 +66,20 @@ def _execute(connection: Connection, script: str) -> None:
 
 
 def run_cluster_worker(
-    settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None
+    settings: Settings,
+    make: MakeReport | None = None,
+    parent_pid: int | None = None,
+    pulse: Pulse | None = None,
 ) -> None:
     """Do jobs until asked to stop (SIGTERM, SIGINT) or until the parent is gone.
 
     ``make`` takes the place of the science.
     """
     bench = open_bench(settings, make)
+    if pulse is not None:
+        bench = replace(bench, pulse=pulse)
     install(settings.database_url)
-    warm_up()
+    warm_up_and_wait()
     address = make_url(settings.database_url).set(drivername="postgresql")
     connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
     engine = App(connector=connector)
@@ -122,6 +129,7 @@ async def _wait_for_stop(bench: Bench, parent_pid: int | None) -> None:
     while not bench.stopping.is_set():
         if parent_pid is not None and os.getppid() != parent_pid:
             bench.stopping.set()
+        bench.pulse.step()
         await asyncio.sleep(0.2)
 
 

@@ -2,20 +2,22 @@
 
 import importlib
 import json
+import shutil
 import tempfile
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from app.errors import Crashed, RecordedProblem
+from app.errors import Crashed, Interrupted, RecordedProblem
 from app.incoming import TAIL_SUFFIX
-from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, choose_limits, run_attempt
+from app.jobs.attempt import Attempt, Finished, MakeReport, Refused, Unstarted, choose_limits, run_attempt
 from app.jobs.forking import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
 
 AT_ONCE = 2
+PREFIX = "look_"
 
 
 def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -58,6 +60,13 @@ class Inspector:
         """Make the folder for what passes from child to parent."""
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
+    def sweep(self) -> None:
+        """Remove what a crash left of a look; only for the one server of this folder, before it looks."""
+        for left in self.folder.glob(f"{PREFIX}*"):
+            shutil.rmtree(left, ignore_errors=True)
+            if left.is_file():
+                left.unlink()
+
     def get_ready(self) -> None:
         """Load the science now, in the fork server, for a recording has been announced."""
         if not self._warm.is_set():
@@ -81,7 +90,7 @@ class Inspector:
         ------
         RecordedProblem
         """
-        with tempfile.TemporaryDirectory(dir=self.folder) as folder:
+        with tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             log = Path(folder) / "head"
             log.write_bytes(head)
             if tail is not None:
@@ -107,14 +116,14 @@ class Inspector:
         return self._run(parquet, ReportRequest(""), load_and_write_angles, "elevation.csv.gz")
 
     def _run_on(self, content: bytes, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        with tempfile.NamedTemporaryFile(dir=self.folder) as file:
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
             file.write(content)
             file.flush()
             return self._run(Path(file.name), request, make, name)
 
     def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
         """Give the file of this name that the child has made."""
-        with self._turns, tempfile.TemporaryDirectory(dir=self.folder) as folder:
+        with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
             limits = choose_limits(self.settings, log.stat().st_size)
             outcome = run_attempt(Attempt(log, request, out, make, limits), lambda *_: True)
@@ -122,7 +131,7 @@ class Inspector:
                 return (out / name).read_bytes()
         if isinstance(outcome, Refused):
             raise RecordedProblem(outcome.code, outcome.facts)
-        raise Crashed(attempts=1)
+        raise Interrupted if isinstance(outcome, Unstarted) else Crashed(attempts=1)
 
 
 def _read(body: bytes) -> dict[str, Any]:

@@ -42,8 +42,10 @@ class Job:
 
     ``token`` names the attempt that runs now or that succeeded; only its holder may move the job on.
     ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` say why a
-    failed job failed, or what holds up one that is not over. ``put_backs`` counts how often a full disk held
-    it up. ``replaced_by`` names the job that repeats it, or the report that stays after it.
+    failed job failed, or what holds up one that is not over. ``attempts`` counts the analyses that died while
+    their worker lived, and the one that runs or succeeded. ``interruptions`` counts the ends of the worker or
+    its computer. ``put_backs`` counts how often a full disk held it up. ``replaced_by`` names the job that
+    repeats it, or the report that stays after it.
     """
 
     id: str
@@ -65,6 +67,7 @@ class Job:
     batch_id: str | None = None
     replaced_by: str | None = None
     put_backs: int = 0
+    interruptions: int = 0
 
     @property
     def is_over(self) -> bool:

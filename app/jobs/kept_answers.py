@@ -1,15 +1,27 @@
 """Answers that were given under an ``Idempotency-Key``, for a client that did not hear them."""
 
 import json
-from dataclasses import dataclass
+import re
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
-from sqlalchemy import Engine, and_, delete, insert, or_, select, update
+from sqlalchemy import Connection, Engine, and_, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
-from app.jobs.tables import kept_answers
+from app.jobs.tables import analyses, batches, kept_answers, recordings
 
 UNFINISHED_TERM_S = 3600.0
 """After which nobody still works at a request, though its server never said so."""
+
+GONE = 410
+"""Status of an answer that was emptied: what it spoke of has been purged. No route answers so itself."""
+
+_FIRST_REFUSAL = 400
+_ROWS_AT_ONCE = 200
+_OWN_ID = re.compile(
+    r'(?:"(?:id|recording_id)":"|/(?:recordings|analyses|validations|batches)/)((?:rec|an|ba)_[0-9a-f]{16})'
+)
+_TABLES = {"an": analyses, "rec": recordings, "ba": batches}  # in the order in which a purge takes them
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +51,15 @@ class AnswerStore:
         return None
 
     def keep(self, key: str, answer: KeptAnswer) -> None:
-        """Remember the answer."""
-        values = {
-            "fingerprint": answer.fingerprint,
-            "status": answer.status,
-            "headers": json.dumps(answer.headers),
-            "body": answer.body,
-        }
+        """Remember the answer; of what was purged before it could be kept, only that it is gone."""
         with self._engine.begin() as connection:
+            kept = _empty(answer) if _is_gone(connection, answer) else answer
+            values = {
+                "fingerprint": kept.fingerprint,
+                "status": kept.status,
+                "headers": json.dumps(kept.headers),
+                "body": kept.body,
+            }
             connection.execute(update(kept_answers).where(kept_answers.c.key == key).values(values))
 
     def free(self, key: str) -> None:
@@ -74,3 +87,47 @@ class AnswerStore:
             return None
         headers = tuple((name, value) for name, value in json.loads(row.headers or "[]"))
         return KeptAnswer(row.fingerprint, row.status, headers, row.body or b"")
+
+
+def empty_answers(connection: Connection, ids: Collection[str]) -> None:
+    """Empty every kept answer that speaks of what is being purged, and forget all refusals.
+
+    An emptied answer keeps its key and its fingerprint, so that the request, asked again, does not make
+    anew what was purged. A refusal may repeat a subject code that was sent; it has made nothing, and the
+    request is judged anew.
+    """
+    refused = (kept_answers.c.status >= _FIRST_REFUSAL, kept_answers.c.status != GONE)
+    connection.execute(delete(kept_answers).where(*refused))
+    told = (kept_answers.c.key, kept_answers.c.headers, kept_answers.c.body)
+    made = select(*told).where(kept_answers.c.status < _FIRST_REFUSAL)
+    rows = connection.execute(made.execution_options(yield_per=_ROWS_AT_ONCE))
+    keys = [row.key for row in rows if not find_ids(row.headers, row.body).isdisjoint(ids)]
+    emptied = {"status": GONE, "headers": "[]", "body": b""}
+    for key in keys:
+        connection.execute(update(kept_answers).where(kept_answers.c.key == key).values(emptied))
+
+
+def find_ids(headers: str | None, body: bytes | None) -> frozenset[str]:
+    """Find the recordings, analyses and batches that an answer is about (not those it only compares with)."""
+    text = f"{headers or ''}\n{(body or b'').decode('utf-8', 'replace')}"
+    return frozenset(_OWN_ID.findall(text))
+
+
+def _empty(answer: KeptAnswer) -> KeptAnswer:
+    return replace(answer, status=GONE, headers=(), body=b"")
+
+
+def _is_gone(connection: Connection, answer: KeptAnswer) -> bool:
+    """Tell whether something that the answer is about has no row any more.
+
+    The rows are held until the answer is kept: a purge comes before it or after it, never in between.
+    """
+    if answer.status is None or answer.status >= _FIRST_REFUSAL:
+        return False
+    ids = find_ids(json.dumps(answer.headers), answer.body)
+    for prefix, table in _TABLES.items():
+        asked = {one for one in ids if one.startswith(f"{prefix}_")}
+        held = select(table.c.id).where(table.c.id.in_(asked)).with_for_update(read=True, key_share=True)
+        if asked and len(connection.execute(held).all()) != len(asked):
+            return True
+    return False

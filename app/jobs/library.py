@@ -185,7 +185,8 @@ def _find_report() -> ColumnElement[Any]:
     """Find the analysis whose report counts for the recording: this one, or the newest that succeeded."""
     other = analyses.alias()
     good = (other.c.recording_id == analyses.c.recording_id, other.c.state == JobState.SUCCEEDED)
-    newest = select(other.c.id).where(*good).order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1)
+    counting = select(other.c.id).where(*good, other.c.replaced_by.is_(None))
+    newest = counting.order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1)
     return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest.scalar_subquery())
 
 

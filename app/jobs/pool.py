@@ -5,8 +5,11 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
+from app.jobs.pulse import SilenceCount, read_pulse
 from app.settings import Settings
 
 CHECK_S = 0.5
@@ -16,12 +19,39 @@ SLOWEST_RESTART_S = 30.0
 logger = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True)
+class Worker:
+    """One process, the pipe that it beats into (none on Windows), and how long it has been silent."""
+
+    process: subprocess.Popen[bytes]
+    pulse: int | None
+    silence: SilenceCount
+
+    def must_be_replaced(self) -> bool:
+        """Tell whether the process has ended, or is silent for too long; to be asked once a tick."""
+        if self.process.poll() is not None:
+            logger.warning("worker %d ended with %s", self.process.pid, self.process.returncode)
+            return True
+        if self.pulse is None or not self.silence.is_too_long(heard=read_pulse(self.pulse)):
+            return False
+        logger.error("worker %d does not come back; another takes its place", self.process.pid)
+        return True
+
+    def end(self) -> None:
+        """End the process at once, and let go of its pipe."""
+        self.process.kill()
+        with suppress(subprocess.TimeoutExpired):  # a process that waits for a dead disk
+            self.process.wait(STOP_S)
+        if self.pulse is not None:
+            os.close(self.pulse)
+
+
 class WorkerPool:
-    """Starts the workers, starts another where one has died, stops them all at the end."""
+    """Starts the workers, starts another where one has died or hangs, stops them all at the end."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._workers: list[subprocess.Popen[bytes]] = []
+        self._workers: list[Worker] = []
         self._stopping = threading.Event()
         self._keeper = threading.Thread(target=self._keep, name="worker-keeper", daemon=True)
 
@@ -35,32 +65,41 @@ class WorkerPool:
         self._stopping.set()
         self._keeper.join()
         for worker in self._workers:
-            worker.terminate()
+            worker.process.terminate()
         for worker in self._workers:
-            try:
-                worker.wait(STOP_S)
-            except subprocess.TimeoutExpired:
-                worker.kill()
-                worker.wait()
+            with suppress(subprocess.TimeoutExpired):
+                worker.process.wait(STOP_S)
+            worker.end()
 
     def _keep(self) -> None:
         pause_s = CHECK_S
         while not self._stopping.wait(pause_s):
-            dead = [place for place, worker in enumerate(self._workers) if worker.poll() is not None]
-            for place in dead:
-                logger.warning(
-                    "worker %d ended with %s", self._workers[place].pid, self._workers[place].poll()
-                )
+            lost = [place for place, worker in enumerate(self._workers) if worker.must_be_replaced()]
+            for place in lost:
+                self._workers[place].end()
                 self._workers[place] = self._start_one()
-            pause_s = min(2 * pause_s, SLOWEST_RESTART_S) if dead else CHECK_S
+            pause_s = min(2 * pause_s, SLOWEST_RESTART_S) if lost else CHECK_S
 
-    def _start_one(self) -> subprocess.Popen[bytes]:
+    def _start_one(self) -> Worker:
         """Start a worker that finds this very code, whatever folder we were called from."""
         command = [sys.executable, "-P", "-m", "app.jobs.worker"]
         arguments = ["--data", str(self._settings.data_dir), "--parent", str(os.getpid())]
         code = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, [code, os.environ.get("PYTHONPATH")]))
         environment = os.environ | self._settings.as_environment() | {"PYTHONPATH": path}
-        return subprocess.Popen(  # noqa: S603 - our own program
-            [*command, *arguments], env=environment, start_new_session=True
-        )
+        silence = SilenceCount(round(self._settings.worker_silence_s / CHECK_S))
+        if sys.platform == "win32":
+            process = subprocess.Popen([*command, *arguments], env=environment, start_new_session=True)  # noqa: S603 - our own program
+            return Worker(process, None, silence)
+        ours, theirs = os.pipe()
+        os.set_blocking(ours, False)
+        try:
+            process = subprocess.Popen(  # noqa: S603 - our own program
+                [*command, *arguments, "--pulse", str(theirs)],
+                env=environment,
+                start_new_session=True,
+                pass_fds=(theirs,),
+            )
+        finally:
+            os.close(theirs)
+        return Worker(process, ours, silence)

@@ -55,6 +55,7 @@ def read_job(row: Row[Any]) -> Job:
         batch_id=row.batch_id,
         replaced_by=row.replaced_by,
         put_backs=row.put_backs,
+        interruptions=row.interruptions,
     )
 
 

@@ -1,7 +1,7 @@
 """The rows of recordings: what is stored, whose arm it is, what its day consisted of."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -10,6 +10,7 @@ from sqlalchemy import Connection, Engine, Row, Select, delete, insert, select, 
 from app.errors import NotHere, StaleVersion
 from app.jobs.job import JobState
 from app.jobs.moves import cancel_job
+from app.jobs.purging import drop_traces
 from app.jobs.reading import PURGING, REFERENCE, STORED, TRASHED, tell_now
 from app.jobs.side_files import count_change
 from app.jobs.tables import analyses, recordings, result_files, uploads
@@ -128,6 +129,12 @@ class RecordingStore:
             rows = connection.execute(query.order_by(*newest_first).limit(limit)).all()
         return tuple(_read_row(row) for row in rows)
 
+    def list_known(self, digests: Collection[str]) -> frozenset[str]:
+        """Give those of some SHA-256 of which there is a recording, in the trash or not."""
+        query = select(recordings.c.sha256).where(recordings.c.sha256.in_(digests)).distinct()
+        with self._reader.connect() as connection:
+            return frozenset(connection.execute(query).scalars())
+
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
         """Change columns, if nobody else has meanwhile.
 
@@ -159,8 +166,15 @@ class RecordingStore:
             count_change(connection, recording_id)
 
     def trash(self, recording_id: str) -> None:
-        """Take a recording out of every list and stop its analyses; nothing is deleted yet."""
-        self.get(recording_id)
+        """Take a recording out of every list and stop its analyses; nothing is deleted yet.
+
+        One that is in the trash stays there as it is: its term does not begin anew.
+
+        Raises
+        ------
+        NotHere
+        """
+        self.get(recording_id, trashed=True)
         going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
         mine = select(analyses.c.id).where(analyses.c.recording_id == recording_id, going_on)
         with self._engine.begin() as connection:
@@ -169,10 +183,14 @@ class RecordingStore:
                 cancel_job(connection, analysis_id)
             connection.execute(
                 update(recordings)
-                .where(recordings.c.id == recording_id)
-                .values(state=TRASHED, trashed_s=0.0, version=recordings.c.version + 1)
+                .where(recordings.c.id == recording_id, recordings.c.state == STORED)
+                .values(
+                    state=TRASHED,
+                    trashed_s=0.0,
+                    version=recordings.c.version + 1,
+                    revision=recordings.c.revision + 1,
+                )
             )
-            count_change(connection, recording_id)
 
     def restore(self, recording_id: str) -> StoredRow:
         """Take a recording out of the trash."""
@@ -206,12 +224,14 @@ class RecordingStore:
         """Delete every row of a recording and of its references, once their files are gone."""
         with self._engine.begin() as connection:
             of_it = select(analyses.c.id).where(analyses.c.recording_id == recording_id)
+            gone = tuple(connection.execute(of_it).scalars())
             references = _list_references(connection, recording_id)
             connection.execute(delete(result_files).where(result_files.c.analysis_id.in_(of_it)))
             connection.execute(delete(analyses).where(analyses.c.recording_id == recording_id))
             connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
             files = (recording_id, *references)
             connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
+            drop_traces(connection, {*gone, *files})
         self._empty_log()
 
     def _empty_log(self) -> None:

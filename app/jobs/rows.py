@@ -8,17 +8,21 @@ from typing import Any
 
 from sqlalchemy import Connection, MetaData, Table
 
-from app.jobs.tables import schema_revision
+from app.jobs.tables import metadata
+from app.private import create_file, make_folder
 from app.storage import sync_file, sync_folder
 
 ROWS_AT_ONCE = 1000
 
 
 def reflect_tables(connection: Connection) -> tuple[Table, ...]:
-    """Give our tables as they are in this database, those that others refer to first."""
+    """Give our tables as they are in this database, those that others refer to first.
+
+    A database may hold tables of somebody else: they are neither read nor touched.
+    """
     found = MetaData()
-    found.reflect(connection, only=lambda name, _: not name.startswith("procrastinate"))
-    return tuple(table for table in found.sorted_tables if table.name != schema_revision.name)
+    found.reflect(connection, only=lambda name, _: name in metadata.tables)
+    return tuple(table for table in found.sorted_tables if table.name in metadata.tables)
 
 
 def write_rows(connection: Connection, table: Table) -> Iterator[bytes]:
@@ -39,8 +43,8 @@ def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
 
 def write_rows_file(connection: Connection, path: Path) -> None:
     """Write all rows into a ZIP of their own, and make it durable."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED) as archive:
+    make_folder(path.parent)
+    with create_file(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         write_all_rows(connection, archive)
     sync_file(path)
     sync_folder(path.parent)
@@ -56,9 +60,10 @@ def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
 
 
 def settle_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Make a row true of another place: an analysis that ran waits again, and no side file is written yet."""
+    """Make a row true of another place: an analysis that ran waits again; no side file is written yet."""
     if table == "recordings" and "side_revision" in row:
         return row | {"side_revision": 0}
     if table == "analyses" and row["state"] == "running":
-        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0}
+        attempts = int(row["attempts"]) - 1
+        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0, "attempts": attempts}
     return row

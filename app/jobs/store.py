@@ -8,7 +8,7 @@ from typing import Literal
 from sqlalchemy import Engine, Executable, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
-from app.errors import NotHere, StoreMismatch
+from app.errors import Interrupted, NotHere, StoreMismatch
 from app.jobs.adopting import adopt_description
 from app.jobs.answers import Answer, insert_answer
 from app.jobs.database import READ_ONLY, lock_tables, open_database
@@ -23,6 +23,9 @@ from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
 from app.storage import ResultFile, StoredRecording
 from fusion.errors import Fact
+
+_BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
+MOST_SAME = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +98,11 @@ class JobStore:
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
-    def find_same(self, sha256: str, request: ReportRequest) -> Job | None:
-        """Give the analysis of the same bytes with the same settings by the same engine, if there is one."""
-        query = select_same([identify_work(sha256, request)]).limit(1)
+    def list_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
+        """Give the analyses of the same bytes with the same settings by the same engine, the oldest first."""
+        query = select_same([identify_work(sha256, request)]).limit(MOST_SAME)
         with self._reader.connect() as connection:
-            row = connection.execute(query).one_or_none()
-        return read_job(row) if row else None
+            return tuple(read_job(row) for row in connection.execute(query))
 
     def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
         """Queue a failed or cancelled analysis again, once; one that is under way or done stays as it is.
@@ -112,8 +114,10 @@ class JobStore:
         job = self.get(analysis_id)
         if job.replaced_by is not None:
             return self.get(job.replaced_by)
-        if job.state not in (JobState.FAILED, JobState.CANCELLED):
-            return job
+        return self.repeat(job, way_in) if job.state in (JobState.FAILED, JobState.CANCELLED) else job
+
+    def repeat(self, job: Job, way_in: WayIn) -> Job:
+        """Queue an analysis that is over again, once, in its place."""
         mine = analyses.c.id == job.id
         with self._engine.begin() as connection:
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
@@ -121,7 +125,7 @@ class JobStore:
                 recording = (job.recording_id, job.sha256)
                 again = enqueue(connection, recording, job.request, way_in, job.batch_id)
                 replace_job(connection, job.id, again)
-        return self.get(str(self.get(analysis_id).replaced_by))
+        return self.get(str(self.get(job.id).replaced_by))
 
     def withdraw(self, analysis_id: str) -> Job:
         """Let an analysis that failed count no more, for the report before it does; gives that report's.
@@ -132,7 +136,8 @@ class JobStore:
             No such analysis failed, or no report was there before.
         """
         job = self.get(analysis_id)
-        reports = self.list_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id), 1)
+        finished = self.list_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id))
+        reports = [other for other in finished if other.replaced_by is None]
         if job.state is not JobState.FAILED or not reports:
             raise NotHere
         mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
@@ -158,7 +163,7 @@ class JobStore:
         """Give the jobs asked for last, newest first."""
         return self.list_page(JobFilter(), limit)
 
-    def list_page(self, wanted: JobFilter, limit: int, after: Place | None = None) -> tuple[Job, ...]:
+    def list_page(self, wanted: JobFilter, limit: int = 100, after: Place | None = None) -> tuple[Job, ...]:
         """Give the newest jobs that are wanted, from ``after`` on."""
         query = select_jobs()
         for name, value in asdict(wanted).items():
@@ -252,17 +257,28 @@ class JobStore:
 
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
         """End the job with the reason."""
-        reason = {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}
         with self._engine.begin() as connection:
-            return move_job(connection, analysis_id, JobState.FAILED, reason, token)
+            return move_job(connection, analysis_id, JobState.FAILED, _write_end(code, facts), token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
         """Put the job back in the queue; ``forgiven`` attempts (an orderly stop) do not count as deaths."""
-        back: dict[str, object] = {"token": None, "stage": None, "progress": 0.0}
-        if forgiven:
-            back["attempts"] = analyses.c.attempts - 1
+        back = {**_BACK, "attempts": analyses.c.attempts - 1} if forgiven else _BACK
         with self._engine.begin() as connection:
             return move_job(connection, analysis_id, JobState.QUEUED, back, token)
+
+    def interrupt(self, analysis_id: str, token: str, most: int) -> bool:
+        """Put back a job whose worker or computer has ended, without counting the attempt.
+
+        The ``most``-th interruption sets it aside: an analysis may be what ends its computer.
+        """
+        mine = select(analyses.c.interruptions).where(analyses.c.id == analysis_id)
+        counted = {"attempts": analyses.c.attempts - 1, "interruptions": analyses.c.interruptions + 1}
+        with self._engine.begin() as connection:
+            times = 1 + int(connection.execute(mine).scalar() or 0)
+            if times < most:
+                return move_job(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
+            ended = _write_end(Interrupted.code, {"times": times})
+            return move_job(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
 
     def hold_up(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
         """Say what holds an attempt up, and how often its job was put back for it."""
@@ -306,11 +322,28 @@ class JobStore:
             row = connection.execute(query).one_or_none()
         return ResultFile(*row) if row else None
 
-    def list_files(self, analysis_id: str) -> tuple[str, ...]:
-        """Name every file that was published."""
-        query = select(result_files.c.name).where(result_files.c.analysis_id == analysis_id)
+    def list_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
+        """Give every file that was published, by name."""
+        query = select(result_files.c.name, result_files.c.sha256, result_files.c.size_bytes).where(
+            result_files.c.analysis_id == analysis_id
+        )
         with self._reader.connect() as connection:
-            return tuple(connection.execute(query.order_by(result_files.c.name)).scalars())
+            rows = connection.execute(query.order_by(result_files.c.name)).all()
+        return tuple(ResultFile(*row) for row in rows)
+
+    def find_sha256(self, recording_id: str) -> str:
+        """Give the SHA-256 of a recording, or of the reference of one.
+
+        Raises
+        ------
+        NotHere
+        """
+        query = select(recordings.c.sha256).where(recordings.c.id == recording_id)
+        with self._reader.connect() as connection:
+            sha256 = connection.execute(query).scalar()
+        if sha256 is None:
+            raise NotHere(id=recording_id)
+        return str(sha256)
 
     def run(self, change: Executable) -> None:
         """Make a change that the engine of the workers needs."""
@@ -354,3 +387,7 @@ class JobStore:
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
         with self._reader.connect() as connection:
             return frozenset((row.id, row.token) for row in connection.execute(query))
+
+
+def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:
+    return {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}

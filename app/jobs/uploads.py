@@ -42,7 +42,7 @@ class UploadStore:
     def open(self, length_bytes: int, metadata: str, about: Description) -> UploadRow:
         """Begin an upload."""
         row: dict[str, object] = {
-            "id": f"up_{secrets.token_hex(16)}",
+            "id": f"up_{secrets.token_hex(14)}",  # the column holds 32 letters, and PostgreSQL minds
             "length_bytes": length_bytes,
             "offset_bytes": 0,
             "metadata": metadata,
@@ -73,6 +73,14 @@ class UploadStore:
         change = update(uploads).where(*mine).values(offset_bytes=offset_bytes, idle_s=0.0)
         with self._engine.begin() as connection:
             return connection.execute(change).rowcount == 1
+
+    def step_back(self, row: UploadRow, offset_bytes: int) -> UploadRow:
+        """Let bytes count no more that the disk has lost, unless the upload has become a recording."""
+        mine = (uploads.c.id == row.id, uploads.c.offset_bytes == row.offset_bytes)
+        lost = update(uploads).where(*mine, uploads.c.recording_id.is_(None))
+        with self._engine.begin() as connection:
+            connection.execute(lost.values(offset_bytes=offset_bytes))
+        return self.get(row.id)
 
     def finish(self, row: UploadRow, stored: StoredRecording) -> str:
         """Make the upload a recording, once, in one commit; gives the id of the one that counts."""

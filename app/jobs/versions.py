@@ -33,8 +33,8 @@ def identify_work(sha256: str, request: ReportRequest) -> str:
 
 
 def select_same(keys: Sequence[str]) -> Select[Any]:
-    """Select the analyses with such keys that are there or on their way, the oldest first."""
-    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(_COUNTED))
+    """Select the analyses with such keys that are there or on their way and count, the oldest first."""
+    mine = (analyses.c.key.in_(keys), analyses.c.state.in_(_COUNTED), analyses.c.replaced_by.is_(None))
     return select_jobs().where(*mine).order_by(analyses.c.created_at, analyses.c.id)
 
 

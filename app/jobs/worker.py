@@ -4,19 +4,20 @@ import argparse
 import logging
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
 from app.decoded import DecodedCache, KnownLogs
-from app.errors import AppError, Crashed, DiskFull, StoreAway, StoreDamaged
-from app.jobs.answers import read_answer
+from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
+from app.jobs.answers import Answer, read_answer
 from app.jobs.attempt import (
     Attempt,
     Died,
@@ -25,24 +26,30 @@ from app.jobs.attempt import (
     Outcome,
     Refused,
     Stopped,
+    Unstarted,
     choose_limits,
     load_and_make_report,
     run_attempt,
 )
-from app.jobs.forking import warm_up
+from app.jobs.database import name_database_trouble, name_start_trouble
+from app.jobs.forking import warm_up_and_wait
 from app.jobs.heart import Heart
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
+from app.jobs.pulse import Pulse
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
+from app.report.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage import Storage, borrow_recording, borrow_result, hash_file
+from app.storage import Storage, borrow_recording, borrow_result, check_folder
 from app.stores import load_extra, open_storage
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
+DEATH_GRACE_S = 1.0
+"""Whoever ends all processes of a machine may begin with the child: its worker outlives a true death."""
 
 logger = logging.getLogger(__name__)
 
@@ -58,14 +65,22 @@ class Bench:
     stopping: threading.Event
     cache: DecodedCache
     make: MakeReport | None = None
+    pulse: Pulse = field(default_factory=Pulse)
 
 
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
-    """Open database and store for one worker; ``make`` takes the place of the science."""
-    storage = open_storage(settings)
-    storage.prepare()
-    store = JobStore(settings.database_url)
-    store.check_belongs(storage.identify())
+    """Open database and store for one worker; ``make`` takes the place of the science.
+
+    Raises
+    ------
+    ServerRefused, DatabaseAway, StoreAway, DiskFull
+    """
+    with name_start_trouble(settings):
+        storage = open_storage(settings)
+        storage.prepare()
+        check_folder(settings.data_dir)
+        store = JobStore(settings.database_url)
+        store.check_belongs(storage.identify())
     watch = LeaseWatch(identify_self(), settings.lease_s)
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)
     return Bench(store, storage, settings, watch, threading.Event(), cache, make)
@@ -96,23 +111,51 @@ def _write_side_file(bench: Bench, recording_id: str) -> None:
 
 
 def reclaim_abandoned(bench: Bench) -> None:
-    """Put back the jobs of dead workers; give up those that have killed too many."""
+    """Put back the jobs whose worker or computer has ended; set aside those interrupted too often.
+
+    That the worker is gone says nothing about the file: only a child that dies while its worker lives does.
+    """
     for claim in bench.watch.find_abandoned(bench.store.list_claims()):
-        logger.warning("%s: its worker is gone (attempt %d)", claim.analysis_id, claim.attempts)
-        _release_after_death(bench, claim.analysis_id, claim.token, claim.attempts)
+        logger.warning("%s: its worker is gone", claim.analysis_id)
+        bench.store.interrupt(claim.analysis_id, claim.token, bench.settings.max_interruptions)
         bench.storage.drop_attempt(claim.analysis_id, claim.token)
 
 
-def run_worker(settings: Settings, make: MakeReport | None = None, parent_pid: int | None = None) -> None:
+def run_worker(
+    settings: Settings,
+    make: MakeReport | None = None,
+    parent_pid: int | None = None,
+    pulse: Pulse | None = None,
+) -> None:
     """Do jobs until asked to stop (SIGTERM, SIGINT) or, between two jobs, until the parent is gone."""
     bench = open_bench(settings, make)
-    warm_up()
+    if pulse is not None:
+        bench = replace(bench, pulse=pulse)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: bench.stopping.set())
+    warm_up_and_wait()
     while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
+        bench.pulse.step()
         if not run_next_patiently(bench):
             bench.stopping.wait(IDLE_S)
     bench.store.close()
+
+
+def run_by_settings(settings: Settings, parent_pid: int | None = None, pulse: Pulse | None = None) -> None:
+    """Run the loop that the settings name.
+
+    Raises
+    ------
+    ServerRefused, DatabaseAway, StoreAway, DiskFull
+        At the start; and DatabaseDamaged later.
+    """
+    pulse = pulse or Pulse()
+    pulse.start()
+    try:
+        with name_database_trouble(settings.database_url):
+            choose_engine(settings)(parent_pid=parent_pid, pulse=pulse)
+    finally:
+        pulse.stop()
 
 
 def choose_engine(settings: Settings) -> Callable[..., None]:
@@ -139,6 +182,7 @@ def _insist(bench: Bench, change: Callable[[], None]) -> None:
             return change()
         except (OperationalError, StoreAway):
             logger.exception("database or store does not answer; trying again")
+            bench.pulse.step()
             if bench.stopping.wait(TROUBLE_S):
                 raise
 
@@ -151,8 +195,8 @@ def _attempt_patiently(bench: Bench, job: Job, token: str, heart: Heart) -> Outc
         return _hold(bench, job, heart, HeldUp(trouble.code, job.put_backs, TROUBLE_S))
     except DiskFull:
         outcome = Refused(DiskFull.code, {})
-    except FileNotFoundError:
-        logger.exception("%s: the recording %s is gone", job.id, job.recording_id)
+    except StoreDamaged:
+        logger.error("%s: the stored recording %s is damaged or missing", job.id, job.recording_id)
         return Refused(StoreDamaged.code, {})
     if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
         return outcome
@@ -185,10 +229,8 @@ def _hold(bench: Bench, job: Job, heart: Heart, held: HeldUp) -> Outcome:
 
 def _attempt(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
-    with borrow_recording(bench.storage, job.recording_id) as log, _borrow_reference(bench, job) as request:
-        if hash_file(log) != job.sha256:
-            logger.error("%s: the stored recording %s is damaged", job.id, job.recording_id)
-            return Refused(StoreDamaged.code, {})
+    own = borrow_recording(bench.storage, job.recording_id, job.sha256)
+    with own as log, _borrow_reference(bench, job) as request:
         limits = choose_limits(bench.settings, job.size_bytes)
         attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
         return run_attempt(attempt, partial(_tell_unless_stopping, bench, heart))
@@ -196,6 +238,7 @@ def _attempt(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
 
 def _tell_unless_stopping(bench: Bench, heart: Heart, stage: str | None, fraction: float) -> bool:
     """Tell how far the analysis is; False when the job was cancelled or taken, or we are to stop."""
+    bench.pulse.step()
     return not bench.stopping.is_set() and heart.tell(stage, fraction)
 
 
@@ -212,7 +255,8 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
     if reference is None:
         yield job.request
         return
-    with borrow_recording(bench.storage, reference.path) as path:
+    sha256 = bench.store.find_sha256(reference.path)
+    with borrow_recording(bench.storage, reference.path, sha256) as path:
         yield replace(job.request, reference=replace(reference, path=str(path)))
 
 
@@ -220,19 +264,31 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
         bench.storage.keep_attempt(job.id, token)
-        with borrow_result(bench.storage, job.id, token, "results.json") as results:
-            answer = read_answer(results)
-        won = bench.store.finish(job.id, token, outcome.files, answer)
+        won = bench.store.finish(job.id, token, outcome.files, _read_answer(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
         bench.store.fail(job.id, token, outcome.code, outcome.facts)
-    elif isinstance(outcome, Died):
+    elif isinstance(outcome, Died) and not bench.stopping.wait(DEATH_GRACE_S):
         logger.warning("%s: the analysis died (exit code %s)", job.id, outcome.exit_code)
         _release_after_death(bench, job.id, token, job.attempts)
+    elif isinstance(outcome, Unstarted) and not bench.stopping.wait(TROUBLE_S):
+        bench.store.interrupt(job.id, token, bench.settings.max_interruptions)
     else:
         bench.store.release(job.id, token, forgiven=True)
     if not kept:
         bench.storage.drop_attempt(job.id, token)
+
+
+def _read_answer(bench: Bench, analysis_id: str, token: str, made: Finished) -> Answer | None:
+    """Take the answer of what was just made; a comparison with a reference has none."""
+    results = next((file for file in made.files if file.name == "results.json"), None)
+    if results is None:
+        return None
+    try:
+        with borrow_result(bench.storage, analysis_id, token, results) as path:
+            return read_answer(path)
+    except ResultDamaged:  # whoever opens it is told
+        return None
 
 
 def _release_after_death(bench: Bench, analysis_id: str, token: str, attempts: int) -> None:
@@ -248,9 +304,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")
+    parser.add_argument("--pulse", type=int, help="the pipe to beat into")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    choose_engine(Settings(data_dir=arguments.data))(parent_pid=arguments.parent)
+    try:
+        run_by_settings(Settings(data_dir=arguments.data), arguments.parent, Pulse(arguments.pulse))
+    except AppError as refusal:
+        words = describe_problem(refusal.code, refusal.facts, "en")
+        logger.error("%s %s %s %s", refusal.code, words.title, words.detail, words.fix)
+        sys.exit(2)
 
 
 if __name__ == "__main__":

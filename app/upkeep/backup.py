@@ -1,104 +1,177 @@
 """A backup: one ZIP with every row and every file, made while the server runs.
 
-    manifest.json            {"format": "acromion.backup/1", "revision", "version", "made_at"}
+    manifest.json            {"format": "acromion.backup/1", "revision", "version", "made_at",
+                              "faults": [{"name", "finding": "missing" or "damaged"}]}
     rows/<table>.jsonl       one row a line, as one moment saw them all
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
 
 Files never change once a row promises them, so those of the moment's rows can be copied afterwards. One
-that was deleted meanwhile makes the backup start again. Later releases read the format: rows are put
-into tables of the backup's own revision, which are then migrated.
+that was purged meanwhile makes the backup start again. One that is damaged is copied as it is; the manifest
+names it, and those that are missing. Later releases read the format: rows are put into tables of the
+backup's own revision, which are then migrated. Releases before "faults" refuse to restore a backup that has
+any, and read every other.
 """
 
 import hashlib
 import json
-import shutil
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import IO, Any
 
-from sqlalchemy import Connection, insert, select
+from sqlalchemy import Connection, func, insert, select, text
 
 from app.errors import BackupRefused, DatabaseTooNew, NotEmpty
 from app.jobs.database import READ_ONLY, connect, create_tables, lock_tables, read_revision
 from app.jobs.migrate import upgrade
 from app.jobs.rows import read_rows, reflect_tables, settle_row, write_all_rows
-from app.jobs.tables import REVISION, recordings, schema_revision
+from app.jobs.store import JobStore
+from app.jobs.tables import REVISION, facts, schema_revision, uploads
+from app.private import FILE_MODE, create_file, make_folder
 from app.settings import Settings
-from app.storage import FolderLock, hash_file, name_full_disk, sync_file, sync_folder
+from app.storage import (
+    COPY_BYTES,
+    SIDE_SUFFIX,
+    FolderLock,
+    Storage,
+    hash_file,
+    name_full_disk,
+    sync_file,
+    sync_folder,
+)
 from app.stores import open_storage
-from app.upkeep.files import KeptFile, list_files
+from app.upkeep.files import Fault, KeptFile, list_files
+from app.upkeep.reconcile import catch_up
+from app.upkeep.verify import list_kept
 from app.version import software_version
 
 FORMAT = "acromion.backup/1"
 TRIES = 3
 
 
-def back_up(settings: Settings, path: Path) -> int:
-    """Write a backup, whole or not at all; gives the number of files in it.
+@dataclass(frozen=True, slots=True)
+class Copied:
+    """How many files the rows promise, and which of them were not copied whole."""
+
+    promised: int
+    faults: tuple[Fault, ...]
+
+
+class _PurgedMeanwhileError(Exception):
+    """A file went together with its row while the backup was made."""
+
+
+def back_up(settings: Settings, path: Path) -> Copied:
+    """Write a backup of everything that can be read, or nothing at all.
 
     Raises
     ------
     BackupRefused
-        When ``path`` exists, or files were deleted under our hands three times over.
-    DiskFull
+        When ``path`` exists or cannot be written, when there is no database to back up, or when recordings
+        were purged during each of three tries.
+    StoreAway, DiskFull
     """
     if path.exists():
         raise BackupRefused(why=f"{path} exists")
     part = path.with_name(f"{path.name}.part")
     try:
         for _ in range(TRIES):
-            try:
+            with suppress(_PurgedMeanwhileError):
                 return _write(settings, part, path)
-            except FileNotFoundError as error:
-                missing = str(error)
-        raise BackupRefused(why=missing)
+        raise BackupRefused(why="recordings are being purged")
     finally:
         part.unlink(missing_ok=True)
 
 
-def _write(settings: Settings, part: Path, path: Path) -> int:
+def _write(settings: Settings, part: Path, path: Path) -> Copied:
+    part.unlink(missing_ok=True)
     with name_full_disk():
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            _write_rows(settings, archive)
-            number = _write_files(settings, archive)
+        with _create(part) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            manifest = _write_rows(settings, archive)
+            copied = _write_files(settings, archive)
+            manifest["faults"] = [asdict(fault) for fault in copied.faults]
+            archive.writestr("manifest.json", json.dumps(manifest, indent=1))
         sync_file(part)
         part.rename(path)
         sync_folder(path.resolve().parent)
-    return number
+    return copied
 
 
-def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> None:
-    """Write all rows as one transaction sees them."""
+def _create(part: Path) -> IO[bytes]:
+    try:
+        return create_file(part)
+    except (FileNotFoundError, PermissionError, NotADirectoryError) as error:
+        raise BackupRefused(why=f"{part.parent}: {error.strerror}") from error
+
+
+def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> dict[str, Any]:
+    """Write all rows as one transaction sees them; gives what the manifest says of them."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
     if engine.dialect.name == "postgresql":
         engine = engine.execution_options(isolation_level="REPEATABLE READ")
     try:
         with engine.connect() as connection:
-            manifest = {
-                "format": FORMAT,
-                "revision": read_revision(connection),
-                "version": software_version(),
-                "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
-            }
-            archive.writestr("manifest.json", json.dumps(manifest, indent=1))
+            revision = read_revision(connection)
+            if revision is None:
+                raise BackupRefused(why=f"{engine.url.render_as_string()}: no tables")
             write_all_rows(connection, archive)
     finally:
         engine.dispose()
+    made_at = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"format": FORMAT, "revision": revision, "version": software_version(), "made_at": made_at}
 
 
-def _write_files(settings: Settings, archive: zipfile.ZipFile) -> int:
-    storage, number = open_storage(settings), 0
+def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
+    """Copy every promised file; one whose row went meanwhile was purged, and is no fault."""
+    storage = open_storage(settings)
     storage.prepare()
-    for file in _list_promised(archive):
+    files = tuple(_list_promised(archive))
+    faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
+    if faults:
+        still = {file.name for file in list_kept(settings)}
+        if any(fault.name not in still for fault in faults):
+            raise _PurgedMeanwhileError
+    return Copied(len(files), faults)
+
+
+def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
+    """Copy a file as it is, and say what is wrong with it."""
+    try:
         path = file.fetch(storage)
-        try:
-            archive.write(path, f"files/{file.name}", zipfile.ZIP_STORED)
-        finally:
-            storage.give_back(path)
-        number += 1
-    return number
+    except FileNotFoundError:
+        return Fault(file.name, "missing")
+    try:
+        with path.open("rb") as source:
+            sha256 = _copy(source, archive, file.name)
+    except FileNotFoundError:
+        return Fault(file.name, "missing")
+    except (PermissionError, IsADirectoryError):
+        return Fault(file.name, "damaged")
+    finally:
+        storage.give_back(path)
+    return None if sha256 == file.sha256 else Fault(file.name, "damaged")
+
+
+def _copy(source: IO[bytes], archive: zipfile.ZipFile, name: str) -> str:
+    """Copy to the end, or to where the disk cannot read on; gives the SHA-256 of what was copied."""
+    digest, about = hashlib.sha256(), zipfile.ZipInfo(f"files/{name}")
+    about.external_attr = FILE_MODE << 16
+    with archive.open(about, "w", force_zip64=True) as member:
+        while chunk := _read_chunk(source):
+            digest.update(chunk)
+            member.write(chunk)
+    return digest.hexdigest()
+
+
+def _read_chunk(source: IO[bytes]) -> bytes:
+    try:
+        return source.read(COPY_BYTES)
+    except OSError:  # a place of the disk that cannot be read
+        return b""
 
 
 def _list_promised(archive: zipfile.ZipFile) -> Iterator[KeptFile]:
@@ -107,8 +180,8 @@ def _list_promised(archive: zipfile.ZipFile) -> Iterator[KeptFile]:
 
 
 @contextmanager
-def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, str]]:
-    """Open a backup; gives it with the revision of its tables.
+def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]]]:
+    """Open a backup; gives it with its manifest.
 
     Raises
     ------
@@ -121,80 +194,165 @@ def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, str]]:
                 raise BackupRefused(why=str(manifest["format"])[:80])
             if manifest["revision"] > REVISION:
                 raise DatabaseTooNew(found=manifest["revision"], needed=REVISION)
-            yield archive, manifest["revision"]
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
+            yield archive, manifest
+    except (zipfile.BadZipFile, KeyError, TypeError, ValueError, OSError) as error:
         raise BackupRefused(why=str(error)[:200]) from error
 
 
-def find_damage(path: Path) -> tuple[int, tuple[str, ...]]:
-    """Count the files of a backup, and name those that are absent or not what their row says.
+def find_damage(path: Path) -> Copied:
+    """Read every byte of a backup, and name what is not as its row says.
+
+    What the backup itself lists is found as ``known_missing`` or ``known_damaged``.
 
     Raises
     ------
     BackupRefused, DatabaseTooNew
     """
-    with open_backup(path) as (archive, _):
+    with open_backup(path) as (archive, manifest):
+        known = {fault["name"] for fault in manifest.get("faults", ())}
         files = tuple(_list_promised(archive))
-        return len(files), tuple(file.name for file in files if not _is_whole(archive, file))
+        faults = [fault for file in files if (fault := _find_fault(archive, file, file.name in known))]
+        rows = (name for name in archive.namelist() if name.startswith("rows/"))
+        faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
+        return Copied(len(files), tuple(faults))
 
 
-def _is_whole(archive: zipfile.ZipFile, file: KeptFile) -> bool:
+def _find_fault(archive: zipfile.ZipFile, file: KeptFile, is_known: bool) -> Fault | None:  # noqa: FBT001
+    found = _read_member(archive, f"files/{file.name}")
+    if found.sha256 == file.sha256:
+        return None
+    if found.sha256 is None:
+        return Fault(file.name, "known_missing" if is_known else "missing")
+    return Fault(file.name, "known_damaged" if is_known and found.is_as_written else "damaged")
+
+
+@dataclass(frozen=True, slots=True)
+class _Member:
+    """What a member of the ZIP holds; ``sha256`` None: it is not there, or cannot be opened."""
+
+    sha256: str | None
+    is_as_written: bool
+
+
+def _ignore(_chunk: bytes) -> None:
+    """Read only."""
+
+
+def _read_member(archive: zipfile.ZipFile, name: str, write: Callable[[bytes], object] = _ignore) -> _Member:
+    """Hand on every byte that can be read, and compare them with the checksum of the ZIP."""
+    digest, crc = hashlib.sha256(), 0
     try:
-        with archive.open(f"files/{file.name}") as member:
-            digest = hashlib.file_digest(member, "sha256")  # type: ignore[arg-type]
+        with archive.open(name) as member:
+            member._expected_crc = None  # type: ignore[attr-defined]  # noqa: SLF001 - it would keep altered bytes back
+            while chunk := _read_rest(member):
+                digest.update(chunk)
+                crc = zlib.crc32(chunk, crc)
+                write(chunk)
     except (KeyError, zipfile.BadZipFile):
-        return False
-    return digest.hexdigest() == file.sha256
+        return _Member(None, is_as_written=False)
+    return _Member(digest.hexdigest(), crc == archive.getinfo(name).CRC)
 
 
-def restore(settings: Settings, path: Path) -> int:
-    """Put a backup into an empty database and store; gives the number of files.
+def _read_rest(member: IO[bytes]) -> bytes:
+    try:
+        return member.read(COPY_BYTES)
+    except (EOFError, zlib.error):
+        return b""
+
+
+def restore(settings: Settings, path: Path) -> Copied:
+    """Put a backup into an empty database and store, what is whole and what is damaged.
 
     Files go first, then all rows in one transaction: a restore cut short has brought nothing that anybody
     sees, and may be done again. Analyses that ran when the backup was made wait again.
 
     Raises
     ------
-    BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull
+    BackupRefused, DatabaseTooNew, NotEmpty, FolderTaken, DiskFull, StoreAway
     """
-    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+    make_folder(settings.data_dir)
     lock, engine = FolderLock(settings.data_dir), connect(settings.database_url)
     try:
-        with open_backup(path) as (archive, revision), engine.begin() as connection:
+        with open_backup(path) as (archive, manifest), engine.begin() as connection:
             lock_tables(connection)
-            _check_empty(connection)
-            number = _restore_files(settings, archive)
-            _restore_rows(connection, archive, revision)
-        return number
+            _check_no_rows(connection)
+            copied = _restore_files(settings, archive)
+            _drop_tables(connection)
+            _restore_rows(connection, archive, manifest["revision"])
+        _write_side_files(settings)
+        return copied
     finally:
         engine.dispose()
         lock.release()
 
 
-def _check_empty(connection: Connection) -> None:
-    if read_revision(connection) is None:
-        return
-    number = len(connection.execute(select(recordings.c.id)).all())
-    if number:
-        raise NotEmpty(number=number)
+def _write_side_files(settings: Settings) -> None:
+    store = JobStore(settings.database_url)
+    try:
+        catch_up(store, open_storage(settings))
+    finally:
+        store.close()
+
+
+def _check_no_rows(connection: Connection) -> None:
+    """Refuse a database in which anything is, whatever it is; which store it belongs to does not count."""
+    found = read_revision(connection)
+    if found is not None and found > REVISION:
+        raise DatabaseTooNew(found=found, needed=REVISION)
+    for table in reflect_tables(connection):
+        if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
+            connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
+        number = connection.execute(select(func.count()).select_from(table)).scalar_one()
+        if number and table.name != facts.name:
+            raise NotEmpty(number=number, where=table.name)
+
+
+def _drop_tables(connection: Connection) -> None:
     for table in reversed(reflect_tables(connection)):
         table.drop(connection)
-    schema_revision.drop(connection)
+    schema_revision.drop(connection, checkfirst=True)
 
 
-def _restore_files(settings: Settings, archive: zipfile.ZipFile) -> int:
-    storage, number = open_storage(settings), 0
+def _restore_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
+    storage = open_storage(settings)
     storage.prepare()
-    part = settings.data_dir / "uploads" / "restored.part"
-    for file in _list_promised(archive):
-        with name_full_disk(), archive.open(f"files/{file.name}") as member, part.open("wb") as copy:
-            shutil.copyfileobj(member, copy)
-        if hash_file(part) != file.sha256:
-            raise BackupRefused(why=f"{file.name}: SHA-256")
-        storage.put(part, file.name)
-        number += 1
-    part.unlink(missing_ok=True)
-    return number
+    files, present = tuple(_list_promised(archive)), frozenset(storage.list_names())
+    beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
+    strangers = sorted(present - {file.name for file in files} - beside)
+    if strangers:
+        raise NotEmpty(number=len(strangers), where=strangers[0])
+    restored = (_restore_file(storage, archive, file, file.name in present) for file in files)
+    return Copied(len(files), tuple(fault for fault in restored if fault))
+
+
+def _restore_file(
+    storage: Storage,
+    archive: zipfile.ZipFile,
+    file: KeptFile,
+    is_present: bool,  # noqa: FBT001
+) -> Fault | None:
+    """Restore one file; nothing that is damaged takes the place of a file that is there."""
+    if is_present and _is_whole(storage, file):
+        return None
+    part = storage.root / "uploads" / "restored.part"
+    try:
+        with name_full_disk(), part.open("wb") as copy:
+            found = _read_member(archive, f"files/{file.name}", copy.write)
+        if found.sha256 == file.sha256 or (found.sha256 is not None and not is_present):
+            storage.put(part, file.name)
+    finally:
+        part.unlink(missing_ok=True)
+    if found.sha256 == file.sha256:
+        return None
+    return Fault(file.name, "missing" if found.sha256 is None and not is_present else "damaged")
+
+
+def _is_whole(storage: Storage, file: KeptFile) -> bool:
+    path = file.fetch(storage)
+    try:
+        return hash_file(path) == file.sha256
+    finally:
+        storage.give_back(path)
 
 
 def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: str) -> None:
@@ -204,8 +362,15 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: st
         upgrade(connection, to=revision)
     for table in reflect_tables(connection):
         rows = [settle_row(table.name, row) for row in read_rows(archive, table.name)]
-        kept = [row for row in rows if row.get("name") != "store" or table.name != "facts"]
+        kept = [row for row in rows if _is_restored(table.name, row)]
         if kept:
             connection.execute(insert(table), kept)
     if revision != REVISION:
         upgrade(connection)
+
+
+def _is_restored(table: str, row: Mapping[str, object]) -> bool:
+    """Leave out which store the rows belonged to, and uploads under way: no byte of them is in a backup."""
+    if table == uploads.name:
+        return row["recording_id"] is not None
+    return table != facts.name or row["name"] != "store"

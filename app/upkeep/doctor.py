@@ -14,8 +14,9 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError
-from app.jobs.database import connect, open_database
+from app.jobs.database import check_whole, connect, name_start_trouble, open_database
 from app.jobs.store import JobStore
+from app.private import make_folder
 from app.report.template_folder import find_template_folder
 from app.settings import Settings
 from app.stores import open_storage
@@ -57,7 +58,7 @@ def _examine_folder(settings: Settings) -> Examination:
     folder = settings.data_dir
     facts = {"folder": str(folder.resolve())}
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_folder(folder)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
@@ -76,8 +77,10 @@ def _examine_disk(settings: Settings) -> Examination:
 def _examine_database(settings: Settings) -> Examination:
     """It answers, and its tables are ours."""
     try:
-        engine = open_database(settings.database_url)
-        engine.dispose()
+        with name_start_trouble(settings):
+            check_whole(settings.database_url)
+            engine = open_database(settings.database_url)
+            engine.dispose()
     except AppError as refusal:
         return Examination("database", healthy=False, facts={"why": refusal.code})
     except SQLAlchemyError as error:

@@ -23,22 +23,24 @@ class KeptFile:
     sha256: str
 
     def fetch(self, storage: Storage) -> Path:
-        """Give it as a file of this machine."""
-        kind, first, *rest = self.name.split("/")
-        if kind == "recordings":
-            return storage.fetch_recording(first, storage.root / "uploads" / f"{first}.part")
-        return storage.fetch_result(first, rest[0], rest[1])
+        """Give it as a file of this machine, whatever it holds: what is compared or saved is always read."""
+        return storage.fetch(self.name).path
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it."""
+    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it.
+
+    ``known``: the backup that holds the file says so.
+    """
 
     name: str
     finding: Literal[
         "missing",
         "damaged",
         "orphan",
+        "known_missing",
+        "known_damaged",
         "side_missing",
         "side_damaged",
         "side_behind",

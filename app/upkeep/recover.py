@@ -18,7 +18,7 @@ from app.jobs.side_files import (
 )
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage import SIDE_SUFFIX, FolderLock, Storage
+from app.storage import SIDE_SUFFIX, FolderLock, Storage, name_recording
 from app.stores import open_storage
 from app.upkeep.reconcile import catch_up, find_unknown, read_side_file
 
@@ -121,9 +121,9 @@ def _count(rows: Rows) -> Counter[str]:
 def _find_absent(storage: Storage, rows: Rows, results: frozenset[str]) -> Iterator[Trouble]:
     """Name the bytes that rows brought back promise and that are not there."""
     for row in rows["recordings"]:
-        size_bytes = storage.measure_recording(row["id"])
-        if size_bytes != row["size_bytes"]:
-            yield Trouble(row["id"], "no_bytes" if size_bytes is None else "cut")
+        mark = storage.find_mark(name_recording(row["id"]))
+        if mark is None or mark[0] != row["size_bytes"]:
+            yield Trouble(row["id"], "no_bytes" if mark is None else "cut")
     tokens = {row["id"]: row["token"] for row in rows["analyses"]}
     promised = ((row["analysis_id"], row["name"]) for row in rows["result_files"])
     missing = {one for one, name in promised if f"analyses/{one}/{tokens.get(one)}/{name}" not in results}

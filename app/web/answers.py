@@ -1,17 +1,19 @@
 """What a finished analysis says on its page, and what a correction has changed."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+from app.api.results import read_result
 from app.api.services import Services
-from app.errors import NoSuchFile
+from app.errors import NoSuchFile, ResultDamaged
 from app.jobs.job import Job, JobState
 from app.report.wording import Language
 from app.request import ReportRequest
-from app.storage import borrow_result
 from app.web.clock_times import DayClock
+from app.web.damage import show_damage
 from app.web.day_routes import find_day
 from app.web.day_views import DayView, show_day, show_hours
 from app.web.others import list_offers
@@ -36,17 +38,25 @@ class Changes:
 
 
 def read_answer(services: Services, job: Job, wish: ReportRequest, language: Language) -> dict[str, Any]:
-    """Give answer, hours and day of a finished analysis, or none; its form shows what is wished of it."""
-    results = find_results(services, job)
-    if results is None:
-        return {"answer": None, "hours": [], "day": None, "offers": ()}
-    brief = _read_file(services, job, f"answer.{language}.txt").decode()
-    return {
-        "answer": show_answer(results, brief, language),
-        "hours": show_hours(results, language),
-        "day": _show_day(services, job, wish, language),
-        "offers": list_offers(services, job, results.get("recording", {}).get("start") or "", language),
-    }
+    """Give answer, hours and day of a finished analysis, or none; its form shows what is wished of it.
+
+    Where a file is damaged, what is read before it is shown, and the damage is named.
+    """
+    shown: dict[str, Any] = {"answer": None, "hours": [], "day": None, "offers": (), "damage": None}
+    try:
+        results = find_results(services, job)
+        if results is None:
+            return shown
+        brief = read_result(services, job, f"answer.{language}.txt").decode()
+        shown["answer"] = show_answer(results, brief, language)
+        shown["hours"] = show_hours(results, language)
+        shown["offers"] = list_offers(
+            services, job, results.get("recording", {}).get("start") or "", language
+        )
+        shown["day"] = _show_day(services, job, wish, language)
+    except ResultDamaged as damaged:
+        shown["damage"] = show_damage(services, damaged.facts, language)
+    return shown
 
 
 def show_changes(
@@ -58,7 +68,10 @@ def show_changes(
     if before is None or job.state is JobState.FAILED:
         return None
     clock = find_clock(services, history)
-    first, second = (find_results(services, each) for each in (before, job))
+    try:
+        first, second = (find_results(services, each) for each in (before, job))
+    except ResultDamaged:  # the page of the damaged one says so
+        return None
     figures: tuple[Row, ...] = ()
     if first is not None and second is not None:
         figures = _pair(show_figures(first, language), show_figures(second, language))
@@ -69,9 +82,14 @@ def show_changes(
 
 
 def find_clock(services: Services, history: History) -> DayClock | None:
-    """Give the clock of the recording, as its newest report tells it."""
-    report = history.find_report()
-    results = find_results(services, report) if report else None
+    """Give the clock of the recording, as its newest report that can be read tells it."""
+    for report in history.reports:
+        with suppress(ResultDamaged):
+            return _read_clock(find_results(services, report))
+    return None
+
+
+def _read_clock(results: Mapping[str, Any] | None) -> DayClock | None:
     if results is None:
         return None
     start = results.get("recording", {}).get("start")
@@ -80,10 +98,15 @@ def find_clock(services: Services, history: History) -> DayClock | None:
 
 
 def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
-    """Read ``results.json`` of a finished analysis."""
+    """Read ``results.json`` of a finished analysis.
+
+    Raises
+    ------
+    ResultDamaged
+    """
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return None
-    return read_results(_read_file(services, job, "results.json"))
+    return read_results(read_result(services, job, "results.json"))
 
 
 def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
@@ -100,8 +123,3 @@ def _show_day(services: Services, job: Job, wish: ReportRequest, language: Langu
         return show_day(find_day(services, job), wish, language)
     except NoSuchFile:
         return None
-
-
-def _read_file(services: Services, job: Job, name: str) -> bytes:
-    with borrow_result(services.storage, job.id, str(job.token), name) as path:
-        return path.read_bytes()

@@ -13,18 +13,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from app.api.results import check_succeeded
+from app.api.results import borrow_file
 from app.api.services import Services
-from app.errors import Crashed, RecordedProblem
-from app.jobs.attempt import Attempt, Finished, Refused, choose_limits, run_attempt
+from app.errors import Crashed, Interrupted, RecordedProblem
+from app.jobs.attempt import Attempt, Finished, Refused, Unstarted, choose_limits, run_attempt
 from app.jobs.job import Job
 from app.report.wording import Language
 from app.request import OnStage, ReportRequest
-from app.storage import borrow_result
+from app.storage import hash_file
 from app.version import software_revision
 
 Kind = Literal["pair", "compare"]
 NEEDED = ("results.json", "findings.json", "elevation.parquet")
+SEAL = "seal.json"
 FIGURES: Mapping[Kind, str] = {"pair": "pair.json", "compare": "comparison.json"}
 
 
@@ -73,14 +74,14 @@ def load_and_set_beside(
 
 
 def set_beside(services: Services, asked: BesideRequest) -> Path:
-    """Give the folder of the report of two, made now if it is not there.
+    """Give the folder of the report of two, made now if it is not there or no longer what was made.
 
     Raises
     ------
-    RecordedProblem, NotFinished, NoSuchFile
+    RecordedProblem, NotFinished, NoSuchFile, ResultDamaged
     """
     kept = services.settings.data_dir / "cache" / "beside" / asked.key()
-    if kept.is_dir():
+    if _is_whole(kept):
         return kept
     staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
     staging.mkdir(parents=True)
@@ -88,7 +89,8 @@ def set_beside(services: Services, asked: BesideRequest) -> Path:
         with ExitStack() as lent:
             folders = tuple(lent.enter_context(_borrow_folder(services, job)) for job in asked.jobs)
             _make(services, asked, folders, staging)
-        if not kept.exists():
+        if not _is_whole(kept):
+            shutil.rmtree(kept, ignore_errors=True)
             staging.rename(kept)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -115,15 +117,24 @@ def _make(services: Services, asked: BesideRequest, folders: tuple[Path, ...], o
     if isinstance(outcome, Refused):
         raise RecordedProblem(outcome.code, outcome.facts)
     if not isinstance(outcome, Finished):
-        raise Crashed(attempts=1)
+        raise Interrupted if isinstance(outcome, Unstarted) else Crashed(attempts=1)
+    (out / SEAL).write_text(json.dumps({file.name: file.sha256 for file in outcome.files}))
+
+
+def _is_whole(kept: Path) -> bool:
+    """Tell whether every file of a report of two is there and is what was made."""
+    try:
+        sealed: dict[str, str] = json.loads((kept / SEAL).read_bytes())
+        return all(hash_file(kept / name) == sha256 for name, sha256 in sealed.items())
+    except (OSError, ValueError):
+        return False
 
 
 @contextmanager
 def _borrow_folder(services: Services, job: Job) -> Iterator[Path]:
     """Lend what a report of two is made from, as it stands in a folder that ``acromion run`` made."""
-    token = check_succeeded(job, NEEDED[0])
     with tempfile.TemporaryDirectory(dir=services.settings.data_dir / "cache") as folder:
         for name in NEEDED:
-            with borrow_result(services.storage, job.id, token, name) as path:
+            with borrow_file(services, job, name) as path:
                 shutil.copyfile(path, Path(folder) / name)
         yield Path(folder)

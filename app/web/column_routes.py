@@ -44,7 +44,7 @@ def ask_columns(
 ) -> Response:
     """Ask which column is what, with the first rows and what their names tell."""
     job = services.store.get(analysis_id)
-    with borrow_recording(services.storage, job.recording_id) as log:
+    with borrow_recording(services.storage, job.recording_id, job.sha256) as log:
         found = services.inspector.propose_columns(log, job.request)
     values = {
         "job": job,

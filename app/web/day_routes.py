@@ -9,11 +9,11 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, RedirectResponse
 from starlette.status import HTTP_303_SEE_OTHER
 
+from app.api.results import borrow_file
 from app.api.services import Services, UsedServices
 from app.day_file import NAME, DayFile, open_day
 from app.errors import NoSuchFile
 from app.jobs.job import Job, JobState
-from app.storage import borrow_result
 from app.web.clock_times import DayClock, place_rows
 from app.web.corrections import BOM, COLUMNS, correct_request, read_rows, write_csv
 from app.web.forms import read_body, read_form
@@ -22,7 +22,6 @@ from fusion.calibration_rules import rules_for, score_still_period
 from fusion.diary import read_diary
 
 MOST_POINTS = 4000
-PRIVATE_FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 
 router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
 Second = Annotated[float, Query(ge=0, le=1e8)]
@@ -39,7 +38,7 @@ def curve(
     """Give the lowest and highest angle in each of about ``points`` pieces of a stretch."""
     day = find_day(services, services.store.get(analysis_id))
     stretches = [asdict(stretch) for stretch in day.cut(from_s, to_s, points)]
-    return JSONResponse({"stretches": stretches}, headers=PRIVATE_FOR_EVER)
+    return JSONResponse({"stretches": stretches})
 
 
 @router.get("/stillness")
@@ -91,12 +90,9 @@ def find_day(services: Services, job: Job) -> DayFile:
 
     Raises
     ------
-    NoSuchFile
+    NoSuchFile, ResultDamaged
     """
-    if job.state is not JobState.SUCCEEDED or job.token is None:
+    if job.state is not JobState.SUCCEEDED:
         raise NoSuchFile(name=NAME)
-    try:
-        with borrow_result(services.storage, job.id, job.token, NAME) as path:
-            return open_day(path)
-    except FileNotFoundError:
-        raise NoSuchFile(name=NAME) from None
+    with borrow_file(services, job, NAME) as path:
+        return open_day(path)

@@ -8,12 +8,14 @@ from fastapi.responses import RedirectResponse
 
 from app.api.recordings import purge_recording
 from app.api.services import Services, UsedLanguage, UsedServices
+from app.errors import ResultDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library import Library
 from app.jobs.recordings import RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
 from app.report.messages import describe_problem
-from app.report.summary import encode_summary, summarise_results
+from app.report.origin import Origin
+from app.report.summary import encode_summary, summarise_failure, summarise_results
 from app.report.tables import FRENCH_EXCEL, INTERNATIONAL, Row, encode_table
 from app.report.wording import Language, fill, load_wording
 from app.web.answers import find_results
@@ -53,13 +55,23 @@ def ask_to_delete(
 ) -> Response:
     """Say what goes before anything goes."""
     row = services.recordings.get(recording_id, trashed=True)
-    made = services.store.list_page(JobFilter(recording_id=recording_id), SHOWN)
-    return show_page(request, "delete.html", language, _describe(services, row, len(made), language))
+    values = _describe(services, row, language) | {"for_good": row.state == "trashed"}
+    return show_page(request, "delete.html", language, values)
+
+
+@router.get("/recordings/{recording_id}/purge")
+def ask_to_purge(
+    recording_id: str, request: Request, services: UsedServices, language: UsedLanguage
+) -> Response:
+    """Ask once more before a recording is deleted for good."""
+    row = services.recordings.get(recording_id, trashed=True)
+    values = _describe(services, row, language) | {"for_good": True}
+    return show_page(request, "delete.html", language, values)
 
 
 @router.post("/recordings/{recording_id}/delete")
 def throw_away(recording_id: str, request: Request, services: UsedServices) -> Response:
-    """Put a recording and all that was made of it into the trash."""
+    """Put a recording and all that was made of it into the trash; one that is there stays as it is."""
     services.recordings.trash(recording_id)
     return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
 
@@ -67,10 +79,8 @@ def throw_away(recording_id: str, request: Request, services: UsedServices) -> R
 @router.post("/recordings/{recording_id}/purge")
 def delete_for_good(recording_id: str, request: Request, services: UsedServices) -> Response:
     """Delete a recording, its analyses and every file of them."""
-    row = services.recordings.get(recording_id, trashed=True)
-    if row.state == "stored":
-        services.recordings.trash(row.id)
-    purge_recording(services, row.id)
+    services.recordings.trash(recording_id)
+    purge_recording(services, recording_id)
     return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
 
 
@@ -93,12 +103,13 @@ def show_trash(request: Request, services: UsedServices, language: UsedLanguage)
     return show_page(request, "trash.html", language, values)
 
 
-def _describe(services: Services, row: StoredRow, count: int, language: Language) -> dict[str, Any]:
+def _describe(services: Services, row: StoredRow, language: Language) -> dict[str, Any]:
+    made = services.store.list_page(JobFilter(recording_id=row.id), SHOWN)
     return {
         "recording": row,
         "size": format_size(row.size_bytes, language),
         "added": tell_moment(row.created_at),
-        "analyses": count,
+        "analyses": len(made),
         "term": _tell_term(services, language),
         "t": load_wording(language, "page")["trash"],
     }
@@ -124,6 +135,11 @@ def _tell_problem(job: Job, language: Language) -> Row:
 
 def _summarise(services: Services, jobs: list[Job]) -> Iterator[Row]:
     for job in jobs:
-        results = find_results(services, job)
+        try:
+            results = find_results(services, job)
+        except ResultDamaged as damaged:
+            origin = Origin(job.file_name, job.request.subject, job.request.side)
+            yield summarise_failure(origin, damaged.code)
+            continue
         if results is not None:
             yield summarise_results(results)

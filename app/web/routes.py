@@ -1,19 +1,22 @@
 """The pages. They show what the job rows say; the browser's own script only sends files and asks again."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import BaseModel
 
 from app.api.problems import Refusal
-from app.api.services import UsedLanguage, UsedServices, choose_language
+from app.api.services import UsedLanguage, UsedServices, choose_language, find_services
+from app.errors import ResultDamaged
 from app.jobs.job import JobState
 from app.jobs.library import Entry
+from app.jobs.renewing import retry as retry_job
 from app.outcomes import find_outcome_of_code
 from app.report.messages import describe_problem
 from app.report.wording import load_wording
 from app.web.answers import find_clock, read_answer, show_changes
+from app.web.damage import describe_source, show_damage
 from app.web.library_views import find_neighbours, read_filter, show_entry, show_library
 from app.web.rendering import find_base, show_page
 from app.web.versions import History, list_versions, show_failed
@@ -73,6 +76,8 @@ def analysis(
     job = services.store.get(analysis_id)
     if job.request.reference is not None:
         return RedirectResponse(f"{find_base(request)}/validations/{job.id}", status_code=303)
+    if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and analysed again
+        return RedirectResponse(f"{find_base(request)}/analyses/{job.replaced_by}", status_code=303)
     history = History.of(services, job)
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
     wish = attempt.request if attempt else job.request
@@ -90,6 +95,7 @@ def analysis(
         "asks_columns": job.problem_code in ASK_COLUMNS,
         "changes": show_changes(services, history, job, seen.before, language),
         "recording_id": job.recording_id,
+        "source": describe_source(services, job, language),
         "versions": list_versions(history, job, language),
         "failed": show_failed(history, job, language),
         "report": report if report is not None and report.id != job.id else None,
@@ -109,7 +115,7 @@ def cancel(analysis_id: str, request: Request, services: UsedServices) -> Respon
 @router.post("/analyses/{analysis_id}/retry")
 def retry(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """Ask for the same analysis once more; the recording is kept, whatever became of the last one."""
-    again = services.store.retry(analysis_id, "web")
+    again = retry_job(services.store, services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
         again = services.store.add_analysis((again.recording_id, again.sha256), again.request, "web")
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
@@ -123,8 +129,10 @@ def withdraw(analysis_id: str, request: Request, services: UsedServices) -> Resp
 
 
 def answer_with_page(request: Request, error: Refusal) -> HTMLResponse:
-    """Show a refusal as a page of its own."""
+    """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
     language = choose_language(request)
-    words = describe_problem(error.code, error.facts, language)
-    status = find_outcome_of_code(error.code).status
-    return show_page(request, "error.html", language, {"problem": words, "code": error.code}, status)
+    values: dict[str, Any] = {"problem": describe_problem(error.code, error.facts, language)}
+    values |= {"code": error.code, "damage": None}
+    if error.code == ResultDamaged.code:
+        values["damage"] = show_damage(find_services(request), error.facts, language)
+    return show_page(request, "error.html", language, values, find_outcome_of_code(error.code).status)

@@ -36,6 +36,8 @@ async def take(request: Request, services: UsedServices) -> Response:
 def show(validation_id: str, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show one comparison: its state, or its answer and files."""
     job = find_validation(services, validation_id)
+    if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and made again
+        return RedirectResponse(f"{find_base(request)}/validations/{job.replaced_by}", status_code=303)
     values = {
         "row": show_row(job, language, now_utc()),
         "reference": job.request.reference.file_name if job.request.reference else "",
@@ -50,7 +52,7 @@ def _load(language: Language) -> Any:
 
 
 def _read_answer(services: Services, job: Job, language: Language) -> tuple[str, ...]:
-    if job.state is not JobState.SUCCEEDED or job.token is None:
+    if job.state is not JobState.SUCCEEDED:
         return ()
     body = read_result(services, job, "validation.json")
     return list_sentences(json.loads(body), language)

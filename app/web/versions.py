@@ -37,8 +37,8 @@ class History:
 
     @property
     def reports(self) -> tuple[Job, ...]:
-        """Those that have a report."""
-        return tuple(job for job in self.jobs if job.state is JobState.SUCCEEDED)
+        """Those that have a report, but for damaged ones that were analysed again."""
+        return tuple(job for job in self.jobs if job.state is JobState.SUCCEEDED and job.replaced_by is None)
 
     def find_before(self, job: Job) -> Job | None:
         """Give the version before the one that an analysis is or would be."""

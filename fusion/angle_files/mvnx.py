@@ -25,12 +25,19 @@ from defusedxml.expatreader import create_parser
 from fusion.angle_files.types import AngleFile, AngleFileOptions, Vector
 from fusion.angle_files.vertical import Up, measure_from_up, take_up_of_quaternion, take_up_of_row
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
+from fusion.readers.samples import check_rows
 from fusion.readers.source import CHUNK_BYTES, Source, hash_source
 from fusion.recording import QualityFlag
 
 MARK = b"<mvnx"
 DEFAULT_SIDE = "right"
 LATEST_MS = 4e12
+MOST_LABELS = 4096
+MOST_DEPTH = 64
+MOST_TEXT_SIGNS = 1 << 20
+MOST_SILENT_BYTES = 16 << 20
+"""What MVN writes has a few hundred names and points, is nine elements deep, holds some kilobytes of numbers
+in one element, and no name or comment that goes on for megabytes."""
 TOWARDS_SHOULDER = {"right": (0.0, 1.0, 0.0), "left": (0.0, -1.0, 0.0)}
 """MVN lays the segment's y axis along the arm, to the left of the body, in the T-pose."""
 
@@ -47,7 +54,8 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
     Raises
     ------
     RefusedXml
-        A document type, entities, cut off, or not MVNX.
+        A document type, entities, cut off, not MVNX, or an element that no export holds.
+    fusion.errors.TooLong
     MissingSegment
         No upper arm of that side, or neither its orientation nor its position.
     UnknownRate
@@ -93,8 +101,10 @@ class _Frames(ContentHandler):
         self.points: dict[str, list[float]] = {}
         self.times, self.orientation, self.towards = array("d"), array("d"), array("d")
         self.pose_orientation: list[float] | None = None
+        self.events = 0
         self._path: list[str] = []
         self._text: list[str] = []
+        self._text_signs = 0
         self._frame: dict[str, str] = {}
         self._found: dict[str, list[float]] = {}
         self._point = ""
@@ -104,7 +114,8 @@ class _Frames(ContentHandler):
         if not self._path and name != "mvnx":
             raise RefusedXml(reason="not MVNX")
         self._path.append(name)
-        self._text.clear()
+        self._clear_text()
+        self._refuse_large(len(self._path) > MOST_DEPTH or len(self.labels) + len(self.points) > MOST_LABELS)
         if name == "frame":
             self._frame, self._found = dict(attrs.items()), {}
         elif name in {"mvnx", "mvn", "subject"}:
@@ -116,11 +127,24 @@ class _Frames(ContentHandler):
 
     def characters(self, content: str) -> None:
         """Keep the text of the few elements that are read."""
+        self.events += 1
         if self._path[-1] in {"orientation", "position", "pos_b"}:
             self._text.append(content)
+            self._text_signs += len(content)
+            self._refuse_large(self._text_signs > MOST_TEXT_SIGNS)
+
+    def _clear_text(self) -> None:
+        self.events += 1
+        self._text.clear()
+        self._text_signs = 0
+
+    def _refuse_large(self, is_large: bool) -> None:  # noqa: FBT001
+        if is_large:
+            raise RefusedXml(reason="broken")
 
     def endElement(self, name: str) -> None:  # noqa: N802
         """Take the numbers of an element that is complete."""
+        self.events += 1
         self._path.pop()
         if name == "orientation":
             self._found[name] = self._cut(self.arm, 4)
@@ -180,8 +204,14 @@ def _parse(source: Source, frames: _Frames) -> None:
     parser.setFeature(feature_external_pes, False)  # noqa: FBT003
     parser.setContentHandler(frames)
     try:
+        silent_bytes = 0
         for piece in _read_pieces(source.file):
+            events = frames.events
             parser.feed(piece)
+            silent_bytes = silent_bytes + len(piece) if frames.events == events else 0
+            if silent_bytes > MOST_SILENT_BYTES:
+                raise RefusedXml(reason="broken")
+            check_rows(len(frames.times) // 3, source.read_bytes, source.size_bytes)
         parser.close()
     except (DefusedXmlException, SAXException) as error:
         reason = "forbidden" if isinstance(error, DefusedXmlException) else "broken"

@@ -1,5 +1,6 @@
 """Text tables of angles or orientations: MT Manager, Xsens DOT, and any CSV with a time column."""
 
+from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from pyarrow import csv
 
 from fusion.angle_files.types import Vector
 from fusion.errors import EmptyFile, UnknownColumns, UnreadableRows
+from fusion.readers.samples import check_rows
 from fusion.readers.source import Source
 
 MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "-"]
@@ -51,7 +53,7 @@ def _find_decimal(rows: Sequence[str], delimiter: str) -> str:
 
 
 def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mapping[str, Vector]:
-    """Read columns as numbers; NaN where a field is empty or no number.
+    """Read columns as numbers, piece by piece; NaN where a field is empty or no number.
 
     Raises
     ------
@@ -59,6 +61,7 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
         More than 5 % of the rows have too many or too few fields.
     EmptyFile
         A header without rows.
+    fusion.errors.TooLong
     """
     broken: list[int | None] = []
 
@@ -68,7 +71,7 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
 
     source.file.seek(0)
     names = list(_make_unique(layout.names))
-    table = csv.read_csv(
+    rows = csv.open_csv(
         source.file,
         csv.ReadOptions(column_names=names, skip_rows=layout.header_line + 1, use_threads=False),
         csv.ParseOptions(delimiter=layout.delimiter, invalid_row_handler=skip_row),
@@ -76,11 +79,18 @@ def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mappi
             column_types=dict.fromkeys(wanted, pa.string()), include_columns=list(wanted), null_values=MISSING
         ),
     )
-    if len(broken) > MOST_UNREADABLE * (table.num_rows + len(broken)):
+    columns: dict[str, array[float]] = {name: array("d") for name in wanted}
+    n_rows = 0
+    for batch in rows:
+        for name in wanted:
+            columns[name].frombytes(_to_numbers(batch.column(name), layout.decimal).tobytes())
+        n_rows += batch.num_rows
+        check_rows(n_rows, source.read_bytes, source.size_bytes)
+    if len(broken) > MOST_UNREADABLE * (n_rows + len(broken)):
         raise UnreadableRows(k=len(broken), line=broken[0] or layout.header_line + 2)
-    if table.num_rows == 0:
+    if n_rows == 0:
         raise EmptyFile
-    return {name: _to_numbers(table[name], layout.decimal) for name in wanted}
+    return {name: np.frombuffer(values) for name, values in columns.items()}
 
 
 def _make_unique(names: Sequence[str]) -> Sequence[str]:
@@ -91,12 +101,13 @@ def _make_unique(names: Sequence[str]) -> Sequence[str]:
 NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
-def _to_numbers(column: pa.ChunkedArray, decimal: str) -> Vector:
+def _to_numbers(column: pa.Array, decimal: str) -> Vector:
     text = pc.utf8_trim_whitespace(column)
     if decimal == ",":
         text = pc.replace_substring(text, ",", ".")
     readable = pc.match_substring_regex(text, NUMBER)
-    return np.asarray(pc.if_else(readable, text, None).cast(pa.float64()).to_numpy(), np.float64)
+    numbers = pc.if_else(readable, text, None).cast(pa.float64())
+    return np.asarray(numbers.to_numpy(zero_copy_only=False), np.float64)
 
 
 def require(layout: Layout | None, source: Source) -> Layout:

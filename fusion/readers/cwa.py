@@ -71,7 +71,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
         The gyroscope was off (or it is an AX3), or more than 5 % of the file is damaged.
     TooShort, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
-    log = decode_log(read_chunks(source, HEADER_BYTES), source.size_bytes)
+    log = decode_log(read_chunks(source, HEADER_BYTES), source.size_bytes, source)
     log.refuse_unusable()
     return build_recording(parse_header(source.head), log)
 
@@ -112,12 +112,13 @@ class BlockLog:
         return {} if clock is None else {"clock": clock.strftime("%Y-%m-%d %H:%M:%S")}
 
 
-def decode_log(pieces: Iterable[bytes], size_bytes: int = 0) -> BlockLog:
+def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> BlockLog:
     """Find and decode the blocks in one pass over what follows the header.
 
     ``size_bytes``: how long the file is; the room that samples will take is foreseen from that.
+    ``source``: what the pieces come from, where too many rows are to be refused.
     """
-    log = BlockLog()
+    log = BlockLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
     for found in find_blocks(_count_bytes(pieces, log), log.tally):
         _take_blocks(log, found)

@@ -6,7 +6,7 @@ seconds; ActiLife resamples every second to exactly 100 rows. Nothing is filled 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from itertools import pairwise
 
@@ -68,8 +68,9 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     with gt3x_archive.open_archive(source) as archive:
         gt3x_archive.check_parts(archive)
         text = parse_device_text(gt3x_archive.read_text(archive, "info.txt"))
-        size_bytes = archive.getinfo("log.bin").file_size
-        log = decode_log(gt3x_archive.read_member(archive, "log.bin"), size_bytes)
+        member = archive.getinfo("log.bin")
+        told = replace(source, size_bytes=member.header_offset + member.compress_size)
+        log = decode_log(gt3x_archive.read_member(archive, "log.bin"), member.file_size, told)
     log.refuse_unusable()
     timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
     return build_recording(text, log, timeline)
@@ -121,12 +122,13 @@ class DeviceLog:
         raise NoGyroscope(cure="GT9X")
 
 
-def decode_log(pieces: Iterable[bytes], size_bytes: int = 0) -> DeviceLog:
+def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> DeviceLog:
     """Scan and decode log.bin in one pass over its pieces.
 
     ``size_bytes``: how long it says it is; the room that samples will take is foreseen from that.
+    ``source``: the file up to the end of log.bin, where too many rows are to be refused.
     """
-    log = DeviceLog()
+    log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
     for piece in scan_pieces(_count_bytes(pieces, log), log.tally):
         records = _watched_records(piece)

@@ -66,7 +66,7 @@ def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # n
     ------
     TooShort, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
-    columns = SampleColumns()
+    columns = SampleColumns(source)
     lost_bytes = 0
     for block, rest_bytes in _read_records(source):
         _take_block(columns, block)

@@ -13,7 +13,7 @@ from pyarrow import compute as pc
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
 from fusion.readers.columns import TIME_UNITS_EXPONENT, Column, choose_vector, understand_column
 from fusion.readers.row_settling import settle_rows
-from fusion.readers.samples import SampleColumns
+from fusion.readers.samples import SampleColumns, check_rows
 from fusion.readers.segments import cut_counted, cut_stamped
 from fusion.readers.source import Source
 from fusion.readers.table_clock import TableClock, judge_clock, read_epoch
@@ -31,6 +31,10 @@ MAX_RATIO = 400
 FREE_BYTES = 16 << 20
 ROW_BYTES = 32
 """Decoded; a table of few distinct values packs well, but not without limit."""
+FREE_PAGE_BYTES = 256 << 20
+MAX_PAGE_RATIO = 60
+"""Pages are unpacked whole: above 256 MiB in all they may not unpack to more than so many times their size
+(those of an angle series of a week: 5)."""
 
 
 def recognise(source: Source) -> bool:
@@ -50,7 +54,10 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     """
     try:
         table = pq.ParquetFile(source.file)
-        chosen, unit = _settle_time(table, _choose_columns(table.schema_arrow))
+        choice = _choose_columns(table.schema_arrow)
+        check_pages(table.metadata, [column.name for column in choice])
+        check_rows(table.metadata.num_rows, source.size_bytes, source.size_bytes)
+        chosen, unit = _settle_time(table, choice)
         columns, absent = _gather(table, chosen, source.size_bytes)
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         raise DamagedFile from error
@@ -61,6 +68,22 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
     recording = _build(columns, chosen, stamp_kind, (absent, rate_hz))
     return replace(recording, flags=(*recording.flags, *unit.flag()))
+
+
+def check_pages(metadata: pq.FileMetaData, names: Sequence[str]) -> None:
+    """Refuse columns whose pages unpack beyond anything a sensor writes, by the file's own index.
+
+    Raises
+    ------
+    UnsafeArchive
+    """
+    groups = (metadata.row_group(number) for number in range(metadata.num_row_groups))
+    chunks = [group.column(place) for group in groups for place in range(group.num_columns)]
+    taken = [chunk for chunk in chunks if chunk.path_in_schema.split(".")[0] in names]
+    unpacked_bytes = sum(chunk.total_uncompressed_size for chunk in taken)
+    packed_bytes = sum(chunk.total_compressed_size for chunk in taken)
+    if unpacked_bytes > max(FREE_PAGE_BYTES, MAX_PAGE_RATIO * packed_bytes):
+        raise UnsafeArchive(reason="ratio", limit=MAX_PAGE_RATIO)
 
 
 def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
@@ -102,6 +125,7 @@ def _gather(table: pq.ParquetFile, chosen: Sequence[Column], size_bytes: int) ->
         rows = len(values)
         if (seen + rows) * ROW_BYTES > max(FREE_BYTES, MAX_RATIO * size_bytes):
             raise UnsafeArchive(reason="ratio", limit=MAX_RATIO)
+        check_rows(seen, size_bytes, size_bytes)  # the index may not say how many there are
         kept = (np.abs(values) < LARGEST_VALUE).all(axis=1)  # false for what is not a number, too
         columns.make_room(int(kept.sum()))
         place = slice(columns.rows, columns.rows + int(kept.sum()))

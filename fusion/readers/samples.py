@@ -3,15 +3,52 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.errors import TooLong, UnsafeArchive
 from fusion.readers.grid import open_rows
+from fusion.readers.source import Source
 
 FIRST_CAPACITY = 65_536
 MOST_FORESEEN_BYTES = 1 << 30
 """Three days of a device; what says that it is longer is believed as it comes."""
 
+UNASKED_ROWS = 16_000_000
+"""As many rows, in half a GiB, are taken without asking how many there are in all."""
+MOST_ROWS = 1 << 27
+"""15 days at 100 Hz, three at 500 Hz: more than any device records."""
+LEAST_ROW_BYTES = 2
+"""A row of a sensor takes more of the file, however well it is packed: six channels have noise (an LSM9DS1
+at work 19 bytes, packed)."""
+SECOND_ROW_BYTES = 24
+"""The analysis holds the samples once more."""
+
+
+def check_rows(rows: int, read_bytes: int, all_bytes: int, least_row_bytes: float = LEAST_ROW_BYTES) -> None:
+    """Refuse what cannot be a recording, or not one that fits in memory, before its rows fill the memory.
+
+    ``rows``: those that the first ``read_bytes`` of the file hold. Foreseen from them is how many there are.
+    ``least_row_bytes``: what a row takes of the file at least.
+
+    Raises
+    ------
+    UnsafeArchive
+        The rows are packed as those of no sensor are.
+    TooLong
+        There are more than any device records.
+    MemoryError
+        The system does not grant what the rows to come will need.
+    """
+    if rows <= UNASKED_ROWS:
+        return
+    if rows * least_row_bytes > read_bytes:
+        raise UnsafeArchive(reason="ratio")
+    foreseen = max(rows, round(rows * all_bytes / read_bytes))
+    if foreseen > MOST_ROWS:
+        raise TooLong(rows=round(foreseen / 1e6), most=round(MOST_ROWS / 1e6))
+    np.empty(foreseen * SECOND_ROW_BYTES, np.uint8)  # asked for and given back: it costs nothing untouched
+
 
 class SampleColumns:
-    """Acceleration, angular rate and stamps of the rows read so far.
+    """Acceleration, angular rate and stamps of the rows read so far, from a source where it is told.
 
     Attributes
     ----------
@@ -24,8 +61,9 @@ class SampleColumns:
         How many of them are filled.
     """
 
-    def __init__(self, *, has_stamps: bool = True) -> None:
+    def __init__(self, source: Source | None = None, *, has_stamps: bool = True) -> None:
         self.rows = 0
+        self._source = source
         self._has_stamps = has_stamps
         self.acc: NDArray[np.float32] = np.empty((FIRST_CAPACITY, 3), np.float32)
         self.gyr: NDArray[np.float32] = np.empty((FIRST_CAPACITY, 3), np.float32)
@@ -37,7 +75,15 @@ class SampleColumns:
         return len(self.acc)
 
     def make_room(self, rows: int) -> None:
-        """Make sure that ``rows`` more fit; grows by a sixteenth at least, so that the work stays linear."""
+        """Make sure that ``rows`` more fit; grows by a sixteenth at least, so that the work stays linear.
+
+        Raises
+        ------
+        fusion.errors.UnsafeArchive, fusion.errors.TooLong, MemoryError
+            As :func:`check_rows`, by what has been read of the source.
+        """
+        if self._source is not None:
+            check_rows(self.rows, self._source.read_bytes, self._source.size_bytes)
         needed = self.rows + rows
         if needed > self.capacity:
             self._resize(max(needed, self.capacity + self.capacity // 16))

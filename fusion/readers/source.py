@@ -18,13 +18,20 @@ LARGE_PIECE_BYTES = 1 << 18
 class Source:
     """A file as the readers see it.
 
-    ``name`` is only ever used to judge its extension; ``head`` holds the first 64 KiB.
+    ``name`` is only ever used to judge its extension; ``head`` holds the first 64 KiB. ``size_bytes`` is the
+    size of the file itself, which is ``packed`` where ``file`` gives what was unpacked from it.
     """
 
     file: BinaryIO
     name: str
     size_bytes: int
     head: bytes
+    packed: BinaryIO | None = None
+
+    @property
+    def read_bytes(self) -> int:
+        """How far the file itself, packed as it may be, has been read."""
+        return (self.packed or self.file).tell()
 
     @property
     def extension(self) -> str:

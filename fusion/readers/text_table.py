@@ -101,7 +101,7 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
     CutByExcel
         Exactly as many lines as Excel holds.
     """
-    columns = SampleColumns()
+    columns = SampleColumns(source)
     tally = np.zeros(TALLY_PLACES, np.int64)
     rules = make_rules(layout, plan)
     row_bytes = SHORTEST_NUMBER_BYTES * sum(target != IGNORED for target in plan.targets)

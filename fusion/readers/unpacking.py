@@ -118,4 +118,4 @@ def _open_unpacked(file: UnpackedFile, name: str, packed: Source) -> Source:
         raise EmptyFile
     if head.startswith((GZIP_MAGIC, b"PK\x03\x04", b"PK\x05\x06")):
         raise UnsafeArchive(reason="nested")
-    return Source(cast("BinaryIO", file), name, packed.size_bytes, head)
+    return Source(cast("BinaryIO", file), name, packed.size_bytes, head, packed.file)

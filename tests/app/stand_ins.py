@@ -52,6 +52,11 @@ def write_slowly(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
     write_report(log, request, out, on_stage)
 
 
+def stand_still(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Never come back, as a process does that was stopped."""
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
 def refuse(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Find the recording too short."""
     raise TooShort(s=4.0)
@@ -83,3 +88,22 @@ def find_no_room(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
     """Meet a full disk half-way."""
     (out / "results.json").write_bytes(b"{")
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def spoil_recording(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Alter the recording while it is analysed."""
+    write_report(log, request, out, on_stage)
+    log.write_bytes(b"something else")
+
+
+def write_findings(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write what reports of two are made from, too."""
+    write_report(log, request, out, on_stage)
+    (out / "findings.json").write_bytes(b"{}")
+
+
+def set_beside(*given: object) -> None:
+    """Write the report of two into the folder of the attempt."""
+    out = given[5]
+    assert isinstance(out, Path)
+    (out / "report.en.pdf").write_bytes(b"%PDF-two")

@@ -5,13 +5,20 @@ from fastapi.testclient import TestClient
 from starlette.requests import Request
 
 from app.api.services import find_services
-from app.jobs.kept_answers import AnswerStore
+from app.jobs.kept_answers import AnswerStore, KeptAnswer
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.settings import Settings
 
 URL = "/api/v1/analyze"
 KEY = {"idempotency-key": "k-1"}
+
+
+def list_kept(store: JobStore) -> list[tuple[int, str, bytes]]:
+    """Give status, headers and body of every kept answer."""
+    with store.reader.connect() as connection:
+        rows = connection.exec_driver_sql("SELECT status, headers, body FROM kept_answers").all()
+    return [(row.status, row.headers, bytes(row.body)) for row in rows]
 
 
 def test_the_same_request_twice_is_done_once_and_answered_alike(client: TestClient, store: JobStore) -> None:
@@ -99,3 +106,81 @@ def test_the_key_of_a_server_that_did_not_come_back_is_free_after_an_hour(store:
     other.age(3600.0, 24 * 3600.0)
 
     assert other.reserve("key") is None
+
+
+def test_a_purge_empties_the_answers_that_spoke_of_the_recording(client: TestClient, store: JobStore) -> None:
+    job = client.post(URL, params={"subject": "S1"}, content=b"x", headers=KEY).json()
+
+    client.delete(f"/api/v1/recordings/{job['recording_id']}", params={"purge": True})
+
+    assert list_kept(store) == [(410, "[]", b"")]
+
+
+def test_a_repetition_after_a_purge_makes_nothing_anew(client: TestClient, store: JobStore) -> None:
+    job = client.post(URL, content=b"x", headers=KEY).json()
+    client.delete(f"/api/v1/recordings/{job['recording_id']}", params={"purge": True})
+
+    answer = client.post(URL, content=b"x", headers=KEY)
+
+    assert (answer.status_code, answer.json()["code"]) == (410, "E-PURGED")
+    assert store.list_newest() == ()
+
+
+def test_after_a_purge_the_key_still_belongs_to_its_request(client: TestClient) -> None:
+    job = client.post(URL, content=b"x", headers=KEY).json()
+    client.delete(f"/api/v1/recordings/{job['recording_id']}", params={"purge": True})
+
+    assert client.post(URL, content=b"y", headers=KEY).json()["code"] == "E-KEY-REUSED"
+
+
+def test_a_purge_leaves_the_answers_of_other_recordings(client: TestClient) -> None:
+    first = client.post("/api/v1/recordings", content=b"x").json()
+    second = client.post("/api/v1/recordings", content=b"x", headers=KEY).json()
+    assert second["duplicate_of"] == first["id"]
+
+    client.delete(f"/api/v1/recordings/{first['id']}", params={"purge": True})
+
+    assert client.post("/api/v1/recordings", content=b"x", headers=KEY).json() == second
+
+
+def test_a_purge_forgets_refusals_for_they_may_repeat_a_subject_code(
+    client: TestClient, store: JobStore
+) -> None:
+    refused = client.post("/api/v1/recordings", json={"subject": "S1"}, headers=KEY)
+    assert "S1" in refused.json()["detail"]
+    kept = client.post("/api/v1/recordings", content=b"x").json()
+
+    client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
+
+    assert list_kept(store) == []
+
+
+def test_a_purge_takes_a_batch_along_of_which_nothing_is_left(client: TestClient, store: JobStore) -> None:
+    kept = client.post("/api/v1/recordings", content=b"x").json()
+    wish = {"name": "visit of S1", "items": [{"recording_id": kept["id"]}]}
+    batch = client.post("/api/v1/batches", json=wish, headers=KEY).json()
+
+    client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
+
+    assert client.get(f"/api/v1/batches/{batch['id']}").status_code == 404
+    assert list_kept(store) == [(410, "[]", b"")]
+
+
+def test_a_batch_with_other_recordings_outlives_a_purge(client: TestClient) -> None:
+    kept = [client.post("/api/v1/recordings", content=body).json()["id"] for body in (b"x", b"y")]
+    wish = {"name": "spring", "items": [{"recording_id": one} for one in kept]}
+    batch = client.post("/api/v1/batches", json=wish).json()
+
+    client.delete(f"/api/v1/recordings/{kept[0]}", params={"purge": True})
+
+    assert client.get(f"/api/v1/batches/{batch['id']}").json()["name"] == "spring"
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_an_answer_whose_recording_was_purged_meanwhile_is_kept_empty(store: JobStore) -> None:
+    answers = AnswerStore(store.engine, store.reader, "one")
+    answers.reserve("key")
+
+    answers.keep("key", KeptAnswer("f", 201, (), b'{"id":"rec_0123456789abcdef","subject":"S1"}'))
+
+    assert list_kept(store) == [(410, "[]", b"")]

@@ -7,10 +7,12 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
+from app.storage import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 
@@ -186,7 +188,52 @@ def test_the_analyses_of_a_recording_thrown_away_stop_and_hide(client: TestClien
     assert client.get(f"/api/v1/analyses/{job['id']}").json()["state"] == "cancelled"
 
 
-@pytest.mark.parametrize("way", ["twice", "purge", "no term"])
+def test_a_second_delete_leaves_the_trash_as_it_is(client: TestClient, settings: Settings) -> None:
+    kept = keep(client)
+    client.delete(f"{URL}/{kept['id']}")
+    before = client.get(URL, params={"trashed": True}).json()["items"]
+
+    answer = client.delete(f"{URL}/{kept['id']}")
+
+    assert answer.status_code == 204
+    assert client.get(URL, params={"trashed": True}).json()["items"] == before
+    assert [path.name for path in files_of(settings)] == [kept["id"]]
+
+
+def test_a_second_delete_does_not_begin_the_term_of_the_trash_anew(
+    client: TestClient, store: JobStore
+) -> None:
+    rows, kept = RecordingStore(store.engine, store.reader), keep(client)
+    client.delete(f"{URL}/{kept['id']}")
+    rows.age_trash(60.0, term_s=100.0)
+
+    client.delete(f"{URL}/{kept['id']}")
+
+    assert rows.age_trash(60.0, term_s=100.0) == (kept["id"],)
+
+
+def test_what_is_in_the_trash_is_deleted_for_good_by_a_purge(client: TestClient, settings: Settings) -> None:
+    kept = keep(client)
+    client.delete(f"{URL}/{kept['id']}")
+
+    assert client.delete(f"{URL}/{kept['id']}", params={"purge": True}).status_code == 204
+    assert files_of(settings) == []
+
+
+def test_a_delete_of_the_reference_of_a_comparison_changes_nothing(
+    client: TestClient, store: JobStore, storage: Storage
+) -> None:
+    upload = storage.open_upload(100)
+    upload.write(b"angles")
+    reference = upload.keep()
+    RecordingStore(store.engine, store.reader).add_reference(reference, "angles.csv")
+
+    client.delete(f"{URL}/{reference.id}")
+
+    assert list_ids(client, trashed=True) == []
+
+
+@pytest.mark.parametrize("way", ["purge", "no term"])
 def test_deleting_for_good_leaves_nothing(settings: Settings, bench: OpenBench, way: str) -> None:
     term_s = 0.0 if way == "no term" else 1e6
     application = create_app(settings.model_copy(update={"trash_term_s": term_s}))
@@ -196,8 +243,6 @@ def test_deleting_for_good_leaves_nothing(settings: Settings, bench: OpenBench, 
         address = f"{URL}/{job['recording_id']}"
 
         client.delete(address, params={"purge": way == "purge"})
-        if way == "twice":
-            client.delete(address)
 
         assert files_of(settings) == []
         assert client.get(address).status_code == 404

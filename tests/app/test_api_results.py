@@ -98,7 +98,7 @@ def test_the_report_may_do_nothing_in_the_browser(client: TestClient, bench: Ope
     policy = client.get(f"{address}/report.html").headers["content-security-policy"]
 
     assert policy.startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:")
-    assert policy.endswith("sandbox")
+    assert policy.endswith("frame-ancestors 'none'; sandbox")
     assert "script-src" not in policy
 
 

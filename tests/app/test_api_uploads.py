@@ -68,7 +68,7 @@ def test_bytes_in_two_pieces_become_one_recording(client: TestClient, storage: S
     assert append(client, address, 5, b"56789") == 204
 
     recording = client.get(client.get(address).json()["links"]["recording"]).json()
-    with borrow_recording(storage, recording["id"]) as kept:
+    with borrow_recording(storage, recording["id"], recording["sha256"]) as kept:
         assert kept.read_bytes() == b"0123456789"
     assert recording["sha256"] == hashlib.sha256(b"0123456789").hexdigest()
     assert (recording["file_name"], recording["subject"], recording["side"]) == ("shift.gt3x", "S012", "left")
@@ -333,3 +333,49 @@ def test_another_packing_is_not_taken(client: TestClient) -> None:
     address = announce(client, 1000)
 
     assert append(client, address, 0, b"x", **{"content-encoding": "br"}) == 415
+
+
+@pytest.mark.parametrize("left", [None, b"", b"012"], ids=["missing", "emptied", "shorter"])
+def test_bytes_that_the_disk_has_lost_are_asked_for_again(
+    client: TestClient, settings: Settings, storage: Storage, left: bytes | None
+) -> None:
+    address = announce(client, 10)
+    append(client, address, 0, b"01234")
+    lose(settings, address, left)
+
+    assert append(client, address, 5, b"56789") == 409
+    kept_bytes = int(client.head(address, headers=TUS).headers["upload-offset"])
+    assert kept_bytes == len(left or b"")
+    assert append(client, address, kept_bytes, b"0123456789"[kept_bytes:]) == 204
+    recording_id = client.get(address).json()["recording_id"]
+    with borrow_recording(storage, recording_id, hashlib.sha256(b"0123456789").hexdigest()) as kept:
+        assert kept.read_bytes() == b"0123456789"
+
+
+def test_a_whole_upload_that_the_disk_has_lost_becomes_no_recording(
+    client: TestClient, settings: Settings, store: JobStore
+) -> None:
+    address = announce(client, 10)
+    append(client, address, 0, b"01234")
+    lose(settings, address, b"")
+    with store.engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE uploads SET offset_bytes = 10")
+
+    assert client.head(address, headers=TUS).headers["upload-offset"] == "0"
+    assert client.get("/api/v1/recordings").json()["items"] == []
+
+
+def lose(settings: Settings, address: str, left: bytes | None) -> None:
+    """Let the disk lose the bytes of an upload but for those that are left."""
+    path = settings.data_dir / "incoming" / address.rpartition("/")[2]
+    path.unlink()
+    if left is not None:
+        path.write_bytes(left)
+
+
+@pytest.mark.parametrize("database", ["postgresql"], indirect=True)
+def test_an_upload_is_taken_on_postgresql_too(client: TestClient) -> None:
+    address = announce(client, 5)
+
+    assert append(client, address, 0, b"01234") == 204
+    assert client.get(address).json()["recording_id"]

@@ -1,21 +1,28 @@
 """Webhooks: told once each thing that ends, signed, and again until heard."""
 
+import asyncio
 import base64
 import hashlib
 import hmac
 import json
+import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+import anyio
 import pytest
 from fastapi.testclient import TestClient
 from starlette.requests import Request
 
-from app.api.housekeeping import tell_webhooks
+from app.api import housekeeping
+from app.api.housekeeping import WebhookSender
 from app.api.services import Services, find_services
+from app.delivery import Message, check_address, is_public, send_message
+from app.errors import ForeignWebhook
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
@@ -70,6 +77,50 @@ def open_client(settings: Settings) -> Iterator[TestClient]:
 
 def services_of(application: Any) -> Services:
     return find_services(Request({"type": "http", "app": application}))
+
+
+def tell_webhooks(services: Services, elapsed_s: float) -> None:
+    """Let one round begin, and wait for what it delivers."""
+
+    async def tell() -> None:
+        sender = WebhookSender(services)
+        await sender.start_due(elapsed_s)
+        await sender.finish()
+
+    asyncio.run(tell())
+
+
+@contextmanager
+def listening(answer: Callable[[socket.socket], None]) -> Iterator[str]:
+    """A server that takes one connection and does with it as told; gives its address."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            connection, _ = server.accept()
+            with connection:
+                answer(connection)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{server.getsockname()[1]}/"
+        thread.join()
+
+
+def read_until_closed(connection: socket.socket) -> None:
+    """Hear everything and answer nothing."""
+    while connection.recv(4096):
+        pass
+
+
+def dribble(connection: socket.socket) -> None:
+    """Send a byte of an endless head now and then, until the other side has gone."""
+    try:
+        connection.sendall(b"HTTP/1.1 200 OK\r\nX-Slow: ")
+        while True:
+            connection.sendall(b"x")
+            threading.Event().wait(0.01)
+    except OSError:
+        return
 
 
 def subscribe(client: TestClient, url: str, **wish: Any) -> dict[str, Any]:
@@ -215,9 +266,216 @@ def test_an_address_that_does_not_hear_is_tried_once_in_a_round(
     assert len(listener.heard) == 1
 
 
+def test_one_that_never_answers_keeps_no_other_waiting(
+    open_client: TestClient, bench: OpenBench, listener: Listener
+) -> None:
+    services = services_of(open_client.app)
+
+    async def keep_both() -> None:
+        sender = WebhookSender(services, limit_s=600.0)
+        await sender.start_due(1.0)
+        while not listener.heard:
+            await anyio.sleep(0.01)
+        await sender.start_due(1.0)  # the next round begins while the silent one is still connected
+        await sender.stop()
+
+    with listening(read_until_closed) as silent:
+        subscribe(open_client, silent)
+        subscribe(open_client, listener.url)
+        open_client.post("/api/v1/analyze", content=b"x")
+        run_next(bench(stand_ins.write_report))
+
+        asyncio.run(keep_both())
+
+    assert len(listener.heard) == 1
+
+
+def test_terms_pass_while_one_never_answers(
+    open_client: TestClient, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    services, connected, aged = services_of(open_client.app), threading.Event(), threading.Event()
+    monkeypatch.setattr(housekeeping, "LOOK_S", 0.01)
+    monkeypatch.setattr(housekeeping, "AGE_S", 0.0)
+
+    def grow_older(*_: object) -> None:
+        if connected.is_set():
+            aged.set()
+
+    monkeypatch.setattr(housekeeping, "grow_older", grow_older)
+
+    async def keep_house() -> None:
+        house = asyncio.create_task(housekeeping.keep_house(services))
+        while not aged.is_set():
+            await anyio.sleep(0.01)
+        house.cancel()
+        await asyncio.gather(house, return_exceptions=True)
+
+    def stay_silent(connection: socket.socket) -> None:
+        connected.set()
+        read_until_closed(connection)
+
+    with listening(stay_silent) as silent:
+        subscribe(open_client, silent)
+        open_client.post("/api/v1/analyze", content=b"x")
+        run_next(bench(stand_ins.write_report))
+
+        asyncio.run(keep_house())
+
+    assert aged.is_set()
+
+
+def deliver(url: str, limit_s: float) -> bool:
+    message = Message("msg_1", url, "whsec_" + base64.b64encode(b"key").decode(), "{}")
+    return asyncio.run(send_message(message, allow_private=True, limit_s=limit_s))
+
+
+def test_one_that_dribbles_its_answer_is_given_up() -> None:
+    with listening(dribble) as url:
+        assert not deliver(url, 0.2)
+
+
+def test_one_that_never_answers_is_given_up() -> None:
+    with listening(read_until_closed) as url:
+        assert not deliver(url, 0.2)
+
+
+def test_a_name_that_is_never_found_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    released = threading.Event()
+
+    def never_find(*_: object, **__: object) -> None:
+        released.wait()
+        raise socket.gaierror
+
+    monkeypatch.setattr(socket, "getaddrinfo", never_find)
+
+    assert not deliver("http://receiver.example/", 0.2)
+    released.set()
+
+
+def test_a_continuation_is_no_answer_yet() -> None:
+    def continue_first(connection: socket.socket) -> None:
+        connection.recv(4096)
+        connection.sendall(b"HTTP/1.1 100 Continue\r\n\r\nHTTP/1.1 204 No Content\r\n\r\n")
+
+    with listening(continue_first) as url:
+        assert deliver(url, 60.0)
+
+
+@pytest.mark.parametrize("path", ["caf\u00e9?q=\u00e9 b", "a\tb", "%20?x=[1]#part"])
+def test_any_path_is_sent_or_refused_and_ends_nothing(listener: Listener, path: str) -> None:
+    assert deliver(listener.url.replace("hook", path), 60.0)
+
+
+@pytest.mark.parametrize("answer", [b"", b"\x00\x01\x02\r\n\r\n", b"HTTP/1.1 200 OK\r\nX: " + 70_000 * b"x"])
+def test_an_answer_that_is_none_is_not_heard(answer: bytes) -> None:
+    def reply(connection: socket.socket) -> None:
+        connection.recv(4096)
+        connection.sendall(answer)
+
+    with listening(reply) as url:
+        assert not deliver(url, 60.0)
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "0.0.0.0",
+        "10.1.2.3",
+        "100.64.0.1",
+        "100.127.255.255",
+        "127.0.0.1",
+        "127.255.0.1",
+        "169.254.169.254",
+        "172.16.0.1",
+        "172.31.255.255",
+        "192.0.0.1",
+        "192.0.0.9",
+        "192.0.2.1",
+        "192.88.99.1",
+        "192.168.1.1",
+        "198.18.0.1",
+        "198.19.255.255",
+        "198.51.100.7",
+        "203.0.113.9",
+        "224.0.0.1",
+        "239.255.255.250",
+        "240.0.0.1",
+        "255.255.255.255",
+        "::",
+        "::1",
+        "::8.8.8.8",
+        "::7f00:1",
+        "::ffff:127.0.0.1",
+        "::ffff:8.8.8.8",
+        "::ffff:0:127.0.0.1",
+        "64:ff9b::7f00:1",
+        "64:ff9b::8.8.8.8",
+        "64:ff9b:1::a00:1",
+        "100::1",
+        "100:0:0:1::1",
+        "2001::1",
+        "2001:0:4136:e378:8000:63bf:3fff:fdd2",
+        "2001:2::1",
+        "2001:20::1",
+        "2001:db8::1",
+        "2002:7f00:1::",
+        "2002:808:808::1",
+        "3fff::1",
+        "5f00::1",
+        "fc00::1",
+        "fd12:3456::1",
+        "fe80::1",
+        "fe80::1%eth0",
+        "fec0::1",
+        "ff02::1",
+        "ff0e::1",
+    ],
+)
+def test_no_webhook_leads_to(address: str) -> None:
+    assert not is_public(address)
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "1.1.1.1",
+        "8.8.8.8",
+        "100.63.255.255",
+        "100.128.0.1",
+        "172.15.255.255",
+        "172.32.0.1",
+        "192.0.1.1",
+        "198.17.255.255",
+        "198.20.0.1",
+        "223.255.255.255",
+        "2001:200::1",
+        "2001:4860:4860::8888",
+        "2003::1",
+        "2606:4700:4700::1111",
+        "2a00:1450:4007::1",
+    ],
+)
+def test_a_webhook_may_lead_to(address: str) -> None:
+    assert is_public(address)
+
+
+def test_one_refused_address_of_a_name_refuses_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [(0, 0, 0, "", (address, 80)) for address in ("8.8.8.8", "64:ff9b::a00:1")]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+
+    with pytest.raises(ForeignWebhook):
+        check_address("http://receiver.example/", allow_private=False)
+
+
 @pytest.mark.parametrize(
     "url",
     [
+        "http://[64:ff9b::7f00:1]/",
+        "http://[::7f00:1]/",
+        "http://[2002:7f00:1::]/",
+        "http://[ff0e::1]/",
+        "http://224.0.0.1/",
+        "http://192.0.0.9/",
         "http://127.0.0.1/",
         "http://[::1]/",
         "http://localhost:8080/",

@@ -1,5 +1,6 @@
 """A watched folder: what has stopped growing is taken in once, with its subject, and moved aside."""
 
+import logging
 from pathlib import Path
 
 import pytest
@@ -100,3 +101,20 @@ def test_the_same_bytes_are_analysed_once(watch: FolderWatch) -> None:
 
     assert len(jobs) == 2
     assert jobs[0].id == jobs[1].id
+
+
+def test_no_line_of_the_log_names_the_subject_or_the_file(
+    watch: FolderWatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    put(watch, "S012/Marie.gt3x")
+    put(watch, "too long a code for a subject".ljust(200, "x") + "/Marie.gt3x")
+    put(watch, "S013/Marie.gt3x", b"x" * 1_000_001)
+    watch.look()
+
+    (job,) = watch.look()
+
+    assert f"a watched file was taken in as {job.id}" in caplog.text
+    assert "could not be taken in: E-BIG" in caplog.text
+    assert "could not be taken in: its name cannot be used" in caplog.text
+    assert not any(word in caplog.text for word in ("S012", "S013", "Marie", "too long"))

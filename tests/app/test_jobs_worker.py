@@ -1,21 +1,25 @@
 """The worker: one job from claim to report, and what it does when something dies."""
 
 import os
+import signal
 import subprocess
 import sys
 import threading
 import time
 from dataclasses import replace
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import cast
 
 import pytest
 
+from app.jobs import attempt, forking, worker
 from app.jobs.attempt import NICENESS, choose_limits
+from app.jobs.forking import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.job import Claimer, JobState
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
+from app.jobs.worker import reclaim_abandoned, run_next
 from app.settings import Settings
 from app.storage import Storage
 from tests.app import stand_ins
@@ -55,6 +59,17 @@ def claimer_of(process: subprocess.Popen[bytes]) -> Claimer:
     return Claimer(identify_self().place, process.pid, start)
 
 
+def die_while_running(store: JobStore) -> None:
+    """Take the next job, and be gone: a process of this computer that never was."""
+    assert store.claim(Claimer(identify_self().place, os.getpid(), "1")) is not None
+
+
+def find_fork_server() -> int:
+    pid = getattr(forkserver._forkserver, "_forkserver_pid", None)
+    assert pid is not None
+    return int(pid)
+
+
 def test_a_job_becomes_a_report(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
     job = add_job()
 
@@ -77,7 +92,8 @@ def test_the_published_files_are_those_of_the_attempt_that_counts(
 
     token = store.get(job.id).token
     assert token is not None
-    assert storage.fetch_result(job.id, token, "results.json").read_bytes() == stand_ins.RESULTS
+    name = f"analyses/{job.id}/{token}/results.json"
+    assert storage.fetch(name).path.read_bytes() == stand_ins.RESULTS
 
 
 def test_a_refusal_ends_the_job_with_its_code(store: JobStore, add_job: AddJob, bench: OpenBench) -> None:
@@ -150,6 +166,153 @@ def test_three_deaths_fail_the_job_and_the_queue_goes_on(
 
     assert store.get(deadly.id).problem_code == "E-CRASHED"
     assert store.get(next_job.id).state is JobState.SUCCEEDED
+
+
+def test_the_end_of_a_worker_is_an_interruption_and_no_attempt(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    die_while_running(store)
+
+    run_next(bench(stand_ins.write_report))
+
+    done = store.get(job.id)
+    assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 1, 1)
+
+
+def test_four_ends_of_the_worker_leave_the_job_in_the_queue(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job, living = add_job(), bench(stand_ins.write_report)
+
+    for _ in range(4):
+        die_while_running(store)
+        reclaim_abandoned(living)
+
+    waiting = store.get(job.id)
+    assert (waiting.state, waiting.attempts, waiting.interruptions) == (JobState.QUEUED, 0, 4)
+
+
+def test_five_ends_of_the_worker_set_the_job_aside_without_blame_and_the_queue_goes_on(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job, living = add_job(), bench(stand_ins.write_report)
+    for _ in range(5):
+        die_while_running(store)
+        reclaim_abandoned(living)
+    next_job = add_job()
+
+    run_next(living)
+
+    aside = store.get(job.id)
+    assert (aside.state, aside.problem_code, aside.problem_facts) == (
+        JobState.FAILED,
+        "E-INTERRUPTED",
+        {"times": 5},
+    )
+    assert store.get(next_job.id).state is JobState.SUCCEEDED
+
+
+def test_an_analysis_set_aside_begins_again_with_both_counts_at_nought(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job, living = add_job(), bench(stand_ins.write_report, max_interruptions=1)
+    die_while_running(store)
+    reclaim_abandoned(living)
+
+    again = store.retry(job.id)
+
+    assert (again.state, again.attempts, again.interruptions) == (JobState.QUEUED, 0, 0)
+
+
+def test_ends_of_the_worker_do_not_bring_a_job_nearer_to_its_last_death(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job, killer = add_job(), bench(stand_ins.be_killed)
+    for _ in range(2):
+        run_next(killer)
+        die_while_running(store)
+        reclaim_abandoned(killer)
+
+    run_next(bench(stand_ins.write_report))
+
+    done = store.get(job.id)
+    assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 3, 2)
+
+
+def test_a_computer_that_starts_no_child_is_an_interruption(
+    store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start_none(child: object) -> None:
+        raise NotStarted
+
+    job = add_job()
+    monkeypatch.setattr(attempt, "start_child", start_none)
+    monkeypatch.setattr(worker, "TROUBLE_S", 0)
+
+    run_next(bench(stand_ins.write_report))
+
+    back = store.get(job.id)
+    assert (back.state, back.attempts, back.interruptions) == (JobState.QUEUED, 0, 1)
+
+
+def test_a_child_that_never_comes_back_is_ended_at_its_limit(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+
+    run_next(bench(stand_ins.stand_still, wall_limit_s=0.5))
+
+    assert store.get(job.id).problem_code == "E-TIMEOUT"
+
+
+def test_an_analysis_outlasts_the_death_of_the_fork_server(
+    store: JobStore, add_job: AddJob, bench: OpenBench
+) -> None:
+    job = add_job()
+    thread = threading.Thread(target=run_next, args=(bench(stand_ins.write_in_a_second),))
+    thread.start()
+    wait_for_stage(store, job.id)
+
+    end_fork_server()
+    thread.join()
+
+    done = store.get(job.id)
+    assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 1, 0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="stops a process")
+def test_a_fork_server_that_does_not_answer_is_replaced(
+    store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = add_job()
+    warm_up_and_wait()
+    hanging = find_fork_server()
+    os.kill(hanging, signal.SIGSTOP)
+    monkeypatch.setattr(forking, "START_TICKS", 5)
+    monkeypatch.setattr(forking, "START_TRIES", 100)  # another may take longer than that to load
+
+    run_next(bench(stand_ins.write_report))
+
+    done = store.get(job.id)
+    assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 1, 0)
+    assert find_fork_server() != hanging
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="stops a process")
+def test_a_fork_server_that_reports_no_end_holds_no_worker(
+    store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = add_job()
+    monkeypatch.setattr(forking, "END_TICKS", 2)
+    thread = threading.Thread(target=run_next, args=(bench(stand_ins.write_in_a_second),))
+    thread.start()
+    wait_for_stage(store, job.id)
+
+    os.kill(find_fork_server(), signal.SIGSTOP)
+    thread.join()
+
+    assert store.get(job.id).state is JobState.SUCCEEDED
 
 
 def test_an_attempt_that_does_not_count_leaves_no_file(
@@ -271,7 +434,7 @@ def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: Ad
     assert watch.find_abandoned(store.list_claims()) == ()
 
 
-@pytest.mark.parametrize("way", ["fetch_recording", "keep_attempt"])
+@pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
 def test_a_holder_beats_while_the_store_is_slow(
     store: JobStore, storage: Storage, add_job: AddJob, bench: OpenBench, way: str
 ) -> None:

@@ -1,7 +1,6 @@
 """What every store of recordings promises, folder or bucket."""
 
 import hashlib
-from pathlib import Path
 
 import pytest
 
@@ -24,33 +23,33 @@ def keep_attempt(storage: Storage, token: str, content: bytes) -> None:
     storage.keep_attempt("an_1", token)
 
 
-def test_what_is_fetched_is_what_was_kept(storage: Storage, tmp_path: Path) -> None:
+def test_what_is_fetched_is_what_was_kept(storage: Storage) -> None:
     upload = storage.open_upload(100)
     upload.write(b"abc")
     upload.write(b"def")
 
     stored = upload.keep()
 
-    assert storage.fetch_recording(stored.id, tmp_path / "copy").read_bytes() == b"abcdef"
+    assert storage.fetch(f"recordings/{stored.id}").path.read_bytes() == b"abcdef"
     assert (stored.sha256, stored.size_bytes) == (hashlib.sha256(b"abcdef").hexdigest(), 6)
 
 
-def test_a_recording_of_several_parts_is_whole(storage: Storage, tmp_path: Path) -> None:
+def test_a_recording_of_several_parts_is_whole(storage: Storage) -> None:
     content = bytes(range(256)) * (20 << 12)  # 20 MiB; a part has 8
 
     recording_id = keep(storage, content)
 
-    assert storage.fetch_recording(recording_id, tmp_path / "copy").read_bytes() == content
+    assert storage.fetch(f"recordings/{recording_id}").path.read_bytes() == content
 
 
-def test_an_upload_that_is_discarded_cannot_be_fetched(storage: Storage, tmp_path: Path) -> None:
+def test_an_upload_that_is_discarded_cannot_be_fetched(storage: Storage) -> None:
     upload = storage.open_upload(1 << 30)
     upload.write(bytes(10 << 20))
 
     upload.discard()
 
     with pytest.raises(FileNotFoundError):
-        storage.fetch_recording("rec_0", tmp_path / "copy").read_bytes()
+        storage.fetch("recordings/rec_0").path.read_bytes()
     assert [path for path in storage.root.rglob("*") if path.is_file()] == []
 
 
@@ -63,31 +62,31 @@ def test_more_than_allowed_is_refused(storage: Storage) -> None:
     upload.discard()
 
 
-def test_a_file_of_this_machine_becomes_a_recording(storage: Storage, tmp_path: Path) -> None:
+def test_a_file_of_this_machine_becomes_a_recording(storage: Storage) -> None:
     ready = storage.root / "ready"
     ready.write_bytes(b"abc")
 
     stored = storage.adopt(ready, hashlib.sha256(b"abc").hexdigest(), 3)
     ready.unlink()
 
-    assert storage.fetch_recording(stored.id, tmp_path / "copy").read_bytes() == b"abc"
+    assert storage.fetch(f"recordings/{stored.id}").path.read_bytes() == b"abc"
 
 
-def test_a_recording_that_was_dropped_is_gone(storage: Storage, tmp_path: Path) -> None:
+def test_a_recording_that_was_dropped_is_gone(storage: Storage) -> None:
     recording_id = keep(storage, b"abc")
 
     storage.drop_recording(recording_id)
     storage.drop_recording(recording_id)
 
     with pytest.raises(FileNotFoundError):
-        storage.fetch_recording(recording_id, tmp_path / "copy").read_bytes()
+        storage.fetch(f"recordings/{recording_id}").path.read_bytes()
 
 
 def test_a_kept_result_can_be_fetched_again_and_again(storage: Storage) -> None:
     keep_attempt(storage, "t", b"{}")
 
     for _ in range(2):
-        path = storage.fetch_result("an_1", "t", "results.json")
+        path = storage.fetch("analyses/an_1/t/results.json").path
         assert path.read_bytes() == b"{}"
         storage.give_back(path)
 
@@ -97,7 +96,7 @@ def test_keeping_an_attempt_twice_does_no_harm(storage: Storage) -> None:
 
     storage.keep_attempt("an_1", "t")
 
-    assert storage.fetch_result("an_1", "t", "results.json").read_bytes() == b"{}"
+    assert storage.fetch("analyses/an_1/t/results.json").path.read_bytes() == b"{}"
 
 
 def test_dropping_an_attempt_leaves_the_others(storage: Storage) -> None:
@@ -106,9 +105,9 @@ def test_dropping_an_attempt_leaves_the_others(storage: Storage) -> None:
 
     storage.drop_attempt("an_1", "dead")
 
-    assert storage.fetch_result("an_1", "good", "results.json").read_bytes() == b"good"
+    assert storage.fetch("analyses/an_1/good/results.json").path.read_bytes() == b"good"
     with pytest.raises(FileNotFoundError):
-        storage.fetch_result("an_1", "dead", "results.json").read_bytes()
+        storage.fetch("analyses/an_1/dead/results.json").path.read_bytes()
 
 
 def test_dropping_an_analysis_drops_every_attempt(storage: Storage) -> None:
@@ -117,7 +116,7 @@ def test_dropping_an_analysis_drops_every_attempt(storage: Storage) -> None:
     storage.drop_analysis("an_1")
 
     with pytest.raises(FileNotFoundError):
-        storage.fetch_result("an_1", "a", "results.json").read_bytes()
+        storage.fetch("analyses/an_1/a/results.json").path.read_bytes()
 
 
 def test_a_store_has_one_name_for_ever(storage: Storage) -> None:
@@ -131,13 +130,13 @@ def test_a_full_disk_is_refused_before_the_first_byte(storage: Storage) -> None:
 
 def test_fetched_copies_of_a_killed_server_are_swept(storage: Storage) -> None:
     keep_attempt(storage, "t", b"{}")
-    storage.fetch_result("an_1", "t", "results.json")
+    storage.fetch("analyses/an_1/t/results.json")
 
     storage.drop_temporary(min_age_s=0)
 
     copies = storage.root / "fetched"
     assert not copies.exists() or list(copies.iterdir()) == []
-    assert storage.fetch_result("an_1", "t", "results.json").read_bytes() == b"{}"
+    assert storage.fetch("analyses/an_1/t/results.json").path.read_bytes() == b"{}"
 
 
 def test_a_bucket_that_does_not_answer_is_named_as_that(

@@ -2,8 +2,11 @@
 
 import json
 import os
+import shutil
+import stat
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +15,19 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from app.cli import app
+from app.folder import FolderStorage
 from app.jobs.database import connect
 from app.jobs.job import Job, JobState
 from app.jobs.lease import identify_self
+from app.jobs.recordings import Description, RecordingStore
 from app.jobs.store import JobStore
 from app.jobs.tables import REVISION
+from app.jobs.uploads import UploadStore
+from app.jobs.webhooks import EVENTS, WebhookStore
 from app.jobs.worker import run_next
 from app.report.wording import load_wording
 from app.settings import Settings
-from app.storage import FolderLock, Storage
+from app.storage import Fetched, FolderLock, Storage
 from app.upkeep.reconcile import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
@@ -36,6 +43,45 @@ def acromion(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Acromion:
     for name, value in settings.as_environment().items():
         monkeypatch.setenv(name, value)
     return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@contextmanager
+def wide_umask(umask: int) -> Iterator[None]:
+    """Let new files be readable to others, but for those that say otherwise."""
+    before = os.umask(umask)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
+
+def read_faults(backup: Path) -> list[dict[str, str]]:
+    """Give the faults that a backup lists."""
+    with zipfile.ZipFile(backup) as archive:
+        faults: list[dict[str, str]] = json.loads(archive.read("manifest.json"))["faults"]
+    return faults
+
+
+def flip_a_bit(backup: Path, before: bytes) -> None:
+    """Let the first byte of a stored file rot."""
+    content = bytearray(backup.read_bytes())
+    content[content.index(before)] ^= 1
+    backup.write_bytes(content)
+
+
+@pytest.fixture
+def damaged(finished: Job, settings: Settings) -> Path:
+    """The recording of the finished analysis, with one byte altered."""
+    path = settings.data_dir / "recordings" / finished.recording_id
+    path.write_bytes(b"the Recording")
+    return path
+
+
+def purge(store: JobStore, recording_id: str) -> None:
+    """Delete the rows of a recording; its files are left to the test."""
+    rows = RecordingStore(store.engine, store.reader)
+    rows.begin_purge(recording_id)
+    rows.end_purge(recording_id)
 
 
 @pytest.fixture
@@ -157,6 +203,305 @@ def test_a_damaged_backup_is_not_restored(
     assert (result.exit_code, result.output.split()[0]) == (3, "E-BACKUP")
 
 
+@on_both_set_ups
+def test_a_backup_of_a_store_with_a_missing_file_is_made_and_lists_it(
+    finished: Job, storage: Storage, acromion: Acromion, tmp_path: Path
+) -> None:
+    storage.drop_recording(finished.recording_id)
+
+    result = acromion("backup", tmp_path / "b.zip")
+
+    name = f"recordings/{finished.recording_id}"
+    assert result.exit_code == 1
+    assert f"MISSING {name}" in result.output
+    assert read_faults(tmp_path / "b.zip") == [{"name": name, "finding": "missing"}]
+
+
+def test_a_damaged_file_is_put_into_the_backup_as_it_is(
+    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path
+) -> None:
+    result = acromion("backup", tmp_path / "b.zip")
+
+    name = f"recordings/{finished.recording_id}"
+    assert result.exit_code == 1
+    assert f"DAMAGED {name}" in result.output
+    assert read_faults(tmp_path / "b.zip") == [{"name": name, "finding": "damaged"}]
+    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
+        assert archive.read(f"files/{name}") == b"the Recording"
+
+
+def test_a_file_that_cannot_be_opened_is_a_fault_of_the_backup(
+    finished: Job, settings: Settings, acromion: Acromion, tmp_path: Path
+) -> None:
+    place = settings.data_dir / "recordings" / finished.recording_id
+    place.unlink()
+    place.mkdir()
+
+    assert acromion("backup", tmp_path / "b.zip").exit_code == 1
+    assert [fault["finding"] for fault in read_faults(tmp_path / "b.zip")] == ["damaged"]
+
+
+def test_a_backup_of_a_good_store_lists_no_fault(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
+    assert acromion("backup", tmp_path / "b.zip").exit_code == 0
+    assert read_faults(tmp_path / "b.zip") == []
+
+
+def test_a_recording_purged_during_a_backup_is_no_fault(
+    finished: Job,
+    *,
+    add_job: AddJob,
+    store: JobStore,
+    acromion: Acromion,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job, fetch = add_job(b"another"), FolderStorage.fetch
+    purged: list[str] = []
+
+    def fetch_after_purge(self: FolderStorage, name: str) -> Fetched:
+        if not purged:
+            purged.append(job.recording_id)
+            purge(store, job.recording_id)
+            self.drop_recording(job.recording_id)
+        return fetch(self, name)
+
+    monkeypatch.setattr(FolderStorage, "fetch", fetch_after_purge)
+
+    assert acromion("backup", tmp_path / "b.zip").exit_code == 0
+    assert acromion("verify", tmp_path / "b.zip").exit_code == 0
+
+
+def test_a_place_without_a_database_is_not_backed_up(acromion: Acromion, tmp_path: Path) -> None:
+    result = acromion("backup", tmp_path / "b.zip")
+
+    assert (result.exit_code, result.output.split()[0]) == (3, "E-BACKUP")
+    assert not (tmp_path / "b.zip").exists()
+
+
+def test_a_backup_into_a_folder_that_is_not_there_is_refused(
+    finished: Job, acromion: Acromion, tmp_path: Path
+) -> None:
+    assert acromion("backup", tmp_path / "none" / "b.zip").exit_code == 3
+
+
+def test_verify_names_the_known_faults_of_a_backup_as_known(
+    finished: Job, damaged: Path, settings: Settings, acromion: Acromion, tmp_path: Path
+) -> None:
+    (gone,) = (settings.data_dir / "analyses").rglob("summary.csv")
+    gone.unlink()
+    acromion("backup", tmp_path / "b.zip")
+
+    result = acromion("verify", tmp_path / "b.zip")
+
+    assert result.exit_code == 1
+    assert f"KNOWN DAMAGED recordings/{finished.recording_id}" in result.output
+    assert f"KNOWN MISSING {gone.relative_to(settings.data_dir)}" in result.output
+
+
+def test_further_damage_of_a_known_fault_is_not_called_known(
+    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    flip_a_bit(tmp_path / "b.zip", b"the Recording")
+
+    result = acromion("verify", tmp_path / "b.zip")
+
+    assert f"\nDAMAGED recordings/{finished.recording_id}" in f"\n{result.output}"
+
+
+def test_verify_finds_damaged_rows_in_a_backup(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
+        about = archive.getinfo("rows/answers.jsonl")
+    content = bytearray((tmp_path / "b.zip").read_bytes())
+    content[about.header_offset + 30 + len(about.filename) + 30] ^= 1
+    (tmp_path / "b.zip").write_bytes(content)
+
+    assert "DAMAGED rows/answers.jsonl" in acromion("verify", tmp_path / "b.zip").output
+
+
+@on_both_set_ups
+def test_a_backup_with_faults_restores_what_is_whole_and_lists_the_rest(
+    finished: Job,
+    *,
+    storage: Storage,
+    settings: Settings,
+    acromion: Acromion,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+) -> None:
+    storage.drop_recording(finished.recording_id)
+    acromion("backup", tmp_path / "b.zip")
+    new = empty_everything(settings, request)
+    os.environ.update(new.as_environment())  # put right again by the fixture that set them first
+
+    restored = acromion("restore", tmp_path / "b.zip")
+
+    assert restored.exit_code == 1
+    assert f"MISSING recordings/{finished.recording_id}" in restored.output
+    assert f"MISSING recordings/{finished.recording_id}" in acromion("verify").output
+    store = JobStore(new.database_url)
+    assert store.get(finished.id) == finished
+    store.close()
+
+
+def test_a_damaged_file_is_restored_as_it_is(
+    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+
+    result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
+
+    assert result.exit_code == 1
+    restored = tmp_path / "new" / "recordings" / finished.recording_id
+    assert restored.read_bytes() == b"the Recording"
+
+
+def test_a_bit_that_flipped_in_the_backup_spoils_one_file_of_it(
+    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    flip_a_bit(tmp_path / "b.zip", b"the recording")
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+
+    result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
+
+    assert result.output.splitlines()[0] == f"DAMAGED recordings/{finished.recording_id}"
+    assert (tmp_path / "new" / "recordings" / finished.recording_id).read_bytes() == b"uhe recording"
+
+
+def test_a_restore_that_was_cut_short_is_done_again(
+    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    new = tmp_path / "new"
+    (new / "recordings").mkdir(parents=True)
+    (new / "recordings" / finished.recording_id).write_bytes(b"the recording")
+
+    assert acromion("restore", tmp_path / "b.zip", "--data", new).exit_code == 0
+    assert acromion("verify", "--data", new).exit_code == 0
+
+
+def test_a_damaged_file_of_a_backup_does_not_replace_a_good_one(
+    finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    new = tmp_path / "new"
+    (new / "recordings").mkdir(parents=True)
+    (new / "recordings" / finished.recording_id).write_bytes(b"the recording")
+
+    assert acromion("restore", tmp_path / "b.zip", "--data", new).exit_code == 0
+    assert (new / "recordings" / finished.recording_id).read_bytes() == b"the recording"
+
+
+def test_a_backup_is_not_restored_among_files_that_it_does_not_know(
+    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    stranger = tmp_path / "new" / "recordings" / "rec_of_another_database"
+    stranger.parent.mkdir(parents=True)
+    stranger.write_bytes(b"whose row is lost")
+
+    result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
+
+    assert (result.exit_code, result.output.split()[0]) == (3, "E-NOT-EMPTY")
+    assert "recordings/rec_of_another_database" in result.output
+    assert [path.name for path in stranger.parent.iterdir()] == [stranger.name]
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_a_backup_is_not_restored_over_rows_of_any_kind(
+    finished: Job, store: JobStore, acromion: Acromion, tmp_path: Path
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    purge(store, finished.recording_id)
+    WebhookStore(store.engine, store.reader).add("https://example.org/", EVENTS)
+
+    result = acromion("restore", tmp_path / "b.zip")
+
+    assert (result.exit_code, result.output.split()[0]) == (3, "E-NOT-EMPTY")
+    assert "1 in webhooks" in result.output
+    assert len(WebhookStore(store.engine, store.reader).list_all()) == 1
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
+def test_a_restore_leaves_tables_of_somebody_else_alone(
+    finished: Job, store: JobStore, acromion: Acromion, tmp_path: Path, settings: Settings
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    purge(store, finished.recording_id)
+    shutil.rmtree(settings.data_dir / "recordings")
+    shutil.rmtree(settings.data_dir / "analyses")
+    with store.engine.begin() as connection:
+        connection.execute(text("CREATE TABLE patients (name TEXT)"))
+        connection.execute(text("INSERT INTO patients VALUES ('kept')"))
+
+    assert acromion("restore", tmp_path / "b.zip").exit_code == 0
+    with store.reader.connect() as connection:
+        assert connection.execute(text("SELECT name FROM patients")).scalar_one() == "kept"
+
+
+def test_an_upload_under_way_is_not_restored_for_its_bytes_are_not_in_the_backup(
+    store: JobStore, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uploads = UploadStore(store.engine, store.reader)
+    uploads.advance(uploads.open(100, "", Description("half.gt3x")), 50)
+    acromion("backup", tmp_path / "b.zip")
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+
+    acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
+
+    restored = JobStore(Settings(data_dir=tmp_path / "new").database_url)
+    assert UploadStore(restored.engine, restored.reader).list_growing() == frozenset()
+    restored.close()
+
+
+def test_a_backup_of_before_faults_were_listed_is_restored(
+    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    with zipfile.ZipFile(tmp_path / "b.zip") as new, zipfile.ZipFile(tmp_path / "old.zip", "w") as old:
+        for name in new.namelist():
+            content = new.read(name)
+            if name == "manifest.json":
+                manifest = json.loads(content)
+                del manifest["faults"]
+                content = json.dumps(manifest).encode()
+            old.writestr(name, content)
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+
+    assert acromion("verify", tmp_path / "old.zip").exit_code == 0
+    assert acromion("restore", tmp_path / "old.zip", "--data", tmp_path / "new").exit_code == 0
+
+
+@pytest.mark.parametrize("umask", [0o000, 0o022])
+def test_a_backup_is_for_its_owner_alone_whatever_the_umask(
+    finished: Job, acromion: Acromion, tmp_path: Path, umask: int
+) -> None:
+    with wide_umask(umask):
+        acromion("backup", tmp_path / "b.zip")
+
+    assert stat.S_IMODE((tmp_path / "b.zip").stat().st_mode) == 0o600
+
+
+def test_a_restored_place_is_for_its_owner_alone(
+    finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    acromion("backup", tmp_path / "b.zip")
+    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    with wide_umask(0o000):
+        acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "above" / "new")
+
+    above = tmp_path / "above"
+    folders = [above, *(path for path in above.rglob("*") if path.is_dir())]
+    assert {stat.S_IMODE(folder.stat().st_mode) for folder in folders} == {0o700}
+    assert stat.S_IMODE((above / "new" / "acromion.sqlite3").stat().st_mode) == 0o600
+
+
 def test_a_backup_is_not_restored_over_recordings(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
     acromion("backup", tmp_path / "b.zip")
 
@@ -204,7 +549,7 @@ def test_an_analysis_that_ran_waits_again_after_a_restore(
     acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
     restored = JobStore(Settings(data_dir=tmp_path / "new").database_url)
-    assert restored.get(job.id).state is JobState.QUEUED
+    assert (restored.get(job.id).state, restored.get(job.id).attempts) == (JobState.QUEUED, 0)
     restored.close()
 
 

@@ -114,6 +114,8 @@ def test_a_recording_is_thrown_away_taken_back_and_deleted_for_good(
     expect(find_row(page, "gone.gt3x")).to_be_visible()
     page.goto(f"{server.address}analyses/{analysis_id}?lang=en")
     page.get_by_role("link", name="Delete this recording").click()
+    page.get_by_role("link", name="Delete for good").click()
+    expect(page.get_by_role("heading", name="Delete gone.gt3x for good?")).to_be_visible()
     page.get_by_role("button", name="Delete for good").click()
 
     expect(page.get_by_role("heading", name="Trash")).to_be_visible()

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,7 @@ def test_the_job_of_a_killed_worker_is_finished_by_another_and_its_child_ends(tm
     assert run_next(bench)
 
     finished = store.get(job_id)
-    assert (finished.state, finished.attempts) == (JobState.SUCCEEDED, 2)
+    assert (finished.state, finished.attempts, finished.interruptions) == (JobState.SUCCEEDED, 1, 1)
     wait_for(lambda: not is_alive(child), patience_s=5)
     bench.store.close()
     store.close()
@@ -64,6 +65,43 @@ def test_a_worker_asked_to_stop_puts_its_job_back_and_ends_well(tmp_path: Path) 
 
     assert slow.wait(10) == 0
     assert (store.get(job_id).state, store.get(job_id).attempts) == (JobState.QUEUED, 0)
+    assert store.get(job_id).interruptions == 0
+    store.close()
+
+
+def test_a_stop_of_child_and_worker_at_once_counts_as_nothing(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    store, job_id = queue_job(settings)
+    slow = start_slow_worker(settings)
+    wait_for(lambda: store.get(job_id).stage == "fusing")
+
+    slow.send_signal(signal.SIGSTOP)  # so that it finds both when it runs again
+    os.kill(int((tmp_path / "child.pid").read_text()), signal.SIGTERM)
+    slow.terminate()
+    slow.send_signal(signal.SIGCONT)
+
+    assert slow.wait(60) == 0
+    back = store.get(job_id)
+    assert (back.state, back.attempts, back.interruptions) == (JobState.QUEUED, 0, 0)
+    store.close()
+
+
+def test_a_kill_of_everything_that_begins_with_the_child_is_no_death_of_the_file(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    store, job_id = queue_job(settings)
+    slow = start_slow_worker(settings)
+    wait_for(lambda: store.get(job_id).stage == "fusing")
+
+    slow.send_signal(signal.SIGSTOP)
+    os.kill(int((tmp_path / "child.pid").read_text()), signal.SIGKILL)
+    slow.kill()
+    slow.wait()
+    bench = open_bench(settings, write_report)
+    run_next(bench)
+
+    done = store.get(job_id)
+    assert (done.state, done.attempts, done.interruptions) == (JobState.SUCCEEDED, 1, 1)
+    bench.store.close()
     store.close()
 
 
@@ -77,8 +115,51 @@ def test_a_worker_killed_in_the_middle_is_replaced_and_the_report_is_made(
 
     os.kill(worker, signal.SIGKILL)
 
-    ended = server.see(job["id"], wait=60)
-    assert (ended["state"], ended["attempts"]) == ("succeeded", 2)
+    wait_for(lambda: server.see(job["id"])["state"] == "succeeded")
+    ended = server.see(job["id"])
+    assert (ended["attempts"], ended["interruptions"]) == (1, 1)
+
+
+def test_a_worker_that_does_not_come_back_is_replaced_and_the_report_is_made(
+    start_server: StartServer, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACROMION_WORKER_SILENCE_S", "5")
+    server = start_server()
+    job = server.send(recording)
+    wait_for(lambda: server.see(job["id"])["state"] == "running")
+    (worker,) = server.find_workers()
+
+    os.kill(worker, signal.SIGSTOP)
+
+    wait_for(lambda: not is_alive(worker))
+    wait_for(lambda: server.see(job["id"])["state"] == "succeeded")
+    assert server.see(job["id"])["attempts"] == 1
+
+
+def test_a_computer_that_slept_finds_its_workers_well(
+    start_server: StartServer, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACROMION_WORKER_SILENCE_S", "5")
+    server = start_server()
+    workers = wait_for(server.find_workers)
+    ended = server.send(recording)
+    wait_for(lambda: server.see(ended["id"])["state"] == "succeeded")
+
+    for pid in (server.process.pid, *workers):
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(7)
+    for pid in (*workers, server.process.pid):
+        os.kill(pid, signal.SIGCONT)
+    job = server.send(recording, subject="S2")
+
+    wait_for(lambda: server.see(job["id"])["state"] == "succeeded")
+    assert server.find_workers() == workers
+
+
+def test_a_worker_that_stands_still_ends_itself() -> None:
+    program = "import time; from app.jobs.pulse import Pulse; Pulse(None, 1).start(); time.sleep(600)"
+
+    assert subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False).returncode == 1
 
 
 def test_a_server_killed_after_202_loses_nothing_and_finishes_after_restart(

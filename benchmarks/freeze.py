@@ -1,0 +1,164 @@
+"""Freeze what the command line writes, to the byte, and compare it after a change that may move no figure.
+
+    python -m benchmarks.freeze make FILE       write the digest of every output
+    python -m benchmarks.freeze compare FILE    make the outputs again and name those that differ (exit 1)
+
+A dozen recordings of every format, with the settings that change a report, pairs, changes, agreements and
+profiles. Recordings under ``../shared/data`` are taken where they are there, the others are simulated.
+``software.revision`` hashes every source file; it is held constant here, and nothing else is.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT.parent / "shared" / "data"
+HOLD_REVISION = "import app.version\napp.version._source_files = lambda: []\n"
+PASSING = frozenset({"run.json"})
+"""Files that hold the time of the run."""
+
+SIMULATED: Mapping[str, tuple[str, ...]] = {
+    "gt9x": ("--device", "gt9x", "--hours", "0.75", "--seed", "1"),
+    "gt9x_later": ("--device", "gt9x", "--hours", "0.75", "--seed", "2"),
+    "lsm9ds1": ("--device", "lsm9ds1", "--hours", "0.4", "--seed", "3"),
+}
+RECORDINGS: Mapping[str, str] = {
+    "real_gt3x": "gt9x/link_imu_100hz_179s.gt3x",
+    "real_actilife": "gt9x/link_imu_100hz_179s_actilife.csv",
+    "real_excel": "gt9x/link_imu_23s_excel_resaved.csv",
+    "real_nano": "lsm9ds1/arduino_nano_hori.csv",
+    "real_rpi": "lsm9ds1/calib1.dat",
+    "real_cwa": "other_layouts/ax6_sample.cwa",
+    "real_pololu": "other_layouts/pololu_raw_ms.txt",
+    "real_xio": "other_layouts/xio_seconds_dps_g.csv",
+    "real_ferraris": "calibration/example_ferraris_session.csv",
+}
+DIARY = "start,end,kind,label\n00:05:00,00:15:00,task,packing\n00:15:00,00:20:00,break,tea\n"
+
+
+def main() -> None:
+    """Make the digests, or compare with those of a file."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("verb", choices=("make", "compare"))
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--keep", type=Path, help="leave the outputs in this folder")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        found = freeze(asked.keep or Path(folder))
+    if asked.verb == "make":
+        asked.file.write_text(json.dumps(found, indent=0, sort_keys=True))
+        print(f"{len(found)} outputs frozen")
+        return
+    frozen = json.loads(asked.file.read_text())
+    differing = sorted(name for name in frozen.keys() | found.keys() if frozen.get(name) != found.get(name))
+    print(*differing, f"{len(frozen)} outputs frozen, {len(differing)} differ", sep="\n")
+    sys.exit(1 if differing else 0)
+
+
+def freeze(folder: Path) -> dict[str, str]:
+    """Make every output in a folder; gives the SHA-256 of each by its name."""
+    work, hook = folder / "work", folder / "hook"
+    for made in (work, hook):
+        made.mkdir(parents=True)
+    (hook / "sitecustomize.py").write_text(HOLD_REVISION)
+    found = {}
+    for name, command in list_commands(work):
+        found[f"{name}/screen"] = _hash(_run(command, hook, work))
+    for path in sorted(work.rglob("*")):
+        if path.is_file() and path.name not in PASSING:
+            found[path.relative_to(work).as_posix()] = _hash(path.read_bytes())
+    return found
+
+
+def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:
+    """Give every command in order; later ones use what earlier ones have written."""
+    for name, options in SIMULATED.items():
+        yield f"simulate_{name}", ["simulate", name, *options]
+    for name, path in RECORDINGS.items():
+        if (SHARED / path).exists():
+            yield f"inspect_{name}", ["inspect", str(SHARED / path), "--json"]
+            yield name, ["run", str(SHARED / path), "-o", f"out/{name}", "--rate-hz", "100"]
+    (work / "diary.csv").write_text(DIARY)
+    first, second = "gt9x/*.gt3x", "gt9x_later/*.gt3x"
+    told = ["--subject", "S012", "--side", "left"]
+    yield "left", ["run", first, "-o", "out/left", *told, "--diary", "diary.csv", "--lang", "fr"]
+    yield "right", ["run", first, "-o", "out/right", "--subject", "S012", "--side", "right"]
+    yield "later", ["run", second, "-o", "out/later", *told, "--paper", "letter"]
+    yield "actilife", ["run", "gt9x/*.csv", "-o", "out/actilife"]
+    yield "lsm9ds1", ["run", "lsm9ds1/*.csv", "-o", "out/lsm9ds1"]
+    yield "published", ["run", first, "-o", "out/published", "--method", "published", "--report", "html"]
+    yield "live", ["run", first, "-o", "out/live", "--method", "live", "--report", "html"]
+    yield "window", ["run", first, "-o", "out/window", "--calibration", "5,15", "--report", "html"]
+    yield "lean", ["run", first, "-o", "out/lean", "--pose", "side-lean", "--report", "html"]
+    two = ["--pose", "two-point", "--calibration", "5,15", "--calibration", "100,105"]
+    yield "two_point", ["run", first, "-o", "out/two_point", *two, "--report", "html"]
+    yield "joined", ["run", first, second, "--join", "-o", "out/joined", "--report", "html"]
+    yield "study", ["run", "gt9x/*.gt3x", "gt9x_later/*.gt3x", "-o", "out/study", "--lang", "fr"]
+    yield "pair", ["pair", "out/left/*", "out/right/*", "-o", "out/pair", "--offset-s", "0"]
+    yield "compare", ["compare", "out/left/*", "out/later/*", "-o", "out/compare", "--lang", "fr"]
+    yield "profile", ["profile", "out/left/*/results.json", "out/later/*/results.json", "-o", "out/profile"]
+    yield "angles", ["exposure", "angles.csv", "-o", "out/angles"]
+    yield "validate", ["validate", "gt9x/*.gt3x", "--reference", "angles.csv", "-o", "out/validate"]
+    yield from _list_captures()
+    yield "refused", ["run", *_list_refused(), "-o", "out/refused"]
+
+
+def _list_captures() -> Iterator[tuple[str, list[str]]]:
+    for path in sorted((SHARED / "xsens").glob("*")):
+        if path.suffix in (".txt", ".csv", ".mvnx") and "LICENSE" not in path.name:
+            yield f"xsens_{path.stem}", ["run", str(path), "-o", f"out/xsens_{path.stem}", "--side", "right"]
+
+
+def _list_refused() -> list[str]:
+    return [str(path) for path in sorted((SHARED / "refuse").glob("*")) if path.suffix not in (".md", "")]
+
+
+def _run(command: list[str], hook: Path, work: Path) -> bytes:
+    """Run one command as a user would; gives what it prints, without paths of this machine."""
+    if "angles.csv" in command and not (work / "angles.csv").exists():
+        _write_angles(work)
+    arguments = [found for word in command for found in _expand(word, work)]
+    paths = os.pathsep.join((str(hook), str(ROOT)))
+    environment = os.environ | {"PYTHONPATH": paths, "COLUMNS": "120", "TZ": "UTC"}
+    done = subprocess.run(
+        [sys.executable, "-m", "app", *arguments], cwd=work, env=environment, capture_output=True, check=False
+    )
+    print(f"{done.returncode} {' '.join(command)}", flush=True)
+    if command[0] == "run":  # its lines tell how long it took
+        return str(done.returncode).encode()
+    told = done.stdout.replace(str(work).encode(), b"").replace(str(SHARED).encode(), b"")
+    return str(done.returncode).encode() + told
+
+
+def _expand(word: str, work: Path) -> list[str]:
+    found = sorted(path for path in work.glob(word) if not path.name.startswith(".")) if "*" in word else []
+    folders = [path for path in found if path.is_dir()] if word.endswith("/*") else found
+    return [path.relative_to(work).as_posix() for path in folders] or [word]
+
+
+def _write_angles(work: Path) -> None:
+    """Write the true angle of the first simulated recording as a ready angle series at 20 Hz."""
+    import pyarrow.parquet as pq  # noqa: PLC0415  only here
+
+    truth = next((work / "gt9x").glob("*truth*.parquet"))
+    table = pq.read_table(truth).to_pydict()
+    rows = list(zip(table["time_s"], table["elevation_deg"], strict=True))[::5]
+    lines = ["time_s,elevation_deg", *(f"{time_s:.2f},{angle_deg:.3f}" for time_s, angle_deg in rows)]
+    (work / "angles.csv").write_text("\n".join(lines) + "\n")
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,194 @@
+"""After a purge no word of a recording is left: in no table, in no file of the data folder, in no object."""
+
+import base64
+import logging
+import secrets
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+from starlette.requests import Request
+
+from app.api.housekeeping import grow_older
+from app.api.services import Services, find_services
+from app.decoded import DecodedCache, name_entry
+from app.jobs.store import JobStore
+from app.jobs.tables import metadata
+from app.jobs.webhooks import EVENTS, WebhookStore
+from app.jobs.worker import run_next
+from app.settings import Settings
+from app.storage import Storage
+from tests.app import stand_ins
+from tests.app.conftest import OpenBench, on_both_set_ups
+from tests.factories import hold
+
+CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
+WORDS = {"file_name": f"{CANARY}.gt3x", "subject": CANARY, "external_id": CANARY, "note": CANARY}
+PERIODS = [{"start": 0, "end": 60, "kind": "task", "label": CANARY}]
+
+
+@pytest.fixture
+def services(client: TestClient) -> Services:
+    return find_services(Request({"type": "http", "app": client.app}))
+
+
+@pytest.fixture
+def purged(
+    client: TestClient,
+    store: JobStore,
+    bench: OpenBench,
+    small_gt3x: bytes,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Make every kind of row and file of which a person's words can become part, then purge them all."""
+    caplog.set_level(logging.INFO)
+    assert len(CANARY) == 32
+    WebhookStore(store.engine, store.reader).add("https://nobody.invalid/", EVENTS)
+    post(client, "recordings", json={"subject": CANARY})
+    send_by_tus(client, b"PATIENT " + CANARY.encode())
+    analyse_in_every_way(client, bench, small_gt3x)
+    for trashed in (False, True):
+        found = client.get("/api/v1/recordings", params={"trashed": trashed}).json()["items"]
+        assert trashed or len(found) == 3
+        for kept in found:
+            client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
+
+
+def post(client: TestClient, place: str, **more: Any) -> dict[str, Any]:
+    """Ask under a key of its own."""
+    headers = {"idempotency-key": secrets.token_hex(8)}
+    answer: dict[str, Any] = client.post(f"/api/v1/{place}", headers=headers, **more).json()
+    return answer
+
+
+def send_by_tus(client: TestClient, content: bytes) -> None:
+    metadata_words = {"filename": WORDS["file_name"], **WORDS}
+    said = ",".join(
+        f"{name} {base64.b64encode(word.encode()).decode()}" for name, word in metadata_words.items()
+    )
+    headers = {
+        "tus-resumable": "1.0.0",
+        "upload-length": str(len(content)),
+        "upload-metadata": said,
+        "idempotency-key": "tus",
+        "content-type": "application/offset+octet-stream",
+    }
+    address = client.post("/api/v1/uploads", content=content[:20], headers=headers).headers["location"]
+    tail = {"content-type": "application/octet-stream"}
+    assert client.put(f"{address}/tail", content=content[-10:], headers=tail).status_code == 204
+    client.get(f"{address}/inspection")
+    more = {name: headers[name] for name in ("tus-resumable", "content-type")} | {"upload-offset": "20"}
+    assert client.patch(address, content=content[20:], headers=more).status_code == 204
+
+
+def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes) -> None:
+    kept = post(client, "recordings", content=small_gt3x, params=WORDS)
+    own = f"/api/v1/recordings/{kept['id']}"
+    assert client.put(f"{own}/periods", json=PERIODS).status_code == 200
+    assert client.get(f"{own}/inspection").status_code == 200
+    settings = {"subject": CANARY, "reason": CANARY, "periods": PERIODS}
+    wish = {"recording_ids": [kept["id"]], "settings": settings}
+    assert "id" in post(client, "analyses", json=wish)
+    assert run_next(bench(stand_ins.write_report))
+    french = {"recording_ids": [kept["id"]], "settings": settings | {"lang": "fr"}}
+    again = post(client, "analyses", json=french)
+    assert run_next(bench(stand_ins.refuse))
+    retried = post(client, f"analyses/{again['id']}/retry")
+    assert post(client, f"analyses/{retried['id']}/cancel")["state"] == "cancelled"
+    assert post(client, "batches", json={"name": CANARY, "items": [{"recording_id": kept["id"]}]})["id"]
+    named = f"{CANARY}.gt3x"
+    files = {"recording": (named, small_gt3x), "reference": (named, b"time_s,elevation_deg\n0,1\n")}
+    assert post(client, "validations", files=files, data={"subject": CANARY})["id"]
+
+
+@on_both_set_ups
+@pytest.mark.usefixtures("purged")
+def test_no_table_holds_a_word_of_what_was_purged(store: JobStore) -> None:
+    with store.reader.connect() as connection:
+        rows = {table.name: connection.execute(select(table)).all() for table in metadata.sorted_tables}
+
+    assert {name for name, found in rows.items() if CANARY in str(found)} == set()
+    assert rows["recordings"] == rows["analyses"] == rows["uploads"] == rows["batches"] == []
+    assert rows["kept_answers"] != []
+    assert rows["deliveries"] != []
+
+
+@on_both_set_ups
+@pytest.mark.usefixtures("purged")
+def test_no_byte_of_the_data_folder_and_of_the_bucket_holds_one(settings: Settings, storage: Storage) -> None:
+    assert list(storage.list_names()) == []
+    files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
+
+    assert [path for path in files if CANARY.encode() in path.read_bytes()] == []
+
+
+@pytest.mark.usefixtures("purged")
+def test_no_line_of_the_log_holds_one(caplog: pytest.LogCaptureFixture) -> None:
+    ours = [record for record in caplog.get_records("setup") if not record.name.startswith("httpx")]
+    written = "\n".join(logging.Formatter().format(record) for record in ours)
+
+    assert "attempt 1: finished" in written
+    assert CANARY not in written
+
+
+def keep_samples(settings: Settings, sha256: str) -> Path:
+    """Keep the samples of a file as a worker does; gives the folder."""
+    cache = DecodedCache(settings.data_dir / "cache", 1 << 20)
+    recording = hold((0, 1)).recording
+    object.__setattr__(recording, "sha256", sha256)
+    cache.keep(name_entry(sha256, "", ""), recording)
+    return cache.folder
+
+
+def test_a_purge_removes_the_decoded_samples(client: TestClient, settings: Settings) -> None:
+    kept = client.post("/api/v1/recordings", content=b"x").json()
+    folder = keep_samples(settings, kept["sha256"])
+    assert len(list(folder.iterdir())) == 1
+
+    client.delete(f"/api/v1/recordings/{kept['id']}", params={"purge": True})
+
+    assert list(folder.iterdir()) == []
+
+
+def test_decoded_samples_of_the_same_bytes_in_another_recording_stay(
+    client: TestClient, settings: Settings
+) -> None:
+    first, _second = (client.post("/api/v1/recordings", content=b"x").json() for _ in range(2))
+    folder = keep_samples(settings, first["sha256"])
+
+    client.delete(f"/api/v1/recordings/{first['id']}", params={"purge": True})
+
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_samples_that_were_written_after_their_recording_was_purged_go_too(
+    services: Services, settings: Settings
+) -> None:
+    folder = keep_samples(settings, "ab" * 32)
+
+    grow_older(services, 60.0)
+
+    assert list(folder.iterdir()) == []
+
+
+def test_a_start_removes_what_a_crash_left_of_a_look(services: Services) -> None:
+    left = services.inspector.folder / "look_abc"
+    left.mkdir()
+    (left / "head").write_bytes(CANARY.encode())
+    stranger = services.inspector.folder / "notes.txt"
+    stranger.touch()
+
+    services.inspector.sweep()
+
+    assert list(services.inspector.folder.iterdir()) == [stranger]
+
+
+def test_an_error_of_the_database_does_not_repeat_what_was_to_be_written(store: JobStore) -> None:
+    with store.engine.begin() as connection:
+        connection.exec_driver_sql("DROP TABLE webhooks")
+    with pytest.raises(Exception, match="no such table") as failure:
+        WebhookStore(store.engine, store.reader).add(f"https://{CANARY}/", EVENTS)
+
+    assert CANARY not in str(failure.value)

@@ -1,0 +1,233 @@
+"""What keeps folder or database from being opened is told with code and cure, and nothing is changed."""
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.errors import DatabaseLocked
+from app.jobs import database as database_module
+from app.jobs.worker import open_bench
+from app.request import ReportRequest
+from app.settings import Settings
+from app.storage import StoredRecording
+from tests.postgres import PostgresServer
+
+Damage = Callable[[bytes], bytes]
+PAGE_BYTES = 4096
+NOBODY = 65534
+COMMANDS = ("serve", "worker", "verify", "backup")
+HOLDER = """
+import sqlite3, sys
+held = sqlite3.connect(sys.argv[1], isolation_level=None)
+held.execute("BEGIN IMMEDIATE")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def overwrite_header(content: bytes) -> bytes:
+    return b"no database here" * 8 + content[128:]
+
+
+def cut_off(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+def overwrite_page(content: bytes) -> bytes:
+    return content[: 6 * PAGE_BYTES] + b"\xa5" * PAGE_BYTES + content[7 * PAGE_BYTES :]
+
+
+def call(command: str, data: Path, *more: str) -> tuple[int, str]:
+    """Call a command in this process; gives its exit code and all that it says."""
+    port = ["--port", "0"] if command == "serve" else []
+    file = [str(data.with_name("b.zip"))] if command == "backup" else []
+    result = CliRunner().invoke(app, [command, *file, "--data", str(data), *port, *more])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.output
+
+
+def is_told(command: str, answer: tuple[int, str], code: str) -> bool:
+    exit_code, said = answer
+    return exit_code == (2 if command in ("serve", "worker") else 3) and f"{code} " in said
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """A data folder with a database of some rows, closed."""
+    folder = tmp_path / "data"
+    settings = Settings(data_dir=folder)
+    bench = open_bench(settings)
+    for number in range(50):
+        recording = StoredRecording(f"rec_{number}", "0" * 64, 1)
+        bench.store.add(recording, ReportRequest("shift.gt3x"))
+    bench.store.close()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("command", "damage"),
+    [
+        *((command, damage) for command in COMMANDS for damage in (overwrite_header, cut_off)),
+        *((command, overwrite_page) for command in ("serve", "worker", "verify")),
+    ],
+)
+def test_a_damaged_database_is_named_and_left_as_it_is(data: Path, damage: Damage, command: str) -> None:
+    file = data / "acromion.sqlite3"
+    file.write_bytes(damage(file.read_bytes()))
+    before = file.read_bytes()
+
+    answer = call(command, data)
+
+    assert is_told(command, answer, "E-DATABASE-DAMAGED"), answer
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("damage", [overwrite_header, cut_off, overwrite_page])
+def test_the_doctor_names_a_damaged_database(data: Path, damage: Damage) -> None:
+    file = data / "acromion.sqlite3"
+    file.write_bytes(damage(file.read_bytes()))
+
+    exit_code, said = call("doctor", data)
+
+    assert exit_code == 1
+    assert "E-DATABASE-DAMAGED" in said
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_data_path_that_is_a_file_is_named(tmp_path: Path, command: str) -> None:
+    (tmp_path / "data").write_text("mine")
+
+    answer = call(command, tmp_path / "data")
+
+    assert is_told(command, answer, "E-FOLDER-FILE"), answer
+    assert (tmp_path / "data").read_text() == "mine"
+
+
+def test_the_doctor_names_a_data_path_that_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("mine")
+
+    exit_code, said = call("doctor", tmp_path / "data")
+
+    assert exit_code == 1
+    assert "FAIL" in said
+
+
+@pytest.fixture
+def read_only(data: Path) -> Iterator[Path]:
+    """The data folder on a disk that is mounted read-only."""
+    if os.geteuid() != 0 or shutil.which("mount") is None:
+        pytest.skip("no root to mount a disk with")
+    place = data.with_name("disk")
+    place.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "tmpfs", str(place)], check=True)
+    shutil.copytree(data, place / "data")
+    subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+    yield place / "data"
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_read_only_folder_is_named(read_only: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(read_only.parents[1])
+    answer = call(command, read_only)
+
+    code = "E-BACKUP" if command == "backup" else "E-FOLDER-READ-ONLY"
+    assert is_told(command, answer, code), answer
+
+
+@pytest.fixture
+def foreign_folder() -> Iterator[Path]:
+    """A folder in which another user than its owner may only read."""
+    if os.geteuid() != 0:
+        pytest.skip("no root to become another user")
+    place = Path(tempfile.mkdtemp(prefix="acromion-"))
+    place.chmod(0o755)
+    yield place
+    shutil.rmtree(place)
+
+
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_a_folder_without_permission_is_named(foreign_folder: Path, command: str) -> None:
+    os.seteuid(NOBODY)
+    try:
+        answer = call(command, foreign_folder / "data")
+    finally:
+        os.seteuid(0)
+
+    assert is_told(command, answer, "E-FOLDER-PERMISSION"), answer
+    assert list(foreign_folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("database", ["postgresql"], indirect=True)
+def test_postgresql_away_is_named(
+    database: str, postgres: PostgresServer, tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACROMION_DATABASE_URL", database)
+    postgres.stop()
+    try:
+        answer = call(command, tmp_path / "data")
+    finally:
+        postgres.start()
+
+    assert is_told(command, answer, "E-DATABASE"), answer
+    assert "postgres@" not in answer[1]
+
+
+@pytest.fixture
+def frozen_worker(data: Path) -> Iterator[int]:
+    """A process that was stopped while it wrote to the database."""
+    command = [sys.executable, "-c", HOLDER, str(data / "acromion.sqlite3")]
+    holder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == b"held\n"
+    holder.send_signal(signal.SIGSTOP)
+    yield holder.pid
+    holder.kill()
+    holder.communicate()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="stops a process")
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_a_worker_frozen_with_the_write_lock_is_named_by_its_number(
+    data: Path, frozen_worker: int, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database_module, "BUSY_S", 1)
+
+    answer = call(command, data)
+
+    assert is_told(command, answer, "E-DATABASE-LOCKED"), answer
+    assert f"number {frozen_worker})" in answer[1].replace("\u202f", "")
+
+
+def test_a_lock_that_ends_while_it_is_asked_for_is_no_refusal(data: Path) -> None:
+    held = sqlite3.connect(data / "acromion.sqlite3", isolation_level=None)
+    held.execute("BEGIN IMMEDIATE")
+    try:
+        with pytest.raises(DatabaseLocked):
+            database_module.check_writable(Settings(data_dir=data).database_url, 0)
+    finally:
+        held.close()
+
+    database_module.check_writable(Settings(data_dir=data).database_url, 0)
+
+
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_a_cure_stands_beside_the_code(tmp_path: Path, command: str) -> None:
+    (tmp_path / "data").write_text("mine")
+
+    _, said = call(command, tmp_path / "data")
+
+    first, *rest = said.splitlines()
+    assert first.startswith(f"{command}: E-FOLDER-FILE ")
+    assert rest[-1].strip() == "Choose another path with --data."
