@@ -99,12 +99,13 @@ def test_a_deletion_that_is_cut_is_finished_by_the_next_start(tmp_path: Path) ->
                     gone += deleter.stdout.read().split()
             site.start()
 
-        left = {path.stem for path in (tmp_path / "data" / "recordings").iterdir()}  # side files, too
         with httpx2.Client(base_url=site.address, timeout=None) as client:
             assert gone
+            known = _list_stored(client, trashed=False) | _list_stored(client, trashed=True)
+            left = {path.stem for path in (tmp_path / "data" / "recordings").iterdir()}  # side files, too
+            assert left == known
             assert left.isdisjoint(gone)
             assert {client.get(f"/api/v1/recordings/{name}").status_code for name in gone} == {404}
-            assert left == _list_stored(client, trashed=False) | _list_stored(client, trashed=True)
     finally:
         site.end()
 
