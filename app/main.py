@@ -27,6 +27,7 @@ from app.api.housekeeping import keep_house
 from app.api.idempotency import Idempotency
 from app.api.metrics import router as metrics_routes
 from app.api.patience import make_patient_protocol
+from app.api.plain_text import PlainText
 from app.api.problems import answer_refusal, name_refusal
 from app.api.recordings import router as recording_routes
 from app.api.requests import router as request_routes
@@ -118,6 +119,7 @@ def create_app(settings: Settings) -> FastAPI:
     rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
     answers = application.state.services.answers
     application.add_middleware(Idempotency, answers=answers, answer=answer_error)
+    application.add_middleware(PlainText, answer=answer_error)
     application.add_middleware(Guard, answer=answer_error, min_rate_bytes_per_s=rate, patience_s=patience_s)
     return application
 
