@@ -48,6 +48,7 @@ from app.errors import (
 from app.intake import FolderWatch, Intake
 from app.jobs.database import bring_up_to_date, open_database
 from app.jobs.pool import WorkerPool
+from app.logs import start_logging
 from app.settings import Settings
 from app.storage import FolderLock
 from app.stores import load_extra
@@ -132,7 +133,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     ForeignAddress, PortTaken, FolderTaken, DatabaseTooNew
     """
     check_loopback(settings.host)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    start_logging()
     listener = listen(settings)
     _prepare_database(settings)
     application = create_app(settings)

@@ -7,6 +7,7 @@ import typer
 
 from app.cli.said import Exit, print_problem
 from app.errors import ServerRefused
+from app.logs import start_logging
 
 
 def serve(
@@ -45,6 +46,7 @@ def worker(
     from app.settings import Settings  # noqa: PLC0415
 
     try:
+        start_logging()
         choose_engine(Settings(data_dir=data))()
     except ServerRefused as refusal:
         print_problem("worker", refusal.code, refusal.facts, "en")

@@ -53,8 +53,10 @@ def connect(url: str) -> Engine:
     """Give an engine whose commits outlast a power cut."""
     if make_url(url).get_backend_name() != "sqlite":
         patience = {"connect_timeout": _PATIENCE_S}
-        return create_engine(url, pool_size=20, pool_pre_ping=True, connect_args=patience)
-    engine = create_engine(url)
+        return create_engine(
+            url, hide_parameters=True, pool_size=20, pool_pre_ping=True, connect_args=patience
+        )
+    engine = create_engine(url, hide_parameters=True)  # a log tells no subject code
     Path(str(engine.url.database)).parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)

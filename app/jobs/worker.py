@@ -34,6 +34,7 @@ from app.jobs.heart import Heart
 from app.jobs.job import Job
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
+from app.logs import start_logging
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage import Storage, borrow_recording, borrow_result, hash_file
@@ -239,7 +240,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")
     arguments = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    start_logging()
     choose_engine(Settings(data_dir=arguments.data))(parent_pid=arguments.parent)
 
 
