@@ -18,11 +18,11 @@ def escape_controls(text: str) -> str:
     return _CONTROLS.sub(lambda sign: f"\\u{ord(sign.group()):04x}", text)
 
 
-def start_logging() -> None:
+def start_logging(level: int = logging.INFO) -> None:
     """Log to standard error in this form, where nobody has set up logging before."""
     handler = logging.StreamHandler()
     handler.setFormatter(LineFormatter(FORMAT))
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    logging.basicConfig(level=level, handlers=[handler])
 
 
 class LineFormatter(logging.Formatter):

@@ -172,7 +172,7 @@ def _work(attempt: Attempt, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for our worker, who ends us
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     _limit_self(attempt.limits)
-    start_logging()
+    start_logging(logging.WARNING)
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
     result = _try(attempt, partial(_tell_stage, pipe))
