@@ -7,12 +7,12 @@ import logging
 import time
 
 import anyio
-from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import OperationalError
 
 from app.api.recordings import purge_recording
 from app.api.services import Services
 from app.api.tus_body import drop_upload
+from app.api.waiting import run_to_end
 from app.delivery import Message, send_message
 from app.errors import LockedUpload
 from app.jobs.keeper import Keeper
@@ -39,13 +39,13 @@ async def _keep_on(services: Services, keeper: Keeper) -> None:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
         try:
-            if not await run_in_threadpool(keeper.holds_office):
+            if not await run_to_end(keeper.holds_office):
                 looked_s = aged_s = now_s  # another counts this time
                 continue
-            await run_in_threadpool(tell_webhooks, services, now_s - looked_s)
+            await run_to_end(tell_webhooks, services, now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
-                await run_in_threadpool(grow_older, services, now_s - aged_s)
+                await run_to_end(grow_older, services, now_s - aged_s)
                 aged_s = now_s
         except OperationalError:
             logger.exception("the database does not answer; trying again")
