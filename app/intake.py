@@ -2,14 +2,19 @@
 
 A watched folder is for people who never open the page: a file that is put there, and no longer grows, is
 taken in and moved to ``taken`` within it. A folder inside it is a subject code: ``watched/S012/shift.gt3x``.
+Links are not followed, neither to files nor to folders.
 """
 
 import logging
+import os
+import stat
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
+from typing import BinaryIO
 
 from app.errors import AppError
 from app.formats import ENDINGS
@@ -25,6 +30,11 @@ LOOK_S = 2.0
 STOP_S = 10.0
 TAKEN = "taken"
 LAST_ENDINGS = frozenset(PurePath(f"log{ending}").suffix for ending in ENDINGS)
+
+HAS_FOLDER_HANDLES = {os.open, os.rename} <= os.supports_dir_fd
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+_READ = os.O_RDONLY | _NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+"""A link is refused, and a pipe that was put in a file's place is not waited for."""
 
 Signature = tuple[int, int]
 
@@ -46,12 +56,21 @@ class Intake:
         ------
         FileTooLarge, DiskFull, OSError
         """
-        self.storage.check_space(path.stat().st_size, self.settings.min_free_bytes)
+        with path.open("rb") as file:
+            return self.take_open(file, request, way_in)
+
+    def take_open(self, file: BinaryIO, request: ReportRequest, way_in: WayIn) -> Job:
+        """Do the same with a file that is open.
+
+        Raises
+        ------
+        FileTooLarge, DiskFull, OSError
+        """
+        self.storage.check_space(os.fstat(file.fileno()).st_size, self.settings.min_free_bytes)
         upload = self.storage.open_upload(self.settings.max_upload_bytes)
         try:
-            with path.open("rb") as file:
-                while chunk := file.read(COPY_BYTES):
-                    upload.write(chunk)
+            while chunk := file.read(COPY_BYTES):
+                upload.write(chunk)
             stored = upload.keep()
         finally:
             upload.discard()
@@ -70,6 +89,8 @@ class FolderWatch:
     intake: Intake
     folder: Path
     _seen: dict[Path, Signature] = field(default_factory=dict)
+    _links: int = 0
+    _refused: set[tuple[Path, Signature]] = field(default_factory=set)
     _stopping: threading.Event = field(default_factory=threading.Event)
     _thread: threading.Thread | None = None
 
@@ -87,9 +108,12 @@ class FolderWatch:
 
     def look(self) -> list[Job]:
         """Take in what has stopped growing since the last look; gives the analyses."""
-        found = dict(_list_files(self.folder))
+        entries = list(_list_entries(self.folder))
+        self._tell_links(sum(entry.is_symlink() for entry in entries))
+        found = dict(_choose_files(entries))
         ready = [path for path, signature in found.items() if self._seen.get(path) == signature]
         self._seen = found
+        self._refused &= set(found.items())
         jobs = [self._take(path) for path in sorted(ready)]
         return [job for job in jobs if job is not None]
 
@@ -98,44 +122,100 @@ class FolderWatch:
             try:
                 self.look()
             except OSError as error:
-                logger.error("the watched folder cannot be read; trying again: %s", error.strerror)
+                logger.warning("the watched folder cannot be read (%s); trying again", error.strerror)
+
+    def _tell_links(self, count: int) -> None:
+        """Log links once, as many as there are."""
+        if count > self._links:
+            logger.warning("%d links in the watched folder are left alone: links are not followed", count)
+        self._links = count
 
     def _take(self, path: Path) -> Job | None:
-        """Take one file in; one that cannot be taken stays where it is, and the log tells its size and age.
-
-        Neither folder nor file is named in the log: their names are subject codes, or hold them.
-        """
+        """Take one file in; one that cannot be taken stays where it is and is logged once, not by name."""
         inside = path.relative_to(self.folder)
         subject = inside.parts[0] if len(inside.parts) > 1 else ""
         try:
             name, paper = clean_file_name(path.name), self.intake.settings.paper
             request = ReportRequest(name, check_subject(subject), paper=paper)
-            job = self.intake.take(path, request, "api")
+            with _enter_folder(path.parent, is_watched=path.parent == self.folder) as handle:
+                with _open_plain(path, handle) as file:
+                    job = self.intake.take_open(file, request, "api")
+                self._move_to_taken(path, handle, job.id)
         except (AppError, OSError, ValueError) as error:
+            self._tell_refused(path, error)
+            return None
+        logger.info("a file of the watched folder was taken in as %s", job.id)
+        return job
+
+    def _tell_refused(self, path: Path, error: Exception) -> None:
+        refused = (path, self._seen[path])
+        if refused not in self._refused:
+            self._refused.add(refused)
             size_bytes, changed_ns = self._seen[path]
             changed = datetime.fromtimestamp(changed_ns / 1e9, UTC).isoformat(timespec="seconds")
             told = (size_bytes, changed, _name_trouble(error))
-            logger.error("a watched file of %d bytes, changed %s, could not be taken in: %s", *told)
-            return None
-        place = self.folder / TAKEN / inside.parent / f"{job.id}_{path.name}"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        path.rename(place)
-        logger.info("a watched file was taken in as %s", job.id)
-        return job
+            logger.warning("a watched file of %d bytes, changed %s, could not be taken in: %s", *told)
+
+    def _move_to_taken(self, path: Path, handle: int | None, job_id: str) -> None:
+        """Move a file aside, out of the very folder that it was read from."""
+        inside = path.relative_to(self.folder)
+        place = self.folder / TAKEN / inside.parent / f"{job_id}_{path.name}"
+        for folder in (self.folder / TAKEN, place.parent):
+            if folder.is_symlink():
+                raise NotADirectoryError
+            folder.mkdir(exist_ok=True)
+        if handle is None:
+            path.rename(place)
+        else:
+            os.rename(path.name, place, src_dir_fd=handle)
 
 
-def _name_trouble(error: AppError | OSError | ValueError) -> str:
+def _name_trouble(error: Exception) -> str:
     """Name it without any word of the file's."""
     if isinstance(error, AppError):
         return error.code
     return (error.strerror or "") if isinstance(error, OSError) else "its name cannot be used"
 
 
-def _list_files(folder: Path) -> Iterator[tuple[Path, Signature]]:
-    """Give the recordings of the folder and of those in it, with what changes while they grow."""
-    for path in (*folder.glob("*"), *folder.glob("*/*")):
-        is_taken = path.relative_to(folder).parts[0] == TAKEN
-        if not is_taken and path.suffix.lower() in LAST_ENDINGS and not path.name.startswith("."):
-            status = path.stat()
-            if path.is_file() and status.st_size:
+@contextmanager
+def _enter_folder(folder: Path, *, is_watched: bool) -> Iterator[int | None]:
+    """Hold a folder, so that nothing can be put in its place; only the watched one may be a link."""
+    if not HAS_FOLDER_HANDLES:
+        yield None
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | (0 if is_watched else _NO_LINK))
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def _open_plain(path: Path, handle: int | None) -> BinaryIO:
+    """Open a file of a folder that is held; neither a link nor anything else that is no plain file."""
+    name = path if handle is None else path.name
+    file = os.fdopen(os.open(name, _READ, dir_fd=handle), "rb")
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise IsADirectoryError
+    return file
+
+
+def _list_entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
+    """Give what lies in the folder and in the folders within it, but for what was taken; links as links."""
+    with os.scandir(folder) as entries:
+        top = list(entries)
+    for entry in top:
+        yield entry
+        if entry.name != TAKEN and entry.is_dir(follow_symlinks=False):
+            with os.scandir(entry.path) as entries:
+                yield from list(entries)
+
+
+def _choose_files(entries: Iterable["os.DirEntry[str]"]) -> Iterator[tuple[Path, Signature]]:
+    """Give the recordings, with what changes while they grow."""
+    for entry in entries:
+        path = Path(entry.path)
+        if path.suffix.lower() in LAST_ENDINGS and not entry.name.startswith("."):
+            status = entry.stat(follow_symlinks=False)
+            if stat.S_ISREG(status.st_mode) and status.st_size:
                 yield path, (status.st_size, status.st_mtime_ns)

@@ -26,6 +26,7 @@ from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
 from app.api.metrics import router as metrics_routes
 from app.api.patience import make_patient_protocol
+from app.api.plain_text import PlainText
 from app.api.problems import answer_refusal, name_refusal
 from app.api.recordings import router as recording_routes
 from app.api.requests import router as request_routes
@@ -56,6 +57,7 @@ from app.jobs.database import (
 )
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
+from app.logs import start_logging
 from app.private import close_to_others, make_folder
 from app.settings import Settings
 from app.storage import FolderLock, check_folder
@@ -128,6 +130,7 @@ def create_app(settings: Settings) -> FastAPI:
     answers = application.state.services.answers
     application.add_middleware(Idempotency, answers=answers, answer=answer_error)
     application.add_middleware(SideFiles, services=application.state.services)
+    application.add_middleware(PlainText, answer=answer_error)
     application.add_middleware(Guard, answer=answer_error, min_rate_bytes_per_s=rate, patience_s=patience_s)
     return application
 
@@ -141,7 +144,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_loopback(settings.host)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    start_logging()
     listener = listen(settings)
     try:
         with name_start_trouble(settings):

@@ -18,7 +18,13 @@ from app.storage import too_large
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 
-FILE_PATHS = ("/api/v1/analyze", "/api/v1/recordings", "/api/v1/uploads")
+FILE_PATHS = (
+    "/api/v1/analyze",
+    "/api/v1/recordings",
+    "/api/v1/uploads",
+    "/api/v1/validations",
+    "/validations",
+)
 HEARD_OUT_BYTES, HEARD_OUT_S = 64 << 20, 5.0
 """What is read of a refused body, one piece of the page's uploads, before its answer goes out."""
 MOST_WORDS_BYTES = 8 << 20
@@ -65,13 +71,19 @@ class Guard:
         except AppError as refusal:
             await self._answer(request, refusal)(scope, receive, sealed)
             return
-        most_bytes = math.inf if request.url.path.startswith(FILE_PATHS) else MOST_WORDS_BYTES
+        most_bytes = math.inf if takes_file(scope) else MOST_WORDS_BYTES
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s, most_bytes)
         sealed = _hear_out(sealed, watch, request)
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
             await self._app({**scope, "method": "GET"}, watch.receive, _drop_body(sealed))
             return
         await self._app(scope, watch.receive, sealed)
+
+
+def takes_file(scope: Scope) -> bool:
+    """Whether an address, below the path at which a proxy serves us, takes files of any size."""
+    path: str = scope["path"]
+    return path.removeprefix(scope.get("root_path", "")).startswith(FILE_PATHS)
 
 
 def check_caller(method: str, headers: Headers) -> None:

@@ -10,13 +10,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import anyio
-from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import OperationalError
 
 from app.api.recordings import forget_samples, purge_recording
 from app.api.services import Services
 from app.api.side_files import write_side_files
 from app.api.tus_body import drop_upload
+from app.api.waiting import run_to_end
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import LockedUpload
 from app.jobs.keeper import Keeper
@@ -58,14 +58,14 @@ async def _keep_on(services: Services, keeper: Keeper, sender: "WebhookSender") 
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
         try:
-            if not await run_in_threadpool(keeper.holds_office):
+            if not await run_to_end(keeper.holds_office):
                 looked_s = aged_s = now_s  # another counts this time
                 continue
-            await run_in_threadpool(write_side_files, services, SIDE_FILES_AT_ONCE)
+            await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:
-                await run_in_threadpool(grow_older, services, now_s - aged_s)
+                await run_to_end(grow_older, services, now_s - aged_s)
                 aged_s = now_s
         except OperationalError:
             logger.exception("the database does not answer; trying again")
@@ -117,7 +117,7 @@ class WebhookSender:
         Addresses that were told longest ago go first: slow ones with much to hear keep nobody waiting.
         """
         due: dict[str, list[Delivery]] = {}
-        for delivery in await run_in_threadpool(self.services.webhooks.wait, elapsed_s):
+        for delivery in await run_to_end(self.services.webhooks.wait, elapsed_s):
             due.setdefault(delivery.url, []).append(delivery)
         self._under_way = {url: task for url, task in self._under_way.items() if not task.done()}
         self._starts = {url: start for url, start in self._starts.items() if url in due}
@@ -142,13 +142,13 @@ class WebhookSender:
         webhooks, settings = self.services.webhooks, self.services.settings
         try:
             for delivery in deliveries:
-                if not await run_in_threadpool(webhooks.take, delivery):
+                if not await run_to_end(webhooks.take, delivery):
                     continue
                 message = Message(delivery.id, delivery.url, delivery.secret, delivery.body)
                 allow_private = settings.webhooks_may_be_private
                 if not await send_message(message, allow_private=allow_private, limit_s=self.limit_s):
                     return
-                await run_in_threadpool(webhooks.told, delivery)
+                await run_to_end(webhooks.told, delivery)
         except OperationalError:
             logger.exception("the database does not answer; a webhook is told again later")
 

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
 from app.api.allowed import Place, say_allowed_of, say_allowed_to
+from app.api.plain_text import check_json
 from app.api.services import choose_language
 from app.errors import AppError, BadParameter, InternalError, NoSuchRange, NotHere, RecordedProblem, WrongVerb
 from app.outcomes import find_outcome_of_code
@@ -144,6 +145,7 @@ def take_json(body: bytes) -> Any:
     ------
     BadParameter
     """
+    check_json(body)
     try:
         return json.loads(body)
     except ValueError:

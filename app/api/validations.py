@@ -1,6 +1,7 @@
 """Comparisons with a reference: two files in one form, then a job like every other."""
 
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 
@@ -159,12 +160,34 @@ async def take_validation(request: Request, services: Services) -> Job:
     ------
     FileTooLarge, DiskFull, EmptyFile, BadParameter, fusion.errors.UnusableTasks
     """
+    async with open_form(request, services) as form:
+        return await queue_validation(form, services)
+
+
+@asynccontextmanager
+async def open_form(request: Request, services: Services) -> AsyncIterator[FormData]:
+    """Take the form, its files on the disk.
+
+    Raises
+    ------
+    FileTooLarge, DiskFull, BadParameter
+    """
     _check_length(request, services)
     async with request.form(max_files=3, max_fields=len(KNOWN)) as form:
-        recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
-        wish = _read_wishes(form, services.settings.paper)
-        given = _read_reference(form, reference, await _read_tasks(form))
-        return await run_in_threadpool(_store, services, recording.file, reference.file, (wish, given))
+        yield form
+
+
+async def queue_validation(form: FormData, services: Services) -> Job:
+    """Queue the comparison that a form asks for.
+
+    Raises
+    ------
+    FileTooLarge, DiskFull, EmptyFile, BadParameter, fusion.errors.UnusableTasks
+    """
+    recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
+    wish = _read_wishes(form, services.settings.paper)
+    given = _read_reference(form, reference, await _read_tasks(form))
+    return await run_in_threadpool(_store, services, recording.file, reference.file, (wish, given))
 
 
 def _check_length(request: Request, services: Services) -> None:

@@ -19,6 +19,7 @@ from app.batch.run import Outcome, find_done, run_tasks
 from app.batch.tables import write_tables
 from app.errors import Interrupted
 from app.jobs.forking import warm_up
+from app.logs import escape_controls
 from app.report.messages import describe_problem
 from app.report.numbers import format_duration
 from app.report.wording import fill, load_wording
@@ -102,7 +103,9 @@ def _show_nothing(_task: Task, _stage: str | None, _fraction: float) -> None:
 def _show_stage(task: Task, stage: str | None, fraction: float) -> None:
     """Keep one line on a terminal up to date; a log file gets none of it."""
     if sys.stderr.isatty():
-        typer.echo(f"\r\x1b[K{task.name}: {stage or 'waiting'} {fraction:.0%}", nl=False, err=True)
+        typer.echo(
+            f"\r\x1b[K{escape_controls(task.name)}: {stage or 'waiting'} {fraction:.0%}", nl=False, err=True
+        )
 
 
 def tell_outcome(outcome: Outcome, progress: Progress) -> None:
@@ -114,7 +117,8 @@ def tell_outcome(outcome: Outcome, progress: Progress) -> None:
     if outcome.code:
         print_problem(counter + outcome.task.name, outcome.code, outcome.facts, request.languages[0])
         return
-    typer.echo(f"{counter}{outcome.task.name} -> {show_path(outcome.task.folder)}{_tell_version(outcome)}")
+    told = f"{counter}{outcome.task.name} -> {show_path(outcome.task.folder)}{_tell_version(outcome)}"
+    typer.echo(escape_controls(told))
     for line in outcome.answer:
         typer.echo(f"  {line}")
 
@@ -146,7 +150,7 @@ def tell_as_json(outcome: Outcome, progress: Progress) -> None:
         "all": progress.all,
         "left_s": None if progress.left_s is None else round(progress.left_s, 1),
     }
-    typer.echo(json.dumps(line, ensure_ascii=False))
+    typer.echo(escape_controls(json.dumps(line, ensure_ascii=False)))
 
 
 def _tell_version(outcome: Outcome) -> str:
@@ -165,7 +169,9 @@ def _tell_version(outcome: Outcome) -> str:
 def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
     """Tell on standard error what is wrong, and the cure."""
     problem = describe_problem(code, facts, language)
-    typer.echo(f"{name}: {code} {problem.title}\n  {problem.detail}\n  {problem.fix}", err=True)
+    typer.echo(
+        f"{escape_controls(name)}: {code} {problem.title}\n  {problem.detail}\n  {problem.fix}", err=True
+    )
 
 
 def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> None:

@@ -7,6 +7,7 @@ import typer
 
 from app.cli.said import Exit, print_problem
 from app.errors import AppError
+from app.logs import start_logging
 
 
 def serve(
@@ -47,6 +48,7 @@ def worker(
 
     settings = Settings(data_dir=data)
     try:
+        start_logging()
         with name_start_trouble(settings):
             check_whole(settings.database_url)
         run_by_settings(settings)

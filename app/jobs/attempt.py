@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from app.decoded import NOTHING_KNOWN, KnownLogs
 from app.errors import AppError, AttemptFailed, InternalError, OutOfMemory, OutOfTime
 from app.jobs.forking import NotStarted, choose_context, end_child, start_child
+from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
 from app.storage import ResultFile, name_full_disk, seal_folder
 from fusion.errors import Fact, FusionError
@@ -180,6 +181,7 @@ def _work(attempt: Attempt, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for our worker, who ends us
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     _limit_self(attempt.limits)
+    start_logging(logging.WARNING)
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
     result = _try(attempt, partial(_tell_stage, pipe))

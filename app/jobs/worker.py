@@ -39,6 +39,7 @@ from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.pulse import Pulse
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
+from app.logs import start_logging
 from app.report.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
@@ -306,7 +307,7 @@ def main() -> None:
     parser.add_argument("--parent", type=int, help="end when this process is gone")
     parser.add_argument("--pulse", type=int, help="the pipe to beat into")
     arguments = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    start_logging()
     try:
         run_by_settings(Settings(data_dir=arguments.data), arguments.parent, Pulse(arguments.pulse))
     except AppError as refusal:

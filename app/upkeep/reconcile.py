@@ -15,7 +15,7 @@ from app.jobs.side_files import SideFile, SideWriter, decode_side_file
 from app.jobs.store import JobStore
 from app.storage import SIDE_SUFFIX, Storage, name_side
 
-TEMPORARY_S = 3600.0
+TEMPORARY_S = 6 * 3600.0
 """A temporary file that nobody has written to for so long belongs to no upload under way."""
 
 

@@ -5,15 +5,23 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
+from starlette.datastructures import FormData
 
 from app.api.results import read_result
 from app.api.services import Services, UsedLanguage, UsedServices
-from app.api.validations import find_validation, take_validation
+from app.api.validations import find_validation, open_form, queue_validation
+from app.errors import AppError
 from app.jobs.job import Job, JobState
+from app.outcomes import find_outcome_of_code
 from app.report.agreement_answer import list_sentences
+from app.report.messages import describe_problem
 from app.report.wording import Language, load_wording
 from app.web.rendering import find_base, show_page
 from app.web.views import format_size, now_utc, show_row
+from fusion.errors import FusionError
+
+TYPED = ("side", "subject", "offset_s", "drift_ppm")
+"""Fields of the form that a browser can be given back; files it cannot."""
 
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 
@@ -21,14 +29,20 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 @router.get("/validations")
 def ask(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show the form."""
-    size = format_size(services.settings.max_upload_bytes, language)
-    return show_page(request, "validate.html", language, {"max_size": size, "asked": _load(language)})
+    return show_page(request, "validate.html", language, _describe_form(services, language))
 
 
 @router.post("/validations")
-async def take(request: Request, services: UsedServices) -> Response:
-    """Take the form and go to its comparison."""
-    job = await take_validation(request, services)
+async def take(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+    """Take the form and go to its comparison; a refused one is shown again with what was typed."""
+    async with open_form(request, services) as form:
+        try:
+            job = await queue_validation(form, services)
+        except (FusionError, AppError) as refusal:
+            words = describe_problem(refusal.code, refusal.facts, language)
+            values = _describe_form(services, language, form) | {"problem": words, "code": refusal.code}
+            status = find_outcome_of_code(refusal.code).status
+            return show_page(request, "validate.html", language, values, status)
     return RedirectResponse(f"{find_base(request)}/validations/{job.id}", status_code=303)
 
 
@@ -45,6 +59,17 @@ def show(validation_id: str, request: Request, services: UsedServices, language:
         "asked": _load(language),
     }
     return show_page(request, "validation.html", language, values)
+
+
+def _describe_form(services: Services, language: Language, form: FormData | None = None) -> dict[str, Any]:
+    """Give the form as it is shown, with what was typed into it before."""
+    typed = {name: form.get(name, "") if form else "" for name in TYPED}
+    return {
+        "max_size": format_size(services.settings.max_upload_bytes, language),
+        "asked": _load(language),
+        "typed": {name: value if isinstance(value, str) else "" for name, value in typed.items()},
+        "problem": None,
+    }
 
 
 def _load(language: Language) -> Any:

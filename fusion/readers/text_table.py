@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.errors import CutByExcel, UnreadableRows
-from fusion.readers.samples import SampleColumns
+from fusion.readers.samples import MOST_ROWS, SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.stamp_writing import OffsetChange, StampWriter, rewrite_pieces
 from fusion.readers.text_kernel import (
@@ -127,7 +127,8 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
         if not has_reserved and done_bytes > FORECAST_BYTES:
             has_reserved = True
             columns.reserve(
-                round(1.02 * columns.rows * source.size_bytes / done_bytes) + len(piece) // row_bytes
+                round(1.02 * min(columns.rows * source.size_bytes / done_bytes, MOST_ROWS))
+                + len(piece) // row_bytes
             )
     columns.trim()
     changes = tuple(writer.changes) if writer else ()

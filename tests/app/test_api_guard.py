@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 from starlette.requests import Request
 from starlette.types import Message
 
-from app.api.guard import _BodyWatch
+from app.api.guard import _BodyWatch, takes_file
 from app.api.problems import answer_refusal
 from app.errors import ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
@@ -185,3 +185,16 @@ def test_a_slow_upload_is_answered_and_the_line_closed() -> None:
     answer = answer_refusal(Request(scope), SlowUpload())
 
     assert (answer.status_code, answer.headers["connection"]) == (408, "close")
+
+
+@pytest.mark.parametrize(
+    "path", ["/api/v1/analyze", "/api/v1/recordings", "/api/v1/validations", "/validations"]
+)
+@pytest.mark.parametrize("root", ["", "/acromion"])
+def test_an_address_that_takes_files_is_not_held_to_the_size_of_words(path: str, root: str) -> None:
+    assert takes_file({"type": "http", "path": root + path, "root_path": root})
+
+
+@pytest.mark.parametrize("path", ["/", "/api/v1/batches", "/api/v1/webhooks", "/analyses/an_1/validations"])
+def test_any_other_address_is(path: str) -> None:
+    assert not takes_file({"type": "http", "path": path, "root_path": ""})

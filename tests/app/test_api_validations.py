@@ -13,6 +13,8 @@ from app.cli import app
 from app.jobs.attempt import load_and_make_report
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
+from app.main import create_app
+from app.settings import Settings
 from app.storage import Storage
 from app.upkeep.reconcile import Unknown, find_unknown
 from tests.app import stand_ins
@@ -53,6 +55,17 @@ def test_a_comparison_gives_every_file(client: TestClient, bench: OpenBench) -> 
     kinds = {name: client.get(f"{address}/{name}").headers["content-type"] for name in expected}
 
     assert kinds == expected
+
+
+@pytest.mark.parametrize("address", ["/api/v1/validations", "/validations"])
+def test_a_file_above_the_size_of_words_is_taken(settings: Settings, address: str) -> None:
+    application = create_app(settings.model_copy(update={"max_upload_bytes": 32 << 20}))
+    large = {**FILES, "recording": ("ours.csv", ANGLES + "\n" * (9 << 20))}
+
+    with TestClient(application, base_url="http://localhost", follow_redirects=False) as client:
+        sent = client.post(address, files=large)
+
+    assert sent.status_code in (202, 303), sent.text
 
 
 def test_the_same_file_twice_differs_by_nothing(client: TestClient, bench: OpenBench) -> None:
@@ -156,6 +169,32 @@ def test_the_form_needs_no_script(client: TestClient, language: str) -> None:
 
     assert 'enctype="multipart/form-data"' in page
     assert "<script" not in page
+
+
+@pytest.mark.parametrize(("language", "words"), [("en", "What you typed is kept."), ("fr", "Votre saisie")])
+def test_a_refused_form_keeps_what_was_typed(client: TestClient, language: str, words: str) -> None:
+    typed = {"side": "left", "subject": 'S012 "<b>', "offset_s": "soon", "drift_ppm": "1,5"}
+
+    answer = client.post("/validations", params={"lang": language}, files=FILES, data=typed)
+
+    assert answer.status_code == 422
+    assert "E-PARAMETER" in answer.text
+    assert words in answer.text
+    assert 'value="left" checked' in answer.text
+    assert 'value="S012 &#34;&lt;b&gt;"' in answer.text
+    assert 'value="soon"' in answer.text
+    assert 'value="1,5"' in answer.text
+    assert "<details open>" in answer.text
+
+
+def test_a_refused_file_keeps_what_was_typed(client: TestClient) -> None:
+    files = {**FILES, "reference": ("truth.csv", "")}
+
+    answer = client.post("/validations", files=files, data={"side": "right", "subject": "S7"})
+
+    assert "E-EMPTY" in answer.text
+    assert 'value="right" checked' in answer.text
+    assert 'value="S7"' in answer.text
 
 
 def test_a_browser_may_tell_the_origin_of_the_form(client: TestClient) -> None:

@@ -1,10 +1,13 @@
 """A watched folder: what has stopped growing is taken in once, with its subject, and moved aside."""
 
 import logging
+import os
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 
+from app import intake
 from app.intake import FolderWatch, Intake
 from app.jobs.store import JobStore
 from app.settings import Settings
@@ -114,7 +117,109 @@ def test_no_line_of_the_log_names_the_subject_or_the_file(
 
     (job,) = watch.look()
 
-    assert f"a watched file was taken in as {job.id}" in caplog.text
+    assert f"a file of the watched folder was taken in as {job.id}" in caplog.text
     assert "could not be taken in: E-BIG" in caplog.text
     assert "could not be taken in: its name cannot be used" in caplog.text
     assert not any(word in caplog.text for word in ("S012", "S013", "Marie", "too long"))
+
+
+def test_a_link_to_a_file_is_left_alone(watch: FolderWatch, tmp_path: Path) -> None:
+    outside = tmp_path / "secret.csv"
+    outside.write_bytes(b"not for the world")
+    (watch.folder / "shift.csv").symlink_to(outside)
+    watch.look()
+
+    assert watch.look() == []
+    assert (watch.folder / "shift.csv").is_symlink()
+
+
+def test_a_link_to_a_folder_is_left_alone(watch: FolderWatch, tmp_path: Path) -> None:
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "shift.csv").write_bytes(b"not for the world")
+    (watch.folder / "S012").symlink_to(tmp_path / "outside")
+    watch.look()
+
+    assert watch.look() == []
+    assert (tmp_path / "outside" / "shift.csv").exists()
+
+
+def test_links_are_logged_once(watch: FolderWatch, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (watch.folder / "shift.csv").symlink_to(tmp_path / "secret.csv")
+
+    for _ in range(3):
+        watch.look()
+
+    assert [record.getMessage() for record in caplog.records] == [
+        "1 links in the watched folder are left alone: links are not followed"
+    ]
+
+
+def test_a_file_that_becomes_a_link_is_not_followed(
+    watch: FolderWatch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = put(watch, "shift.csv")
+    (tmp_path / "secret.csv").write_bytes(b"not for the world")
+    watch.look()
+    held = intake._enter_folder
+
+    def swap(folder: Path, *, is_watched: bool) -> AbstractContextManager[int | None]:
+        path.unlink()
+        path.symlink_to(tmp_path / "secret.csv")
+        return held(folder, is_watched=is_watched)
+
+    monkeypatch.setattr(intake, "_enter_folder", swap)
+
+    assert watch.look() == []
+    assert (tmp_path / "secret.csv").exists()
+
+
+def test_a_folder_that_becomes_a_link_is_not_followed(
+    watch: FolderWatch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = put(watch, "S012/shift.csv")
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "shift.csv").write_bytes(b"not for the world")
+    watch.look()
+    held = intake._enter_folder
+
+    def swap(folder: Path, *, is_watched: bool) -> AbstractContextManager[int | None]:
+        path.unlink()
+        path.parent.rmdir()
+        path.parent.symlink_to(tmp_path / "outside")
+        return held(folder, is_watched=is_watched)
+
+    monkeypatch.setattr(intake, "_enter_folder", swap)
+
+    assert watch.look() == []
+    assert (tmp_path / "outside" / "shift.csv").exists()
+
+
+def test_a_pipe_is_left_alone(watch: FolderWatch) -> None:
+    os.mkfifo(watch.folder / "shift.csv")
+    watch.look()
+
+    assert watch.look() == []
+
+
+def test_nothing_is_moved_through_a_link(watch: FolderWatch, tmp_path: Path) -> None:
+    (tmp_path / "outside").mkdir()
+    (watch.folder / "taken").symlink_to(tmp_path / "outside")
+    put(watch, "shift.csv")
+    watch.look()
+    watch.look()
+
+    assert list((tmp_path / "outside").iterdir()) == []
+
+
+def test_no_name_and_no_subject_reaches_the_log(watch: FolderWatch, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG)
+    put(watch, "CANARY-S012/CANARY-shift.csv")
+    put(watch, "CANARY-S013/CANARY-large.csv", bytes(1_000_001))
+    put(watch, "CANARY\x85\u202e/shift.csv")
+    watch.look()
+
+    watch.look()
+    watch.look()
+
+    assert len(caplog.records) == 3  # one taken, two refused once each
+    assert "CANARY" not in caplog.text

@@ -1,11 +1,14 @@
 """Several web servers on one database: one keeps house for all, so that no term passes twice as fast."""
 
+import asyncio
+import threading
 from collections.abc import Iterator
 
 import pytest
 from sqlalchemy import Engine, text
 from sqlalchemy.exc import OperationalError
 
+from app.api.waiting import run_to_end
 from app.jobs.database import open_database
 from app.jobs.keeper import Keeper
 
@@ -62,3 +65,23 @@ def test_a_keeper_whose_connection_is_cut_has_lost_the_office(keepers: tuple[Kee
 
 def test_where_one_server_is_all_there_can_be_it_keeps_house(engine: Engine) -> None:
     assert Keeper(engine).holds_office()
+
+
+def test_what_keeps_house_is_waited_for_when_the_server_ends() -> None:
+    began, may_end, ended = threading.Event(), threading.Event(), threading.Event()
+
+    def work() -> None:
+        began.set()
+        may_end.wait(60)
+        ended.set()
+
+    async def cut_short() -> None:
+        task = asyncio.create_task(run_to_end(work))
+        await asyncio.to_thread(began.wait, 60)
+        task.cancel()
+        asyncio.get_running_loop().call_later(0.05, may_end.set)
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert ended.is_set()
+
+    asyncio.run(cut_short())

@@ -1,0 +1,53 @@
+"""One form for every line of a log: what it tells stands in one line, whatever names it holds.
+
+A log tells ids, never the name of a file nor a subject code.
+"""
+
+import logging
+import re
+from types import TracebackType
+
+FORMAT = "%(asctime)s %(levelname)s %(message)s"
+_BREAKS = r"\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
+_CONTROLS = re.compile(f"[{_BREAKS}]")
+"""Control characters, ends of lines, marks that turn the direction of text, and lone surrogates."""
+
+
+def escape_controls(text: str) -> str:
+    r"""Write every sign that could end, hide or turn a line as ``\uXXXX``; JSON reads it alike."""
+    return _CONTROLS.sub(lambda sign: f"\\u{ord(sign.group()):04x}", text)
+
+
+def start_logging(level: int = logging.INFO) -> None:
+    """Log to standard error in this form, where nobody has set up logging before."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(LineFormatter(FORMAT))
+    logging.basicConfig(level=level, handlers=[handler])
+
+
+class LineFormatter(logging.Formatter):
+    """Escapes what a record tells; the lines of a traceback begin with a bar: none passes for a record."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Give the line, and below it those of a traceback."""
+        record.exc_text = None  # another formatter may have left its own there
+        return super().format(record)
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's own name
+        """Give the line itself."""
+        return escape_controls(super().formatMessage(record))
+
+    def formatException(  # noqa: N802
+        self,
+        ei: tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None],
+    ) -> str:
+        """Give the lines of a traceback."""
+        return _bar_lines(super().formatException(ei))
+
+    def formatStack(self, stack_info: str) -> str:  # noqa: N802
+        """Give the lines of a stack."""
+        return _bar_lines(super().formatStack(stack_info))
+
+
+def _bar_lines(text: str) -> str:
+    return "\n".join(f"| {escape_controls(line)}" for line in text.split("\n"))
