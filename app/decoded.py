@@ -87,7 +87,7 @@ class DecodedCache:
     def _list_heads(self) -> Iterator[tuple[Path, str]]:
         """Give each entry with its file's SHA-256; one whose head cannot be read is nobody's: ""."""
         for path in self.folder.glob("*"):
-            with suppress(FileNotFoundError):
+            with suppress(FileNotFoundError, IsADirectoryError):  # the reports of two lie in a folder beside
                 yield path, _read_digest(path)
 
     def _write(self, key: str, recording: Recording) -> None:

@@ -23,7 +23,6 @@ from app.storage import (
     check_free,
     name_full_disk,
     name_once,
-    name_side,
     read_mark,
     sync_file,
     sync_folder,
@@ -129,8 +128,10 @@ class FolderStorage:
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
-        self.recording(recording_id).unlink(missing_ok=True)
-        (self.root / name_side(recording_id)).unlink(missing_ok=True)
+        for name in (recording_id, f"{recording_id}{SIDE_SUFFIX}"):
+            if self.recording(name).is_dir():  # not of our making
+                self.set_aside(name)
+            self.recording(name).unlink(missing_ok=True)
         for path in (self.root / "quarantine").glob(f"{recording_id}.*{SIDE_SUFFIX}"):
             path.unlink()
         sync_folder(self.root / "recordings")
@@ -208,9 +209,10 @@ class FolderStorage:
 
     def read_small(self, name: str) -> bytes | None:
         """Read a small file; None where there is none."""
+        path = self.root / name
         try:
-            return (self.root / name).read_bytes()
-        except (FileNotFoundError, IsADirectoryError):
+            return path.read_bytes() if path.is_file() else None  # a pipe of a stranger would hold us
+        except FileNotFoundError:
             return None
 
     def set_aside(self, name: str) -> bool:

@@ -24,7 +24,7 @@ from app.storage import hash_file, name_full_disk, sync_folder
 
 TAIL_SUFFIX = ".tail"
 """The last bytes of a file lie beside its first ones, in a file of this ending."""
-_OWN_NAME = re.compile(r"(up_[0-9a-f]{32})(\.\w+)?")
+_OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 
 
 class GrowingFile:

@@ -18,7 +18,7 @@ from app.api.side_files import write_side_files
 from app.api.tus_body import drop_upload
 from app.api.waiting import run_to_end
 from app.delivery import LIMIT_S, Message, send_message
-from app.errors import LockedUpload
+from app.errors import AppError, LockedUpload
 from app.jobs.keeper import Keeper
 from app.jobs.webhooks import Delivery
 from app.upkeep.reconcile import (
@@ -26,6 +26,8 @@ from app.upkeep.reconcile import (
     catch_up,
     check_known,
     drop_stale_attempts,
+    finish_purges,
+    list_strange,
     return_known,
     set_strange_aside,
 )
@@ -69,6 +71,8 @@ async def _keep_on(services: Services, keeper: Keeper, sender: "WebhookSender") 
                 aged_s = now_s
         except OperationalError:
             logger.exception("the database does not answer; trying again")
+        except (AppError, OSError):
+            logger.exception("housekeeping is not done; trying again")
 
 
 def reconcile(services: Services) -> None:
@@ -80,22 +84,40 @@ def reconcile(services: Services) -> None:
     """
     store, storage = services.store, services.storage
     check_known(store, storage)
+    _finish_purges(services)
+    attempts, newer = drop_stale_attempts(store, storage)
+    counts = {
+        "recordings came back from quarantine: they have rows": return_known(store, storage),
+        "unknown entries moved into quarantine": set_strange_aside(store, storage),
+        "attempts removed that do not count": attempts,
+        "old temporary files removed": _drop_temporary(services),
+        "reports are newer than the database: stop, and run acromion recover": newer,
+        "side files written": catch_up(store, storage),
+        "entries in quarantine: acromion doctor": _count_quarantine(services),
+    }
+    for what, number in counts.items():
+        if number:
+            logger.warning("start: %d %s", number, what)
+
+
+def _finish_purges(services: Services) -> None:
     for recording_id in services.recordings.list_purging():
-        purge_recording(services, recording_id)
-    returned, moved = return_known(store, storage), set_strange_aside(store, storage)
-    removed = drop_stale_attempts(store, storage) + storage.drop_temporary(TEMPORARY_S)
+        try:
+            purge_recording(services, recording_id)
+        except (AppError, OSError):
+            logger.exception("the purge of %s is not done; the next start tries again", recording_id)
+    finish_purges(services.store, services.storage)
+
+
+def _drop_temporary(services: Services) -> int:
     uploads = services.uploads
-    removed += services.incoming.sweep(uploads.list_growing(), uploads.list_known(), INCOMING_S)
-    services.quarantine.names = storage.list_quarantine()
-    logger.info("removed %d temporary files and attempts that do not count", removed)
-    if returned:
-        logger.info("took %d recordings back from quarantine: they have rows", returned)
-    if moved:
-        logger.warning("moved %d unknown entries into quarantine", moved)
-    if services.quarantine.names:
-        logger.warning("%d entries in quarantine: acromion doctor", len(services.quarantine.names))
-    if written := catch_up(store, storage):
-        logger.info("wrote %d side files", written)
+    swept = services.incoming.sweep(uploads.list_growing(), uploads.list_known(), INCOMING_S)
+    return swept + services.storage.drop_temporary(TEMPORARY_S)
+
+
+def _count_quarantine(services: Services) -> int:
+    services.quarantine.names = list_strange(services.storage)
+    return len(services.quarantine.names)
 
 
 @dataclass(slots=True)
@@ -166,4 +188,4 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     forget_samples(services)  # a child may have written some while its recording was being purged
     services.answers.age(elapsed_s, ANSWER_TERM_S)
     services.storage.drop_temporary(TEMPORARY_S)
-    services.quarantine.names = services.storage.list_quarantine()
+    services.quarantine.names = list_strange(services.storage)

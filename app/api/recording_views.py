@@ -67,6 +67,9 @@ class RecordingView(BaseModel):
     size_bytes: int
     duplicate_of: str | None
     warnings: list[str]
+    damage: str | None = Field(
+        None, description="E-STORE-DAMAGED where the stored bytes are gone or altered."
+    )
     start: str | None
     period_count: int
     version: int

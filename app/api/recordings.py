@@ -1,5 +1,6 @@
 """Recordings: stored, described, looked at, divided into periods, thrown away."""
 
+import shutil
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -92,8 +93,11 @@ def list_recordings(
 
 @router.get("/{recording_id}")
 def get_recording(recording_id: str, services: UsedServices) -> RecordingView:
-    """Give one recording, with its ETag."""
-    return _answer(services.recordings.get(recording_id))  # type: ignore[return-value]
+    """Give one recording, with its ETag; ``damage`` tells where its bytes are gone or altered."""
+    row = services.recordings.get(recording_id)
+    is_whole = seems_whole(services.storage, StoredRecording(row.id, row.sha256, row.size_bytes))
+    view = view_recording(row).model_copy(update={} if is_whole else {"damage": StoreDamaged.code})
+    return JSONResponse(view.model_dump(), headers={"ETag": _tag(row)})  # type: ignore[return-value]
 
 
 @router.patch("/{recording_id}")
@@ -204,10 +208,14 @@ def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
 def purge_recording(services: Services, recording_id: str) -> None:
     """Delete a recording and every file made of it; the rows go last, so that a start goes on with it."""
     purged = services.recordings.begin_purge(recording_id)
+    for stored_id in purged.recordings:  # so that it does not come back if the database is lost meanwhile
+        services.side_files.write(stored_id)
     for analysis_id in purged.analyses:
         services.storage.drop_analysis(analysis_id)
     for stored_id in purged.recordings:
         services.storage.drop_recording(stored_id)
+    # the reports of two are made again when asked for
+    shutil.rmtree(services.settings.data_dir / "cache" / "beside", ignore_errors=True)
     services.recordings.end_purge(recording_id)
     forget_samples(services)
 

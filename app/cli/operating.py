@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.errors import AppError, BackupRefused, DatabaseAway
+from app.logs import escape_controls
 from app.report.messages import describe_problem
 from app.report.wording import Language, fill, load_wording
 from app.settings import Settings
@@ -142,7 +143,8 @@ def _find_settings(data: Path | None) -> Settings:
 
 
 def _say(language: Language, command: str, sentence: str, /, **facts: str) -> None:
-    typer.echo(fill(load_wording(language, "operations")[command][sentence], facts))
+    told = {name: escape_controls(fact) for name, fact in facts.items()}
+    typer.echo(fill(load_wording(language, "operations")[command][sentence], told))
 
 
 @contextmanager

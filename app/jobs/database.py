@@ -226,7 +226,7 @@ def _explain_unwritable(file: Path) -> AppError | None:
 def _explain_lock(file: str) -> DatabaseLocked:
     """Name the process that holds the write lock, where the system tells it (Linux)."""
     pid = _find_lock_holder(Path(f"{file}-shm"))
-    return DatabaseLocked(file=file, pid=pid) if pid else DatabaseLocked(file=file)
+    return DatabaseLocked(file=file, pid=str(pid)) if pid else DatabaseLocked(file=file)
 
 
 def _find_lock_holder(file: Path) -> int | None:

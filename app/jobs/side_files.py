@@ -14,6 +14,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, insert, select, update
 
+from app.jobs.job import TRANSITIONS, JobState
 from app.jobs.reading import PURGING
 from app.jobs.rows import settle_row
 from app.jobs.tables import (
@@ -40,6 +41,11 @@ class SideFile:
 
     revision: int
     rows: Rows
+
+    @property
+    def is_purging(self) -> bool:
+        """It was deleted for good, and the deletion was interrupted."""
+        return bool(self.recording["state"] == PURGING)
 
     @property
     def recording(self) -> Mapping[str, Any]:
@@ -87,9 +93,8 @@ def count_change_of(connection: Connection, analysis_id: str) -> None:
 
 
 def read_side_rows(connection: Connection, recording_id: str) -> SideFile | None:
-    """Build the side file of a recording from its rows; None where it has none, or is being purged."""
-    mine = (recordings.c.id == recording_id, recordings.c.state != PURGING)
-    row = connection.execute(select(recordings).where(*mine)).one_or_none()
+    """Build the side file of a recording from its rows; None where it has none."""
+    row = connection.execute(select(recordings).where(recordings.c.id == recording_id)).one_or_none()
     if row is None:
         return None
     own = row._asdict()
@@ -118,9 +123,38 @@ def read_side_rows(connection: Connection, recording_id: str) -> SideFile | None
 def add_missing_rows(connection: Connection, side: SideFile) -> Rows:
     """Add the rows of a side file that the database does not have; gives those that were added.
 
-    Rows that are there stay as they are. Columns of another release are left out or take their default.
+    Rows that are there stay as they are, but for an analysis that has ended since: states only move forward.
+    Files and figures come with their analysis. Columns of another release are left out or take their default.
     """
-    return {table.name: _add_missing(connection, table, side.rows.get(table.name, ())) for table in TABLES}
+    kept, moved_on = _compare_analyses(connection, side.rows["analyses"])
+    added = {}
+    for table in TABLES:
+        rows = side.rows.get(table.name, ())
+        if table is analyses:
+            rows = [row for row in rows if row["id"] not in kept]
+        elif "analysis_id" in table.columns:
+            rows = [row for row in rows if row["analysis_id"] not in kept]
+        added[table.name] = _add_missing(connection, table, rows)
+    return added | {"analyses": [*added["analyses"], *moved_on]}
+
+
+def _compare_analyses(
+    connection: Connection, rows: Sequence[Mapping[str, Any]]
+) -> tuple[frozenset[str], list[Mapping[str, Any]]]:
+    """Give the analyses that stay as they are, and those that have ended since, as they ended."""
+    kept, moved_on = set(), []
+    for row in rows:
+        mine = analyses.c.id == row["id"]
+        state = connection.execute(select(analyses.c.state).where(mine)).scalar()
+        if state is None:
+            continue
+        if TRANSITIONS[JobState(state)] and not TRANSITIONS[JobState(row["state"])]:
+            values = {name: value for name, value in row.items() if name in analyses.columns}
+            connection.execute(update(analyses).where(mine).values(values))
+            moved_on.append(row)
+        else:
+            kept.add(str(row["id"]))
+    return frozenset(kept), moved_on
 
 
 def _add_missing(
@@ -197,7 +231,7 @@ class SideWriter:
             written = update(recordings).where(*mine).values(side_revision=side.revision)
             if connection.execute(written).rowcount == 1:
                 return True
-        if self._read(recording_id) is None:  # purged meanwhile: its side file goes with it
+        if self._read(recording_id) is None:  # purged meanwhile: its side file goes, too
             self.storage.drop_recording(recording_id)
         return False
 

@@ -15,7 +15,7 @@ from app.jobs.database import READ_ONLY, lock_tables, open_database
 from app.jobs.job import Claim, Claimer, Job, JobState
 from app.jobs.moves import cancel_job, is_changed, move_job, replace_job, start_job
 from app.jobs.queueing import WayIn, enqueue, find_next
-from app.jobs.reading import PURGING, read_job, select_items, select_jobs, tell_now
+from app.jobs.reading import PURGING, TRASHED, read_job, select_items, select_jobs, tell_now
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.side_files import count_change
 from app.jobs.tables import analyses, facts, recordings, result_files
@@ -375,6 +375,24 @@ class JobStore:
         query = select(recordings.c.revision).where(recordings.c.id == recording_id)
         with self._reader.connect() as connection:
             return int(connection.execute(query).scalar() or 0)
+
+    def is_kept(self, recording_id: str) -> bool:
+        """Tell whether a recording is neither in the trash nor being purged."""
+        gone = recordings.c.state.in_((TRASHED, PURGING))
+        query = select(recordings.c.id).where(recordings.c.id == recording_id, ~gone)
+        with self._reader.connect() as connection:
+            return connection.execute(query).one_or_none() is not None
+
+    def mark_purging(self, recording_id: str) -> None:
+        """Note that the deletion of a recording had begun; the next start goes on with it."""
+        mine = recordings.c.id == recording_id
+        self.run(update(recordings).where(mine).values(state=PURGING, revision=recordings.c.revision + 1))
+
+    def find_recording(self, analysis_id: str) -> str:
+        """Give the recording of an analysis; "" where there is no such analysis."""
+        query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
+        with self._reader.connect() as connection:
+            return str(connection.execute(query).scalar() or "")
 
     def list_analyses(self) -> frozenset[str]:
         """Every analysis that was asked for."""

@@ -51,12 +51,15 @@ class Fault:
 
 def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
     """Give every recording and every result that a row promises."""
-    for row in recordings:
-        if row["state"] != PURGING:
-            yield _name(f"recordings/{row['id']}", row["sha256"])
-    tokens = {row["id"]: row["token"] for row in analyses}
+    kept = [row for row in recordings if row["state"] != PURGING]
+    for row in kept:
+        yield _name(f"recordings/{row['id']}", row["sha256"])
+    ids = {row["id"] for row in kept}
+    tokens = {row["id"]: row["token"] for row in analyses if row["recording_id"] in ids}
     for row in result_files:
         analysis_id = row["analysis_id"]
+        if analysis_id not in tokens:
+            continue
         yield _name(f"analyses/{analysis_id}/{tokens[analysis_id]}/{row['name']}", row["sha256"])
 
 

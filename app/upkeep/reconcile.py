@@ -7,14 +7,18 @@
 - Old temporary files, and attempts of known analyses that do not count, are removed.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from app.errors import UnknownRecordings
+from app.jobs.job import JobState
 from app.jobs.side_files import SideFile, SideWriter, decode_side_file
 from app.jobs.store import JobStore
 from app.storage import SIDE_SUFFIX, Storage, name_side
 
+SPARED = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
+"""The name of a side file that was newer than its row (:func:`app.jobs.side_files.spare_side_file`)."""
 TEMPORARY_S = 6 * 3600.0
 """A temporary file that nobody has written to for so long belongs to no upload under way."""
 
@@ -23,10 +27,12 @@ TEMPORARY_S = 6 * 3600.0
 class Unknown:
     """Entries among the recordings that have no row."""
 
-    recoverable: tuple[str, ...]
+    recoverable: tuple[str, ...] = ()
     """Recordings with a valid side file."""
-    strange: tuple[str, ...]
+    strange: tuple[str, ...] = ()
     """Names of entries of which nothing is known."""
+    purging: tuple[SideFile, ...] = ()
+    """What is left of purges that were interrupted, and whose rows are gone or lost."""
 
 
 def find_unknown(store: JobStore, storage: Storage) -> Unknown:
@@ -35,12 +41,14 @@ def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     rows = store.list_recordings()
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
-        return Unknown((), ())
+        return Unknown()
     suspects = sorted({name.removesuffix(SIDE_SUFFIX) for name in found if name.endswith(SIDE_SUFFIX)})
-    sides = [recording_id for recording_id in suspects if read_side_file(storage, recording_id)]
     # a recording that was purged meanwhile had lost its side file before its row
-    kept = {name for recording_id in sides for name in (recording_id, f"{recording_id}{SIDE_SUFFIX}")}
-    return Unknown(tuple(sides), tuple(sorted(found - kept)))
+    sides = {one: side for one in suspects if (side := read_side_file(storage, one))}
+    kept = {name for one in sides for name in (one, f"{one}{SIDE_SUFFIX}")}
+    purging = tuple(side for side in sides.values() if side.is_purging)
+    recoverable = tuple(one for one, side in sides.items() if not side.is_purging)
+    return Unknown(recoverable, tuple(sorted(found - kept)), purging)
 
 
 def check_known(store: JobStore, storage: Storage) -> None:
@@ -68,19 +76,49 @@ def set_strange_aside(store: JobStore, storage: Storage) -> int:
     return sum(storage.set_aside(name) for name in find_unknown(store, storage).strange)
 
 
+def finish_purges(store: JobStore, storage: Storage) -> int:
+    """Remove what is left of purges whose rows are gone; gives their number."""
+    left = find_unknown(store, storage).purging
+    for side in left:
+        for row in side.rows["analyses"]:
+            storage.drop_analysis(str(row["id"]))
+        storage.drop_recording(str(side.recording["id"]))
+    return len(left)
+
+
+def list_strange(storage: Storage) -> tuple[str, ...]:
+    """Name what lies in quarantine and is not known; a spared side file of our own is."""
+    return tuple(name for name in storage.list_quarantine() if not SPARED.fullmatch(name))
+
+
 def read_side_file(storage: Storage, recording_id: str) -> SideFile | None:
     """Read the side file of a recording; None where it is absent or not valid."""
     return decode_side_file(storage.read_small(name_side(recording_id)), recording_id)
 
 
-def drop_stale_attempts(store: JobStore, storage: Storage) -> int:
-    """Remove the folders of attempts that do not count, of analyses that the database knows."""
+def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
+    """Remove the folders of attempts that do not count, of analyses that the database knows.
+
+    One that counts by the side file of its recording stays: the database is an older copy. Returns how many
+    were removed, and how many of those stay.
+    """
     found = storage.list_attempts()  # first: an attempt that begins meanwhile has its row when those are read
     known, counted = store.list_analyses(), store.list_attempts()
     stale = [attempt for attempt in found if attempt[0] in known and attempt not in counted]
+    newer = 0
     for analysis_id, token in stale:
-        storage.drop_attempt(analysis_id, token)
-    return len(stale)
+        if _counts_by_side_file(store, storage, analysis_id, token):
+            newer += 1
+        else:
+            storage.drop_attempt(analysis_id, token)
+    return len(stale) - newer, newer
+
+
+def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, token: str) -> bool:
+    side = read_side_file(storage, store.find_recording(analysis_id))
+    rows = side.rows["analyses"] if side else ()
+    named = ((row["id"], row["token"], row["state"]) for row in rows)
+    return (analysis_id, token, JobState.SUCCEEDED) in named
 
 
 def catch_up(store: JobStore, storage: Storage) -> int:

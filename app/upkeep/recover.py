@@ -20,9 +20,9 @@ from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage import SIDE_SUFFIX, FolderLock, Storage, name_recording
 from app.stores import open_storage
-from app.upkeep.reconcile import catch_up, find_unknown, read_side_file
+from app.upkeep.reconcile import catch_up, find_unknown, finish_purges, read_side_file
 
-Finding = Literal["no_bytes", "cut", "no_report", "newer", "side_damaged", "strange"]
+Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,15 +78,19 @@ def _recover(store: JobStore, storage: Storage) -> Recovered:
     troubles: list[Trouble] = []
     added: Counter[str] = Counter()
     with_side = (name.removesuffix(SIDE_SUFFIX) for name in names if name.endswith(SIDE_SUFFIX))
+    finish_purges(store, storage)
     for recording_id in sorted(with_side):
         side = read_side_file(storage, recording_id)
-        if side is not None:
+        if side is not None and side.is_purging:
+            store.mark_purging(recording_id)
+        elif side is not None:
             rows, found = _bring_back(store, storage, side)
             troubles += [*found, *_find_absent(storage, rows, results)]
             added += _count(rows)
         elif recording_id in before:
             SideWriter(store.engine, store.reader, storage).write(recording_id)
             troubles.append(Trouble(recording_id, "side_damaged"))
+    troubles += [Trouble(one, "no_bytes") for one in sorted(before - names) if store.is_kept(one)]
     troubles += [Trouble(name, "strange") for name in find_unknown(store, storage).strange]
     catch_up(store, storage)
     return Recovered(
@@ -103,13 +107,15 @@ def _bring_back(store: JobStore, storage: Storage, side: SideFile) -> tuple[Rows
     recording_id = str(side.recording["id"])
     revision = store.read_revision(recording_id)
     is_newer = 0 < revision < side.revision
+    is_trashed = is_newer and side.recording["state"] == TRASHED and store.is_kept(recording_id)
     if is_newer:
         spare_side_file(storage, side)
     with store.engine.begin() as connection:
         rows = add_missing_rows(connection, side)
         if revision and (revision != side.revision or any(rows.values())):
             outdate_side_file(connection, side)
-    return rows, [Trouble(recording_id, "newer")] if is_newer else []
+    found: list[Finding] = ["newer"] * is_newer + ["trashed_since"] * is_trashed  # type: ignore[assignment]
+    return rows, [Trouble(recording_id, finding) for finding in found]
 
 
 def _count(rows: Rows) -> Counter[str]:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 
-from sqlalchemy import Connection, Table, select
+from sqlalchemy import Connection, Table, func, select
 
 from app.jobs.database import READ_ONLY, connect
 from app.jobs.job import JobState
@@ -14,6 +14,7 @@ from app.settings import Settings
 from app.storage import SIDE_SUFFIX, Storage, hash_file, name_side
 from app.stores import open_storage
 from app.upkeep.files import Fault, KeptFile, list_files
+from app.upkeep.reconcile import list_strange
 
 LOOKS, WRITER_S = 5, 0.2
 """How often, and after what pause, a side file that differs is compared again."""
@@ -26,6 +27,17 @@ def list_kept(settings: Settings) -> tuple[KeptFile, ...]:
         with engine.connect() as connection:
             tables = (recordings, analyses, result_files)
             return tuple(list_files(*(_read(connection, table) for table in tables)))
+    finally:
+        engine.dispose()
+
+
+def measure_kept(settings: Settings) -> int:
+    """Add up the sizes of all recordings and results by their rows, in bytes."""
+    engine = connect(settings.database_url).execution_options(**READ_ONLY)
+    sizes = [select(func.coalesce(func.sum(table.c.size_bytes), 0)) for table in (recordings, result_files)]
+    try:
+        with engine.connect() as connection:
+            return sum(int(connection.execute(size).scalar_one()) for size in sizes)
     finally:
         engine.dispose()
 
@@ -49,7 +61,7 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
         if not name.startswith(at_work):
             yield Fault(name, "orphan")
     yield from _check_side_files(settings, storage)
-    yield from (Fault(name, "quarantine") for name in storage.list_quarantine())
+    yield from (Fault(name, "quarantine") for name in list_strange(storage))
 
 
 def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:

@@ -1,5 +1,6 @@
 """``PUT /api/v1/uploads/{id}/tail``: the last bytes, sent ahead, tell when a recording ends."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,8 @@ def test_a_tail_is_no_part_of_the_recording_and_gone_with_the_upload(
     append(client, address, 0, b"0123")
 
     assert kept == [address.rpartition("/")[2] + ".tail"]
-    assert [path.read_bytes() for path in files_of(settings)] == [b"0123"]
+    stored = [path for path in files_of(settings) if path.suffix != ".json"]
+    assert [path.read_bytes() for path in stored] == [b"0123"]
 
 
 def test_a_terminated_upload_leaves_no_tail(client: TestClient, settings: Settings) -> None:
@@ -134,8 +136,11 @@ def test_tails_of_uploads_under_way_outlast_a_restart_and_others_do_not(
         address = announce(before, 4)
         send_tail(before, address, b"3")
     name = address.rpartition("/")[2] + ".tail"
-    (settings.data_dir / "incoming" / "up_gone.tail").write_bytes(b"3")
-    (settings.data_dir / "incoming" / "up_gone.0a1b").write_bytes(b"3")
+    gone = f"up_{'0' * 28}"
+    for ending in ("tail", "0a1b"):
+        stale = settings.data_dir / "incoming" / f"{gone}.{ending}"
+        stale.write_bytes(b"3")
+        os.utime(stale, (0, 0))
 
     with TestClient(create_app(settings), base_url="http://127.0.0.1"):
         kept = list_incoming(settings)

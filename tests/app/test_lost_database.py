@@ -1,6 +1,7 @@
 """What a start does with recordings that the database does not know, and how they come back."""
 
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -343,6 +344,80 @@ def test_an_interrupted_purge_goes_on_at_the_next_start(
         assert list(storage.list_names()) == []
 
 
+@pytest.mark.parametrize("step", ["drop_analysis", "drop_recording"])
+def test_a_purge_that_was_begun_does_not_come_back_with_a_lost_database(
+    settings: Settings, storage: Storage, acromion: Acromion, step: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("killed here")
+
+    with serving(settings) as client:
+        analyse(settings, client, recording_id := upload(client, b"one", subject="S012"))
+        with monkeypatch.context() as patched:
+            patched.setattr(type(storage), step, fail)
+            with pytest.raises(OSError, match="killed"):
+                client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+    lose_database(settings)
+
+    acromion("recover")
+
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/recordings/{recording_id}").status_code == 404
+        assert list(storage.list_names()) == []
+
+
+def test_verify_does_not_blame_an_interrupted_purge(
+    settings: Settings, storage: Storage, acromion: Acromion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("killed here")
+
+    with serving(settings) as client:
+        analyse(settings, client, recording_id := upload(client, b"one"))
+        with monkeypatch.context() as patched:
+            patched.setattr(type(storage), "drop_recording", fail)
+            with pytest.raises(OSError, match="killed"):
+                client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+
+    verified = acromion("verify")
+
+    assert " MISSING" not in verified.output
+
+
+def test_a_purge_removes_what_lies_in_place_of_a_recording_only_to_quarantine(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+        place = storage.root / "recordings" / recording_id
+        place.unlink()
+        place.mkdir()
+        (place / "file").write_bytes(b"a stranger's")
+        answer = client.delete(f"/api/v1/recordings/{recording_id}?purge=true")
+
+    assert answer.status_code == 204
+    assert (storage.root / "quarantine" / recording_id / "file").read_bytes() == b"a stranger's"
+
+
+def test_a_purge_reaches_the_reports_of_two_and_the_cache_may_hold_folders(settings: Settings) -> None:
+    beside = settings.data_dir / "cache" / "beside" / "0123"
+    with serving(settings) as client:
+        recording_id = upload(client, b"one", subject="S012")
+        beside.mkdir(parents=True)
+        (beside / "answer.en.txt").write_text("S012")
+
+        assert client.delete(f"/api/v1/recordings/{recording_id}?purge=true").status_code == 204
+
+    assert not beside.exists()
+
+
+def test_a_pipe_among_the_recordings_holds_up_no_start(settings: Settings, storage: Storage) -> None:
+    os.mkfifo(storage.root / "recordings" / "x.json")
+
+    with serving(settings):
+        assert storage.list_quarantine() == ("x.json",)
+
+
 # --- recover --------------------------------------------------------------------------------------------
 
 
@@ -427,6 +502,93 @@ def test_recover_adds_to_an_older_database_and_keeps_its_rows(settings: Settings
     with serving(settings) as client:
         subjects = [client.get(f"/api/v1/recordings/{one}").json()["subject"] for one in (old, new)]
     assert subjects == ["old", "new"]
+
+
+def keep_older_copy(settings: Settings) -> Callable[[], None]:
+    """Copy the database; gives what puts it back in place of a later one."""
+    database, older = settings.data_dir / "acromion.sqlite3", settings.data_dir.with_name("older")
+    shutil.copy(database, older)
+
+    def put_back() -> None:
+        for path in settings.data_dir.glob("acromion.sqlite3*"):
+            path.unlink()
+        shutil.copy(older, database)
+
+    return put_back
+
+
+def test_a_report_that_an_older_database_does_not_know_is_not_removed(
+    settings: Settings, storage: Storage
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+        client.post("/api/v1/analyses", json={"recording_ids": [recording_id]})
+    put_back = keep_older_copy(settings)
+    with serving(settings):
+        bench = open_bench(settings, stand_ins.write_report)
+        run_next(bench)
+        bench.store.close()
+    before = read_every_byte(storage)
+    put_back()
+
+    with serving(settings):
+        assert read_every_byte(storage) == before
+
+
+def test_recover_lets_an_analysis_of_an_older_database_end_as_it_ended(
+    settings: Settings, acromion: Acromion
+) -> None:
+    with serving(settings) as client:
+        asked = client.post("/api/v1/analyses", json={"recording_ids": [upload(client, b"one")]}).json()
+    put_back = keep_older_copy(settings)
+    with serving(settings):
+        bench = open_bench(settings, stand_ins.write_report)
+        run_next(bench)
+        bench.store.close()
+    put_back()
+
+    done = acromion("recover")
+
+    assert "reports: 1" in done.output
+    assert "REPORT MISSING" not in done.output
+    with serving(settings) as client:
+        assert client.get(f"/api/v1/analyses/{asked['id']}/results.json").status_code == 200
+        assert client.get(f"/api/v1/analyses/{asked['id']}").json()["state"] == "succeeded"
+
+
+def test_recover_tells_what_an_older_database_lists_though_it_was_deleted(
+    settings: Settings, acromion: Acromion
+) -> None:
+    with serving(settings) as client:
+        trashed, purged = upload(client, b"one"), upload(client, b"two")
+    put_back = keep_older_copy(settings)
+    with serving(settings) as client:
+        client.delete(f"/api/v1/recordings/{trashed}")
+        client.delete(f"/api/v1/recordings/{purged}?purge=true")
+    put_back()
+
+    done = acromion("recover")
+
+    assert f"IN THE TRASH SINCE {trashed}" in done.output
+    assert f"BYTES MISSING {purged}" in done.output
+
+
+@pytest.mark.parametrize("content", [None, b"onE"], ids=["gone", "altered"])
+def test_the_api_and_the_doctor_name_a_recording_whose_bytes_are_not_its_own(
+    settings: Settings, storage: Storage, acromion: Acromion, content: bytes | None
+) -> None:
+    with serving(settings) as client:
+        recording_id = upload(client, b"one")
+        place = storage.root / "recordings" / recording_id
+        place.unlink()
+        if content is not None:
+            place.write_bytes(content)
+        view = client.get(f"/api/v1/recordings/{recording_id}").json()
+    doctor = acromion("doctor")
+
+    assert view["damage"] == "E-STORE-DAMAGED"
+    assert doctor.exit_code == 1
+    assert f"recordings/{recording_id}" in doctor.output
 
 
 def test_recover_names_a_recording_whose_bytes_are_gone(

@@ -238,7 +238,7 @@ def test_a_file_that_cannot_be_opened_is_a_fault_of_the_backup(
     place.mkdir()
 
     assert acromion("backup", tmp_path / "b.zip").exit_code == 1
-    assert [fault["finding"] for fault in read_faults(tmp_path / "b.zip")] == ["damaged"]
+    assert [fault["finding"] for fault in read_faults(tmp_path / "b.zip")] == ["missing"]
 
 
 def test_a_backup_of_a_good_store_lists_no_fault(finished: Job, acromion: Acromion, tmp_path: Path) -> None:
