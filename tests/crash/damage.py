@@ -152,7 +152,12 @@ def observe(stock: Stock, cell: Cell, folder: Path) -> Seen:
     shutil.copytree(stock.own.folder, store.folder)
     _inflict(stock, cell, store)
     before, seen = _list_digests(store.folder, with_side_files=_keeps_side_files(cell)), Seen()
-    _ACTS[cell.action](Scene(stock, cell, store, folder, seen))
+    scene = Scene(stock, cell, store, folder, seen)
+    try:
+        _ACTS[cell.action](scene)
+    finally:
+        for server in scene.servers:  # an answer that nobody expected ends the act in the middle
+            server.stop()
     after = set(_list_digests(store.folder, with_side_files=True).values())
     finished = f"incoming/{store.upload}" if (cell.part, cell.action) == ("upload in flight", "serve") else ""
     for name, digest in before.items():
@@ -172,6 +177,12 @@ class Scene:
     store: Store
     folder: Path
     seen: Seen
+    servers: list[Server] = field(default_factory=list)
+
+    def serve(self, log: str, workers: int = 0) -> Server:
+        """Start a server; it is stopped at the end, whatever happens."""
+        self.servers.append(Server(self.store.folder, self.folder / log, workers))
+        return self.servers[-1]
 
     @property
     def victim(self) -> str:
@@ -455,7 +466,7 @@ def _recover(scene: Scene) -> None:
     if scene.cell.part != "database":
         seen.expect(recovered.exit_code in (0, 1), f"recover: exit {recovered.exit_code}")
         return
-    server = Server(scene.store.folder, scene.folder / "log-after")
+    server = scene.serve("log-after")
     if not server.runs:
         seen.expect(recovered.exit_code not in (0, 1), "no start after a recovery")
         return
@@ -484,7 +495,7 @@ _ACTS: Mapping[Action, Callable[[Scene], None]] = {
 
 def _open_server(scene: Scene, workers: int = 0) -> Server | None:
     """Start; None where the start was refused, which has to be by name and only for a database's sake."""
-    server = Server(scene.store.folder, scene.folder / "log", workers)
+    server = scene.serve("log", workers)
     if server.runs:
         return server
     ended = server.stop()
