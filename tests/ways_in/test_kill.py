@@ -181,8 +181,9 @@ def test_what_a_killed_server_left_half_done_is_swept_at_the_next_start(
     start_server: StartServer, tmp_path: Path
 ) -> None:
     start_server().kill()
-    half = tmp_path / "data" / "uploads" / "rec_half.part"
+    half = tmp_path / "data" / "uploads" / "rec_0123456789abcdef.part"
     half.write_bytes(b"half")
+    os.utime(half, (0, 0))
 
     start_server()
 
