@@ -127,7 +127,9 @@ def test_a_run_that_was_cut_leaves_nothing_half_made(cut: tuple[int, Path]) -> N
 def test_the_problems_of_a_run_that_was_cut_say_how_to_go_on(cut: tuple[int, Path]) -> None:
     fixes = {row["fix"] for row in read_table(cut[1] / "problems.csv")}
 
-    again = "After acromion run, give the same command again: it goes on from here, and what is done is not done"
+    again = (
+        "After acromion run, give the same command again: it goes on from here, and what is done is not done"
+    )
     assert fixes == {f"Ask for the analysis again. {again} twice."}
 
 
