@@ -307,6 +307,15 @@ def _read_row(row: Row[Any]) -> StoredRow:
         duplicate_of=row.duplicate_of,
         version=row.version,
         start=row.start,
-        inspection=json.loads(row.inspection) if row.inspection else None,
+        inspection=_read_inspection(row.inspection),
         diary=tuple(DiaryEntry(**entry) for entry in json.loads(row.diary)),
     )
+
+
+def _read_inspection(text: str | None) -> Mapping[str, Any] | None:
+    """Read an inspection; None where it cannot be read, for the bytes can be inspected again."""
+    try:
+        found = json.loads(text or "null")
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) else None

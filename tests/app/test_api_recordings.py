@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy import update
 
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
+from app.jobs.tables import recordings
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
@@ -318,6 +320,19 @@ def test_an_inspection_is_made_once_and_gives_the_start(client: TestClient, smal
 
     assert (found["file"], found["device"], round(found["rate_hz"])) == ("shift.gt3x", "gt9x", 100)
     assert client.get(address).json()["start"] == found["start"]
+    assert client.get(f"{address}/inspection").json() == found
+
+
+@pytest.mark.parametrize("damaged", ["z{", "", "[]"])
+def test_an_inspection_that_cannot_be_read_is_made_again(
+    client: TestClient, store: JobStore, small_gt3x: bytes, damaged: str
+) -> None:
+    address = f"{URL}/{keep(client, small_gt3x, file_name='shift.gt3x')['id']}"
+    found = client.get(f"{address}/inspection").json()
+
+    store.run(update(recordings).values(inspection=damaged))
+
+    assert client.get(address).status_code == 200
     assert client.get(f"{address}/inspection").json() == found
 
 

@@ -152,7 +152,12 @@ def observe(stock: Stock, cell: Cell, folder: Path) -> Seen:
     shutil.copytree(stock.own.folder, store.folder)
     _inflict(stock, cell, store)
     before, seen = _list_digests(store.folder, with_side_files=_keeps_side_files(cell)), Seen()
-    _ACTS[cell.action](Scene(stock, cell, store, folder, seen))
+    scene = Scene(stock, cell, store, folder, seen)
+    try:
+        _ACTS[cell.action](scene)
+    finally:
+        for server in scene.servers:  # an answer that nobody expected ends the act in the middle
+            server.stop()
     after = set(_list_digests(store.folder, with_side_files=True).values())
     finished = f"incoming/{store.upload}" if (cell.part, cell.action) == ("upload in flight", "serve") else ""
     for name, digest in before.items():
@@ -172,6 +177,12 @@ class Scene:
     store: Store
     folder: Path
     seen: Seen
+    servers: list[Server] = field(default_factory=list)
+
+    def serve(self, log: str, workers: int = 0) -> Server:
+        """Start a server; it is stopped at the end, whatever happens."""
+        self.servers.append(Server(self.store.folder, self.folder / log, workers))
+        return self.servers[-1]
 
     @property
     def victim(self) -> str:
@@ -344,13 +355,16 @@ def _look_at_raw(scene: Scene, server: Server) -> None:
 
 
 def _look_at_page(scene: Scene, server: Server) -> None:
-    """The page of the analysis tells it, and offers to analyse again."""
+    """A script gets a problem; a browser gets a page that tells it and offers to analyse again."""
     name = {"result": "results.json", "report": "report.html"}[scene.cell.part]
-    read = scene.ask(server, "GET", f"/api/v1/analyses/{scene.store.analysis}/{name}")
+    address = f"/api/v1/analyses/{scene.store.analysis}/{name}"
+    read = scene.ask(server, "GET", address)
     scene.seen.expect(read.status_code >= 400, f"damaged {name} as {read.status_code}")
-    page = scene.ask(server, "GET", f"/analyses/{scene.store.analysis}").text
+    page = scene.ask(server, "GET", address, headers={"Accept": "text/html"}).text
+    if scene.cell.part == "result":  # the page of the analysis reads the results, too
+        page += scene.ask(server, "GET", f"/analyses/{scene.store.analysis}").text
     scene.seen.expect(CODE.search(page), "the page does not tell the damage")
-    scene.seen.expect("/retry" in page or "/again" in page, "the page does not offer to analyse again")
+    scene.seen.expect("/retry" in page, "the page does not offer to analyse again")
 
 
 def _go_on_with_upload(scene: Scene, server: Server) -> list[str]:
@@ -455,7 +469,7 @@ def _recover(scene: Scene) -> None:
     if scene.cell.part != "database":
         seen.expect(recovered.exit_code in (0, 1), f"recover: exit {recovered.exit_code}")
         return
-    server = Server(scene.store.folder, scene.folder / "log-after")
+    server = scene.serve("log-after")
     if not server.runs:
         seen.expect(recovered.exit_code not in (0, 1), "no start after a recovery")
         return
@@ -484,7 +498,7 @@ _ACTS: Mapping[Action, Callable[[Scene], None]] = {
 
 def _open_server(scene: Scene, workers: int = 0) -> Server | None:
     """Start; None where the start was refused, which has to be by name and only for a database's sake."""
-    server = Server(scene.store.folder, scene.folder / "log", workers)
+    server = scene.serve("log", workers)
     if server.runs:
         return server
     ended = server.stop()
