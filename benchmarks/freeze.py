@@ -3,8 +3,8 @@
     python -m benchmarks.freeze make FILE       write the digest of every output
     python -m benchmarks.freeze compare FILE    make the outputs again and name those that differ (exit 1)
 
-A dozen recordings of every format, with the settings that change a report, pairs, changes, agreements and
-profiles. Recordings under ``../shared/data`` are taken where they are there, the others are simulated.
+A dozen recordings of every format, with the settings that change a report, pairs, changes and
+agreements. Recordings under ``../shared/data`` are taken where they are there, the others are simulated.
 ``software.revision`` hashes every source file; it is held constant here, and nothing else is.
 """
 
@@ -21,8 +21,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared" / "data"
 HOLD_REVISION = "import app.version\napp.version._source_files = lambda: []\n"
-PASSING = frozenset({"run.json"})
-"""Files that hold the time of the run."""
+PASSING = frozenset({"run.json", "done.json"})
+"""Files that hold the time of the run, or the folder that it wrote into."""
 
 SIMULATED: Mapping[str, tuple[str, ...]] = {
     "gt9x": ("--device", "gt9x", "--hours", "0.75", "--seed", "1"),
@@ -40,7 +40,7 @@ RECORDINGS: Mapping[str, str] = {
     "real_xio": "other_layouts/xio_seconds_dps_g.csv",
     "real_ferraris": "calibration/example_ferraris_session.csv",
 }
-DIARY = "start,end,kind,label\n00:05:00,00:15:00,task,packing\n00:15:00,00:20:00,break,tea\n"
+DIARY = "start,end,kind,label\n07:05:00,07:15:00,task,packing\n07:15:00,07:20:00,break,tea\n"
 
 
 def main() -> None:
@@ -91,7 +91,7 @@ def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:
     first, second = "gt9x/*.gt3x", "gt9x_later/*.gt3x"
     told = ["--subject", "S012", "--side", "left"]
     yield "left", ["run", first, "-o", "out/left", *told, "--diary", "diary.csv", "--lang", "fr"]
-    yield "right", ["run", first, "-o", "out/right", "--subject", "S012", "--side", "right"]
+    yield "right", ["run", second, "-o", "out/right", "--subject", "S012", "--side", "right"]
     yield "later", ["run", second, "-o", "out/later", *told, "--paper", "letter"]
     yield "actilife", ["run", "gt9x/*.csv", "-o", "out/actilife"]
     yield "lsm9ds1", ["run", "lsm9ds1/*.csv", "-o", "out/lsm9ds1"]
@@ -103,9 +103,8 @@ def list_commands(work: Path) -> Iterator[tuple[str, list[str]]]:
     yield "two_point", ["run", first, "-o", "out/two_point", *two, "--report", "html"]
     yield "joined", ["run", first, second, "--join", "-o", "out/joined", "--report", "html"]
     yield "study", ["run", "gt9x/*.gt3x", "gt9x_later/*.gt3x", "-o", "out/study", "--lang", "fr"]
-    yield "pair", ["pair", "out/left/*", "out/right/*", "-o", "out/pair", "--offset-s", "0"]
+    yield "pair", ["pair", "out/left/*", "out/right/*", "-o", "out/pair", "--offset-s", "5"]
     yield "compare", ["compare", "out/left/*", "out/later/*", "-o", "out/compare", "--lang", "fr"]
-    yield "profile", ["profile", "out/left/*/results.json", "out/later/*/results.json", "-o", "out/profile"]
     yield "angles", ["exposure", "angles.csv", "-o", "out/angles"]
     yield "validate", ["validate", "gt9x/*.gt3x", "--reference", "angles.csv", "-o", "out/validate"]
     yield from _list_captures()
