@@ -45,7 +45,7 @@ from app.storage import (
 )
 from app.stores import open_storage
 from app.upkeep.files import Fault, KeptFile, list_files
-from app.upkeep.reconcile import catch_up
+from app.upkeep.reconcile import catch_up, find_unknown
 from app.upkeep.verify import list_kept
 from app.version import software_version
 
@@ -135,7 +135,17 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
         still = {file.name for file in list_kept(settings)}
         if any(fault.name not in still for fault in faults):
             raise _PurgedMeanwhileError
-    return Copied(len(files), faults)
+    unknown = tuple(Fault(f"recordings/{one}", "no_row") for one in _list_unknown(settings, storage))
+    return Copied(len(files), (*faults, *unknown))
+
+
+def _list_unknown(settings: Settings, storage: Storage) -> tuple[str, ...]:
+    """Give the recordings that the database does not know, and that are in no backup of it therefore."""
+    store = JobStore(settings.database_url)
+    try:
+        return find_unknown(store, storage).recoverable
+    finally:
+        store.close()
 
 
 def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:

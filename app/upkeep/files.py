@@ -39,6 +39,7 @@ class Fault:
         "missing",
         "damaged",
         "orphan",
+        "no_row",
         "known_missing",
         "known_damaged",
         "side_missing",

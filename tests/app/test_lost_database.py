@@ -591,6 +591,22 @@ def test_the_api_and_the_doctor_name_a_recording_whose_bytes_are_not_its_own(
     assert f"recordings/{recording_id}" in doctor.output
 
 
+def test_a_backup_of_an_older_database_names_what_it_does_not_hold(
+    settings: Settings, acromion: Acromion, tmp_path: Path
+) -> None:
+    with serving(settings) as client:
+        upload(client, b"one")
+    put_back = keep_older_copy(settings)
+    with serving(settings) as client:
+        unknown = upload(client, b"two")
+    put_back()
+
+    done = acromion("backup", tmp_path / "b.zip")
+
+    assert done.exit_code == 1
+    assert f"NOT IN THE DATABASE recordings/{unknown}" in done.output
+
+
 def test_recover_names_a_recording_whose_bytes_are_gone(
     settings: Settings, storage: Storage, acromion: Acromion
 ) -> None:
