@@ -19,12 +19,12 @@ from typing import BinaryIO
 from app.errors import AppError
 from app.formats import ENDINGS
 from app.jobs.job import Job
-from app.jobs.queueing import WayIn
+from app.jobs.queue import WayIn
 from app.jobs.renewing import find_same
 from app.jobs.store import JobStore
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
-from app.storage import COPY_BYTES, Storage
+from app.storage.store import COPY_BYTES, Storage
 
 LOOK_S = 2.0
 STOP_S = 10.0

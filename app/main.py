@@ -19,21 +19,17 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from app.api.about import router as about_routes
+from app.api.analyses import router as analysis_routes
 from app.api.batches import router as batch_routes
-from app.api.events import router as event_routes
-from app.api.guard import SECURITY_HEADERS, Guard
+from app.api.guard import SECURITY_HEADERS, Guard, make_patient_protocol
+from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
-from app.api.metrics import router as metrics_routes
-from app.api.patience import make_patient_protocol
 from app.api.plain_text import PlainText
 from app.api.problems import answer_refusal, name_refusal
 from app.api.recordings import router as recording_routes
-from app.api.requests import router as request_routes
-from app.api.routes import router as api_routes
-from app.api.services import Services, open_services
 from app.api.side_files import SideFiles
-from app.api.tus import router as upload_routes
+from app.api.uploads import router as upload_routes
 from app.api.validations import router as validation_routes
 from app.api.webhooks import router as webhook_routes
 from app.errors import (
@@ -48,7 +44,7 @@ from app.errors import (
     WrongVerb,
 )
 from app.intake import FolderWatch, Intake
-from app.jobs.database import (
+from app.jobs.database.connect import (
     bring_up_to_date,
     check_whole,
     explain_trouble,
@@ -58,43 +54,42 @@ from app.jobs.database import (
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
-from app.private import close_to_others, make_folder
+from app.services import Services, open_services
 from app.settings import Settings
-from app.storage import FolderLock, check_folder
-from app.stores import load_extra, open_storage
-from app.upkeep.reconcile import check_known
+from app.storage.open import load_extra, open_storage
+from app.storage.private import close_to_others, make_folder
+from app.storage.store import FolderLock, check_folder
+from app.upkeep.recover import check_known
 from app.version import software_version
-from app.web.assets import FOLDER, Assets, find_assets
-from app.web.assets import router as asset_routes
-from app.web.batch_routes import router as batch_pages
-from app.web.beside_routes import router as beside_routes
-from app.web.column_routes import router as column_routes
-from app.web.day_routes import router as day_routes
-from app.web.help_routes import router as help_routes
-from app.web.library_routes import router as library_routes
-from app.web.routes import answer_with_page
-from app.web.routes import router as page_routes
+from app.web.analysis import answer_with_page
+from app.web.analysis import router as page_routes
+from app.web.batches import router as batch_pages
+from app.web.columns import router as column_routes
+from app.web.day import router as day_routes
+from app.web.help import router as help_routes
+from app.web.library import router as library_routes
+from app.web.pairs import router as pair_pages
+from app.web.rendering import FOLDER, Assets, find_assets
+from app.web.rendering import router as asset_routes
 from app.web.validations import router as validation_pages
 from fusion.errors import FusionError
 
 ROUTES = (
     upload_routes,
     recording_routes,
-    request_routes,
+    analysis_routes,
     batch_routes,
-    event_routes,
-    api_routes,
     webhook_routes,
     validation_routes,
     about_routes,
-    metrics_routes,
+    health_routes,
 )
 PAGES = (
     page_routes,
     batch_pages,
     day_routes,
     library_routes,
-    beside_routes,
+    pair_pages,
     column_routes,
     help_routes,
     asset_routes,

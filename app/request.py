@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
-from fusion.choices import MethodName, Pose, Side
+from fusion.conventions import MethodName, Pose, Side
 from fusion.diary import DiaryEntry
 from fusion.task_windows import TaskWindow
 

@@ -9,7 +9,7 @@ import gc
 import importlib
 import sys
 
-from app.jobs.forking import FOR_ONE, warm_up
+from app.jobs.children.fork_server import FOR_ONE, warm_up
 
 _ANALYSING = frozenset({"run", "exposure"})
 

@@ -15,7 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from app.request import ReportRequest
-from app.workflow import make_report
+from app.roads.analyse import make_report
 from fusion.simulation import simulate_shift, write_shift
 
 DAY_S, MONTH_H, DAYS_KEPT = 86_400.0, 730.0, 30

@@ -16,10 +16,9 @@ from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import find_percentiles, summarise_bins
 from fusion.exposure.cycles import count_rainflow, start_cycles
 from fusion.exposure.episodes import find_stays, scan_stays
-from fusion.exposure.frequency import find_mean_power_frequency
 from fusion.exposure.metric_filter import filter_angle
 from fusion.exposure.parts import split_hours
-from fusion.exposure.velocity import SpeedTally, measure_turns
+from fusion.exposure.speeds import SpeedTally, find_mean_power_frequency, measure_turns
 
 
 def swing(time_s: FloatVector) -> FloatVector:

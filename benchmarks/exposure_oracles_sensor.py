@@ -7,13 +7,13 @@ import numpy as np
 from scipy.stats import norm
 
 from benchmarks.exposure_oracles_table import Oracle, share_above
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.orientation.published import PublishedParameters, estimate_published
+from fusion.pose.calibrate import calibrate
 from fusion.recording import FloatArray
-from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor.model import SensorRun
 from tests.factories import elevate, hold, move_arm, record
 
 CUBE = [

@@ -19,7 +19,7 @@ from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.pipeline import POSE_SIGMA_DEG, Analysis, AnalysisSettings, analyse
 from fusion.recording import Recording, Segment
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from fusion.simulation.shift import simulate_shift
 
 DEVICES: tuple[Device, ...] = ("gt9x", "lsm9ds1")

@@ -16,17 +16,17 @@ import numpy as np
 import vqf
 from numpy.typing import NDArray
 
-from fusion.calibration import CalibratedSamples, calibrate
-from fusion.choices import MethodName
+from fusion.conventions import MethodName
 from fusion.elevation import estimate_elevation, measure_elevation
 from fusion.orientation import estimate_vertical
 from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import PublishedParameters, estimate_published
+from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.sensor_errors.runs import SensorRun, view_segment
-from fusion.sensor_errors.stillness import find_quietest_rate
+from fusion.sensor.model import SensorRun, view_segment
+from fusion.sensor.stillness import find_quietest_rate
 from fusion.simulation import simulate_shift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from tests.validation.broad import (
     Estimator,
     Table,

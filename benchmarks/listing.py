@@ -15,9 +15,9 @@ from pathlib import Path
 from fastapi.testclient import TestClient
 from sqlalchemy import insert
 
-from app.api.paging import write_cursor
+from app.api.recording_models import write_cursor
+from app.jobs.database.tables import analyses, recordings
 from app.jobs.store import JobStore
-from app.jobs.tables import analyses, recordings
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings

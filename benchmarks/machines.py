@@ -13,11 +13,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from app.folder import FolderStorage
 from app.jobs.cluster import install
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.folder import FolderStorage
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 

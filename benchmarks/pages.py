@@ -17,12 +17,12 @@ import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 from sqlalchemy import insert
 
-from app.day_file import NAME, DaySegment, open_day, write_day
+from app.jobs.database.tables import analyses, answers, recordings
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
-from app.jobs.tables import analyses, answers, recordings
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.day_file import NAME, DaySegment, open_day, write_day
 from fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer
 

@@ -15,16 +15,16 @@ import time
 from pathlib import Path
 from statistics import median
 
-from app.report.content import build_report
-from app.report.exports import export_results
+from app.report.analysis.report import build_report
+from app.report.export.all import export_results
+from app.report.export.results import build_results, encode_results
 from app.report.findings import Findings, encode_findings, take_findings
-from app.report.html import render_html
-from app.report.pdf import render_pdf
-from app.report.results import build_results, encode_results
-from app.report.subject import ReportSubject
-from app.report.writing import FINDINGS, RESULTS
+from app.report.render.html import render_html
+from app.report.render.pdf import render_pdf
+from app.report.render.write import FINDINGS, RESULTS
+from app.report.words.subject import ReportSubject
 from app.request import ReportRequest
-from app.workflow import describe_subject
+from app.roads.analyse import describe_subject
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
 from fusion.simulation import simulate_shift, write_shift
@@ -32,7 +32,7 @@ from fusion.simulation import simulate_shift, write_shift
 _COLD = """
 import sys
 from pathlib import Path
-from app.report.writing import rewrite_reports
+from app.report.render.write import rewrite_reports
 from app.request import ReportRequest
 folder = Path(sys.argv[1])
 rewrite_reports(folder, ReportRequest("", languages=("en",)), folder / "again")

@@ -30,7 +30,7 @@ import pyarrow.parquet as pq
 
 from benchmarks.readers import header_lines
 from fusion.simulation import write_recordings
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 
 POLL_S = 0.02
 EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)

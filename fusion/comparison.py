@@ -5,11 +5,124 @@ Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage poin
 3.4 deg for the median. Another kind of work may vary more or less; that is said with the verdict.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from fusion.exposure.types import Exposure
+
+if TYPE_CHECKING:
+    from fusion.exposure.types import Exposure  # a report must not wait for the compiler
+
+
+# Published values as data: value, source, what it applies to, and how far it is confirmed.
+#
+# EXPOSURE.md A10; how standards cut elevation into classes is in ``fusion.conventions``. A value that the
+# brief marks unverified is not here: :data:`NOT_SHIPPED` says which and why. Nothing here is turned into a
+# score or into anyone's risk.
+
+
+Status = Literal["proposal", "guidance", "context"]
+Reason = Literal["", "short", "poor", "not computed"]
+
+HOUR_S = 3600.0
+WHOLE_DAY_S = 4 * 3600.0
+"""Least analysed time that is compared with a value for a whole working day (A15)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """One published value.
+
+    ``low`` and ``high`` bound what was proposed or seen, in ``unit``; ``status`` says what they are: a
+    proposal of researchers, guidance without force, or context (what others were measured to do).
+    """
+
+    key: str
+    unit: Literal["percent", "dps", "deg", "h"]
+    low: float | None
+    high: float
+    status: Status
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """A reference beside the measured figure; ``reason`` says why the two cannot be compared."""
+
+    reference: Reference
+    measured: float | None
+    reason: Reason
+
+
+LEWIS = "Lewis et al. 2026, Ann Work Expo Health 70(3):wxag027, 124 older workers, 3 days each"
+ARVIDSSON = "Arvidsson et al. 2021, Ann Work Expo Health 65:741"
+REFERENCES = (
+    Reference("above_30", "percent", None, 50.0, "proposal", ARVIDSSON),
+    Reference("above_60", "percent", None, 10.0, "proposal", ARVIDSSON),
+    Reference("velocity", "dps", None, 60.0, "proposal", ARVIDSSON),
+    Reference("p99", "deg", 49.0, 124.0, "context", "Hansson et al. 2010, 43 types of work"),
+    Reference("above_90_hours", "h", 2.0, 4.0, "guidance", "WISHA, Washington State, repealed 2003"),
+    Reference("above_60_others", "percent", 4.4, 7.9, "context", LEWIS),
+    Reference("above_90_others", "percent", 1.0, 2.8, "context", LEWIS),
+)  # fmt: skip
+"""In the order of the report, which shows the first four on its first page. ``velocity`` was made from
+accelerometers and is set beside ``generalised_accelerometer`` alone: a fused speed reads two to four times
+lower (Fan et al. 2021)."""
+
+
+STATEMENTS = {
+    "svendsen": "Svendsen et al. 2004",
+    "dalboge": "Dalboge et al. 2022",
+    "waersted": "Waersted et al. 2020, review of 34 studies",
+    "nfa": "NFA 2018, 197 workers of 12 occupations",
+}
+"""What studies of groups found: told in words, set beside no figure and never turned into anyone's risk."""
+
+NOT_SHIPPED = {
+    "Dalboge 2017, background speed 27 deg/s": "read in a table that quotes it; which speed is not said",
+    "ISO 11226, holding times": "not read in the standard",
+    "EN 1005-4, footnotes": "not read in the standard",
+    "ISO 11228-3 and OCRA, 80 deg": "not read in the standard",
+    "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not tell",
+    "Lewis 2026, share of days over the levels": "of many days, which one recording is not",
+}
+"""What the brief lists and is not here, and why."""
+
+
+def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:
+    """Set each reference beside its figure, or say why it does not apply.
+
+    All are for a working day: not with less than 4 h analysed, and not when the quality is poor.
+    """
+    reason: Reason = "poor" if verdict == "poor" else ""
+    if exposure.analysed_s < WHOLE_DAY_S:
+        reason = "short"
+    return tuple(_compare_with_published(reference, exposure, reason) for reference in REFERENCES)
+
+
+def _compare_with_published(reference: Reference, exposure: Exposure, reason: Reason) -> Compared:
+    measured = find_measured(reference.key, exposure)
+    return Compared(reference, measured, "not computed" if measured is None else reason)
+
+
+def find_measured(key: str, exposure: Exposure) -> float | None:
+    """Give the only figure that was measured as the reference was."""
+    above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
+    velocity = exposure.velocity_dps.get("generalised_accelerometer")
+    seconds = {int(item.threshold_deg): item.duration_s for item in exposure.time_above}
+    return {
+        "above_90_hours": seconds[90] / HOUR_S if 90 in seconds else None,
+        "above_60_others": above.get(60),
+        "above_90_others": above.get(90),
+        "above_30": above.get(30),
+        "above_60": above.get(60),
+        "velocity": velocity.p50_dps if velocity else None,
+        "p99": exposure.elevation_p99_deg,
+    }[key]
+
 
 Verdict = Literal["larger", "not larger", "unknown", "no two days"]
 Difference = Literal["recording", "subject", "method", "pose", "side", "metric filter", "short", "poor"]
@@ -18,7 +131,6 @@ NO_TWO_DAYS: tuple[Difference, ...] = ("recording", "subject", "side")
 
 SOURCE = "Wahlström et al. 2010"
 BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
-WHOLE_DAY_S = 4 * 3600.0
 
 
 @dataclass(frozen=True, slots=True)

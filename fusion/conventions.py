@@ -3,6 +3,13 @@
 from dataclasses import dataclass
 from typing import Literal
 
+# What a person may choose. Kept apart from what it does, so that asking costs nothing.
+
+
+MethodName = Literal["smoothed", "published", "live"]
+Pose = Literal["n-pose", "side-lean", "two-point"]
+Side = Literal["left", "right"]
+
 
 @dataclass(frozen=True, slots=True)
 class Convention:

@@ -9,21 +9,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fusion.calibration import CalibratedSamples, Vector
-from fusion.choices import MethodName
+from fusion.conventions import MethodName
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.orientation.on_demand import VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published
-from fusion.orientation.smoothed import SmoothedParameters, smooth_nodes
-from fusion.orientation.uncertainty import UncertaintySettings, estimate_sigma
+from fusion.orientation.smoothed import SmoothedParameters, UncertaintySettings, estimate_sigma, smooth_nodes
+from fusion.pose.calibrate import CalibratedSamples, Vector
+from fusion.pose.doubts import DoubtedPart
+from fusion.pose.wear import AxisPart
 from fusion.recording import MICROSECONDS, BoolArray, Segment
-from fusion.remount import AxisPart
-from fusion.sensor_errors.accelerometer import AccelerometerSettings
-from fusion.sensor_errors.gyro_bias import BiasSettings
-from fusion.sensor_errors.gyro_scale import GyroScaleSettings
-from fusion.sensor_errors.runs import view_segment
-from fusion.sensor_errors.stillness import StillRules
-from fusion.slip_doubts import DoubtedPart
+from fusion.sensor.accelerometer import AccelerometerSettings
+from fusion.sensor.gyro_bias import BiasSettings
+from fusion.sensor.gyro_scale import GyroScaleSettings
+from fusion.sensor.model import view_segment
+from fusion.sensor.stillness import StillRules
 
 Vertical = NDArray[np.float32] | VerticalOnDemand
 
@@ -54,7 +53,7 @@ class ElevationSegment:
         a ready angle series.
     sigma_deg
         Shape (seconds,), float32: standard deviation of the angle in each second of the segment, the pose
-        left out (:mod:`fusion.orientation.uncertainty`); None where the method has no measure of it.
+        left out (:mod:`fusion.orientation.smoothed`); None where the method has no measure of it.
     """
 
     start_us: int

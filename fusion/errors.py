@@ -2,7 +2,7 @@
 
 An error means that no number can be given; a flag (:class:`fusion.recording.QualityFlag`) means a number
 with a caveat; anything else that is raised is a bug. An error carries a fixed code and facts, never a
-sentence: the sentences live in the wording files of ``app/report/wording``.
+sentence: the sentences live in the wording files of ``app/report/words``.
 
     FusionError
       UnreadableFile

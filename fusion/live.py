@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusion.calibration import Vector
 from fusion.elevation import measure_elevation
 from fusion.orientation.arrays import check_arrays, check_direction, check_gravity
 from fusion.orientation.live import LiveVertical
+from fusion.pose.calibrate import Vector
 
 
 class LiveElevation:

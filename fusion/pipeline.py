@@ -7,13 +7,12 @@ from typing import BinaryIO, Literal
 
 from fusion.angle_files import AngleFile, calibrate_alone, lay_file
 from fusion.angle_series import read_angle_series
-from fusion.calibration import CalibratedSamples, Calibration, calibrate
-from fusion.choices import MethodName, Pose
-from fusion.diary import DiaryEntry
+from fusion.conventions import MethodName, Pose
+from fusion.diary import DiaryEntry, Placed, divide_day, list_exclusions, place_diary
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure
-from fusion.periods import Placed, divide_day, list_exclusions, place_diary
+from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
 from fusion.quality import (
     Quality,
     TimeAccount,

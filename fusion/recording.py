@@ -1,11 +1,16 @@
 """What the sensor wrote: even runs of samples, what lies between them, and the caveats of reading."""
 
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
+
+LONGEST_BRIDGE_US = 50_000
+
+MOST_TOLD = 100
 
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -135,3 +140,67 @@ class Recording:
     def rate_hz(self) -> float:
         """The rate of the longest segment."""
         return max(self.segments, key=len).rate_hz
+
+
+def find_gaps(
+    segments: Sequence[Segment], duration_us: int, excluded: Iterable[Span] = ()
+) -> tuple[Span, ...]:
+    """Time between the segments and after the last that no exclusion explains."""
+    covered = sorted(
+        [(s.start_us, s.end_us) for s in segments] + [(span.start_us, span.end_us) for span in excluded]
+    )
+    gaps: list[Span] = []
+    reached_us = 0
+    for start_us, end_us in [*covered, (duration_us, duration_us)]:
+        if start_us > reached_us:
+            gaps.append(Span(reached_us, start_us - reached_us, "gap"))
+        reached_us = max(reached_us, end_us)
+    return tuple(gaps)
+
+
+def bridged_spans(segments: Iterable[Segment]) -> list[Span]:
+    """Holes that were bridged for the filters: their time is missing too."""
+    return [
+        Span(
+            segment.start_us + round(first * MICROSECONDS / segment.rate_hz),
+            round((stop - first) * MICROSECONDS / segment.rate_hz),
+            "gap",
+        )
+        for segment in segments
+        for first, stop in segment.bridged
+    ]
+
+
+def find_missing(
+    segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
+) -> tuple[Span, ...]:
+    """All holes in order of time: between the segments, after the last, and those that were bridged.
+
+    What is excluded is not missing; of a bridged hole neither.
+    """
+    starts_us = sorted(span.start_us for span in excluded)
+    ends_us = sorted(span.end_us for span in excluded)
+    holes = list(find_gaps(segments, duration_us, excluded))
+    for hole in bridged_spans(segments):
+        middle_us = hole.start_us + hole.duration_us // 2
+        if bisect_right(starts_us, middle_us) == bisect_right(ends_us, middle_us):
+            holes.append(hole)
+    return tuple(sorted(holes, key=lambda hole: hole.start_us))
+
+
+def flag_gaps(
+    segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
+) -> tuple[QualityFlag, ...]:
+    """Say where time is missing (W-GAP)."""
+    return flag_spans("W-GAP", find_missing(segments, duration_us, excluded))
+
+
+def flag_spans(code: str, spans: Sequence[Span], **facts: str) -> tuple[QualityFlag, ...]:
+    """One flag for all spans of a kind: how many, how long together, where (the longest); none for none."""
+    if not spans:
+        return ()
+    total_s = sum(span.duration_us for span in spans) / MICROSECONDS
+    first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
+    longest = sorted(spans, key=lambda span: -span.duration_us)[:MOST_TOLD]
+    told = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
+    return (QualityFlag(code, len(spans), total_s, first_s, last_s, facts, told),)

@@ -45,13 +45,13 @@ def read_tasks(content: bytes) -> tuple[TaskWindow, ...]:
     rows.fieldnames = names
     if not set(NEEDED) <= set(names):
         raise UnusableTasks(line=1, why="task-columns")
-    tasks = tuple(_read_row(row, rows.line_num) for row in rows if any(row.values()))
+    tasks = tuple(_read_task(row, rows.line_num) for row in rows if any(row.values()))
     if not tasks or len(tasks) > MOST_TASKS:
         raise UnusableTasks(line=rows.line_num, why="task-count")
     return tasks
 
 
-def _read_row(row: Mapping[str, str | None], line: int) -> TaskWindow:
+def _read_task(row: Mapping[str, str | None], line: int) -> TaskWindow:
     name = (row["name"] or "").strip()
     if not name:
         raise UnusableTasks(line=line, why="task-name")

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.simulation.body import Body, feel
-from fusion.simulation.choreography import Choreography
-from fusion.simulation.motion import Channel, play
+from fusion.simulation.activities import Choreography
+from fusion.simulation.body import Body, Channel, feel, play
 
 START = datetime(2026, 3, 2, 7, 0, 0)  # noqa: DTZ001 - a device's own clock, which has no zone
 

@@ -9,16 +9,15 @@ from fastapi import APIRouter, FastAPI, Query, Request
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.analysis_models import view_settings
+from app.api.files import read_result
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
-from app.api.results import read_result
-from app.api.schemas import view_settings
-from app.api.services import UsedLanguage, UsedServices
-from app.errors import NotHere
+from app.errors import NotHere, list_refusals
 from app.formats import FORMATS
-from app.outcomes import list_refusals
-from app.report.dictionary import list_dictionary
-from app.report.messages import list_flag_codes
-from app.report.wording import Language
+from app.report.export.columns import list_dictionary
+from app.report.words.messages import list_flag_codes
+from app.report.words.wording import Language
+from app.services import UsedLanguage, UsedServices
 from app.version import software_revision, software_version
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["about"])

@@ -7,21 +7,19 @@ from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.parameters import AnalysisSettings
+from app.api.analyses import build_request, check_queue
+from app.api.files import read_result
 from app.api.problems import PROBLEM_RESPONSES, take_model
-from app.api.requests import build_request, check_queue
-from app.api.results import read_result
-from app.api.services import Services, UsedLanguage, UsedServices
+from app.api.wishes import AnalysisSettings
 from app.errors import NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
 from app.jobs.renewing import can_renew
-from app.report.origin import Origin, add_origin
-from app.report.problem_rows import PROBLEM_COLUMNS, tell_problem
-from app.report.summary import encode_summary, summarise_failure, summarise_results
-from app.report.tables import Row, encode_table
-from app.report.wording import Language
-from app.storage import is_result_whole
+from app.report.export.columns import encode_summary, summarise_failure, summarise_results
+from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
+from app.report.words.wording import Language
+from app.services import Services, UsedLanguage, UsedServices
+from app.storage.store import is_result_whole
 
 CANCELLED = "E-CANCELLED"
 RESULTS = "results.json"

@@ -12,16 +12,16 @@ from dataclasses import dataclass, field
 import anyio
 from sqlalchemy.exc import OperationalError
 
+from app.api.analyses import run_to_end
 from app.api.recordings import forget_samples, purge_recording
-from app.api.services import Services
 from app.api.side_files import write_side_files
-from app.api.tus_body import drop_upload
-from app.api.waiting import run_to_end
+from app.api.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload
-from app.jobs.keeper import Keeper
+from app.jobs.leader import Keeper
 from app.jobs.webhooks import Delivery
-from app.upkeep.reconcile import (
+from app.services import Services
+from app.upkeep.recover import (
     TEMPORARY_S,
     catch_up,
     check_known,

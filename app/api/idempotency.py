@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import AppError, KeyInUse, KeyReused, PurgedSince
-from app.jobs.kept_answers import GONE, AnswerStore, KeptAnswer
+from app.jobs.idempotency import GONE, AnswerStore, KeptAnswer
 
 LONGEST_KEY = 255
 PASSING = frozenset({408, 409, 423, 429})

@@ -7,25 +7,32 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
-from app.api.form_body import RecordingForm
-from app.api.paging import cut_page, read_cursor
-from app.api.periods import PeriodList, PeriodView, check_periods, read_periods, view_periods, write_periods
+from app.api.analysis_models import (
+    PeriodList,
+    PeriodView,
+    check_periods,
+    read_periods,
+    view_periods,
+    write_periods,
+)
+from app.api.intake import RecordingForm, read_digest, read_small_body, receive_recording, store_recording
 from app.api.problems import PROBLEM_RESPONSES, take_json, take_model
-from app.api.recording_views import (
+from app.api.recording_models import (
     RecordingList,
     RecordingPatch,
     RecordingQuery,
     RecordingView,
     RecordingWords,
+    cut_page,
+    read_cursor,
     view_recording,
 )
-from app.api.services import Services, UsedServices
-from app.api.tus_body import finish_upload, get_upload_row
-from app.api.upload import read_digest, read_small_body, receive_recording, store_recording
+from app.api.uploads import finish_upload, get_upload_row
 from app.errors import Crashed, NotFinished, RecordedProblem, StaleVersion, StoreDamaged
 from app.jobs.recordings import StoredRow
 from app.request import ReportRequest
-from app.storage import StoredRecording, borrow_recording, seems_whole
+from app.services import Services, UsedServices
+from app.storage.store import StoredRecording, borrow_recording, seems_whole
 from fusion.diary import DiaryEntry, read_diary
 
 router = APIRouter(prefix="/api/v1/recordings", responses=PROBLEM_RESPONSES, tags=["recordings"])

@@ -7,8 +7,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.guard import SAFE_METHODS
-from app.api.services import Services
 from app.errors import AppError
+from app.services import Services
 
 AT_ONCE = 20
 """Side files written before an answer goes out; housekeeping writes the rest of a large change."""

@@ -11,12 +11,11 @@ from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel
 from starlette.datastructures import FormData, UploadFile
 
+from app.api.files import serve_file
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
-from app.api.results import serve_file
-from app.api.services import Services, UsedLanguage, UsedServices, choose_language
 from app.errors import BadParameter, NotHere
 from app.jobs.job import Job, JobState
-from app.report.wording import Language
+from app.report.words.wording import Language
 from app.request import (
     SUBJECT_ALLOWED,
     WINDOW_ALLOWED,
@@ -27,7 +26,8 @@ from app.request import (
     clean_file_name,
     parse_window,
 )
-from app.storage import COPY_BYTES, StoredRecording, too_large
+from app.services import Services, UsedLanguage, UsedServices, choose_language
+from app.storage.store import COPY_BYTES, StoredRecording, too_large
 from fusion.errors import EmptyFile
 from fusion.task_windows import TaskWindow, read_tasks
 

@@ -7,9 +7,9 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.problems import PROBLEM_RESPONSES
-from app.api.services import UsedServices
 from app.delivery import check_address
 from app.jobs.webhooks import EVENTS, Webhook
+from app.services import UsedServices
 
 router = APIRouter(prefix="/api/v1/webhooks", responses=PROBLEM_RESPONSES, tags=["webhooks"])
 EventName = Literal["analysis.finished", "batch.finished"]

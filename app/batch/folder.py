@@ -16,10 +16,9 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from app.batch.placing import MARKER, identify_place
-from app.batch.plan import Task
+from app.batch.plan import MARKER, Task, identify_place
 from app.request import Language, Paper, ReportRequest, compare_settings
-from app.storage import hash_file
+from app.storage.store import hash_file
 from app.version import software_revision, software_version
 
 if sys.platform != "win32":
@@ -44,7 +43,7 @@ class Marker:
     papers: Mapping[Language, Paper] = field(default_factory=dict)
     """The paper of each language's PDF; A4 where nothing is said."""
     place: str = ""
-    """Where the log lay (:func:`app.batch.placing.identify_place`)."""
+    """Where the log lay (:func:`app.batch.plan.identify_place`)."""
 
     def list_digests(self) -> tuple[str, ...]:
         """Give the SHA-256 of the log and of each file joined to it."""

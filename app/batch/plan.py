@@ -1,13 +1,118 @@
 """Which recordings are to be done, and where the products of each go."""
 
+import glob
+import hashlib
+import json
 import os
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import count, takewhile
 from pathlib import Path
 
-from app.batch.placing import place_folders
-from app.report.origin import Origin
+from app.errors import UnusableList
+from app.formats import ENDINGS
+from app.report.export.csv import Origin
+from app.report.words.subject import clean_text
 from app.request import ReportRequest, clean_file_name
+from app.storage.store import hash_file
+
+# Which folder holds the results of which recording: each keeps its own from run to run.
+#
+# A folder is named after the file's stem; recordings of one stem are numbered. Which of them is whose is
+# told by the marker in the folder, not by the order in which they are found: a recording that joins the
+# study later must not take the folder of another, whose report would then stand as an earlier version of
+# its own.
+
+
+MARKER = "done.json"
+"""Written last into a recording's folder: the folder is ours, and complete."""
+
+TABLES = (
+    "summary.csv",
+    "summary_fr.csv",
+    "summary.xlsx",
+    "periods.csv",
+    "problems.csv",
+    "dictionary.csv",
+    "run.json",
+    "settings.yaml",
+    "methods.md",
+    "index.html",
+)
+"""What stands beside the recordings' folders."""
+
+_RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
+
+Known = Callable[[Path], Mapping[str, str]]
+
+
+def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
+    """Give each recording its folder: the one it was given before, or one that is nobody else's."""
+    known, digest = cache(_read_marker), cache(hash_file)
+    placed: dict[int, Path] = {}
+    taken = {name.casefold() for name in TABLES}
+    by_bytes = partial(_find_bytes, known, digest)
+    for find in (partial(_find_place, known), by_bytes, partial(_find_free, known)):
+        for k, log in enumerate(logs):
+            free = (path for path in _list_names(log, out) if path.name.casefold() not in taken)
+            folder = None if k in placed else find(log, free)
+            if folder is not None:
+                placed[k] = folder
+                taken.add(folder.name.casefold())
+    return [placed[k] for k in range(len(logs))]
+
+
+def identify_place(log: Path) -> str:
+    """Tell one place on the disk from another without saying which it is."""
+    return hashlib.sha256(os.fsencode(os.path.normpath(log.absolute()))).hexdigest()[:16]
+
+
+def name_folder(log: Path) -> str:
+    """Give the file's stem, as a name that can only be a folder directly below the results."""
+    stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
+    safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
+    return safe[:120] or "recording"
+
+
+def _list_names(log: Path, out: Path) -> Iterator[Path]:
+    stem = name_folder(log)
+    yield out / stem
+    yield from (out / f"{stem}-{number}" for number in count(2))
+
+
+def _find_place(known: Known, log: Path, folders: Iterable[Path]) -> Path | None:
+    """Find the folder that was made of a recording in this very place."""
+    place = identify_place(log)
+    return next((path for path in takewhile(Path.exists, folders) if known(path).get("place") == place), None)
+
+
+def _find_bytes(
+    known: Known, digest: Callable[[Path], str], log: Path, folders: Iterable[Path]
+) -> Path | None:
+    """Find the folder that was made of these bytes while they lay elsewhere."""
+    for path in takewhile(Path.exists, folders):
+        first = known(path).get("input", "").split()[:1]
+        with suppress(OSError):  # a log that cannot be read is told when its turn comes
+            if known(path).get("place") and first == [digest(log)]:
+                return path
+    return None
+
+
+def _find_free(known: Known, _log: Path, folders: Iterable[Path]) -> Path | None:
+    """Find a folder that does not say whose it is: there is none yet, or it is of a release that did not."""
+    return next(path for path in folders if not known(path).get("place"))
+
+
+def _read_marker(folder: Path) -> Mapping[str, str]:
+    """Read whose the folder is; nothing where it is nobody's, or of a release that did not say."""
+    try:
+        values = json.loads((folder / MARKER).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return values if isinstance(values, dict) else {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,3 +169,102 @@ def plan_joined(
     """Make one task of the files of one shift; its folder is named after the first."""
     others = tuple(str(log.resolve()) for log in logs[1:])
     return plan_tasks(logs[:1], out, replace(request, joined=others), tell_path, force=force)
+
+
+# Where the recordings of a run are named: one by one, by a folder, by a pattern, in a list.
+
+
+_UNUSUAL = frozenset("*?[")
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The recordings, each once, in a stable order, and how many other files lay in the folders named.
+
+    ``base`` is the folder that was named; of several the one that holds them all.
+    """
+
+    logs: tuple[Path, ...]
+    others: int = 0
+    base: Path = Path()
+
+    def tell_path(self, log: Path) -> str:
+        """Say where a recording lies, from the folder that was named; with no part of the way to that."""
+        way = _lay_out(log)
+        below = way.relative_to(self.base) if way.is_relative_to(self.base) else way
+        return Path(show_path(below)).as_posix()
+
+
+def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
+    """List the recordings named, and those in and below the folders named.
+
+    What lies in the folder for the results is no recording, nor are the files ``without``: diaries, lists.
+    """
+    logs: dict[Path, None] = {}
+    others = 0
+    bases: list[Path] = []
+    for path in _expand(paths):
+        bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
+        inside = _list_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
+        found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
+        logs.update(dict.fromkeys(found))
+        others += len(inside) - len(found)
+    return Found(tuple(logs), others, _find_base(bases))
+
+
+def _lay_out(path: Path) -> Path:
+    """Give the whole path without following links: a recording is where it was named."""
+    return Path(os.path.normpath(path.absolute()))
+
+
+def _find_base(folders: Sequence[Path]) -> Path:
+    """Give the folder that holds all; the root of nothing where they lie on several drives."""
+    try:
+        return Path(os.path.commonpath(folders))
+    except ValueError:
+        return Path()
+
+
+def _list_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
+    """List the files, but for results: those of this run, and of any other (it holds ``run.json``)."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    results = (out, *(path.parent for path in files if path.name in {"run.json", MARKER}))
+    return [
+        path
+        for path in files
+        if path.resolve() not in without and not any(_lies_in(path, place) for place in results)
+    ]
+
+
+def read_list(content: str, folder: Path) -> list[Path]:
+    """Read a list of paths, one a line; a relative one starts from ``folder``.
+
+    Blank lines and lines that begin with # are left out.
+
+    Raises
+    ------
+    UnusableList
+        When a line names nothing that is there.
+    """
+    paths = []
+    for number, line in enumerate(content.splitlines(), 1):
+        name = line.strip().strip('"')
+        if name and not name.startswith("#"):
+            paths.append(folder / name)
+            if not paths[-1].exists():
+                raise UnusableList(line=number, why="no such file", value=name[:200])
+    return paths
+
+
+def _expand(paths: Iterable[Path]) -> Iterator[Path]:
+    """Expand patterns ourselves where the shell did not (Windows, or within quotes)."""
+    for path in paths:
+        if _UNUSUAL & set(str(path)) and not path.exists():
+            names = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  a path may be absolute
+            yield from map(Path, names or [str(path)])
+        else:
+            yield path
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    return folder.resolve() in path.resolve().parents

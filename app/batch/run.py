@@ -1,11 +1,14 @@
 """Does the recordings of a run, each in a child process with limits; what is done is not done again."""
 
+import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+
+import psutil
 
 from app.batch.folder import (
     Marker,
@@ -23,11 +26,9 @@ from app.batch.folder import (
     use_plain_names,
     write_marker,
 )
-from app.batch.placing import MARKER
-from app.batch.plan import Task
-from app.decoded import KnownLogs
+from app.batch.plan import MARKER, Task
 from app.errors import Crashed, Interrupted
-from app.jobs.attempt import (
+from app.jobs.children.attempt import (
     Attempt,
     Finished,
     MakeReport,
@@ -40,7 +41,35 @@ from app.jobs.attempt import (
 )
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.decoded import KnownLogs
 from fusion.errors import Fact
+
+# How many recordings this machine does at once.
+
+
+NEED_BYTES = 1_200_000_000
+"""One analysis of 14.4 million samples, as measured by ``benchmarks/road.py``, with a margin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Capacity:
+    """The cores we may use and the memory that is free."""
+
+    cores: int
+    free_bytes: int
+
+
+def measure_capacity() -> Capacity:
+    """Ask the system; the cores are those this process may run on."""
+    allowed = getattr(os, "sched_getaffinity", None)
+    cores = len(allowed(0)) if allowed else os.cpu_count() or 1
+    return Capacity(cores, psutil.virtual_memory().available)
+
+
+def choose_workers(recordings: int, capacity: Capacity) -> int:
+    """Leave one core to the person at the machine and take no more than fits into memory; at least one."""
+    return max(1, min(recordings, capacity.cores - 1, capacity.free_bytes // NEED_BYTES))
+
 
 OnProgress = Callable[[Task, str | None, float], None]
 

@@ -9,26 +9,32 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from app.batch.inputs import encode_settings
 from app.batch.run import Outcome
-from app.batch.settings_file import encode_settings
-from app.report.dictionary import encode_dictionary
-from app.report.index import IndexRow, render_index
-from app.report.messages import describe_problem
-from app.report.methods_text import write_methods
-from app.report.origin import add_origin
-from app.report.problem_rows import PROBLEM_COLUMNS, tell_problem
-from app.report.summary import (
+from app.report.export.columns import (
     PERIOD_COLUMNS,
+    encode_dictionary,
     encode_summary,
     list_periods,
     summarise_failure,
     summarise_results,
 )
-from app.report.tables import FRENCH_EXCEL, Cell, Row, encode_table
-from app.report.wording import load_wording
-from app.report.workbook import encode_workbook
+from app.report.export.csv import (
+    FRENCH_EXCEL,
+    PROBLEM_COLUMNS,
+    Cell,
+    Row,
+    add_origin,
+    encode_table,
+    tell_problem,
+)
+from app.report.export.methods_text import write_methods
+from app.report.export.xlsx import encode_workbook
+from app.report.render.html import IndexRow, render_index
+from app.report.words.messages import describe_problem
+from app.report.words.wording import load_wording
 from app.request import ReportRequest
-from app.storage import write_durably
+from app.storage.store import write_durably
 from app.version import software_revision, software_version
 
 _PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")

@@ -8,13 +8,11 @@ import sys
 
 import typer
 
-from app.cli.analysing import exposure, run
+from app.cli.admin import backup, doctor, recover, restore, serve, verify, worker
+from app.cli.compare import compare, pair, validate
 from app.cli.looking import inspect, version
-from app.cli.operating import backup, doctor, recover, restore, verify
-from app.cli.pairing import compare, pair
+from app.cli.run import exposure, run
 from app.cli.samples import demo, simulate
-from app.cli.serving import serve, worker
-from app.cli.validating import validate
 
 app = typer.Typer(
     name="acromion",

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from app.cli.options import LanguageOption, ProfileOption, read_profile_file
-from app.cli.said import Exit, print_problem
+from app.cli.output import Exit, print_problem
 from app.version import software_revision, software_version
 from fusion.errors import FusionError
 
@@ -20,8 +20,8 @@ def inspect(
     lang: LanguageOption = "en",
 ) -> None:
     """Say what the file is: device, columns, units, rate, clock, gaps, warnings. Analyses nothing."""
-    from app.inspection import inspect_file  # noqa: PLC0415
-    from app.report.inspected import describe_inspection  # noqa: PLC0415
+    from app.report.inspection import describe_inspection  # noqa: PLC0415
+    from app.roads.inspect import inspect_file  # noqa: PLC0415
 
     try:
         facts = inspect_file(path, rate_hz, read_profile_file(profile, lang))

@@ -7,10 +7,9 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from app.batch.participants import Participant, read_participants
-from app.batch.settings_file import read_settings
-from app.batch.sources import read_list
-from app.cli.said import Exit, print_problem
+from app.batch.inputs import Participant, read_participants, read_settings
+from app.batch.plan import read_list
+from app.cli.output import Exit, print_problem
 from app.errors import AppError
 from app.request import (
     SUBJECT_ALLOWED,
@@ -23,7 +22,7 @@ from app.request import (
     list_window_counts,
     parse_window,
 )
-from fusion.choices import Side
+from fusion.conventions import Side
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import FusionError
 from fusion.task_windows import TaskWindow, read_tasks

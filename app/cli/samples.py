@@ -7,7 +7,7 @@ import typer
 
 from app.batch.plan import plan_tasks
 from app.cli.options import LanguageOption
-from app.cli.said import choose_exit, finish, report_progress
+from app.cli.output import choose_exit, finish, report_progress
 from app.request import ReportRequest
 
 

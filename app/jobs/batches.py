@@ -8,12 +8,11 @@ from typing import Any
 from sqlalchemy import Connection, Engine, Select, func, insert, select
 
 from app.errors import NotHere
+from app.jobs.database.tables import analyses, batch_items, batches
 from app.jobs.job import Job, JobState
-from app.jobs.moves import replace_job
-from app.jobs.queueing import enqueue_all
-from app.jobs.reading import read_job, select_items, select_jobs, tell_now
+from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
-from app.jobs.tables import analyses, batch_items, batches
+from app.jobs.rows import read_job, select_items, select_jobs, tell_now
 from app.jobs.versions import AT_ONCE, identify_work, select_same
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest

@@ -20,10 +20,10 @@ from sqlalchemy import Connection, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from app.jobs.attempt import MakeReport
-from app.jobs.database import connect, lock_tables
-from app.jobs.forking import warm_up_and_wait
-from app.jobs.pulse import Pulse
+from app.jobs.children.attempt import MakeReport
+from app.jobs.children.fork_server import warm_up_and_wait
+from app.jobs.database.connect import connect, lock_tables
+from app.jobs.lease import Pulse
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 

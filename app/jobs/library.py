@@ -10,10 +10,10 @@ from typing import Any, Literal, get_args
 
 from sqlalchemy import ColumnElement, Engine, Select, and_, case, func, or_, select
 
-from app.jobs.answers import Answer
+from app.jobs.database.tables import analyses, answers, recordings
+from app.jobs.figures import Answer
 from app.jobs.job import Job, JobState
-from app.jobs.reading import STORED, read_job, select_items, select_jobs
-from app.jobs.tables import analyses, answers, recordings
+from app.jobs.rows import STORED, read_job, select_items, select_jobs
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.jobs.pulse import SilenceCount, read_pulse
+from app.jobs.lease import SilenceCount, read_pulse
 from app.settings import Settings
 
 CHECK_S = 0.5

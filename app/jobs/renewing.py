@@ -6,10 +6,10 @@ itself is damaged this cannot help: the original has to be uploaded again, or a 
 
 from app.errors import StoreDamaged
 from app.jobs.job import Job, JobState
-from app.jobs.queueing import WayIn
+from app.jobs.queue import WayIn
 from app.jobs.store import JobStore
 from app.request import ReportRequest
-from app.storage import Storage, is_recording_whole, is_result_whole
+from app.storage.store import Storage, is_recording_whole, is_result_whole
 
 
 def is_damaged(store: JobStore, storage: Storage, job: Job) -> bool:

@@ -1,69 +1,73 @@
-"""Every row of every table as text: one JSON line each, whatever the database and its revision."""
+"""From rows to jobs."""
 
 import json
-import zipfile
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any, cast
 
-from sqlalchemy import Connection, MetaData, Table
+from sqlalchemy import Row, Select, func, select
 
-from app.jobs.tables import metadata
-from app.private import create_file, make_folder
-from app.storage import sync_file, sync_folder
+from app.jobs.database.tables import analyses, batch_items, recordings
+from app.jobs.job import Job, JobState
+from app.request import ReportRequest
+from fusion.errors import Fact
 
-ROWS_AT_ONCE = 1000
-
-
-def reflect_tables(connection: Connection) -> tuple[Table, ...]:
-    """Give our tables as they are in this database, those that others refer to first.
-
-    A database may hold tables of somebody else: they are neither read nor touched.
-    """
-    found = MetaData()
-    found.reflect(connection, only=lambda name, _: name in metadata.tables)
-    return tuple(table for table in found.sorted_tables if table.name in metadata.tables)
+STORED = "stored"
+TRASHED = "trashed"
+PURGING = "purging"
+"""Deleted for good: its files are being removed, its rows go last."""
+REFERENCE = "reference"
+"""Stored for the comparison of another recording: in no list, and gone with that recording."""
 
 
-def write_rows(connection: Connection, table: Table) -> Iterator[bytes]:
-    """Give every row of a table as a line of JSON."""
-    order = tuple(table.primary_key.columns)
-    found = connection.execution_options(yield_per=ROWS_AT_ONCE).execute(table.select().order_by(*order))
-    for row in found:
-        yield json.dumps(row._asdict(), ensure_ascii=False).encode() + b"\n"
+def select_jobs() -> Select[Any]:
+    """Select the jobs of recordings that are not in the trash."""
+    about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256)
+    joined = select(analyses, *about).join(recordings, analyses.c.recording_id == recordings.c.id)
+    # coalesce, so that no planner starts from this index: nearly every recording is stored
+    return joined.where(func.coalesce(recordings.c.state, "") == STORED)
 
 
-def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
-    """Write every table as a member of its own, ``rows/<table>.jsonl``."""
-    for table in reflect_tables(connection):
-        with archive.open(f"rows/{table.name}.jsonl", "w", force_zip64=True) as member:
-            for line in write_rows(connection, table):
-                member.write(line)
+def select_items(batch_id: str) -> Select[Any]:
+    """Select the ids of the analyses that a batch asked for."""
+    return select(batch_items.c.analysis_id).where(batch_items.c.batch_id == batch_id)
 
 
-def write_rows_file(connection: Connection, path: Path) -> None:
-    """Write all rows into a ZIP of their own, and make it durable."""
-    make_folder(path.parent)
-    with create_file(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        write_all_rows(connection, archive)
-    sync_file(path)
-    sync_folder(path.parent)
+def read_job(row: Row[Any]) -> Job:
+    """Read a row of :func:`select_jobs`."""
+    return Job(
+        id=row.id,
+        recording_id=row.recording_id,
+        file_name=row.file_name,
+        size_bytes=row.size_bytes,
+        sha256=row.sha256,
+        request=ReportRequest.from_json(row.request),
+        state=JobState(row.state),
+        stage=row.stage,
+        progress=row.progress,
+        attempts=row.attempts,
+        token=row.token,
+        created_at=datetime.fromisoformat(row.created_at),
+        started_at=_read_time(row.started_at),
+        ended_at=_read_time(row.ended_at),
+        problem_code=row.problem_code,
+        problem_facts=read_facts(row.problem_facts),
+        batch_id=row.batch_id,
+        replaced_by=row.replaced_by,
+        put_backs=row.put_backs,
+        interruptions=row.interruptions,
+    )
 
 
-def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
-    """Give the rows of a table back; none when the backup has no such table."""
-    name = f"rows/{table}.jsonl"
-    if name in archive.namelist():
-        with archive.open(name) as member:
-            for line in member:
-                yield json.loads(line)
+def read_facts(text: str | None) -> Mapping[str, Fact]:
+    """Read the facts of a refusal."""
+    return cast("dict[str, Fact]", json.loads(text or "{}"))
 
 
-def settle_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Make a row true of another place: an analysis that ran waits again; no side file is written yet."""
-    if table == "recordings" and "side_revision" in row:
-        return row | {"side_revision": 0}
-    if table == "analyses" and row["state"] == "running":
-        attempts = int(row["attempts"]) - 1
-        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0, "attempts": attempts}
-    return row
+def tell_now() -> str:
+    """Give the time as the rows hold it: it sorts as text."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def _read_time(text: str | None) -> datetime | None:
+    return datetime.fromisoformat(text) if text else None

@@ -14,10 +14,8 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, insert, select, update
 
-from app.jobs.job import TRANSITIONS, JobState
-from app.jobs.reading import PURGING
-from app.jobs.rows import settle_row
-from app.jobs.tables import (
+from app.jobs.database.dump import settle_row
+from app.jobs.database.tables import (
     REVISION,
     analyses,
     answers,
@@ -26,7 +24,9 @@ from app.jobs.tables import (
     recordings,
     result_files,
 )
-from app.storage import SIDE_SUFFIX, Storage, name_side
+from app.jobs.job import TRANSITIONS, JobState
+from app.jobs.rows import PURGING
+from app.storage.store import SIDE_SUFFIX, Storage, name_side
 
 SCHEMA = "acromion.recording/1"
 TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, batches, batch_items)

@@ -9,19 +9,17 @@ from sqlalchemy import Engine, Executable, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StoreMismatch
-from app.jobs.adopting import adopt_description
-from app.jobs.answers import Answer, insert_answer
-from app.jobs.database import READ_ONLY, lock_tables, open_database
+from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
+from app.jobs.database.tables import analyses, facts, recordings, result_files
+from app.jobs.figures import Answer, adopt_description, insert_answer
 from app.jobs.job import Claim, Claimer, Job, JobState
-from app.jobs.moves import cancel_job, is_changed, move_job, replace_job, start_job
-from app.jobs.queueing import WayIn, enqueue, find_next
-from app.jobs.reading import PURGING, TRASHED, read_job, select_items, select_jobs, tell_now
+from app.jobs.queue import WayIn, cancel_job, enqueue, find_next, is_changed, move_job, replace_job, start_job
 from app.jobs.recordings import Description, Place, insert_recording, is_after
+from app.jobs.rows import PURGING, TRASHED, read_job, select_items, select_jobs, tell_now
 from app.jobs.side_files import count_change
-from app.jobs.tables import analyses, facts, recordings, result_files
 from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
-from app.storage import ResultFile, StoredRecording
+from app.storage.store import ResultFile, StoredRecording
 from fusion.errors import Fact
 
 _BACK: Mapping[str, object] = {"token": None, "stage": None, "progress": 0.0}
@@ -199,7 +197,7 @@ class JobStore:
             return int(connection.execute(query).scalar_one())
 
     def claim(self, claimer: Claimer) -> Job | None:
-        """Take the job whose turn it is (:mod:`app.jobs.queueing`), or None when nothing waits."""
+        """Take the job whose turn it is (:mod:`app.jobs.queue`), or None when nothing waits."""
         with self._engine.begin() as connection:
             analysis_id = find_next(connection)
             if analysis_id is None:

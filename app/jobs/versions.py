@@ -12,9 +12,9 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, select, update
 
+from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import JobState
-from app.jobs.reading import select_jobs
-from app.jobs.tables import analyses, recordings
+from app.jobs.rows import select_jobs
 from app.request import ReportRequest, compare_settings
 from app.version import software_revision, software_version
 

@@ -12,9 +12,9 @@ from typing import Literal, get_args
 from sqlalchemy import Connection, Engine, delete, func, insert, select, update
 
 from app.errors import NotHere
+from app.jobs.database.tables import analyses, batch_items, batches, deliveries, webhooks
 from app.jobs.job import JobState
-from app.jobs.reading import select_items, tell_now
-from app.jobs.tables import analyses, batch_items, batches, deliveries, webhooks
+from app.jobs.rows import select_items, tell_now
 
 Event = Literal["analysis.finished", "batch.finished"]
 EVENTS: tuple[Event, ...] = get_args(Event)

@@ -15,10 +15,8 @@ from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
-from app.decoded import DecodedCache, KnownLogs
 from app.errors import AppError, Crashed, DiskFull, ResultDamaged, StoreAway, StoreDamaged
-from app.jobs.answers import Answer, read_answer
-from app.jobs.attempt import (
+from app.jobs.children.attempt import (
     Attempt,
     Died,
     Finished,
@@ -31,20 +29,20 @@ from app.jobs.attempt import (
     load_and_make_report,
     run_attempt,
 )
-from app.jobs.database import name_database_trouble, name_start_trouble
-from app.jobs.forking import warm_up_and_wait
-from app.jobs.heart import Heart
+from app.jobs.children.fork_server import warm_up_and_wait
+from app.jobs.database.connect import name_database_trouble, name_start_trouble
+from app.jobs.figures import Answer, read_answer
 from app.jobs.job import Job
-from app.jobs.lease import LeaseWatch, identify_self
-from app.jobs.pulse import Pulse
+from app.jobs.lease import Heart, LeaseWatch, Pulse, identify_self
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.logs import start_logging
-from app.report.messages import describe_problem
+from app.report.words.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage import Storage, borrow_recording, borrow_result, check_folder
-from app.stores import load_extra, open_storage
+from app.storage.decoded import DecodedCache, KnownLogs
+from app.storage.open import load_extra, open_storage
+from app.storage.store import Storage, borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0

@@ -26,14 +26,15 @@ from typing import IO, Any
 from sqlalchemy import Connection, func, insert, select, text
 
 from app.errors import BackupRefused, DatabaseTooNew, NotEmpty
-from app.jobs.database import READ_ONLY, connect, create_tables, lock_tables, read_revision
-from app.jobs.migrate import upgrade
-from app.jobs.rows import read_rows, reflect_tables, settle_row, write_all_rows
+from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
+from app.jobs.database.dump import read_rows, reflect_tables, settle_row, write_all_rows
+from app.jobs.database.migrate import upgrade
+from app.jobs.database.tables import REVISION, facts, schema_revision, uploads
 from app.jobs.store import JobStore
-from app.jobs.tables import REVISION, facts, schema_revision, uploads
-from app.private import FILE_MODE, create_file, make_folder
 from app.settings import Settings
-from app.storage import (
+from app.storage.open import open_storage
+from app.storage.private import FILE_MODE, create_file, make_folder
+from app.storage.store import (
     COPY_BYTES,
     SIDE_SUFFIX,
     FolderLock,
@@ -43,10 +44,8 @@ from app.storage import (
     sync_file,
     sync_folder,
 )
-from app.stores import open_storage
-from app.upkeep.files import Fault, KeptFile, list_files
-from app.upkeep.reconcile import catch_up, find_unknown
-from app.upkeep.verify import list_kept
+from app.upkeep.recover import catch_up, find_unknown
+from app.upkeep.verify import Fault, KeptFile, list_files, list_kept
 from app.version import software_version
 
 FORMAT = "acromion.backup/1"

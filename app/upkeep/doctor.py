@@ -14,13 +14,13 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError
-from app.jobs.database import check_whole, connect, name_start_trouble, open_database
+from app.jobs.database.connect import check_whole, connect, name_start_trouble, open_database
 from app.jobs.store import JobStore
-from app.private import make_folder
-from app.report.template_folder import find_template_folder
+from app.report.render.html import find_template_folder
 from app.settings import Settings
-from app.stores import open_storage
-from app.upkeep.reconcile import find_unknown, list_strange
+from app.storage.open import open_storage
+from app.storage.private import make_folder
+from app.upkeep.recover import find_unknown, list_strange
 from app.upkeep.verify import find_faults, list_kept, measure_kept
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)

@@ -1,26 +1,155 @@
 """Bring back from the side files the recordings that the database has lost."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from app.jobs.database import bring_up_to_date
+from app.errors import UnknownRecordings
+from app.jobs.database.connect import bring_up_to_date
 from app.jobs.job import JobState
-from app.jobs.reading import TRASHED
+from app.jobs.rows import TRASHED
 from app.jobs.side_files import (
     Rows,
     SideFile,
     SideWriter,
     add_missing_rows,
+    decode_side_file,
     outdate_side_file,
     spare_side_file,
 )
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage import SIDE_SUFFIX, FolderLock, Storage, name_recording
-from app.stores import open_storage
-from app.upkeep.reconcile import catch_up, find_unknown, finish_purges, read_side_file
+from app.storage.open import open_storage
+from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, name_recording, name_side
+
+# At a start: what lies in the store is compared with the rows, and nothing that is not known is removed.
+#
+# - A recording without a row but with a valid side file: the database is lost, older or foreign, and the
+#   start   is refused.
+# - An entry with neither goes to quarantine, and people are told.
+# - An interrupted purge goes on.
+# - Old temporary files, and attempts of known analyses that do not count, are removed.
+
+
+SPARED = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
+"""The name of a side file that was newer than its row (:func:`app.jobs.side_files.spare_side_file`)."""
+TEMPORARY_S = 6 * 3600.0
+"""A temporary file that nobody has written to for so long belongs to no upload under way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """Entries among the recordings that have no row."""
+
+    recoverable: tuple[str, ...] = ()
+    """Recordings with a valid side file."""
+    strange: tuple[str, ...] = ()
+    """Names of entries of which nothing is known."""
+    purging: tuple[SideFile, ...] = ()
+    """What is left of purges that were interrupted, and whose rows are gone or lost."""
+
+
+def find_unknown(store: JobStore, storage: Storage) -> Unknown:
+    """Compare the entries among the recordings with the rows."""
+    names = storage.list_recordings()  # first: what is stored meanwhile has its row when those are read
+    rows = store.list_recordings()
+    found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
+    if not found:
+        return Unknown()
+    suspects = sorted({name.removesuffix(SIDE_SUFFIX) for name in found if name.endswith(SIDE_SUFFIX)})
+    # a recording that was purged meanwhile had lost its side file before its row
+    sides = {one: side for one in suspects if (side := read_side_file(storage, one))}
+    kept = {name for one in sides for name in (one, f"{one}{SIDE_SUFFIX}")}
+    purging = tuple(side for side in sides.values() if side.is_purging)
+    recoverable = tuple(one for one, side in sides.items() if not side.is_purging)
+    return Unknown(recoverable, tuple(sorted(found - kept)), purging)
+
+
+def check_known(store: JobStore, storage: Storage) -> None:
+    """See that the database knows every stored recording.
+
+    Raises
+    ------
+    UnknownRecordings
+        A recording has a valid side file and no row: the database is lost, older or foreign.
+    """
+    unknown = find_unknown(store, storage)
+    if unknown.recoverable:
+        raise UnknownRecordings(number=len(unknown.recoverable), first=unknown.recoverable[0])
+
+
+def return_known(store: JobStore, storage: Storage) -> int:
+    """Move back from quarantine what has a row by now (its database was restored); gives the number."""
+    rows, present = store.list_recordings(), storage.list_recordings()
+    known = [name for name in storage.list_quarantine() if name in rows - present]
+    return sum(storage.take_back(name) for name in known)
+
+
+def set_strange_aside(store: JobStore, storage: Storage) -> int:
+    """Move what is not known into quarantine; gives the number of entries moved."""
+    return sum(storage.set_aside(name) for name in find_unknown(store, storage).strange)
+
+
+def finish_purges(store: JobStore, storage: Storage) -> int:
+    """Remove what is left of purges whose rows are gone; gives their number."""
+    left = find_unknown(store, storage).purging
+    for side in left:
+        for row in side.rows["analyses"]:
+            storage.drop_analysis(str(row["id"]))
+        storage.drop_recording(str(side.recording["id"]))
+    return len(left)
+
+
+def list_strange(storage: Storage) -> tuple[str, ...]:
+    """Name what lies in quarantine and is not known; a spared side file of our own is."""
+    return tuple(name for name in storage.list_quarantine() if not SPARED.fullmatch(name))
+
+
+def read_side_file(storage: Storage, recording_id: str) -> SideFile | None:
+    """Read the side file of a recording; None where it is absent or not valid."""
+    return decode_side_file(storage.read_small(name_side(recording_id)), recording_id)
+
+
+def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
+    """Remove the folders of attempts that do not count, of analyses that the database knows.
+
+    One that counts by the side file of its recording stays: the database is an older copy. Returns how many
+    were removed, and how many of those stay.
+    """
+    found = storage.list_attempts()  # first: an attempt that begins meanwhile has its row when those are read
+    known, counted = store.list_analyses(), store.list_attempts()
+    stale = [attempt for attempt in found if attempt[0] in known and attempt not in counted]
+    newer = 0
+    for analysis_id, token in stale:
+        if _counts_by_side_file(store, storage, analysis_id, token):
+            newer += 1
+        else:
+            storage.drop_attempt(analysis_id, token)
+    return len(stale) - newer, newer
+
+
+def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, token: str) -> bool:
+    side = read_side_file(storage, store.find_recording(analysis_id))
+    rows = side.rows["analyses"] if side else ()
+    named = ((row["id"], row["token"], row["state"]) for row in rows)
+    return (analysis_id, token, JobState.SUCCEEDED) in named
+
+
+def catch_up(store: JobStore, storage: Storage) -> int:
+    """Write every side file that is absent or behind its row; gives their number."""
+    writer = SideWriter(store.engine, store.reader, storage)
+    writer.note_absent(tuple(_list_without_side(store, storage)))
+    return writer.write_all()
+
+
+def _list_without_side(store: JobStore, storage: Storage) -> Iterator[str]:
+    names = storage.list_recordings()
+    for recording_id in sorted(store.list_with_side()):
+        if f"{recording_id}{SIDE_SUFFIX}" not in names:
+            yield recording_id
+
 
 Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]
 

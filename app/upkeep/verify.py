@@ -1,20 +1,88 @@
 """Compare every file with what its row says, and find those of which no row speaks."""
 
+import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 from sqlalchemy import Connection, Table, func, select
 
-from app.jobs.database import READ_ONLY, connect
+from app.errors import BackupRefused
+from app.jobs.database.connect import READ_ONLY, connect
+from app.jobs.database.tables import analyses, recordings, result_files
 from app.jobs.job import JobState
-from app.jobs.reading import PURGING
+from app.jobs.rows import PURGING
 from app.jobs.side_files import decode_side_file
-from app.jobs.tables import analyses, recordings, result_files
 from app.settings import Settings
-from app.storage import SIDE_SUFFIX, Storage, hash_file, name_side
-from app.stores import open_storage
-from app.upkeep.files import Fault, KeptFile, list_files
-from app.upkeep.reconcile import list_strange
+from app.storage.open import open_storage
+from app.storage.store import SIDE_SUFFIX, Storage, hash_file, name_side
+from app.upkeep.recover import list_strange
+
+# The files that the rows promise, and what each must hash to.
+
+
+_NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)
+
+Rows = Iterable[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class KeptFile:
+    """A file by its name in the store, with the SHA-256 of its row."""
+
+    name: str
+    sha256: str
+
+    def fetch(self, storage: Storage) -> Path:
+        """Give it as a file of this machine, whatever it holds: what is compared or saved is always read."""
+        return storage.fetch(self.name).path
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it.
+
+    ``known``: the backup that holds the file says so.
+    """
+
+    name: str
+    finding: Literal[
+        "missing",
+        "damaged",
+        "orphan",
+        "no_row",
+        "known_missing",
+        "known_damaged",
+        "side_missing",
+        "side_damaged",
+        "side_behind",
+        "side_ahead",
+        "quarantine",
+    ]
+
+
+def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
+    """Give every recording and every result that a row promises."""
+    kept = [row for row in recordings if row["state"] != PURGING]
+    for row in kept:
+        yield _name(f"recordings/{row['id']}", row["sha256"])
+    ids = {row["id"] for row in kept}
+    tokens = {row["id"]: row["token"] for row in analyses if row["recording_id"] in ids}
+    for row in result_files:
+        analysis_id = row["analysis_id"]
+        if analysis_id not in tokens:
+            continue
+        yield _name(f"analyses/{analysis_id}/{tokens[analysis_id]}/{row['name']}", row["sha256"])
+
+
+def _name(name: str, sha256: str) -> KeptFile:
+    """Trust no name of a backup more than its letters."""
+    if not _NAME.fullmatch(name):
+        raise BackupRefused(why=name[:80])
+    return KeptFile(name, sha256)
+
 
 LOOKS, WRITER_S = 5, 0.2
 """How often, and after what pause, a side file that differs is compared again."""

@@ -8,11 +8,11 @@ from urllib.parse import urlencode
 
 from fastapi import Request
 
-from app.api.services import Services
 from app.jobs.job import Job, JobState
 from app.jobs.library import GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order
-from app.report.numbers import format_percent
-from app.report.wording import Language, fill, load_wording
+from app.report.words.numbers import format_percent
+from app.report.words.wording import Language, fill, load_wording
+from app.services import Services
 from app.web.views import JobRow, now_utc, show_row
 
 PER_PAGE = 50

@@ -7,15 +7,14 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.datastructures import FormData
 
-from app.api.results import read_result
-from app.api.services import Services, UsedLanguage, UsedServices
+from app.api.files import read_result
 from app.api.validations import find_validation, open_form, queue_validation
-from app.errors import AppError
+from app.errors import AppError, find_outcome_of_code
 from app.jobs.job import Job, JobState
-from app.outcomes import find_outcome_of_code
-from app.report.agreement_answer import list_sentences
-from app.report.messages import describe_problem
-from app.report.wording import Language, load_wording
+from app.report.agreement.tables import list_sentences
+from app.report.words.messages import describe_problem
+from app.report.words.wording import Language, load_wording
+from app.services import Services, UsedLanguage, UsedServices
 from app.web.rendering import find_base, show_page
 from app.web.views import format_size, now_utc, show_row
 from fusion.errors import FusionError

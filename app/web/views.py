@@ -7,15 +7,15 @@ from datetime import UTC, datetime
 from typing import Any
 
 from app.jobs.job import Job, JobState
-from app.report.messages import Problem, describe_problem
-from app.report.numbers import (
+from app.report.words.messages import Problem, describe_problem
+from app.report.words.numbers import (
     format_angle,
     format_duration,
     format_number,
     format_percent,
 )
-from app.report.wording import Language, Words, fill, load_wording
-from app.web.clock_times import DayClock, place_rows
+from app.report.words.wording import Language, Words, fill, load_wording
+from app.web.day_views import DayClock, place_rows
 from fusion.errors import UnusableDiary
 
 SENTENCES = 3

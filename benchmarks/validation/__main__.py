@@ -40,7 +40,7 @@ Four warnings before the figures. The odd half of BROAD was seen while two param
 gyroscope's lag (`SmoothedParameters.gyro_lag_s`, 1 ms in the first version, none since) and the number of
 rounds in the search for its bias (`BiasSettings.rounds`, three at first, two since); these are the two that
 the project's history shows changed after both halves had been printed. What the accelerometer reads while
-the arm moves (`fusion/sensor_errors/moving_gravity.py`) has a window, a bound and a rule for what it may take
+the arm moves (`fusion/sensor/self_calibration.py`) has a window, a bound and a rule for what it may take
 off; all three were chosen with the tasks of all five people and both halves of BROAD in view (decision 9 says
 how the rule does on people and motion not seen before). The amplitudes of the simulated tasks
 were chosen after `published` had been seen beside the paper's Table 1. The simulated sensor knows no soft

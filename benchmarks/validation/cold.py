@@ -17,8 +17,8 @@ KIBIBYTES = 1024.0
 
 def measure_memory(rate_hz: float) -> float:
     from benchmarks.validation.speed import repeat_quarter  # noqa: PLC0415 (the other question must not pay)
-    from fusion.calibration import calibrate  # noqa: PLC0415
     from fusion.elevation import estimate_elevation  # noqa: PLC0415
+    from fusion.pose.calibrate import calibrate  # noqa: PLC0415
 
     warming, recording = repeat_quarter(rate_hz, 0.1), repeat_quarter(rate_hz)
     estimate_elevation(calibrate(warming, "n-pose"))

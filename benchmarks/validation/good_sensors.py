@@ -9,11 +9,11 @@ from scipy.io import loadmat
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.invariance import STANDARD_GRAVITY, Angle, fuse
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg, wear
-from fusion.calibration import CalibratedSamples, calibrate
+from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.readers import read_recording
 from fusion.recording import Recording, Segment
-from fusion.sensor_errors.accelerometer import leave_accelerometer
-from fusion.sensor_errors.gyro_scale import leave_gyro_scale
+from fusion.sensor.accelerometer import leave_accelerometer
+from fusion.sensor.gyro_scale import leave_gyro_scale
 from fusion.simulation import simulate_shift
 
 HOURS, SEEDS = 0.5, (1, 2)

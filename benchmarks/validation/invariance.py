@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, find_rmse_deg, wear
-from fusion.calibration import CalibratedSamples, calibrate
 from fusion.elevation import estimate_elevation
+from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.sensor_errors.runs import view_segment
-from fusion.sensor_errors.stillness import find_still_moments, reduce_run
+from fusion.sensor.model import view_segment
+from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
 
 HOURS, SEED = 0.5, 1

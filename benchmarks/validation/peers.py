@@ -13,8 +13,8 @@ import vqf
 
 from fusion.orientation import MethodName, estimate_vertical
 from fusion.orientation.smoothed import smooth_vertical
-from fusion.sensor_errors.gyro_bias import estimate_gyro_bias
-from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor.gyro_bias import estimate_gyro_bias
+from fusion.sensor.model import SensorRun
 from tests.validation.broad import Estimator, Table
 
 GRAVITY = 9.80665

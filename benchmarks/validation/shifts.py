@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.worn import DEVICES, NAMES, Worn, find_rmse_deg, wear
-from fusion.calibration import calibrate
 from fusion.elevation import Elevation, ElevationSegment, estimate_elevation
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import BIN_EDGES_DEG, CELLS_PER_DEG
 from fusion.pipeline import analyse
+from fusion.pose.calibrate import calibrate
 from fusion.simulation import simulate_shift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 
 COARSE_EDGES_DEG = (0, 30, 60, 90, 120, 150, 180)
 LIMITS_DEG: Mapping[Device, float] = {"gt9x": 0.40, "lsm9ds1": 0.50}
@@ -25,7 +25,7 @@ BAND = 1.96
 PROSE = """\
 A simulated day of work with the sensor on the right upper arm (`fusion/simulation`), read from memory as
 the device would have rounded and clipped it, and taken through `analyse` with no option set: the
-calibration pose is proposed by the software, errors of the sensor are as in `fusion/simulation/parts.py`.
+calibration pose is proposed by the software, errors of the sensor are as in `fusion/simulation/sensor.py`.
 Compared with the exact elevation at every row that the result calls valid; bins and entries against those
 of the exact elevation after the same metric filter. Not in it: skin and muscle, an error of the pose,
 holes. The seed decides the day, the specimen of the sensor and its noise.

@@ -18,7 +18,7 @@ from benchmarks.validation.turned_days import (
     wear_turning,
 )
 from benchmarks.validation.worn import DEVICES, NAMES
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 
 SEEDS, QUIET_SEEDS = (1, 2, 3), tuple(range(1, 11))
 ANGLES_DEG = (20.0, 30.0, 45.0, 60.0, 90.0, 180.0)

@@ -16,8 +16,8 @@ import vqf
 from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.peers import run_imufusion, run_madgwick, run_mahony, to_vqf
 from benchmarks.validation.worn import wear
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
+from fusion.pose.calibrate import calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.simulation import simulate_shift
 

@@ -9,10 +9,10 @@ from benchmarks.validation.document import Goal, Section, draw_table, judge
 from benchmarks.validation.weights import PROSE as WEIGHTS_PROSE
 from benchmarks.validation.weights import draw_sweep
 from benchmarks.validation.worn import DEVICES, NAMES, Worn, compare, find_rows, wear
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.orientation import MethodName
-from fusion.simulation.parts import Device
+from fusion.pose.calibrate import calibrate
+from fusion.simulation.sensor import Device
 from fusion.simulation.tasks import TASKS, simulate_session, simulate_task
 from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
 
@@ -25,7 +25,7 @@ Results = dict[tuple[Device, MethodName, int], TaskFigures]
 PROSE = """\
 Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth,
 sensors with offset, scale, misalignment, drift, noise, resolution and range as in
-`fusion/simulation/parts.py`. Each repetition counts from the first movement until the arm hangs again; the
+`fusion/simulation/sensor.py`. Each repetition counts from the first movement until the arm hangs again; the
 repetitions of a person are pooled, r, RMSE and mean absolute error are taken of the pool, and the table
 gives their means over people. r is not given (NA) where elevation is quasi-static, as in the paper. All
 angles rest on the N-pose held for 10 s at the start; the simulated arm then hangs plumb, so no error of the

@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.validation.worn import Worn, find_rmse_deg
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.pipeline import POSE_SIGMA_DEG
+from fusion.pose.calibrate import calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.simulation import SimulatedShift, simulate_shift
 from fusion.simulation.body import ArmState
-from fusion.simulation.parts import Device
-from fusion.simulation.sensor import sense
+from fusion.simulation.sensor import Device, sense
 
 HOURS, RATE_HZ, ABRUPT_S = 2.0, 50.0, 0.5
 BAND = 1.96

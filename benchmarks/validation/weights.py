@@ -6,11 +6,11 @@ import numpy as np
 
 from benchmarks.validation.document import draw_table
 from benchmarks.validation.worn import Worn, compare, find_rows
-from fusion.calibration import calibrate
 from fusion.elevation import measure_elevation
 from fusion.orientation.published import PublishedParameters, estimate_published
-from fusion.sensor_errors.runs import view_segment
-from fusion.simulation.parts import Device
+from fusion.pose.calibrate import calibrate
+from fusion.sensor.model import view_segment
+from fusion.simulation.sensor import Device
 from fusion.source_paper import QUASI_STATIC, TABLE_1, TITLES, TaskFigures
 
 TIME_CONSTANTS_S = (0.5, 1.0, 2.0, 5.0, 10.0)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.simulation import SimulatedShift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from fusion.simulation.tasks import LOWERING_S
 from fusion.source_paper import TaskFigures
 

@@ -1,14 +1,20 @@
 """How far two measurements of one arm agree: the source paper's validation, for everybody's own people."""
 
+from fusion.agreement.agreement_study import StudyCell, StudyEntry, summarise_study
 from fusion.agreement.alignment import ClockWishes, align
-from fusion.agreement.clocks import Alignment, WindowLag
-from fusion.agreement.comparing import Comparison, ComparisonSettings, TaskAgreement, compare_sides
-from fusion.agreement.exposure_differences import FigureDifference
-from fusion.agreement.pairing import PairedRun, Pairs
-from fusion.agreement.sides import Side, take_angle_file, take_recording
+from fusion.agreement.compare import (
+    Comparison,
+    ComparisonSettings,
+    FigureDifference,
+    Side,
+    Stratum,
+    TaskAgreement,
+    compare_sides,
+    take_angle_file,
+    take_recording,
+)
+from fusion.agreement.pairs import Alignment, PairedRun, Pairs, WindowLag
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
-from fusion.agreement.strata import Stratum
-from fusion.agreement.study import StudyCell, StudyEntry, summarise_study
 from fusion.task_windows import TaskWindow, read_tasks
 
 __all__ = [

@@ -20,9 +20,17 @@ import numpy as np
 from scipy.signal import correlate
 from scipy.stats import theilslopes
 
-from fusion.agreement.clocks import Alignment, WindowLag
-from fusion.agreement.pairing import PairedRun, pair
-from fusion.agreement.runs import Run, Runs, Vector, find_rate_hz, interpolate
+from fusion.agreement.pairs import (
+    Alignment,
+    PairedRun,
+    Run,
+    Runs,
+    Vector,
+    WindowLag,
+    find_rate_hz,
+    interpolate,
+    pair,
+)
 from fusion.agreement.statistics import find_r
 from fusion.errors import NotAligned, NothingInCommon
 

@@ -16,7 +16,7 @@ from math import nan, sqrt
 
 import numpy as np
 
-from fusion.agreement.runs import Vector
+from fusion.agreement.pairs import Vector
 
 QUASI_STATIC_DEG = 5.0
 LIMIT_SD = 1.96

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from fusion.angle_files import dot_csv, elevation_parquet, mt_manager, mvnx, named_csv
-from fusion.angle_files.laying import calibrate_alone, calibrate_file, lay_file
+from fusion.angle_files.resampling import calibrate_alone, calibrate_file, lay_file
 from fusion.angle_files.tables import find_layout
 from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.errors import EmptyFile
-from fusion.readers.contents import explain_refusal
+from fusion.readers.recognise import explain_refusal
 from fusion.readers.source import Source, open_source
 
 __all__ = [

@@ -11,9 +11,14 @@ from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
-from fusion.angle_files.counters import COUNTER_SPAN, unwrap_counter
-from fusion.angle_files.orientation_columns import find_orientation, read_up
-from fusion.angle_files.tables import Layout, find_layout
+from fusion.angle_files.tables import (
+    COUNTER_SPAN,
+    Layout,
+    find_layout,
+    find_orientation,
+    read_up,
+    unwrap_counter,
+)
 from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.errors import MissingSegment
 from fusion.readers.source import Source, hash_source

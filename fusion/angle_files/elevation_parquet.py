@@ -9,9 +9,9 @@ import pyarrow.parquet as pq
 from fusion.angle_files.named_csv import check_times, keep_angles
 from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.errors import UnknownColumns, UnreadableFile
-from fusion.readers.parquet import check_pages
 from fusion.readers.samples import check_rows
 from fusion.readers.source import Source, hash_source
+from fusion.readers.tables.parquet import check_pages
 
 COLUMNS = ("time_s", "elevation_deg")
 LEAST_ANGLE_BYTES = 1.0

@@ -8,8 +8,7 @@ from collections.abc import Container
 
 import numpy as np
 
-from fusion.angle_files.orientation_columns import find_orientation, read_up
-from fusion.angle_files.tables import Layout, find_layout, read_columns, require
+from fusion.angle_files.tables import Layout, find_layout, find_orientation, read_columns, read_up, require
 from fusion.angle_files.types import AngleFile, AngleFileOptions, Vector
 from fusion.errors import UnusableTime, WrongAngle
 from fusion.readers.source import Source, hash_source

@@ -10,7 +10,8 @@ from pyarrow import compute as pc
 from pyarrow import csv
 
 from fusion.angle_files.types import Vector
-from fusion.errors import EmptyFile, UnknownColumns, UnreadableRows
+from fusion.angle_files.vertical import Up, take_up_of_euler, take_up_of_quaternion, take_up_of_row
+from fusion.errors import EmptyFile, UnknownColumns, UnreadableRows, UnusableTime
 from fusion.readers.samples import check_rows
 from fusion.readers.source import Source
 
@@ -116,3 +117,76 @@ def require(layout: Layout | None, source: Source) -> Layout:
         lines = source.head.decode("utf-8-sig", "replace").splitlines() or [""]
         raise UnknownColumns(list=lines[0][:200], line=1)
     return layout
+
+
+# Which columns of a table hold an orientation, by the names that Xsens and others give them.
+#
+# A matrix before a quaternion before Euler angles, where an export holds several: they say the same.
+
+
+MATRIX_ROW = (("mat31", "mat32", "mat33"),)
+QUATERNIONS = (
+    ("quat_q0", "quat_q1", "quat_q2", "quat_q3"),
+    ("quat_w", "quat_x", "quat_y", "quat_z"),
+    ("quatw", "quatx", "quaty", "quatz"),
+    ("qw", "qx", "qy", "qz"),
+    ("q_w", "q_x", "q_y", "q_z"),
+    ("q0", "q1", "q2", "q3"),
+    ("q_0", "q_1", "q_2", "q_3"),
+    ("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
+    ("w", "x", "y", "z"),
+)
+EULER = (("roll", "pitch"), ("euler_x", "euler_y"))
+
+Kind = str
+FORMS: Sequence[tuple[Kind, Sequence[tuple[str, ...]]]] = (
+    ("matrix", MATRIX_ROW),
+    ("quaternion", QUATERNIONS),
+    ("euler", EULER),
+)
+
+
+def find_orientation(names: Sequence[str]) -> tuple[Kind, tuple[str, ...]] | None:
+    """Find the columns that give the vertical, and in which form."""
+    for kind, choices in FORMS:
+        for columns in choices:
+            if set(columns) <= set(names):
+                return kind, columns
+    return None
+
+
+def read_up(
+    source: Source, layout: Layout, orientation: tuple[Kind, tuple[str, ...]], others: Sequence[str]
+) -> tuple[Up, Mapping[str, Vector]]:
+    """Read the zenith in the sensor's frame (n, 3), and other columns beside it."""
+    kind, columns = orientation
+    values = read_columns(source, layout, [*columns, *others])
+    numbers = [values[name] for name in columns]
+    if kind == "euler":
+        return take_up_of_euler(numbers[0], numbers[1]), values
+    stacked = np.stack(numbers, axis=1)
+    return (take_up_of_row if kind == "matrix" else take_up_of_quaternion)(stacked), values
+
+
+# Seconds from the counters that Xsens writes.
+
+
+COUNTER_SPAN = {"packetcounter": 2.0**16, "sampletimefine": 2.0**32}
+
+
+def unwrap_counter(counter: Vector, span: float) -> Vector:
+    """Undo the wraps of a counter that starts over at ``span``; a large step back is one.
+
+    Raises
+    ------
+    UnusableTime
+        A counter that goes back without wrapping, or is missing.
+    """
+    if not np.isfinite(counter).all():
+        raise UnusableTime(why="missing")
+    steps = np.diff(counter)
+    wrapped = counter + span * np.concatenate([[0], np.cumsum(steps < -span / 2)])
+    backwards = np.flatnonzero(np.diff(wrapped) <= 0)
+    if len(backwards):
+        raise UnusableTime(why="backwards", line=int(backwards[0] + 2))
+    return np.asarray(wrapped - wrapped[0])

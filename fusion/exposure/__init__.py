@@ -27,13 +27,13 @@ from fusion.exposure.types import (
 )
 
 if TYPE_CHECKING:
-    from fusion.exposure.by_period import DayDivision as DayDivision
-    from fusion.exposure.by_period import snap_periods as snap_periods
+    from fusion.exposure.parts import DayDivision as DayDivision
+    from fusion.exposure.parts import snap_periods as snap_periods
     from fusion.exposure.summary import summarise_exposure as summarise_exposure
 
 _HOMES = {
-    "DayDivision": "fusion.exposure.by_period",
-    "snap_periods": "fusion.exposure.by_period",
+    "DayDivision": "fusion.exposure.parts",
+    "snap_periods": "fusion.exposure.parts",
     "summarise_exposure": "fusion.exposure.summary",
 }
 

@@ -1,23 +1,132 @@
-"""How far a day's figures could lie from those read off (EXPOSURE.md A12, CONTRACT.md §5 "Interval").
+"""Give every figure of the day its interval (EXPOSURE.md A12, CONTRACT.md §5 "Interval")."""
 
-200 draws, each with an error of the angle that shifts the whole histogram, and with 5-minute blocks of the
-day drawn again with replacement. The error takes evenly spaced quantiles of a normal distribution and the
-blocks a fixed seed, so that the same recording always gives the same interval.
-"""
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from fusion.conventions import CONVENTIONS
-from fusion.exposure.below import sum_below
-from fusion.exposure.bins import BIN_EDGES_DEG, PERCENTS, THRESHOLDS_DEG, find_percentile_cells, list_classes
-from fusion.exposure.resampling import Resampling, find_ranges, name_intervals, scale_interval
-from fusion.exposure.stretches import AnyArray
-from fusion.exposure.types import ElevationBin, Interval, TimeAbove, Velocity
-from fusion.exposure.velocity import CELL_DPS, COARSE_CELLS, WIDENING, SpeedTally
-from fusion.exposure.velocity import PERCENTS as SPEED_PERCENTS
+from fusion.exposure.bins import (
+    BIN_EDGES_DEG,
+    CELLS_PER_DEG,
+    PERCENTS,
+    THRESHOLDS_DEG,
+    find_percentile_cells,
+    list_classes,
+)
+from fusion.exposure.eva import draw_eva
+from fusion.exposure.parts import PART_PERCENTS, Group
+from fusion.exposure.resampling import (
+    Resampling,
+    can_draw,
+    draw_blocks,
+    find_interval,
+    find_ranges,
+    name_intervals,
+    scale_interval,
+)
+from fusion.exposure.speeds import CELL_DPS, COARSE_CELLS, WIDENING, SpeedTally
+from fusion.exposure.speeds import PERCENTS as SPEED_PERCENTS
+from fusion.exposure.stays import name_busy_intervals, name_stay_intervals
+from fusion.exposure.stretches import AnyArray, Stretches, sum_groups, sum_time
+from fusion.exposure.tally import DayTally, ErrorTally
+from fusion.exposure.types import (
+    ElevationBin,
+    Exposure,
+    HourVariation,
+    Interval,
+    PartExposure,
+    TimeAbove,
+    Velocity,
+)
+from fusion.recording import MICROSECONDS
+
+# Shares of time below an angle, and percentiles, in days drawn again: read off without adding the days up.
+#
+# The blocks' histograms are cumulated once; what lies below an angle in a draw is then a sum over blocks at
+# that angle alone. Times are whole microseconds, whose sums are exact, so the order of adding does not
+# matter.
+
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnDistribution:
+    """The time below each edge of the 0.1 deg cells in each block, shape (1801, b), and the draws."""
+
+    below: FloatArray
+    draws: Resampling
+
+    def find_shares(self, angles_deg: FloatArray) -> FloatArray:
+        """Give the share of each draw's time below angles, shape (k,), read with its error: (200, k)."""
+        cells = (angles_deg - self.draws.error_deg[:, np.newaxis]) * CELLS_PER_DEG
+        shares = np.empty(cells.shape)
+        _read_shares(self.below, self.draws.times, np.clip(cells, 0.0, len(self.below) - 1.0), shares)
+        return shares
+
+    def find_percentiles(self, percents: Sequence[int]) -> FloatArray:
+        """Give percentiles of each draw, read with its error and kept inside the scale, shape (200, p)."""
+        places = np.empty((len(self.draws.times), len(percents)))
+        _find_places(self.below, self.draws.times, np.array(percents) / 100.0, places)
+        angles_deg = places / CELLS_PER_DEG + self.draws.error_deg[:, np.newaxis]
+        return np.clip(angles_deg, 0.0, 180.0)
+
+
+def sum_below(blocks: AnyArray, draws: Resampling) -> DrawnDistribution:
+    """Cumulate the histograms of blocks, shape (b, 1800)."""
+    kept = blocks[draws.kept]
+    below = np.zeros((blocks.shape[1] + 1, len(kept)))
+    np.cumsum(kept.T, axis=0, dtype=np.float64, out=below[1:])
+    return DrawnDistribution(below, draws)
+
+
+@njit(cache=True, nogil=True)
+def _add_up(below, times):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for block in range(len(times)):
+        total += times[block] * below[block]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _read_shares(below, times, cells, shares):  # type: ignore[no-untyped-def]
+    """Read each draw's share below its places, linear within a cell."""
+    for draw in range(len(times)):
+        whole = _add_up(below[-1], times[draw])
+        for k in range(cells.shape[1]):
+            left = min(int(cells[draw, k]), len(below) - 2)
+            lower, upper = _add_up(below[left], times[draw]), _add_up(below[left + 1], times[draw])
+            shares[draw, k] = (lower + (cells[draw, k] - left) * (upper - lower)) / whole
+
+
+@njit(cache=True, nogil=True)
+def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
+    """Find by halving the cell in which each draw's time below reaches each share, linear within it."""
+    for draw in range(len(times)):
+        whole = _add_up(below[-1], times[draw])
+        for k in range(len(wanted)):
+            left, right = 0, len(below) - 1
+            lower, upper = 0.0, whole
+            while right - left > 1:
+                middle = (left + right) // 2
+                reached = _add_up(below[middle], times[draw])
+                # a trillionth of the whole keeps a sum that should be equal from being a hair too small
+                if reached >= whole * (wanted[k] - 1e-12):
+                    right, upper = middle, reached
+                else:
+                    left, lower = middle, reached
+            places[draw, k] = left + (whole * wanted[k] - lower) / (upper - lower)
+
+
+# How far a day's figures could lie from those read off (EXPOSURE.md A12, CONTRACT.md §5 "Interval").
+#
+# 200 draws, each with an error of the angle that shifts the whole histogram, and with 5-minute blocks of
+# the day drawn again with replacement. The error takes evenly spaced quantiles of a normal distribution and
+# the blocks a fixed seed, so that the same recording always gives the same interval.
+
 
 FloatMatrix = NDArray[np.float64]
 
@@ -100,3 +209,244 @@ def _find_speeds(block_s: FloatMatrix) -> FloatMatrix:
     edges_dps = np.concatenate([[0.0, 0.0], CELL_DPS * WIDENING ** np.arange(1, COARSE_CELLS)])
     places = find_percentile_cells(block_s, np.array(SPEED_PERCENTS, np.float64))
     return np.asarray(np.interp(places, np.arange(len(edges_dps)), edges_dps))
+
+
+# How the exposure varies from hour to hour (EXPOSURE.md A8).
+
+
+LEAST_ANALYSED_S = 1800.0
+
+
+def is_compared(hour: PartExposure) -> bool:
+    """Say whether half an hour or more of a clock hour was analysed."""
+    return hour.analysed_s >= LEAST_ANALYSED_S
+
+
+def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
+    """Compare the clock hours of which half an hour or more was analysed; nothing with fewer than two."""
+    kept = [hour for hour in hours if is_compared(hour)]
+    if len(kept) < 2:
+        return {}
+    return {
+        "elevation_p50_deg": _describe([hour.percentiles_deg[50] for hour in kept]),
+        "time_above_60_percent": _describe([hour.percent_above[60] for hour in kept]),
+        "entries_above_60_per_h": _describe([hour.entries_above_60_per_h or 0.0 for hour in kept]),
+    }
+
+
+def _describe(values: list[float]) -> HourVariation:
+    """Coefficient of variation with the sample's standard deviation; None about a mean of nought."""
+    coefficient, spread, last_less_first = (
+        float(figure[0]) for figure in describe_values(np.array([values]))
+    )
+    return HourVariation(
+        hours=len(values),
+        coefficient_percent=None if np.isnan(coefficient) else coefficient,
+        spread=spread,
+        last_less_first=last_less_first,
+    )
+
+
+def describe_values(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Give coefficient (percent; NaN about a mean of nought), spread, and last less first of rows, (d, h)."""
+    mean = values.mean(axis=1)
+    mean = np.where(mean > 0, mean, np.nan)
+    coefficient = 100.0 * values.std(axis=1, ddof=1) / mean
+    return coefficient, values.max(axis=1) - values.min(axis=1), values[:, -1] - values[:, 0]
+
+
+# How far the figures of a part of the day could lie from those read off: an hour, a period, a task.
+#
+# As for the day (``intervals``): 200 draws with an error of the angle, and with the part's own 5-minute
+# blocks drawn again, those at its edges as long as they are. A part of one block has the error of the angle
+# alone.
+
+
+DrawnFigures = dict[str, FloatArray]
+"""Each figure of a part in every draw, shape (200,), by its name."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartDrawer:
+    """What parts are drawn from: the cells of the stretches, shape (s, 1800), and their entries above 60 deg
+    at each error of the angle, shapes (g, s) and (g,).
+    """
+
+    stretches: Stretches
+    cell_us: NDArray[np.int32] | NDArray[np.int64]
+    entries: FloatArray
+    errors_deg: FloatArray
+    sigma_deg: float
+
+    def draw(self, chosen: NDArray[np.bool_]) -> DrawnFigures:
+        """Draw the part that the chosen stretches make up; ``chosen`` has shape (s,). Empty where the error
+        of the angle is not known and the part too short to be drawn again.
+        """
+        block_of = self.stretches.block_of[chosen]
+        blocks = sum_time(self.cell_us[chosen], block_of)
+        if not can_draw(blocks.sum(axis=1), self.sigma_deg):
+            return {}
+        draws = draw_blocks(blocks.sum(axis=1), self.sigma_deg)
+        below = sum_below(blocks, draws)
+        percentiles_deg = below.find_percentiles(PART_PERCENTS)
+        above = 100.0 * (1.0 - below.find_shares(np.array(THRESHOLDS_DEG, np.float64)))
+        return {
+            **{f"elevation_p{p}_deg": percentiles_deg[:, k] for k, p in enumerate(PART_PERCENTS)},
+            **{f"time_above_{c}_percent": above[:, k] for k, c in enumerate(THRESHOLDS_DEG)},
+            "entries_above_60_per_h": self._draw_entries(chosen, block_of, blocks, draws),
+        }
+
+    def _draw_entries(
+        self,
+        chosen: NDArray[np.bool_],
+        block_of: NDArray[np.int64],
+        blocks: NDArray[np.int64],
+        draws: Resampling,
+    ) -> FloatArray:
+        entries = sum_groups(self.entries[:, chosen].T, block_of).T
+        hours = draws.sum(blocks.sum(axis=1)) / (3600.0 * MICROSECONDS)
+        return draws.sum_with_error(entries, self.errors_deg) / hours
+
+
+def find_part_intervals(drawn: DrawnFigures) -> dict[str, Interval]:
+    """Give the interval of each figure of a part."""
+    return dict(zip(drawn, find_ranges(np.stack(list(drawn.values()), axis=1)), strict=True))
+
+
+def name_variation_intervals(
+    hours: Sequence[PartExposure],
+    drawn: Sequence[DrawnFigures],
+    figures: Mapping[str, HourVariation],
+) -> dict[str, Interval]:
+    """Give the intervals of what differs between the clock hours; ``drawn`` are the figures of each hour.
+
+    Hours drawn again differ by their sampling once more, so that the draws of a spread lie too high: they are
+    moved to lie about the figure itself, and not under nought.
+    """
+    kept = [figure for hour, figure in zip(hours, drawn, strict=True) if is_compared(hour)]
+    found: dict[str, Interval] = {}
+    for name, figure in figures.items():
+        values = np.stack([part[name] for part in kept], axis=1)
+        coefficient, spread, last_less_first = describe_values(values)
+        told = {
+            "coefficient_percent": _centre(coefficient, figure.coefficient_percent),
+            "spread": _centre(spread, figure.spread),
+            "last_less_first": find_interval(last_less_first),
+        }
+        found |= {f"by_hour_{name}_{key}": interval for key, interval in told.items() if interval}
+    return found
+
+
+def _centre(drawn: FloatArray, value: float | None) -> Interval | None:
+    if value is None:
+        return None
+    return find_interval(np.maximum(drawn - np.nanmedian(drawn) + value, 0.0))
+
+
+MAIN_THRESHOLD_DEG = 60
+
+
+def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Exposure:
+    """Add the intervals of the day and of its parts.
+
+    Where the error of the angle is not known (0) they are of the sampling of the day alone: the extremes of
+    a day, which only that error could move, have none, and nothing has one in less than half an hour. Speeds
+    have none in so short a time either way.
+    """
+    blocks = sum_time(day.by_stretch.cell_us, day.stretches.block_of)
+    block_us = blocks.sum(axis=1)
+    if not can_draw(block_us, errors.sigma_deg):
+        return exposure
+    draws = draw_blocks(block_us, errors.sigma_deg)
+    figures = draw_figures(blocks, draws)
+    eva = draw_eva(day.eva, draws)
+    named = {
+        **name_percentile_intervals(figures),
+        **_name_counts(exposure, day, errors, draws, block_us / MICROSECONDS),
+        **eva.name_summaries(),
+    }
+    told = replace(
+        exposure,
+        bins=add_bin_intervals(exposure.bins, figures),
+        time_above=add_above_intervals(exposure.time_above, figures),
+        conventions=add_class_intervals(exposure.conventions, figures),
+        eva=replace(exposure.eva, intervals=eva.find_cells()),
+        intervals=_leave_out_empty(named, errors.sigma_deg, block_us),
+    )
+    return _add_part_intervals(told, day, errors)
+
+
+def _leave_out_empty(
+    named: dict[str, Interval], sigma_deg: float, block_us: NDArray[np.int64]
+) -> dict[str, Interval]:
+    """Leave out intervals that would hold neither an error of the angle nor enough of the day."""
+    kept = named if sigma_deg > 0 else {name: i for name, i in named.items() if not is_extreme(name)}
+    if can_draw(block_us, 0.0):
+        return kept
+    return {name: interval for name, interval in kept.items() if not is_of_sampling(name)}
+
+
+def is_extreme(name: str) -> bool:
+    """Tell whether a figure is the extreme of a day, whose interval holds the error of the angle alone."""
+    return name.startswith("worst_") or "_longest_" in name
+
+
+def is_of_sampling(name: str) -> bool:
+    """Tell whether a figure knows no error of the angle: its interval holds the sampling of the day alone."""
+    return "_velocity_" in name or name.startswith("recovery_slow_")
+
+
+def _name_counts(
+    exposure: Exposure, day: DayTally, errors: ErrorTally, draws: Resampling, block_s: NDArray[np.float64]
+) -> dict[str, Interval]:
+    """Name the intervals of what is counted: stays, cycles, windows, rest, changes of direction, speeds."""
+    minutes = day.stretches.sum_minutes(day.by_stretch)
+    named = {
+        **name_stay_intervals(errors.stays, exposure.episodes, draws, block_s),
+        **name_busy_intervals(errors.stays, minutes, draws),
+        **day.cycles.name_intervals(draws, block_s),
+        **errors.seconds.name_intervals(exposure.peak_windows, draws),
+        **day.speeds.recovery.name_intervals(draws, block_s),
+    }
+    if exposure.frequency is not None:
+        named |= day.frequency.name_intervals(exposure.frequency, draws, block_s)
+    for kind, tally in day.speeds.list_kinds().items():
+        named |= name_speed_intervals(kind, exposure.velocity_dps[kind], tally, draws)
+    return named
+
+
+def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Exposure:
+    drawer = PartDrawer(
+        day.stretches,
+        day.by_stretch.cell_us,
+        errors.stays.pick(errors.stays.entries, MAIN_THRESHOLD_DEG),
+        errors.stays.errors_deg,
+        errors.sigma_deg,
+    )
+    hour_of, piece_of = day.stretches.hour_of, day.stretches.piece_of
+    by_hour = [
+        drawer.draw(hour_of == k) if hour.analysed_s else {} for k, hour in enumerate(exposure.by_hour)
+    ]
+
+    def add(parts: Sequence[PartExposure], groups: Sequence[Group]) -> tuple[PartExposure, ...]:
+        drawn = (
+            drawer.draw(np.isin(piece_of, group)) if part.analysed_s else {}
+            for part, group in zip(parts, groups, strict=True)
+        )
+        return _tell_ranges(parts, list(drawn))
+
+    varied = name_variation_intervals(exposure.by_hour, by_hour, exposure.hour_variation)
+    return replace(
+        exposure,
+        by_hour=_tell_ranges(exposure.by_hour, by_hour),
+        by_period=add(exposure.by_period, day.division.group_by_row()),
+        by_task=add(exposure.by_task, day.division.group_by_task()),
+        intervals={**exposure.intervals, **varied},
+    )
+
+
+def _tell_ranges(parts: Sequence[PartExposure], drawn: Sequence[DrawnFigures]) -> tuple[PartExposure, ...]:
+    return tuple(
+        replace(part, intervals=find_part_intervals(figures)) if figures else part
+        for part, figures in zip(parts, drawn, strict=True)
+    )

@@ -13,19 +13,17 @@ from fusion.conventions import CONVENTIONS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure.bins import divide_by_convention, find_percentiles, summarise_bins, summarise_time_above
-from fusion.exposure.by_period import DayDivision, Group, summarise_group
 from fusion.exposure.cycles import summarise_cycles
-from fusion.exposure.day_intervals import add_intervals
 from fusion.exposure.episodes import summarise_entries, summarise_episodes
 from fusion.exposure.eva import summarise_eva_matrix
+from fusion.exposure.intervals import add_intervals, describe_hours
 from fusion.exposure.metric_filter import CORNER_HZ, filter_elevation, is_filtered
-from fusion.exposure.parts import profile_minutes, summarise_parts
+from fusion.exposure.parts import DayDivision, Group, profile_minutes, summarise_group, summarise_parts
 from fusion.exposure.peaks import find_peak_windows
 from fusion.exposure.rows import IntArray, find_end_us
 from fusion.exposure.stretches import sum_time
 from fusion.exposure.tally import Count, DayTally, start_day
 from fusion.exposure.types import Exposure, PartExposure
-from fusion.exposure.variation import describe_hours
 from fusion.recording import MICROSECONDS, Recording, Segment
 
 MAIN_THRESHOLD_DEG = 60

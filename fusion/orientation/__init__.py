@@ -5,15 +5,15 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusion.choices import MethodName
+from fusion.conventions import MethodName
 from fusion.orientation.arrays import UnusableArrays, check_arrays, check_gravity
 from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
 from fusion.orientation.smoothed import smooth_nodes
-from fusion.sensor_errors.nodes import spread_rows
-from fusion.sensor_errors.runs import SensorRun
-from fusion.sensor_errors.self_calibration import calibrate_sensor
-from fusion.sensor_errors.stillness import find_quietest_rate, find_still_moments, reduce_run
+from fusion.sensor.model import SensorRun
+from fusion.sensor.nodes import spread_rows
+from fusion.sensor.self_calibration import calibrate_sensor
+from fusion.sensor.stillness import find_quietest_rate, find_still_moments, reduce_run
 
 __all__ = ["MethodName", "estimate_vertical"]
 

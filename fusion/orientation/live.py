@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fusion.numba_kernels import inner, kernel
 from fusion.orientation.arrays import check_arrays, check_rate
-from fusion.sensor_errors.rotation import RADIANS, bend, carry, turn_factors
-from fusion.sensor_errors.stillness import StillRules
+from fusion.sensor.model import RADIANS, bend, carry, turn_factors
+from fusion.sensor.stillness import StillRules
 
 # Places in the state: filter, previous rate, bias, then the still moment being gathered.
 REAL, IMAGINARY, RATE, BIAS, ACC_SUM, ACC_SQUARE, GYR_SUM, GYR_SQUARE = range(0, 24, 3)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.recording import FloatArray
-from fusion.sensor_errors.nodes import Nodes, spread_rows
+from fusion.sensor.nodes import Nodes, spread_rows
 
 ROWS_AT_ONCE = 16_384
 """So many are still near the processor when their angle is taken."""

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import FloatArray
-from fusion.sensor_errors.rotation import RADIANS, carry, turn_factors
-from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor.model import RADIANS, SensorRun, carry, turn_factors
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,38 +10,38 @@ from typing import TYPE_CHECKING
 from fusion.quality.types import Quality, TimeAccount, TimePart, Verdict
 
 if TYPE_CHECKING:
-    from fusion.quality.exclusions import find_exclusions as find_exclusions
-    from fusion.quality.exclusions import leave_out as leave_out
-    from fusion.quality.exclusions import make_disjoint as make_disjoint
-    from fusion.quality.exclusions import refuse_short as refuse_short
     from fusion.quality.nonwear import propose_nonwear as propose_nonwear
-    from fusion.quality.plausibility import flag_gyro_drift as flag_gyro_drift
-    from fusion.quality.plausibility import flag_published as flag_published
-    from fusion.quality.plausibility import flag_upside_down as flag_upside_down
-    from fusion.quality.spans import flag_spans as flag_spans
     from fusion.quality.time_account import account_time as account_time
     from fusion.quality.time_account import count_holes_us as count_holes_us
+    from fusion.quality.time_account import find_exclusions as find_exclusions
+    from fusion.quality.time_account import flag_untrusted as flag_untrusted
+    from fusion.quality.time_account import flag_untrusted_pose as flag_untrusted_pose
+    from fusion.quality.time_account import leave_out as leave_out
+    from fusion.quality.time_account import make_disjoint as make_disjoint
     from fusion.quality.time_account import name_parts as name_parts
-    from fusion.quality.untrusted import flag_untrusted as flag_untrusted
-    from fusion.quality.untrusted import flag_untrusted_pose as flag_untrusted_pose
+    from fusion.quality.time_account import refuse_short as refuse_short
     from fusion.quality.verdict import assess_quality as assess_quality
+    from fusion.quality.verdict import flag_gyro_drift as flag_gyro_drift
+    from fusion.quality.verdict import flag_published as flag_published
+    from fusion.quality.verdict import flag_upside_down as flag_upside_down
+    from fusion.recording import flag_spans as flag_spans
 
 _HOMES = {
     "account_time": "fusion.quality.time_account",
     "assess_quality": "fusion.quality.verdict",
     "count_holes_us": "fusion.quality.time_account",
-    "find_exclusions": "fusion.quality.exclusions",
-    "flag_gyro_drift": "fusion.quality.plausibility",
-    "flag_published": "fusion.quality.plausibility",
-    "flag_spans": "fusion.quality.spans",
-    "flag_untrusted": "fusion.quality.untrusted",
-    "flag_untrusted_pose": "fusion.quality.untrusted",
-    "flag_upside_down": "fusion.quality.plausibility",
-    "leave_out": "fusion.quality.exclusions",
-    "make_disjoint": "fusion.quality.exclusions",
+    "find_exclusions": "fusion.quality.time_account",
+    "flag_gyro_drift": "fusion.quality.verdict",
+    "flag_published": "fusion.quality.verdict",
+    "flag_spans": "fusion.recording",
+    "flag_untrusted": "fusion.quality.time_account",
+    "flag_untrusted_pose": "fusion.quality.time_account",
+    "flag_upside_down": "fusion.quality.verdict",
+    "leave_out": "fusion.quality.time_account",
+    "make_disjoint": "fusion.quality.time_account",
     "name_parts": "fusion.quality.time_account",
     "propose_nonwear": "fusion.quality.nonwear",
-    "refuse_short": "fusion.quality.exclusions",
+    "refuse_short": "fusion.quality.time_account",
 }
 
 __all__ = [

@@ -1,17 +1,233 @@
 """Where the recording's time went (CONTRACT.md §5 "Time")."""
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
+from fusion.checks.clipping import FLAT_ROWS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.quality.exclusions import READY_ANGLES
+from fusion.exposure.rows import IntArray, find_runs, list_touched_rows
+from fusion.pose.calibrate import Calibration
 from fusion.quality.types import TimeAccount, TimePart
-from fusion.readers.timing import find_missing
-from fusion.recording import MICROSECONDS, Recording, Span
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, find_missing, flag_spans
+
+# Where a sensor was driven to the end of its range (RELIABILITY.md 88).
+
+
+MARGIN_S = 0.1
+RANGE_SHARE = 0.999  # of the full scale: the highest count of a signed range lies just under it
+LOWEST_ACC_RANGE_G = 1.9
+LOWEST_GYR_RANGE_DPS = 240.0
+
+FloatMatrix = NDArray[np.float32]
+
+
+def find_clipped(recording: Recording) -> list[Span]:
+    """Find the stretches with a clipped sample, widened by 100 ms (in whole rows) on each side.
+
+    Where the file tells the full scale, a sample within 0.1 % of it is clipped. Where it does not, a channel
+    is taken to be clipped at its extreme of the whole recording if it rests exactly there for three rows or
+    more and no sensor has so small a range (2 g, 245 deg/s).
+    """
+    acc_limits = find_limits(
+        [segment.acc_g for segment in recording.segments], recording.acc_range_g, LOWEST_ACC_RANGE_G
+    )
+    gyr_limits = find_limits(
+        [segment.gyr_dps for segment in recording.segments], recording.gyr_range_dps, LOWEST_GYR_RANGE_DPS
+    )
+    return [
+        span for segment in recording.segments for span in _find_in_segment(segment, acc_limits, gyr_limits)
+    ]
+
+
+def find_limits(pieces: list[FloatMatrix], full_scale: float | None, least: float) -> FloatMatrix:
+    """Give the values at or past which each axis is clipped, low and high, shape (2, 3); else infinite."""
+    if full_scale is not None:
+        limit = np.float32(full_scale * RANGE_SHARE)
+        return np.array([[-limit] * 3, [limit] * 3], np.float32)
+    limits = np.array([[-np.inf] * 3, [np.inf] * 3], np.float32)
+    filled = [piece for piece in pieces if len(piece)]
+    for axis in range(3 if filled else 0):
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            extreme = max(sign * find_extreme(piece, axis, sign) for piece in filled)
+            longest = max(measure_flat(piece, axis, np.float32(sign * extreme)) for piece in filled)
+            if extreme >= least and longest >= FLAT_ROWS:
+                limits[side, axis] = sign * extreme
+    return limits
+
+
+@njit(cache=True, nogil=True)
+def find_extreme(samples, axis, sign):  # type: ignore[no-untyped-def]
+    """Give the highest value of an axis, or the lowest where ``sign`` is -1."""
+    extreme = samples[0, axis]
+    for i in range(1, len(samples)):
+        if sign * samples[i, axis] > sign * extreme:
+            extreme = samples[i, axis]
+    return extreme
+
+
+@njit(cache=True, nogil=True)
+def measure_flat(samples, axis, value):  # type: ignore[no-untyped-def]
+    """Give the longest run of rows in which an axis rests at a value."""
+    longest, run = 0, 0
+    for i in range(len(samples)):
+        run = run + 1 if samples[i, axis] == value else 0
+        longest = max(longest, run)
+    return longest
+
+
+def _find_in_segment(segment: Segment, acc_limits: FloatMatrix, gyr_limits: FloatMatrix) -> list[Span]:
+    clipped = np.zeros(len(segment), np.bool_)
+    count = mark_outside(segment.acc_g, acc_limits, clipped)
+    count += mark_outside(segment.gyr_dps, gyr_limits, clipped)
+    if count == 0:
+        return []
+    margin_rows = math.ceil(MARGIN_S * segment.rate_hz)  # whole rows, so that no part of a row is left over
+    margin = np.array([-margin_rows, margin_rows])
+    rows: IntArray = np.clip(find_runs(clipped) + margin, 0, len(segment))
+    times_us = segment.start_us + np.rint(rows * (MICROSECONDS / segment.rate_hz)).astype(np.int64)
+    return [Span(start_us, end_us - start_us, "clipped") for start_us, end_us in times_us.tolist()]
+
+
+@njit(cache=True, nogil=True)
+def mark_outside(samples, limits, marked):  # type: ignore[no-untyped-def]
+    """Mark the rows with an axis at or past a limit; return how many there are."""
+    count = 0
+    for i in range(len(samples)):
+        for axis in range(3):
+            if samples[i, axis] <= limits[0, axis] or samples[i, axis] >= limits[1, axis]:
+                marked[i] = True
+                count += 1
+                break
+    return count
+
+
+# What is left out of the analysis, and why (CONTRACT.md §5 "Time").
+
+
+SHORTEST_SEGMENT_US = MICROSECONDS
+SHORTEST_RECORDING_US = 10 * MICROSECONDS
+READY_ANGLES = "angles"
+
+
+def find_exclusions(recording: Recording) -> tuple[Span, ...]:
+    """Find what is left out: docked or asleep, segments under 1 s, clipped samples with 100 ms on each side.
+
+    The spans are disjoint, in time order and inside the recording; where reasons overlap, the first of this
+    list is given. A ready angle series has no samples, hence only what its file says.
+    """
+    if not recording.holds_samples:
+        return make_disjoint(recording.excluded, recording.duration_us)
+    short = [
+        Span(segment.start_us, segment.duration_us, "short-segment")
+        for segment in recording.segments
+        if segment.duration_us < SHORTEST_SEGMENT_US
+    ]
+    return make_disjoint([*find_clipped(recording), *short, *recording.excluded], recording.duration_us)
+
+
+def refuse_short(recording: Recording) -> None:
+    """Refuse what cannot hold the 10 s that an analysis needs, before anything is looked for in it.
+
+    Raises
+    ------
+    TooShort
+    """
+    present_us = sum(segment.duration_us for segment in recording.segments)
+    if present_us < SHORTEST_RECORDING_US and recording.device not in (READY_ANGLES, "mvn"):
+        raise TooShort(s=round(present_us / MICROSECONDS, 3))
+
+
+def make_disjoint(spans: Iterable[Span], duration_us: int) -> tuple[Span, ...]:
+    """Cut spans so that none overlap, the later in the list winning, and join equal neighbours."""
+    kept = [span for span in spans if span.start_us < duration_us and span.end_us > 0]
+    bounds = [(max(span.start_us, 0), min(span.end_us, duration_us)) for span in kept]
+    edges = np.unique(np.array(bounds, np.int64))
+    owners = np.full(max(len(edges) - 1, 0), -1)
+    for k, (start_us, end_us) in enumerate(bounds):
+        owners[np.searchsorted(edges, start_us) : np.searchsorted(edges, end_us)] = k
+    reasons = [kept[owner].reason if owner >= 0 else None for owner in owners]
+    pieces = zip(edges[:-1].tolist(), edges[1:].tolist(), reasons, strict=True)
+    return tuple(_join_equal(pieces))
+
+
+def _join_equal(pieces: Iterable[tuple[int, int, str | None]]) -> Iterable[Span]:
+    for reason, group in groupby(pieces, key=lambda piece: piece[2]):
+        run = list(group)
+        if reason is not None and run[-1][1] > run[0][0]:
+            yield Span(run[0][0], run[-1][1] - run[0][0], reason)
+
+
+def leave_out(elevation: Elevation, exclusions: tuple[Span, ...]) -> Elevation:
+    """Mark the rows that the exclusions, apart and in time order, touch as not valid; the angle is shared."""
+    if not exclusions:
+        return elevation
+    segments = tuple(_leave_out(segment, exclusions) for segment in elevation.segments)
+    return replace(elevation, segments=segments)
+
+
+def _leave_out(segment: ElevationSegment, exclusions: tuple[Span, ...]) -> ElevationSegment:
+    touched = list_touched_rows(segment, exclusions)
+    if not touched:
+        return segment
+    valid = segment.valid.copy()
+    for rows in touched:
+        valid[rows] = False
+    return replace(segment, valid=valid)
+
+
+# Where samples were recorded but the fusion did not trust their direction.
+
+
+def flag_untrusted(
+    recording: Recording, elevation: Elevation, exclusions: Sequence[Span]
+) -> tuple[QualityFlag, ...]:
+    """Flag, with their times, the stretches that count as missing though samples are there.
+
+    ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
+    part of that hole, and what is excluded is not missing. Less than a second in all is not told.
+    """
+    bridged = {segment.start_us: segment.bridged for segment in recording.segments}
+    spans: list[Span] = []
+    for segment in elevation.segments:
+        doubted = ~segment.valid
+        for first, stop in bridged.get(segment.start_us, ()):
+            doubted[first:stop] = False
+        for rows in list_touched_rows(segment, exclusions):
+            doubted[rows] = False
+        times_us = segment.start_us + np.rint(find_runs(doubted) * (MICROSECONDS / segment.rate_hz))
+        spans += [Span(int(a), int(b - a), "untrusted") for a, b in times_us]
+    if sum(span.duration_us for span in spans) < MICROSECONDS:
+        return ()
+    return flag_spans("W-UNTRUSTED", spans)
+
+
+def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
+    """W-POSE-DOUBT where half or more of a calibration window is not trusted: all angles rest on it."""
+    return tuple(
+        QualityFlag("W-POSE-DOUBT", 1, still.duration_s, still.start_s, still.start_s + still.duration_s)
+        for still in calibration.windows
+        if 2.0 * _trust(elevation, still.start_s, still.start_s + still.duration_s) <= 1.0
+    )
+
+
+def _trust(elevation: Elevation, first_s: float, end_s: float) -> float:
+    """Share of the rows between two times that are valid; 1 where there is none."""
+    valid = []
+    for segment in elevation.segments:
+        from_start = (MICROSECONDS * np.array([first_s, end_s]) - segment.start_us) / segment.period_us
+        first, stop = np.clip(np.rint(from_start), 0, len(segment)).astype(np.int64)
+        valid.append(segment.valid[first:stop])
+    rows = np.concatenate(valid)
+    return float(rows.mean()) if len(rows) else 1.0
+
 
 Account = Literal["analysed", "excluded", "missing"]
 

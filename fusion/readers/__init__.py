@@ -4,19 +4,28 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import BinaryIO
 
+from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
+from fusion.checks.physics import check_physics, refuse_impossible_rates
+from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
 from fusion.errors import EmptyFile
-from fusion.physics import check_physics, refuse_impossible_rates
-from fusion.readers import actilife_csv, cwa, gt3x, lsm9ds1_csv, lsm9ds1_raw, parquet
-from fusion.readers.contents import check_extension, explain_refusal, name_content, refuse_blank
-from fusion.readers.joining import join_recordings
-from fusion.readers.profile import ColumnProfile, parse_profile
-from fusion.readers.profile_proposal import ProfileProposal, check_profile, propose_profile
-from fusion.readers.sensor_faults import exclude_faults, refuse_dead
+from fusion.readers.archives import unpack
+from fusion.readers.cwa import read as cwa
+from fusion.readers.gt3x import read as gt3x
+from fusion.readers.recognise import check_extension, explain_refusal, name_content, refuse_blank
 from fusion.readers.source import Source, hash_source, open_source
-from fusion.readers.stuck_channels import exclude_stuck
-from fusion.readers.timing import flag_days
-from fusion.readers.unmeasured import leave_out_held, leave_out_zeros
-from fusion.readers.unpacking import unpack
+from fusion.readers.tables import actilife as actilife_csv
+from fusion.readers.tables import csv as lsm9ds1_csv
+from fusion.readers.tables import parquet
+from fusion.readers.tables import registers as lsm9ds1_raw
+from fusion.readers.tables.profile import (
+    ColumnProfile,
+    ProfileProposal,
+    check_profile,
+    parse_profile,
+    propose_profile,
+)
+from fusion.readers.timebase.clock import flag_days
+from fusion.readers.timebase.joining import join_recordings
 from fusion.recording import Recording
 
 __all__ = [

@@ -3,9 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.checks.stopped import LEAST_PART, MOST_TIMES, count_filler_runs, has_equal_sizes, mark_fillers
+from fusion.checks.unmeasured import is_too_frequent, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
-from fusion.readers.grid import open_rows
 from fusion.readers.source import Source
+from fusion.readers.timebase.grid import open_rows
+from fusion.recording import QualityFlag
 
 FIRST_CAPACITY = 65_536
 MOST_FORESEEN_BYTES = 1 << 30
@@ -138,3 +141,24 @@ class SampleColumns:
         self.acc.resize((capacity, 3), refcheck=False)
         self.gyr.resize((capacity, 3), refcheck=False)
         self.stamps.resize(capacity * self._has_stamps, refcheck=False)
+
+
+def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Take out stamped rows of zeros that stand for no time: neither a sample nor a hole.
+
+    Such are rows whose stamp is zero too (a block of a card that was never written), and all of them where
+    they stand between the samples everywhere (read before the sensor had a new one).
+    """
+    usual = measure_usual(columns.acc)
+    if not has_equal_sizes(columns.acc, LEAST_PART * usual, MOST_TIMES * usual):
+        return ()
+    runs = count_filler_runs(columns.acc, columns.gyr, usual)
+    is_blank = mark_fillers(columns.acc, columns.gyr, usual)
+    if not is_too_frequent(runs, columns.rows):
+        is_blank &= columns.stamps == 0
+        is_blank[0] &= is_blank.sum() > 1  # a clock may well begin at zero
+    dropped = int(is_blank.sum())
+    if dropped in (0, columns.rows):
+        return ()
+    columns.keep(~is_blank)
+    return (QualityFlag("W-ROWS-DROPPED", dropped),)

@@ -4,11 +4,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from fusion.simulation.imu_rows import SecondCutter, make_rows
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from fusion.simulation.shift import SimulatedShift, simulate_shift
-from fusion.simulation.write_actilife_csv import ActilifeCsvWriter
+from fusion.simulation.write_csv import ActilifeCsvWriter, Lsm9ds1CsvWriter
 from fusion.simulation.write_gt3x import Gt3xWriter
-from fusion.simulation.write_lsm9ds1_csv import Lsm9ds1CsvWriter
 from fusion.simulation.write_truth import TruthWriter
 
 

@@ -7,12 +7,12 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.simulation.activities import ACTIVITIES, HANGING
-from fusion.simulation.body import ArmState, Body, feel
-from fusion.simulation.choreography import Choreography
-from fusion.simulation.motion import Motion, play
-from fusion.simulation.parts import PARTS, Device, Part
+from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography
+from fusion.simulation.body import ArmState, Body, Motion, feel, play
 from fusion.simulation.sensor import (
+    PARTS,
+    Device,
+    Part,
     RawArray,
     Readings,
     SensorErrors,

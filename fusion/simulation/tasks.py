@@ -10,10 +10,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fusion.simulation.activities import HANGING, hold_still, rest, tremble
-from fusion.simulation.choreography import Choreography
-from fusion.simulation.motion import Channel
-from fusion.simulation.parts import Device
+from fusion.simulation.activities import HANGING, Choreography, hold_still, rest, tremble
+from fusion.simulation.body import Channel
+from fusion.simulation.sensor import Device
 from fusion.simulation.shift import PlannedActivity, SimulatedShift, wear_sensor
 
 Task = Callable[[Choreography, np.random.Generator], None]

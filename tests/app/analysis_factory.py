@@ -11,7 +11,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from app.report.content import ReportSubject, Software
+from app.report.analysis.report import ReportSubject, Software
 from app.report.findings import (
     CalibrationFacts,
     Findings,

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from app.jobs.attempt import MakeReport
+from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
 from app.jobs.store import JobStore
 from app.jobs.worker import Bench, open_bench
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage import Storage
-from app.stores import open_storage
+from app.storage.open import open_storage
+from app.storage.store import Storage
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer

@@ -2,10 +2,10 @@
 
 import re
 
-from app.report.content import Report, build_report
+from app.report.analysis.report import Report, build_report
 from app.report.findings import Findings
-from app.report.parts import Section, Table
-from app.report.wording import Language
+from app.report.model import Section, Table
+from app.report.words.wording import Language
 from fusion.exposure import Exposure
 from tests.app.analysis_factory import (
     make_analysis,

@@ -9,10 +9,10 @@ from openapi_spec_validator import validate
 from starlette.requests import Request
 
 from app.api.housekeeping import grow_older
-from app.api.services import Services, find_services
+from app.errors import list_refusals
 from app.formats import FORMATS
-from app.outcomes import list_refusals
-from app.report.messages import list_flag_codes
+from app.report.words.messages import list_flag_codes
+from app.services import Services, find_services
 from fusion.readers import READERS
 
 TUS = {"tus-resumable": "1.0.0", "upload-length": "3"}

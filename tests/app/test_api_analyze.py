@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from app.folder import FolderStorage
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.request import clean_file_name
 from app.settings import Settings
+from app.storage.folder import FolderStorage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 

@@ -4,10 +4,10 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.requests import Request
 
-from app.api.services import find_services
-from app.jobs.kept_answers import AnswerStore, KeptAnswer
+from app.jobs.idempotency import AnswerStore, KeptAnswer
 from app.jobs.store import JobStore
 from app.main import create_app
+from app.services import find_services
 from app.settings import Settings
 
 URL = "/api/v1/analyze"

@@ -11,9 +11,9 @@ from contextlib import closing
 import pytest
 import uvicorn
 
-from app.folder import FolderStorage
 from app.main import configure_server, create_app, listen
 from app.settings import Settings
+from app.storage.folder import FolderStorage
 
 PATIENCE_S = 0.4
 

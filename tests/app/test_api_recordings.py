@@ -8,13 +8,13 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import update
 
+from app.jobs.database.tables import recordings
 from app.jobs.recordings import RecordingStore
 from app.jobs.store import JobStore
-from app.jobs.tables import recordings
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
-from app.storage import Storage
+from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 

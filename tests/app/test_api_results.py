@@ -7,7 +7,7 @@ import zipfile
 import pytest
 from fastapi.testclient import TestClient
 
-from app.jobs.attempt import MakeReport
+from app.jobs.children.attempt import MakeReport
 from app.jobs.worker import run_next
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench

@@ -7,13 +7,13 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.requests import Request
 
-from app.api.services import find_services
-from app.api.tus_ends import keep_tail
+from app.api.uploads import keep_tail
 from app.errors import NotHere
-from app.incoming import Incoming
 from app.jobs.store import JobStore
 from app.main import create_app
+from app.services import find_services
 from app.settings import Settings
+from app.storage.incoming import Incoming
 from fusion.simulation import simulate_shift, write_shift
 from tests.app.test_api_uploads import TUS, URL, announce, append, files_of
 

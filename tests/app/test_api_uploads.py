@@ -9,11 +9,11 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.requests import Request
 
-from app.api.services import find_services
 from app.jobs.store import JobStore
 from app.main import create_app
+from app.services import find_services
 from app.settings import Settings
-from app.storage import Storage, borrow_recording
+from app.storage.store import Storage, borrow_recording
 
 URL = "/api/v1/uploads"
 TUS = {"tus-resumable": "1.0.0"}

@@ -10,13 +10,13 @@ from pypdf import PdfReader
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.jobs.attempt import load_and_make_report
+from app.jobs.children.attempt import load_and_make_report
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
-from app.storage import Storage
-from app.upkeep.reconcile import Unknown, find_unknown
+from app.storage.store import Storage
+from app.upkeep.recover import Unknown, find_unknown
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 

@@ -20,11 +20,11 @@ from starlette.requests import Request
 
 from app.api import housekeeping
 from app.api.housekeeping import WebhookSender
-from app.api.services import Services, find_services
 from app.delivery import Message, check_address, is_public, send_message
 from app.errors import ForeignWebhook
 from app.jobs.worker import run_next
 from app.main import create_app
+from app.services import Services, find_services
 from app.settings import Settings
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from app.report.arrow_columns import lay_flags, lay_numbers, lay_some_numbers, lay_some_texts
+from app.report.export.parquet import lay_flags, lay_numbers, lay_some_numbers, lay_some_texts
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

@@ -7,13 +7,13 @@ from datetime import timedelta
 
 import pytest
 
-from app.report.before_after import build_comparison, describe_comparison
-from app.report.beside import encode_document
+from app.report.change import build_comparison, describe_comparison
 from app.report.findings import Kept
-from app.report.html import render_html
-from app.report.parts import Report
-from app.report.pdf import render_pdf, spell_uncovered
-from app.report.wording import LANGUAGES, Language
+from app.report.model import Report
+from app.report.pairs import encode_document
+from app.report.render.html import render_html
+from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure.types import TimeAbove
 from tests.app.analysis_factory import ANALYSED_S, make_analysis, make_exposure, make_quality, make_subject
 

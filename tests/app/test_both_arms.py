@@ -12,17 +12,17 @@ import pytest
 from pypdf import PdfReader
 
 from app.errors import CannotPair
-from app.pairing import PairRequest, find_offset_s, make_pair_report, read_analysed
-from app.report.both_arms import ArmPair, build_pair, describe_pair
-from app.report.elevation_file import write_elevation
+from app.report.export.parquet import write_elevation
 from app.report.findings import Kept, encode_findings
-from app.report.html import render_html
-from app.report.parts import Report
-from app.report.pdf import render_pdf, spell_uncovered
-from app.report.wording import LANGUAGES, Language
+from app.report.model import Report
+from app.report.pair import ArmPair, build_pair, describe_pair
+from app.report.render.html import render_html
+from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.words.wording import LANGUAGES, Language
+from app.roads.pair import PairRequest, find_offset_s, make_pair_report, read_analysed
+from fusion.arms import ArmShare, PairedArms, TrunkRelative
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import Interval
-from fusion.paired import ArmShare, PairedArms, TrunkRelative
 from fusion.recording import Span
 from tests.app.analysis_factory import START, make_analysis, make_subject
 

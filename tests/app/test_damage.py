@@ -15,16 +15,16 @@ from fastapi import Request
 from fastapi.testclient import TestClient
 from starlette.types import Message
 
-from app.api.results import serve_file
-from app.api.services import Services
+from app.api.files import serve_file
 from app.errors import NotHere, ResultDamaged, StoreDamaged
-from app.folder import FolderStorage
-from app.jobs.attempt import MakeReport
+from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
+from app.services import Services
 from app.settings import Settings
-from app.storage import (
+from app.storage.folder import FolderStorage
+from app.storage.store import (
     VERDICT_TERM_S,
     ResultFile,
     Storage,
@@ -457,7 +457,7 @@ def test_a_damaged_report_of_two_is_made_again(
     client: TestClient, settings: Settings, finish: Finish,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    monkeypatch.setattr("app.web.beside.load_and_set_beside", stand_ins.set_beside)
+    monkeypatch.setattr("app.web.pairs.load_and_set_beside", stand_ins.set_beside)
     one, other = (finish(stand_ins.write_findings, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"
@@ -536,7 +536,7 @@ def rot(folder: FolderStorage) -> None:
 
 def test_a_verdict_spares_another_reading(folder: FolderStorage, monkeypatch: pytest.MonkeyPatch) -> None:
     read(folder)
-    monkeypatch.setattr("app.storage.hash_file", lambda _: pytest.fail("read again"))
+    monkeypatch.setattr("app.storage.store.hash_file", lambda _: pytest.fail("read again"))
 
     assert read(folder) == b"whole"
 
@@ -611,7 +611,7 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
 
 
 def test_too_many_verdicts_forget_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.storage.MOST_VERDICTS", 2)
+    monkeypatch.setattr("app.storage.store.MOST_VERDICTS", 2)
     verdicts = Verdicts()
 
     for name in ("a", "b", "c"):
@@ -639,7 +639,7 @@ def test_only_the_store_itself_and_its_upkeep_fetch_without_comparing() -> None:
         path.relative_to(app).as_posix() for path in app.rglob("*.py") if ".fetch(" in path.read_text("utf-8")
     }
 
-    assert callers <= {"storage.py", "upkeep/files.py", "upkeep/backup.py", "upkeep/verify.py"}
+    assert callers <= {"storage/store.py", "upkeep/backup.py", "upkeep/verify.py"}
 
 
 @pytest.mark.parametrize("name", ["results.json", "report.html", "report.pdf", "answer.txt", "bundle.zip"])

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.decoded import DecodedCache, KnownLogs, name_entry
 from app.request import ReportRequest
-from app.workflow import make_report
+from app.roads.analyse import make_report
+from app.storage.decoded import DecodedCache, KnownLogs, name_entry
 from fusion.recording import QualityFlag, Recording, Span
 from fusion.simulation import write_recordings
 from tests.factories import hold

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from app.report.elevation_file import write_elevation
+from app.report.export.parquet import write_elevation
 from fusion.elevation import Elevation, ElevationSegment
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.report.export.results import build_results
 from app.report.findings import take_findings
-from app.report.results import build_results
 from fusion.diary import DiaryEntry
 from fusion.pipeline import AnalysisSettings, analyse
 from fusion.recording import Recording, Segment

@@ -12,18 +12,16 @@ import openpyxl
 import pyarrow.parquet as pq
 import pytest
 
-from app.decoded import KnownLogs
-from app.report.brief import tell_in_brief
-from app.report.bundle import pack_files
-from app.report.content import build_report
-from app.report.dictionary import encode_dictionary, list_paths, name_unit
-from app.report.exports import export_results
-from app.report.redcap import DICTIONARY_COLUMNS
-from app.report.results import encode_results
-from app.report.summary import COLUMNS, PERIOD_COLUMNS
-from app.report.wording import LANGUAGES, Language, load_wording
+from app.report.analysis.report import build_report
+from app.report.export.all import DICTIONARY_COLUMNS, export_results
+from app.report.export.columns import COLUMNS, PERIOD_COLUMNS, encode_dictionary, list_paths, name_unit
+from app.report.export.naming import pack_files
+from app.report.export.results import encode_results
+from app.report.render.write import tell_in_brief
+from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.request import ReportRequest
-from app.workflow import make_report
+from app.roads.analyse import make_report
+from app.storage.decoded import KnownLogs
 from fusion.diary import DiaryEntry
 from tests.app.analysis_factory import make_analysis, make_quality, make_subject
 

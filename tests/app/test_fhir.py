@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from fhir.resources.R4B.bundle import Bundle
 
-from app.report.fhir import encode_fhir
-from app.report.results import encode_results
+from app.report.export.fhir import encode_fhir
+from app.report.export.results import encode_results
 from fusion.exposure import Interval
 from tests.app.analysis_factory import START, make_analysis, make_exposure, make_subject
 

@@ -9,11 +9,11 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
-from app.report.content import build_report
+from app.report.analysis.report import build_report
+from app.report.export.results import encode_results
 from app.report.findings import Findings, SettingsFacts, decode_findings, encode_findings
-from app.report.results import encode_results
-from app.report.wording import LANGUAGES, Language
-from app.report.writing import FINDINGS, RESULTS, rewrite_reports
+from app.report.render.write import FINDINGS, RESULTS, rewrite_reports
+from app.report.words.wording import LANGUAGES, Language
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry
 from fusion.recording import QualityFlag

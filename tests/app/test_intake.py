@@ -11,7 +11,7 @@ from app import intake
 from app.intake import FolderWatch, Intake
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.storage import Storage
+from app.storage.store import Storage
 
 
 @pytest.fixture

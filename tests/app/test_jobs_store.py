@@ -10,11 +10,11 @@ from sqlalchemy import create_engine, delete, text
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import NotHere, StoreMismatch
+from app.jobs.database.tables import recordings
 from app.jobs.job import TRANSITIONS, Claimer, Job, JobState
 from app.jobs.store import JobStore
-from app.jobs.tables import recordings
 from app.settings import Settings
-from app.storage import ResultFile
+from app.storage.store import ResultFile
 from tests.app.conftest import AddJob
 
 pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)

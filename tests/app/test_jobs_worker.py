@@ -13,15 +13,17 @@ from typing import cast
 
 import pytest
 
-from app.jobs import attempt, forking, worker
-from app.jobs.attempt import NICENESS, choose_limits
-from app.jobs.forking import NotStarted, end_fork_server, warm_up_and_wait
+from app.jobs import worker
+from app.jobs.children import attempt
+from app.jobs.children import fork_server as forking
+from app.jobs.children.attempt import NICENESS, choose_limits
+from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.job import Claimer, JobState
 from app.jobs.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.jobs.worker import reclaim_abandoned, run_next
 from app.settings import Settings
-from app.storage import Storage
+from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 

@@ -8,9 +8,9 @@ import pytest
 from sqlalchemy import Engine, text
 from sqlalchemy.exc import OperationalError
 
-from app.api.waiting import run_to_end
-from app.jobs.database import open_database
-from app.jobs.keeper import Keeper
+from app.api.analyses import run_to_end
+from app.jobs.database.connect import open_database
+from app.jobs.leader import Keeper
 
 on_postgresql = pytest.mark.parametrize("database", ["postgresql"], indirect=True)
 

@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 import pytest
 from fastapi.testclient import TestClient
 
-from app.jobs.answers import Answer
 from app.jobs.batches import BatchStore
+from app.jobs.figures import Answer
 from app.jobs.job import Claimer, Job
 from app.jobs.library import Library, LibraryFilter
 from app.jobs.recordings import RecordingStore
@@ -14,7 +14,7 @@ from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage import ResultFile
+from app.storage.store import ResultFile
 from tests.app.conftest import AddJob
 
 ME = Claimer("here", 1, "")

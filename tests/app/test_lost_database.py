@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.errors import UnknownRecordings
-from app.jobs.database import connect
+from app.jobs.database.connect import connect
 from app.jobs.side_files import decode_side_file
 from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.settings import Settings
-from app.storage import Storage, name_side
-from app.upkeep.reconcile import read_side_file
+from app.storage.store import Storage, name_side
+from app.upkeep.recover import read_side_file
 from tests.app import stand_ins
 from tests.app.conftest import on_both_set_ups
 

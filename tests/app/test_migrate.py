@@ -13,10 +13,10 @@ from sqlalchemy import Engine, inspect, text
 
 from app.errors import DatabaseTooNew, DatabaseTooOld
 from app.jobs.batches import BatchStore
-from app.jobs.database import connect, open_database, read_revision
-from app.jobs.migrate import configure, migrate, upgrade
+from app.jobs.database.connect import connect, open_database, read_revision
+from app.jobs.database.migrate import configure, migrate, upgrade
+from app.jobs.database.tables import REVISION, metadata
 from app.jobs.store import JobStore
-from app.jobs.tables import REVISION, metadata
 from app.request import ReportRequest
 
 pytestmark = pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from app.report.naming import Origin, name_file, name_report
+from app.report.export.naming import Origin, name_file, name_report
 
 
 def results_of(subject: str = "S012", start: str | None = "2026-03-03T07:58:12-05:00") -> dict[str, Any]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.participants import assign_participants, read_participants
+from app.batch.inputs import assign_participants, read_participants
 from app.batch.plan import Task
 from app.errors import UnusableParticipants
 from app.request import ReportRequest

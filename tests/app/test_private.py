@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from app.folder import FolderStorage
-from app.jobs.database import connect, open_database
-from app.jobs.migrate import migrate, upgrade
+from app.jobs.database.connect import connect, open_database
+from app.jobs.database.migrate import migrate, upgrade
 from app.jobs.store import JobStore
-from app.private import close_to_others, make_folder
 from app.settings import Settings
+from app.storage.folder import FolderStorage
+from app.storage.private import close_to_others, make_folder
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from app.jobs.pulse import START_TIMES, SilenceCount, read_pulse
+from app.jobs.lease import START_TIMES, SilenceCount, read_pulse
 
 
 def hear(count: SilenceCount, beats: str) -> list[bool]:

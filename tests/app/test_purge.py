@@ -12,14 +12,14 @@ from sqlalchemy import select
 from starlette.requests import Request
 
 from app.api.housekeeping import grow_older
-from app.api.services import Services, find_services
-from app.decoded import DecodedCache, name_entry
+from app.jobs.database.tables import metadata
 from app.jobs.store import JobStore
-from app.jobs.tables import metadata
 from app.jobs.webhooks import EVENTS, WebhookStore
 from app.jobs.worker import run_next
+from app.services import Services, find_services
 from app.settings import Settings
-from app.storage import Storage
+from app.storage.decoded import DecodedCache, name_entry
+from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, on_both_set_ups
 from tests.factories import hold

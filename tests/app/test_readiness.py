@@ -14,11 +14,11 @@ from typing import Any, cast
 import pytest
 from fastapi.testclient import TestClient
 
-from app.api.readiness import Readiness
 from app.errors import StoreAway
 from app.main import create_app
+from app.services import Readiness
 from app.settings import Settings
-from app.storage import Storage
+from app.storage.store import Storage
 from tests.app.conftest import on_both_set_ups
 from tests.postgres import PostgresServer
 

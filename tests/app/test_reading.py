@@ -6,27 +6,27 @@ from pathlib import Path
 
 import pytest
 
-from app.decoded import NOTHING_KNOWN, KnownLogs
-from app.reading import Logs, read_ahead
 from app.request import ReportRequest
-from app.workflow import ignore_stage, make_report
+from app.roads.analyse import ignore_stage, make_report
+from app.roads.reading import Logs, read_ahead
+from app.storage.decoded import NOTHING_KNOWN, KnownLogs
 from fusion.readers import holds_device_format
 from fusion.simulation import write_recordings
 
 AHEAD = """
 import sys
 from pathlib import Path
-from app.decoded import NOTHING_KNOWN
-from app.reading import read_ahead
+from app.storage.decoded import NOTHING_KNOWN
+from app.roads.reading import read_ahead
 from app.request import ReportRequest
 log, stages = Path(sys.argv[1]), []
 known = read_ahead(log, ReportRequest(log.name), NOTHING_KNOWN, lambda stage, _: stages.append(stage))
-print(known.recording is not None, "app.workflow" in sys.modules, stages)
+print(known.recording is not None, "app.roads.analyse" in sys.modules, stages)
 """
 TWO_FORKS = """
 import os, sys
-import app.jobs.preloaded_reading
-heavy = ("app.workflow", "app.inspection", "typst")
+import app.jobs.children.preloaded_reading
+heavy = ("app.roads.analyse", "app.roads.inspect", "typst")
 for _ in range(2):
     if not (child := os.fork()):
         os._exit(0)

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from app.report.content import Report, build_report
-from app.report.wording import LANGUAGES, Language
+from app.report.analysis.report import Report, build_report
+from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure import Entries, Episodes, Interval, PeakWindow, Velocity
 from fusion.quality import Quality, TimeAccount
 from fusion.recording import QualityFlag

@@ -9,12 +9,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.clock import Clock
-from app.report.day import Day, draw_up_day, merge_spans
-from app.report.figures import Slice, draw_bar
-from app.report.svg import RAMP, number
-from app.report.timeline import DayLabels, draw_day
-from app.report.wording import load_wording
+from app.report.analysis.day import Day, draw_up_day, merge_spans
+from app.report.charts.bars import Slice, draw_bar
+from app.report.charts.day import DayLabels, draw_day
+from app.report.charts.svg import RAMP, number
+from app.report.words.numbers import Clock
+from app.report.words.wording import load_wording
 from fusion.recording import Span
 from tests.app.analysis_factory import START, make_analysis
 

@@ -12,17 +12,17 @@ import openpyxl
 import pytest
 from pypdf import PdfReader
 
-from app.report.brief import tell_in_brief
-from app.report.content import Report, build_report
+from app.report.analysis.report import Report, build_report
+from app.report.export.all import encode_redcap_import
+from app.report.export.columns import encode_summary, summarise_results
+from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL
+from app.report.export.results import build_results
+from app.report.export.xlsx import encode_workbook
 from app.report.findings import Findings
-from app.report.html import render_html
-from app.report.pdf import render_pdf, spell_uncovered
-from app.report.redcap import encode_redcap_import
-from app.report.results import build_results
-from app.report.summary import encode_summary, summarise_results
-from app.report.tables import FRENCH_EXCEL, INTERNATIONAL
-from app.report.wording import Language
-from app.report.workbook import encode_workbook
+from app.report.render.html import render_html
+from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.render.write import tell_in_brief
+from app.report.words.wording import Language
 from fusion.exposure import PartExposure
 from fusion.quality import Quality
 from fusion.recording import QualityFlag, Span

@@ -8,9 +8,9 @@ from html.parser import HTMLParser
 
 import pytest
 
-from app.report.content import build_report
-from app.report.html import content_security_policy, render_html
-from app.report.wording import LANGUAGES, Language
+from app.report.analysis.report import build_report
+from app.report.render.html import content_security_policy, render_html
+from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure import PartExposure
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
 from tests.app.payloads import PAYLOADS

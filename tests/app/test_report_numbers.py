@@ -5,8 +5,8 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from app.report.clock import Clock
-from app.report.numbers import (
+from app.report.words.numbers import (
+    Clock,
     format_angle,
     format_clock,
     format_date,

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from pypdf import PdfReader
 
-from app.report.content import build_report
-from app.report.pdf import render_pdf, spell_uncovered
-from app.report.results import encode_results
-from app.report.wording import LANGUAGES, Language
+from app.report.analysis.report import build_report
+from app.report.export.results import encode_results
+from app.report.render.pdf import render_pdf, spell_uncovered
+from app.report.words.wording import LANGUAGES, Language
 from app.request import Paper
 from fusion.exposure import PeakWindow
 from fusion.quality import Quality

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.report.wording import LANGUAGES, Language
+from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure import Interval, PartExposure
 from tests.app.analysis_factory import (
     make_exposure,

@@ -6,7 +6,7 @@ from app.jobs.job import Claimer, Job
 from app.jobs.store import JobStore
 from app.jobs.versions import identify_work
 from app.request import ReportRequest
-from app.storage import ResultFile
+from app.storage.store import ResultFile
 from tests.app.conftest import AddJob
 
 ME = Claimer("here", 1, "")

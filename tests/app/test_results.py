@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.report.export.results import build_results, encode_results, identify_report
 from app.report.findings import SettingsFacts
-from app.report.results import build_results, encode_results, identify_report
 from fusion.exposure import Interval, PeakWindow
 from fusion.quality import Quality
 from fusion.recording import QualityFlag

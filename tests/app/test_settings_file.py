@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.batch.settings_file import apply_settings, encode_settings, read_settings
+from app.batch.inputs import apply_settings, encode_settings, read_settings
 from app.errors import UnusableSettings
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from app.batch.capacity import NEED_BYTES, Capacity, choose_workers
-from app.batch.sources import find_recordings, read_list
+from app.batch.plan import find_recordings, read_list
+from app.batch.run import NEED_BYTES, Capacity, choose_workers
 from app.errors import UnusableList
 
 

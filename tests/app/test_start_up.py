@@ -16,7 +16,7 @@ def test_taking_requests_loads_no_compiler(module: str) -> None:
     assert loaded.stdout.strip() == ""
 
 
-@pytest.mark.parametrize("module", ["app.report.writing", "app.report.both_arms", "app.report.before_after"])
+@pytest.mark.parametrize("module", ["app.report.render.write", "app.report.pair", "app.report.change"])
 def test_writing_a_report_loads_no_compiler(module: str) -> None:
     heavy = {"numba", "scipy", "pandas", "pyarrow"}
     program = f"import sys, {module}; print(*sorted({heavy} & set(sys.modules)))"
@@ -28,7 +28,7 @@ def test_writing_a_report_loads_no_compiler(module: str) -> None:
 
 def test_the_road_leaves_out_packages_that_take_long_to_load() -> None:
     heavy = {"pandas", "scipy.signal", "scipy.ndimage", "scipy.stats", "scipy.sparse"}
-    program = f"import sys, app.workflow; print(*sorted({heavy} & set(sys.modules)))"
+    program = f"import sys, app.roads.analyse; print(*sorted({heavy} & set(sys.modules)))"
 
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
 
@@ -37,7 +37,7 @@ def test_the_road_leaves_out_packages_that_take_long_to_load() -> None:
 
 def test_writing_the_tables_does_not_load_pandas() -> None:
     program = (
-        "import sys, numpy; from app.report.arrow_columns import *; from app.report.exports import *;"
+        "import sys, numpy; from app.report.export.parquet import *; from app.report.export.all import *;"
         "encode_parquet([]); lay_numbers(numpy.zeros(1)); lay_flags(numpy.ones(1, bool));"
         "print('pandas' in sys.modules)"
     )

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from app.errors import DiskFull, FileTooLarge, FolderTaken
-from app.folder import FolderStorage, FolderUpload
-from app.storage import FolderLock, seal_folder
+from app.storage.folder import FolderStorage, FolderUpload
+from app.storage.store import FolderLock, seal_folder
 
 
 def list_files(storage: FolderStorage) -> list[Path]:

@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 from app.errors import DiskFull, FileTooLarge, StoreAway
-from app.storage import Storage
+from app.storage.store import Storage
 from tests.swift import SwiftServer
 
 pytestmark = pytest.mark.parametrize("objects", ["folder", "s3"], indirect=True)

@@ -11,10 +11,10 @@ from playwright.sync_api import Browser
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.report.html import render_html
-from app.report.study_content import StudyFacts, build_study
-from app.report.subject import Software
-from app.study import find_study_files
+from app.report.agreement.study_report import StudyFacts, build_study
+from app.report.render.html import render_html
+from app.report.words.subject import Software
+from app.roads.agreement_study import find_study_files
 from fusion.agreement import StudyEntry, measure_agreement, summarise_study
 from fusion.errors import UnusableStudy
 from fusion.source_paper import TITLES

@@ -7,9 +7,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.origin import Origin
-from app.report.summary import COLUMNS, encode_summary, summarise_failure
-from app.report.tables import FRENCH_EXCEL, encode_table
+from app.report.export.columns import COLUMNS, encode_summary, summarise_failure
+from app.report.export.csv import FRENCH_EXCEL, Origin, encode_table
 
 FAILED = Origin("left.gt3x", "S012", "left", "p1/left.gt3x", "left")
 NAMES = [column.name for column in COLUMNS]

@@ -15,20 +15,19 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.folder import FolderStorage
-from app.jobs.database import connect
+from app.jobs.database.connect import connect
+from app.jobs.database.tables import REVISION
 from app.jobs.job import Job, JobState
 from app.jobs.lease import identify_self
-from app.jobs.recordings import Description, RecordingStore
+from app.jobs.recordings import Description, RecordingStore, UploadStore
 from app.jobs.store import JobStore
-from app.jobs.tables import REVISION
-from app.jobs.uploads import UploadStore
 from app.jobs.webhooks import EVENTS, WebhookStore
 from app.jobs.worker import run_next
-from app.report.wording import load_wording
+from app.report.words.wording import load_wording
 from app.settings import Settings
-from app.storage import Fetched, FolderLock, Storage
-from app.upkeep.reconcile import catch_up
+from app.storage.folder import FolderStorage
+from app.storage.store import Fetched, FolderLock, Storage
+from app.upkeep.recover import catch_up
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
 from tests.postgres import PostgresServer

@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from app.agreement_workflow import make_validation
 from app.cli import app
-from app.report.agreement_answer import tell_drift
-from app.report.wording import LANGUAGES, load_wording
+from app.report.agreement.tables import tell_drift
+from app.report.words.wording import LANGUAGES, load_wording
 from app.request import Reference, ReportRequest
-from fusion.simulation.write_mvnx import write_mvnx
+from app.roads.validate import make_validation
+from fusion.simulation.write_truth import write_mvnx
 from fusion.task_windows import TaskWindow
 from tests.app.test_wording import walk_texts
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-import app.report.wording
+import app.report.words.wording
 import app.web
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.report.wording import load_wording
+from app.report.words.wording import load_wording
 from app.web.views import format_size
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
@@ -224,7 +224,7 @@ def test_every_word_of_the_page_is_used() -> None:
     folder = Path(app.web.__path__[0])
     sources = [*folder.glob("*.py"), *(folder.parents[1] / "templates" / "web").glob("*.html")]
     code = "".join(path.read_text() for path in sources)
-    wording = Path(app.report.wording.__file__).parent / "wording" / "page.en.toml"
+    wording = Path(app.report.words.wording.__file__).parent / "page.en.toml"
     built = (
         "state",
         "stage",

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import app.errors
-from app.report.messages import describe_flag, describe_problem
-from app.report.wording import LANGUAGES, Language, fill, load_wording, set_spaces
+from app.report.words.messages import describe_flag, describe_problem
+from app.report.words.wording import LANGUAGES, Language, fill, load_wording, set_spaces
 from fusion.errors import FusionError
 from fusion.recording import QualityFlag
 
@@ -231,7 +231,7 @@ def test_french_punctuation_has_narrow_spaces() -> None:
 
 
 def test_the_words_of_the_page_come_from_their_own_file() -> None:
-    folder = ROOT / "app" / "report" / "wording"
+    folder = ROOT / "app" / "report" / "words"
     if not (folder / "page.en.toml").exists():
         pytest.skip("the page has no words yet")
 

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.main import create_app
-from app.report.messages import describe_problem
-from app.report.wording import LANGUAGES, Language
+from app.report.words.messages import describe_problem
+from app.report.words.wording import LANGUAGES, Language
 from app.settings import Settings
 from fusion.errors import FusionError
 from tests.badfiles.expected import ALWAYS, BAD_FILES

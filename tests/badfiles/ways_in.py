@@ -7,7 +7,7 @@ from functools import cache
 from fastapi.testclient import TestClient
 
 from app.jobs.worker import open_bench, run_next
-from app.report.wording import Language
+from app.report.words.wording import Language
 from app.settings import Settings
 from fusion.angle_files import read_angle_file, tell_layout
 from fusion.pipeline import Analysis, analyse, analyse_angle_file

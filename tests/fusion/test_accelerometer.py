@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.sensor_errors.accelerometer import calibrate_accelerometer, leave_accelerometer
-from fusion.sensor_errors.stillness import QuietTable
+from fusion.sensor.accelerometer import calibrate_accelerometer, leave_accelerometer
+from fusion.sensor.stillness import QuietTable
 
 OFFSET_G = np.array([0.03, -0.02, 0.04])
 SCALE = np.array([1.01, 0.995, 0.99])

@@ -5,9 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.agreement.alignment import ClockWishes, align
-from fusion.agreement.clocks import Alignment, WindowLag
-from fusion.agreement.pairing import pair
-from fusion.agreement.runs import Run, Runs, interpolate
+from fusion.agreement.pairs import Alignment, Run, Runs, WindowLag, interpolate, pair
 from fusion.errors import NotAligned, NothingInCommon
 
 SECONDS = 900.0

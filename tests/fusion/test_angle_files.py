@@ -19,7 +19,7 @@ from fusion.angle_files import (
 )
 from fusion.errors import MissingSegment, RefusedXml, UnknownAxis, UnknownRate, UnusableTime, WrongAngle
 from fusion.readers import read_recording
-from fusion.simulation.write_mvnx import write_mvnx
+from fusion.simulation.write_truth import write_mvnx
 from tests.factories import hold
 
 FRAMES = '<frame type="normal" time="0" index="0"><position>0 0 1.4 {elbow}</position></frame>'

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.calibration import calibrate
+from fusion.checks.physics import check_physics
 from fusion.elevation import estimate_elevation
 from fusion.orientation import estimate_vertical
-from fusion.physics import check_physics
+from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
 from tests.fusion.made_motion import angle_between_deg, rest_and_turn, tumble
 from tests.fusion.table_builder import read_text

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.calibration import calibrate
-from fusion.calibration_rules import score_still_period
 from fusion.elevation import estimate_elevation
 from fusion.errors import UnusableCalibration
-from fusion.pose_windows import propose_still_periods
+from fusion.pose.calibrate import calibrate
+from fusion.pose.rules import score_still_period
+from fusion.pose.windows import propose_still_periods, share_between
 from fusion.recording import Recording, Segment
-from fusion.two_point import share_between
 from tests.factories import hold, record
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.calibration import calibrate
-from fusion.choices import MethodName
+from fusion.conventions import MethodName
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.pose.calibrate import calibrate
 from fusion.quality import flag_published, flag_untrusted_pose
 from fusion.recording import QualityFlag, Recording
-from fusion.sensor_errors.bias_track import GyroBias
+from fusion.sensor.model import GyroBias
 from tests.factories import hold
 
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.calibration import calibrate
-from fusion.choices import MethodName
+from fusion.conventions import MethodName
 from fusion.elevation import Elevation, describe_method, estimate_elevation, measure_elevation
+from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording, Segment
 from tests.factories import hold, move_arm
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
+from fusion.checks.physics import check_physics, look_exchanged
 from fusion.errors import ExchangedSensors
-from fusion.exchanged_sensors import look_exchanged
-from fusion.physics import check_physics
 from fusion.recording import Recording, Segment
 from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY
 from tests.badfiles.arm import Matrix

@@ -9,8 +9,8 @@ from fusion.exposure import Exposure, Interval, summarise_exposure
 from fusion.exposure.bins import CELLS
 from fusion.exposure.intervals import draw_figures, name_speed_intervals
 from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks
+from fusion.exposure.speeds import SpeedTally
 from fusion.exposure.types import Velocity
-from fusion.exposure.velocity import SpeedTally
 from tests.factories import elevate
 
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from fusion.exposure import Exposure, PartExposure, summarise_exposure
 from fusion.exposure.episodes import find_stays
-from fusion.exposure.frequency import count_crossings, find_mean_power_frequency
+from fusion.exposure.intervals import describe_hours
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.peaks import ShiftedSeconds
-from fusion.exposure.shifted_stays import LONGER_S, STAY_S, STAYS, start_shifted_stays
+from fusion.exposure.speeds import count_crossings, find_mean_power_frequency
+from fusion.exposure.stays import LONGER_S, STAY_S, STAYS, start_shifted_stays
 from fusion.exposure.stretches import cut_day
-from fusion.exposure.variation import describe_hours
 from tests.factories import elevate
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from fusion.diary import Period, divide_day
 from fusion.exposure import DayDivision, PartExposure, summarise_exposure
-from fusion.exposure.part_draws import name_variation_intervals
-from fusion.exposure.variation import describe_hours
-from fusion.periods import Period, divide_day
+from fusion.exposure.intervals import describe_hours, name_variation_intervals
 from tests.factories import elevate
 
 SECOND_US = 1_000_000

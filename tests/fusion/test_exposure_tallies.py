@@ -10,15 +10,19 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from fusion.exposure import summarise_exposure
-from fusion.exposure.below import sum_below
 from fusion.exposure.cycles import start_cycles
 from fusion.exposure.eva import ANGLE_EDGES_DEG, DURATION_EDGES_S, start_eva
-from fusion.exposure.frequency import FrequencyTally, count_crossings, find_mean_power_frequency
+from fusion.exposure.intervals import sum_below
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.recovery import SECONDS, STAYS, start_recovery
 from fusion.exposure.resampling import draw_blocks
 from fusion.exposure.rows import add_time
-from fusion.exposure.velocity import measure_inclination
+from fusion.exposure.speeds import (
+    FrequencyTally,
+    count_crossings,
+    find_mean_power_frequency,
+    measure_inclination,
+)
 from tests.factories import elevate
 
 ANGLES = st.sampled_from([0.0, 12.0, 17.0, 19.5, 20.0, 21.0, 24.0, 30.0, 34.0, 60.0, 64.0, 90.0, 150.0])

@@ -7,9 +7,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import summarise_exposure
+from fusion.exposure.speeds import BLOCK_ROWS, SpeedTally, filter_blocks
 from fusion.exposure.types import Velocity
-from fusion.exposure.vector_filter import BLOCK_ROWS, filter_blocks
-from fusion.exposure.velocity import SpeedTally
 from fusion.recording import Recording, Segment
 
 NOTHING = np.zeros(3)

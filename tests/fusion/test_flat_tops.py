@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.flat_tops import find_flat_range
-from fusion.physics import check_physics
+from fusion.checks.clipping import find_flat_range
+from fusion.checks.physics import check_physics
 from fusion.quality import find_exclusions
 from fusion.recording import Recording, Segment
 from tests.fusion.made_motion import rest_and_turn

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.sensor_errors.bias_track import GyroBias
-from fusion.sensor_errors.gyro_bias import BiasSettings, estimate_gyro_bias, find_jumps
-from fusion.sensor_errors.runs import SensorRun
-from fusion.sensor_errors.stillness import find_still_moments, reduce_run
+from fusion.sensor.gyro_bias import BiasSettings, estimate_gyro_bias, find_jumps
+from fusion.sensor.model import GyroBias, SensorRun
+from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift
 from tests.fusion.made_motion import Motion, tumble
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fusion.sensor_errors.gyro_scale import GyroScale
-from fusion.sensor_errors.runs import SensorRun
-from fusion.sensor_errors.self_calibration import calibrate_sensor
-from fusion.sensor_errors.stillness import find_still_moments, reduce_run
+from fusion.sensor.gyro_scale import GyroScale
+from fusion.sensor.model import SensorRun
+from fusion.sensor.self_calibration import calibrate_sensor
+from fusion.sensor.stillness import find_still_moments, reduce_run
 from tests.fusion.made_motion import Motion, rest_and_turn, tumble
 
 GAIN = np.array([1.01, 0.985, 1.006])

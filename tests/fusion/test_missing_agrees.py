@@ -7,7 +7,7 @@ import pytest
 from fusion.pipeline import Analysis, analyse
 from fusion.quality import TimeAccount, find_exclusions, name_parts
 from fusion.readers import read_recording
-from fusion.readers.inspection import inspect_recording
+from fusion.readers.preview import inspect_recording
 from tests.badfiles.gt3x_files import replaced, second
 from tests.badfiles.order_files import ordered, thinned_at_random
 from tests.badfiles.table_files import stalls

@@ -7,15 +7,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.sensor_errors.accelerometer import (
+from fusion.sensor.accelerometer import (
     MovingReadings,
     calibrate_accelerometer,
     leave_accelerometer,
     sees_few_directions,
 )
-from fusion.sensor_errors.moving_gravity import read_while_moving
-from fusion.sensor_errors.nodes import Nodes
-from fusion.sensor_errors.stillness import QuietTable
+from fusion.sensor.nodes import Nodes
+from fusion.sensor.self_calibration import read_while_moving
+from fusion.sensor.stillness import QuietTable
 
 PERIOD_S = 0.05
 OFFSET_G = np.array([0.02, -0.03, 0.01])

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from fusion.physics import check_physics
+from fusion.checks.physics import check_physics
 from fusion.recording import QualityFlag
 from tests.badfiles.arm import Matrix
 from tests.conftest import SHARED_DATA

@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.orientation.on_demand import VerticalOnDemand
+from fusion.pose.calibrate import calibrate
 from tests.factories import hold
 
 

@@ -13,7 +13,7 @@ from fusion.orientation.published import (
     highpass_gain,
     lowpass_gain,
 )
-from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor.model import SensorRun
 from tests.fusion.made_motion import angle_between_deg, tumble
 from tests.fusion.published_step_by_step import follow_paper
 

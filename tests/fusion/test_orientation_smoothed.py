@@ -7,12 +7,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.choices import MethodName
+from fusion.conventions import MethodName
 from fusion.orientation import estimate_vertical
 from fusion.orientation.arrays import UnusableArrays
 from fusion.orientation.smoothed import SmoothedParameters, smooth_vertical
-from fusion.sensor_errors.bias_track import hold_bias
-from fusion.sensor_errors.runs import SensorRun
+from fusion.sensor.model import SensorRun, hold_bias
 from tests.fusion.made_motion import Motion, angle_between_deg, tumble
 
 OFFSET = np.array([10.0, -20.0, 15.0])

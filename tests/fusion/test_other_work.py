@@ -7,22 +7,29 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.calibration import calibrate
-from fusion.choices import MethodName
+from fusion.conventions import MethodName
 from fusion.elevation import estimate_elevation
 from fusion.pipeline import analyse
-from fusion.pose_doubts import weigh_proposal
-from fusion.pose_windows import choose_still_period, propose_still_periods, reduce_recording
-from fusion.postures import Moments
+from fusion.pose.calibrate import calibrate
+from fusion.pose.doubts import weigh_proposal
+from fusion.pose.postures import Moments
+from fusion.pose.wear import AxisPart, part_recording
+from fusion.pose.windows import choose_still_period, propose_still_periods, reduce_recording
 from fusion.recording import MICROSECONDS, Recording, Segment
-from fusion.remount import AxisPart
-from fusion.sensor_errors.accelerometer import leave_accelerometer
-from fusion.sensor_errors.stillness import find_still_moments
-from fusion.simulation.activities import HANGING, Activity, assemble, hold_still, lift, stand, walk
-from fusion.simulation.choreography import Choreography
-from fusion.simulation.motion import Channel
+from fusion.sensor.accelerometer import leave_accelerometer
+from fusion.sensor.stillness import find_still_moments
+from fusion.simulation.activities import (
+    HANGING,
+    Activity,
+    Choreography,
+    assemble,
+    hold_still,
+    lift,
+    stand,
+    walk,
+)
+from fusion.simulation.body import Channel
 from fusion.simulation.shift import PlannedActivity, wear_sensor
-from fusion.worn_parts import part_recording
 
 RATE_HZ, POSE_S = 25.0, 20.0
 Table = NDArray[np.float64]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fusion.arms import pair_arms, relate_to_trunk
 from fusion.errors import TooShort
-from fusion.paired import pair_arms, relate_to_trunk
 from tests.factories import elevate
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fusion.arms import PairedArms, pair_arms
 from fusion.exposure.types import Interval
-from fusion.paired import PairedArms, pair_arms
 from tests.factories import elevate
 
 MINUTES = 60

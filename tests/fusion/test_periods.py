@@ -7,15 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.diary import KINDS, DiaryEntry, Kind
-from fusion.errors import UnusableDiary
-from fusion.periods import (
+from fusion.diary import (
+    KINDS,
+    DiaryEntry,
+    Kind,
     Period,
     Placed,
     divide_day,
     list_exclusions,
     place_diary,
 )
+from fusion.errors import UnusableDiary
 
 SECOND = 1_000_000
 HOUR = 3600 * SECOND

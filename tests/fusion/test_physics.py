@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.corrections import name_axes
+from fusion.checks.axes import TURNS
+from fusion.checks.physics import (
+    ARDUINO_DPS,
+    ARDUINO_FACTOR,
+    check_physics,
+    name_axes,
+    refuse_impossible_rates,
+)
 from fusion.errors import MixedColumns, WrongScale
-from fusion.gyro_frame import TURNS
-from fusion.physics import ARDUINO_DPS, ARDUINO_FACTOR, check_physics, refuse_impossible_rates
 from fusion.recording import Recording, Segment
 from tests.fusion.made_motion import rest_and_turn
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.physics import check_physics
+from fusion.checks.physics import check_physics
 from fusion.pipeline import analyse
 from fusion.recording import Recording, Segment
 from fusion.simulation import simulate_shift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from tests.validation.broad import load_trials, resample_to_100_hz
 
 Rows = NDArray[np.float32]

@@ -5,7 +5,7 @@ import pytest
 
 from fusion.exposure import summarise_exposure
 from fusion.quality import flag_gyro_drift, flag_upside_down
-from fusion.sensor_errors.bias_track import GyroBias
+from fusion.sensor.model import GyroBias
 from tests.factories import elevate
 
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.calibration import Calibration
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import summarise_exposure
-from fusion.pose_windows import StillPeriod
+from fusion.pose.calibrate import Calibration
+from fusion.pose.windows import StillPeriod
 from fusion.quality import Quality, TimeAccount, account_time, assess_quality, find_exclusions, leave_out
-from fusion.quality.exclusions import make_disjoint
+from fusion.quality.time_account import make_disjoint
 from fusion.recording import QualityFlag, Recording, Segment, Span
 
 HOUR_US = 3_600_000_000

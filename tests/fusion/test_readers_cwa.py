@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fusion.errors import FusionError, NoGyroscope, TooShort, UnknownRate, WrongExtension
 from fusion.pipeline import analyse
 from fusion.readers import READERS, holds_device_format, read_recording
-from fusion.readers.cwa import decode_log
+from fusion.readers.cwa.read import decode_log
 from tests.badfiles import cwa_files
 from tests.badfiles.gt3x_files import LOG, pack
 from tests.fusion.cwa_builder import (

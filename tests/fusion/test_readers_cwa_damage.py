@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.errors import DamagedFile, UnknownColumns
-from fusion.readers.cwa import build_recording, decode_log
-from fusion.readers.cwa_header import DeviceHeader
+from fusion.readers.cwa.read import DeviceHeader, build_recording, decode_log
 from fusion.recording import MICROSECONDS
 from tests.fusion.cwa_builder import (
     START,

@@ -6,7 +6,7 @@ from datetime import datetime
 import pytest
 
 from fusion.errors import UnusableTime
-from fusion.readers.date_order import settle_by_span
+from fusion.readers.tables.dates import settle_by_span
 from tests.badfiles.table_files import calendar_table, resaved
 from tests.fusion.table_builder import codes, read_text
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fusion.checks.faults import exclude_faults, refuse_dead
+from fusion.checks.stopped import cut_rows
 from fusion.errors import DeadSensor
 from fusion.readers import read_recording
-from fusion.readers.row_ranges import cut_rows
-from fusion.readers.sensor_faults import exclude_faults, refuse_dead
 from fusion.recording import Recording, Segment, Span
 from fusion.simulation import simulate_shift, write_shift
 from tests.badfiles.arm import Matrix, minute

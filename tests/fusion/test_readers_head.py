@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusion.errors import NoGyroscope
-from fusion.readers.gt3x_info import TICKS_AT_UNIX_EPOCH, TICKS_PER_SECOND
-from fusion.readers.head import inspect_head
+from fusion.readers.gt3x.read import TICKS_AT_UNIX_EPOCH, TICKS_PER_SECOND
+from fusion.readers.preview import inspect_head
 from fusion.simulation import write_recordings
 from tests.fusion.cwa_builder import START as CWA_START
 from tests.fusion.cwa_builder import blocks as cwa_blocks

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from fusion.readers import read_recording
-from fusion.readers.inspection import inspect_recording
+from fusion.readers.preview import inspect_recording
 from tests.fusion.gt3x_builder import log_of, pack
 from tests.fusion.table_builder import PREAMBLE, read_text, table
 

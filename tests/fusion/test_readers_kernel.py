@@ -11,16 +11,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fusion.readers.grid import fit_line, open_rows
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import HashedFile, open_source
-from fusion.readers.table_plan import plan_table
-from fusion.readers.text_blocks import fold_words, gather_words
-from fusion.readers.text_layout import find_layout
-from fusion.readers.text_plain import spread_mark
-from fusion.readers.text_stream import decode_head, find_form, read_line_pieces
-from fusion.readers.text_table import read_table
-from fusion.readers.text_words import NOT_PLAIN, take_plain
+from fusion.readers.tables.fast_path import fold_words, gather_words, spread_mark
+from fusion.readers.tables.layout import decode_head, find_form, find_layout, read_line_pieces
+from fusion.readers.tables.machine_words import NOT_PLAIN, take_plain
+from fusion.readers.tables.plan import plan_table
+from fusion.readers.tables.rows import read_table
+from fusion.readers.timebase.grid import fit_line, open_rows
 from tests.fusion.table_builder import HEADER
 
 NO_HOLES = np.empty(0, np.int64)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.readers.grid import estimate_period_us
+from fusion.readers.timebase.grid import estimate_period_us
 
 
 def stamp(rate_hz: float, lost: float, jitter_us: float, clock_us: int) -> NDArray[np.int64]:

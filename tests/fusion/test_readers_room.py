@@ -96,7 +96,7 @@ def test_a_parquet_of_too_many_rows_is_refused_by_its_index() -> None:
 
 
 def test_pages_that_unpack_beyond_any_sensor_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fusion.readers.parquet.FREE_PAGE_BYTES", 100_000)
+    monkeypatch.setattr("fusion.readers.tables.parquet.FREE_PAGE_BYTES", 100_000)
     file = io.BytesIO()
     columns = {name: np.zeros(20_000) for name in HEADER.split(",")}
     pq.write_table(pa.table(columns), file, compression="zstd", use_dictionary=False)

@@ -9,7 +9,7 @@ import pytest
 
 from fusion.errors import UnusableTime
 from fusion.readers import read_recording
-from fusion.readers.date_dialects import parse_zone_s
+from fusion.readers.tables.dates import parse_zone_s
 from tests.fusion.table_builder import codes, line, read_text
 
 NAMES = "timestamp,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n"

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fusion.checks.faults import exclude_stuck
+from fusion.checks.stopped import find_stops
 from fusion.errors import DeadSensor
-from fusion.readers.stopped_axes import find_stops
-from fusion.readers.stuck_channels import exclude_stuck
 from fusion.recording import Recording, Span
 from tests.badfiles.arm import Matrix, minute
 from tests.conftest import SHARED_DATA

@@ -10,7 +10,7 @@ import pytest
 
 from fusion.errors import UnknownRate
 from fusion.readers import read_recording
-from fusion.readers.time_unit import TimeUnit, guess_exponent, measure_roughness, settle_unit
+from fusion.readers.tables.columns import TimeUnit, guess_exponent, measure_roughness, settle_unit
 from tests.badfiles import signal_files as s
 from tests.badfiles.table_files import every_ten_seconds, misnamed
 from tests.fusion.table_builder import HEADER, codes, read_text

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fusion.checks.unmeasured import leave_out_zeros
 from fusion.errors import DeadSensor, UnusableTime
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
-from fusion.readers.inspection import inspect_recording
-from fusion.readers.lsm9ds1_raw import RECORD
-from fusion.readers.unmeasured import leave_out_zeros
+from fusion.readers.preview import inspect_recording
+from fusion.readers.tables.registers import RECORD
 from fusion.recording import QualityFlag, Recording
 from tests.badfiles import signal_files as s
 from tests.badfiles.arm import Matrix, minute

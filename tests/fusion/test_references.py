@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from fusion.comparison import NOT_SHIPPED, REFERENCES, STATEMENTS, compare_with_references
 from fusion.exposure import Exposure, Velocity, summarise_exposure
-from fusion.references import NOT_SHIPPED, REFERENCES, STATEMENTS, compare_with_references
 from tests.factories import elevate
 
 

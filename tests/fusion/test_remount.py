@@ -8,11 +8,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
+from fusion.pose.calibrate import calibrate
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.simulation import simulate_shift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from tests.factories import record
 
 RATE_HZ = 25.0

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from fusion.orientation import estimate_vertical
-from fusion.sensor_errors.runs import SensorRun
-from fusion.sensor_errors.saturation import bridge_saturation
-from fusion.sensor_errors.stillness import reduce_run
+from fusion.sensor.model import SensorRun
+from fusion.sensor.self_calibration import bridge_saturation
+from fusion.sensor.stillness import reduce_run
 from tests.fusion.made_motion import angle_between_deg, rest_and_turn
 
 Table = NDArray[np.float64]

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from fusion.checks.axes import SensorLag, measure_lag
+from fusion.checks.gravity_windows import GyroModel, cut_windows
+from fusion.checks.physics import check_physics
 from fusion.errors import MixedColumns
-from fusion.gravity_windows import GyroModel, cut_windows
-from fusion.physics import check_physics
 from fusion.recording import Recording
-from fusion.sensor_lag import SensorLag, measure_lag
 from tests.badfiles.arm import Matrix
 from tests.conftest import SHARED_DATA
 from tests.factories import record

@@ -7,8 +7,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from fusion.simulation import simulate_shift
-from fusion.simulation.body import Body, feel
-from fusion.simulation.motion import Channel, play
+from fusion.simulation.body import Body, Channel, feel, play
 from fusion.simulation.shift import plan_day
 from fusion.units import STANDARD_GRAVITY
 

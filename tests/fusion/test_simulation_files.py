@@ -16,9 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fusion.simulation import simulate_shift, write_recordings, write_shift
-from fusion.simulation.digits import put_counter_rows
 from fusion.simulation.imu_rows import ROW, SecondCutter
-from fusion.simulation.write_actilife_csv import round_to_millionths
+from fusion.simulation.write_csv import put_counter_rows, round_to_millionths
 from fusion.simulation.write_truth import count_entries
 
 HOURS = 0.05

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.simulation.choreography import Choreography
-from fusion.simulation.motion import Channel, Motion, play
+from fusion.simulation.activities import Choreography
+from fusion.simulation.body import Channel, Motion, play
 from fusion.simulation.shift import plan_day
 
 

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from fusion.simulation.body import ArmState
-from fusion.simulation.parts import GT9X, LSM9DS1, Part
-from fusion.simulation.sensor import SensorErrors, draw_errors, draw_perfect, quantise, sense
+from fusion.simulation.sensor import (
+    GT9X,
+    LSM9DS1,
+    Part,
+    SensorErrors,
+    draw_errors,
+    draw_perfect,
+    quantise,
+    sense,
+)
 
 TIME_S = np.arange(6000) / 100.0
 

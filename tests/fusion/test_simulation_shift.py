@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fusion.simulation import SimulatedShift, simulate_shift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from fusion.simulation.tasks import TASKS, simulate_task
 
 DEVICES = get_args(Device)

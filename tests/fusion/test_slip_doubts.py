@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.pipeline import analyse
-from fusion.pose_doubts import PoseEvidence
-from fusion.postures import Moments
+from fusion.pose.calibrate import calibrate
+from fusion.pose.doubts import PoseEvidence, find_doubted_parts, find_early_turn
+from fusion.pose.postures import Moments
+from fusion.pose.slips import Doubt
+from fusion.pose.wear import WornPart, WornParts
 from fusion.recording import Recording
 from fusion.simulation import simulate_shift
-from fusion.slip_doubts import find_doubted_parts, find_early_turn
-from fusion.slips import Doubt
-from fusion.worn_parts import WornPart, WornParts
 from tests.factories import record
 from tests.fusion.test_remount import RATE_HZ
 from tests.fusion.test_slips import TURNED_S, push_back

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
 from fusion.pipeline import AnalysisSettings, analyse
+from fusion.pose.calibrate import calibrate
 from fusion.recording import Recording
 from fusion.simulation import simulate_shift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from tests.factories import record
 from tests.fusion.test_remount import RATE_HZ, tilt
 

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from fusion.calibration import calibrate
 from fusion.elevation import estimate_elevation
-from fusion.orientation.smoothed import SmoothedNodes
-from fusion.orientation.uncertainty import UncertaintySettings, average_around, estimate_sigma
+from fusion.orientation.smoothed import SmoothedNodes, UncertaintySettings, average_around, estimate_sigma
 from fusion.pipeline import AnalysisSettings, analyse
+from fusion.pose.calibrate import calibrate
 from fusion.readers import read_recording
-from fusion.sensor_errors.accelerometer import AccelerometerCorrection, leave_accelerometer
+from fusion.sensor.accelerometer import AccelerometerCorrection, leave_accelerometer
 from fusion.simulation import simulate_shift
-from fusion.simulation.parts import Device
+from fusion.simulation.sensor import Device
 from tests.badfiles.person_files import swing
 from tests.factories import hold, record
 

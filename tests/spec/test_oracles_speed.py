@@ -5,7 +5,7 @@ import pytest
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import summarise_exposure
-from fusion.exposure.velocity import SpeedTally
+from fusion.exposure.speeds import SpeedTally
 from tests.spec.curves import sample, swing, triangle
 
 

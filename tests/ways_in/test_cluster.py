@@ -10,13 +10,13 @@ import pytest
 from sqlalchemy import text
 
 from app.jobs.cluster import install
-from app.jobs.database import connect
+from app.jobs.database.connect import connect
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage import Storage
-from app.stores import open_storage
+from app.storage.open import open_storage
+from app.storage.store import Storage
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
 from tests.ways_in.servers import ROOT, wait_for

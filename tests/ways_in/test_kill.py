@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from app.folder import FolderStorage
 from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
 from app.request import ReportRequest
 from app.settings import Settings
+from app.storage.folder import FolderStorage
 from tests.app.stand_ins import write_report
 from tests.ways_in.conftest import StartServer
 from tests.ways_in.servers import ROOT, is_alive, wait_for
@@ -157,7 +157,7 @@ def test_a_computer_that_slept_finds_its_workers_well(
 
 
 def test_a_worker_that_stands_still_ends_itself() -> None:
-    program = "import time; from app.jobs.pulse import Pulse; Pulse(None, 1).start(); time.sleep(600)"
+    program = "import time; from app.jobs.lease import Pulse; Pulse(None, 1).start(); time.sleep(600)"
 
     assert subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False).returncode == 1
 

@@ -8,13 +8,13 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser
 
-from app.report.before_after import build_comparison
-from app.report.both_arms import build_pair
-from app.report.content import build_report
+from app.report.analysis.report import build_report
+from app.report.change import build_comparison
 from app.report.findings import Kept
-from app.report.html import render_html
-from app.report.parts import Report
-from app.report.wording import LANGUAGES, Language
+from app.report.model import Report
+from app.report.pair import build_pair
+from app.report.render.html import render_html
+from app.report.words.wording import LANGUAGES, Language
 from fusion.exposure.types import MinuteProfile
 from tests.app.analysis_factory import make_analysis, make_exposure, make_minutes, make_subject
 from tests.app.test_both_arms import make_pair

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.main import create_app
-from app.report.dictionary import write_document
-from app.report.wording import load_wording
+from app.report.export.columns import write_document
+from app.report.words.wording import load_wording
 from app.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]

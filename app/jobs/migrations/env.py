@@ -1,8 +1,8 @@
-"""What Alembic runs: the migrations, in the transaction of :mod:`app.jobs.migrate`."""
+"""What Alembic runs: the migrations, in the transaction of :mod:`app.jobs.database.migrate`."""
 
 from alembic import context
 
-from app.jobs.tables import metadata
+from app.jobs.database.tables import metadata
 
 context.configure(
     connection=context.config.attributes["connection"],

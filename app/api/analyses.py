@@ -1,0 +1,436 @@
+"""The routes under ``/api/v1``. They take and give; what happens in between is the jobs' affair."""
+
+import asyncio
+import json
+import re
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar
+
+import anyio
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.analysis_models import (
+    RESULT_NAMES,
+    AnalysisList,
+    AnalysisQuery,
+    AnalysisView,
+    StartedAnalyses,
+    check_periods,
+    read_periods,
+    view_analysis,
+)
+from app.api.files import borrow_file, check_succeeded, read_result, serve_bytes, serve_file
+from app.api.intake import receive_recording
+from app.api.problems import PROBLEM_RESPONSES
+from app.api.recording_models import cut_page, read_cursor
+from app.api.wishes import AnalysisSettings, AnalyzeParameters
+from app.batch.inputs import encode_settings
+from app.errors import Busy
+from app.jobs.job import Job, JobState
+from app.jobs.queue import WayIn
+from app.jobs.recordings import Place, StoredRow
+from app.jobs.renewing import find_same, retry
+from app.jobs.store import JobFilter
+from app.report.export.columns import PERIOD_COLUMNS, list_periods
+from app.report.export.csv import encode_table
+from app.report.export.naming import pack_files
+from app.report.words.wording import Language
+from app.request import Paper, ReportRequest
+from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
+from app.storage.day_file import NAME as DAY_NAME
+from app.storage.store import StoredRecording
+
+# Answering as soon as an analysis ends; waiting for a thread even when cancelled.
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+POLL_S = 0.2
+LONGEST_WAIT_S = 60.0
+
+
+async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
+    """Look until the job is over, the time is up or nobody listens any more; blocks nobody else."""
+    end_s = time.monotonic() + wait_s
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    while not job.is_over and time.monotonic() < end_s and not await request.is_disconnected():
+        await anyio.sleep(min(POLL_S, max(0.0, end_s - time.monotonic())))
+        job = await run_in_threadpool(services.store.get, analysis_id)
+    return job
+
+
+def read_preference(header: str) -> float:
+    """Read ``Prefer: wait=N`` (RFC 7240); anything else is left aside, as the RFC asks."""
+    match = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", header)
+    return min(float(match[1]), LONGEST_WAIT_S) if match else 0.0
+
+
+async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+    """Run in a thread, and wait for its end also when cancelled: its connection is then given back."""
+    work = asyncio.ensure_future(run_in_threadpool(function, *arguments, **named))
+    try:
+        return await asyncio.shield(work)
+    except asyncio.CancelledError:
+        with suppress(Exception):
+            await work
+        raise
+
+
+# Analyses asked for: with a recording sent along, or of recordings that are stored.
+
+
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
+DONE: dict[int | str, dict[str, Any]] = {200: {"model": AnalysisView, "description": "It is over already."}}
+RAW_BODY = {"requestBody": {"content": {"application/octet-stream": {}}, "required": True}}
+
+
+class AnalysisWish(BaseModel):
+    """Which recordings are to be analysed, each on its own, and how."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    recording_ids: Annotated[list[str], Field(min_length=1, max_length=1000)]
+    settings: AnalysisSettings = AnalysisSettings()
+    again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+
+
+@router.post(
+    "/analyze",
+    status_code=202,
+    response_model=AnalysisView,
+    response_model_exclude_unset=True,
+    responses=DONE,
+    openapi_extra=RAW_BODY,
+)
+async def analyze(
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
+    way_in: UsedWayIn,
+    parameters: Annotated[AnalyzeParameters, Query()],
+) -> Response:
+    """Analyse a recording sent as the raw body: 202, or 200 when ``Prefer: wait=N`` saw it end.
+
+    The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
+    """
+    check_queue(services)
+    wish = parameters.to_request(language, services.settings.paper)
+
+    def commit(stored: StoredRecording) -> tuple[Job, bool]:
+        own = (stored.id, stored.sha256)
+        same = None if parameters.again else find_same(services.store, services.storage, own, wish, way_in)
+        if same is not None:
+            services.storage.drop_recording(stored.id)
+            return same, True
+        return services.store.add(stored, wish, way_in, parameters.external_id), False
+
+    job, existed = await receive_recording(request, services, commit)
+    wait_s = read_preference(request.headers.get("prefer", ""))
+    job = await wait_for_end(request, services, job.id, wait_s)
+    view = _view(job, language, existed=existed)
+    return _accept(view.model_dump(exclude_unset=True), job)
+
+
+# What ``curl -T`` sends.
+router.put(
+    "/analyze",
+    name="put_and_analyze",
+    status_code=202,
+    response_model=AnalysisView,
+    response_model_exclude_unset=True,
+    responses=DONE,
+    openapi_extra=RAW_BODY,
+)(analyze)
+
+
+@router.post(
+    "/analyses",
+    status_code=202,
+    response_model_exclude_unset=True,
+    responses={200: {"model": StartedAnalyses, "description": "The first is over already."}},
+)
+def create_analyses(
+    wish: AnalysisWish, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
+) -> StartedAnalyses:
+    """Analyse stored recordings; what has been analysed alike comes back as it is (``duplicate_of``)."""
+    check_queue(services, len(wish.recording_ids))
+    rows = [services.recordings.get(recording_id) for recording_id in wish.recording_ids]
+    paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
+    asked = [(row, build_request(row, wish.settings, language, paper)) for row in rows]
+    pairs = [_start(services, row, request, flow, again=wish.again) for row, request in asked]
+    views = [_view(job, language, existed=existed) for job, existed in pairs]
+    items = [view.model_dump(exclude_unset=True) for view in views]
+    return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]
+
+
+@router.post("/analyses/{analysis_id}/cancel", response_model_exclude_unset=True)
+def cancel_analysis(analysis_id: str, services: UsedServices, language: UsedLanguage) -> AnalysisView:
+    """Stop an analysis; one that is over stays as it is."""
+    return view_analysis(services.store.cancel(analysis_id), language)
+
+
+@router.post(
+    "/analyses/{analysis_id}/retry", status_code=202, response_model_exclude_unset=True, responses=DONE
+)
+def retry_analysis(
+    analysis_id: str, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
+) -> AnalysisView:
+    """Analyse anew what failed, was cancelled, or has a file that is damaged or missing.
+
+    What is under way, or done and whole, comes back as it is.
+    """
+    job = retry(services.store, services.storage, analysis_id, way_in)
+    return _accept(view_analysis(job, language).model_dump(exclude_unset=True), job)  # type: ignore[return-value]
+
+
+def check_queue(services: Services, more: int = 1) -> None:
+    """Refuse more work than may wait.
+
+    Raises
+    ------
+    Busy
+    """
+    if services.store.count_waiting() + more > services.settings.max_queued:
+        raise Busy
+
+
+def build_request(
+    row: StoredRow, settings: AnalysisSettings, language: Language, paper: Paper
+) -> ReportRequest:
+    """Ask by the settings; what they leave out is as the recording says, or as the server has it.
+
+    Raises
+    ------
+    fusion.errors.UnusableDiary
+    """
+    told = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
+    whole = AnalysisSettings.model_validate(told)
+    request = whole.ask(row.about.file_name, language, paper)
+    diary = row.diary
+    if settings.periods is not None:
+        diary = read_periods(settings.periods)
+        check_periods(diary, row.inspection)
+    profile = json.dumps(settings.profile, sort_keys=True) if settings.profile else ""
+    return replace(request, diary=diary, source=settings.source, profile=profile, reason=settings.reason)
+
+
+def _start(
+    services: Services, row: StoredRow, request: ReportRequest, way_in: WayIn, *, again: bool
+) -> tuple[Job, bool]:
+    """Give the analysis, and whether it was there before."""
+    own = (row.id, row.sha256)
+    same = None if again else find_same(services.store, services.storage, own, request, way_in)
+    return same or services.store.add_analysis(own, request, way_in), same is not None
+
+
+def _view(job: Job, language: Language, *, existed: bool) -> AnalysisView:
+    view = view_analysis(job, language)
+    if existed:
+        view.duplicate_of = job.id
+    return view
+
+
+def _accept(body: dict[str, Any], job: Job) -> JSONResponse:
+    """Answer 202, or 200 where nothing is left to wait for."""
+    headers = {"Location": f"/api/v1/analyses/{job.id}"}
+    if job.is_over:
+        return JSONResponse(body, 200, headers)
+    return JSONResponse(body, 202, headers | {"Retry-After": "2"})
+
+
+# Progress as it happens, for pages that listen (server-sent events). Asking again stays the contract.
+
+
+LOOK_S = 0.25
+QUIET_S = 15.0
+
+
+@router.get(
+    "/analyses/{analysis_id}/events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {}}}},
+)
+async def follow_analysis(
+    analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
+) -> StreamingResponse:
+    """Tell every change of an analysis as an event ``analysis`` until it ends."""
+    await run_in_threadpool(services.store.get, analysis_id)
+    told = _tell_changes(request, services, analysis_id, language)
+    return StreamingResponse(told, media_type="text/event-stream")
+
+
+async def _tell_changes(
+    request: Request, services: Services, analysis_id: str, language: Language
+) -> AsyncIterator[str]:
+    last, spoke_s = "", time.monotonic()
+    while not await request.is_disconnected():
+        job = await run_in_threadpool(services.store.get, analysis_id)
+        event = _write(view_analysis(job, language))
+        if event != last:
+            last, spoke_s = event, time.monotonic()
+            yield event
+        elif time.monotonic() - spoke_s > QUIET_S:
+            spoke_s = time.monotonic()
+            yield ": still here\n\n"
+        if job.is_over:
+            return
+        await anyio.sleep(LOOK_S)
+
+
+def _write(view: AnalysisView) -> str:
+    return f"event: analysis\ndata: {view.model_dump_json(exclude_unset=True)}\n\n"
+
+
+EXPORT_NAMES = tuple(name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap")))
+
+
+ReportLanguage = Annotated[Language | None, Query(description="en or fr; else the one asked for first")]
+
+
+@router.get("/analyses", response_model_exclude_unset=True)
+def list_analyses(
+    request: Request,
+    answer: Response,
+    services: UsedServices,
+    language: UsedLanguage,
+    wanted: Annotated[AnalysisQuery, Query()],
+) -> AnalysisList:
+    """Give the newest analyses, page by page."""
+    asked = JobFilter(JobState(wanted.state) if wanted.state else "", wanted.batch_id, wanted.recording_id)
+    found = services.store.list_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
+    jobs, following = cut_page(found, wanted.limit, _tell_place, request, answer)
+    return AnalysisList(items=[view_analysis(job, language) for job in jobs], next_cursor=following)
+
+
+@router.get("/analyses/{analysis_id}", response_model_exclude_unset=True)
+async def get_analysis(
+    analysis_id: str,
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
+    wait: Annotated[float, Query(ge=0, le=LONGEST_WAIT_S, description="Seconds to wait for its end.")] = 0,
+) -> AnalysisView:
+    """Give one analysis; with ``wait``, as soon as it ends."""
+    return view_analysis(await wait_for_end(request, services, analysis_id, wait), language)
+
+
+@router.get("/analyses/{analysis_id}/results.json", response_class=FileResponse)
+def get_results(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Every figure, byte for byte as the command line writes it."""
+    return _serve(request, services, analysis_id, "results.json")
+
+
+@router.get("/analyses/{analysis_id}/elevation.parquet", response_class=FileResponse)
+def get_elevation(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """The angle over time."""
+    return _serve(request, services, analysis_id, "elevation.parquet")
+
+
+@router.get("/analyses/{analysis_id}/fhir.json", response_class=FileResponse)
+def get_fhir(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """The report with its PDF, and its figures as observations, as a FHIR R4 bundle."""
+    return _serve(request, services, analysis_id, "fhir.json")
+
+
+@router.get("/analyses/{analysis_id}/report.html", response_class=FileResponse)
+def get_report_html(
+    analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
+) -> Response:
+    """The report, one file that opens anywhere."""
+    return _serve_report(request, services, analysis_id, "html", lang)
+
+
+@router.get("/analyses/{analysis_id}/report.pdf", response_class=FileResponse)
+def get_report_pdf(
+    analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
+) -> Response:
+    """The report, to print and to file."""
+    return _serve_report(request, services, analysis_id, "pdf", lang)
+
+
+@router.get("/analyses/{analysis_id}/answer.txt", response_class=FileResponse)
+def get_answer(
+    analysis_id: str, request: Request, services: UsedServices, lang: ReportLanguage = None
+) -> Response:
+    """The answer in five lines, to paste into a record."""
+    return _serve_report(request, services, analysis_id, "txt", lang)
+
+
+@router.get("/analyses/{analysis_id}/bundle.zip", response_class=FileResponse)
+def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
+    job = services.store.get(analysis_id)
+    check_succeeded(job, "bundle.zip")
+    names = [file.name for file in services.store.list_files(job.id) if file.name != DAY_NAME]
+    body = pack_files({name: read_result(services, job, name) for name in names})
+    return serve_bytes(request, services, job, "bundle.zip", body)
+
+
+@router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)
+def get_periods_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """The main figures by clock hour and by period of the diary."""
+    job = services.store.get(analysis_id)
+    rows = list_periods(json.loads(read_result(services, job, "results.json")))
+    return serve_bytes(request, services, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
+
+
+@router.get("/analyses/{analysis_id}/settings.yaml", response_class=Response)
+def get_settings_file(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """What was asked, as ``acromion run --config`` takes it."""
+    job = services.store.get(analysis_id)
+    return serve_bytes(request, services, job, "settings.yaml", encode_settings(job.request))
+
+
+@router.get("/analyses/{analysis_id}/elevation.csv.gz", response_class=FileResponse)
+def get_elevation_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """The angle over time as text, in gzip."""
+    job = services.store.get(analysis_id)
+    with borrow_file(services, job, "elevation.parquet") as parquet:
+        body = services.inspector.write_angles(parquet)
+    return serve_bytes(request, services, job, "elevation.csv.gz", body)
+
+
+def _serve_export(name: str) -> Callable[[str, Request, Services], Response]:
+    """Make the route of one table: the main figures, written for other programs."""
+
+    def get_export(analysis_id: str, request: Request, services: UsedServices) -> Response:
+        """The main figures as a table, or what its columns mean."""
+        return _serve(request, services, analysis_id, name)
+
+    return get_export
+
+
+for export in EXPORT_NAMES:
+    router.add_api_route(
+        f"/analyses/{{analysis_id}}/{export}",
+        _serve_export(export),
+        name=f"get_{export.replace('.', '_')}",
+        response_class=FileResponse,
+    )
+
+
+def _tell_place(job: Job) -> Place:
+    return job.created_at.isoformat(timespec="microseconds"), job.id
+
+
+def _serve_report(
+    request: Request,
+    services: Services,
+    analysis_id: str,
+    kind: Literal["html", "pdf", "txt"],
+    lang: Language | None,
+) -> Response:
+    job = services.store.get(analysis_id)
+    stem = "answer" if kind == "txt" else "report"
+    return serve_file(request, services, job, f"{stem}.{lang or job.request.languages[0]}.{kind}")
+
+
+def _serve(request: Request, services: Services, analysis_id: str, name: str) -> Response:
+    return serve_file(request, services, services.store.get(analysis_id), name)

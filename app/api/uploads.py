@@ -1,0 +1,531 @@
+"""Uploads that may be broken off and gone on with: tus 1.0.0 (https://tus.io/protocols/resumable-upload).
+
+Core, creation, creation-with-upload, termination, checksum and expiration. A whole upload becomes a
+recording at once; its id comes with the last answer and with every later one.
+"""
+
+import base64
+import binascii
+import hashlib
+import os
+import time
+import zlib
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+
+from app.api.intake import PIECE_BYTES, check_room, copy_body, read_small_body
+from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS, take_model
+from app.api.recording_models import RecordingWords
+from app.errors import (
+    BadChecksum,
+    BadParameter,
+    LockedUpload,
+    NotHere,
+    UnknownProtocol,
+    WrongDigest,
+    WrongLength,
+    WrongMediaType,
+    WrongOffset,
+    WrongVerb,
+)
+from app.jobs.recordings import UploadRow
+from app.request import ReportRequest
+from app.services import Services, UsedServices
+from app.storage.incoming import GrowingFile
+from app.storage.store import borrow_recording
+from fusion.errors import EmptyFile
+
+# The bytes of a tus upload: written as they come, counted only when they are on the disk.
+
+
+OFFSET_BODY = "application/offset+octet-stream"
+CHECKSUMS = ("sha1", "sha256", "sha512", "md5")
+SYNC_S = 0.5
+_GZIP_WINDOW = 16 + zlib.MAX_WBITS
+
+
+async def take_bytes(
+    request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str = ""
+) -> UploadRow:
+    """Append the body to an upload; one that was packed (Content-Encoding: gzip) is unpacked as it comes.
+
+    Raises
+    ------
+    LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload, DiskFull,
+    TooMany
+    """
+    with services.turns.take():
+        return await _take_alone(request, services, upload_id, offset_bytes, checksum)
+
+
+async def _take_alone(
+    request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str
+) -> UploadRow:
+    unpacker = _choose_unpacker(request.headers.get("content-encoding", ""))
+    if not services.incoming.take(upload_id):
+        raise LockedUpload
+    try:
+        row = await run_in_threadpool(get_upload_row, services, upload_id)
+        _check_place(request, row, offset_bytes)
+        body = await run_in_threadpool(_open_body, services, row, checksum)
+        body.unpacker = unpacker
+        try:
+            await copy_body(request, body.take)
+            await run_in_threadpool(body.check)
+        finally:
+            await run_in_threadpool(body.end)
+        return await run_in_threadpool(finish_upload, services, body.row)
+    finally:
+        services.incoming.let_go(upload_id)
+
+
+def _check_place(request: Request, row: UploadRow, offset_bytes: int) -> None:
+    if row.offset_bytes != offset_bytes:
+        raise WrongOffset(expected=row.offset_bytes)
+    announced = request.headers.get("content-length", "")
+    is_plain = "content-encoding" not in request.headers
+    if is_plain and announced.isdecimal() and offset_bytes + int(announced) > row.length_bytes:
+        raise WrongLength
+
+
+def get_upload_row(services: Services, upload_id: str) -> UploadRow:
+    """Give the row of an upload; what counted and is not on the disk any more has to be sent again.
+
+    Otherwise zeros would take the place of the bytes that are lost.
+    """
+    row = services.uploads.get(upload_id)
+    found_bytes = services.incoming.measure(upload_id)
+    if row.recording_id is None and found_bytes < row.offset_bytes:
+        return services.uploads.step_back(row, found_bytes)
+    return row
+
+
+def finish_upload(services: Services, row: UploadRow) -> UploadRow:
+    """Make a whole upload a recording; any other is given back as it is.
+
+    The bytes keep their name among the uploads until the recording's row is committed: whatever is cut
+    short in between is done again by the next request.
+    """
+    if not row.is_whole or row.recording_id is not None:
+        return row
+    try:
+        sha256 = services.incoming.hash(row.id, row.length_bytes)
+        stored = services.storage.adopt(services.incoming.path(row.id), sha256, row.length_bytes)
+    except FileNotFoundError:  # a peer was quicker
+        return services.uploads.get(row.id)
+    counts = services.uploads.finish(row, stored)
+    if counts != stored.id:
+        services.storage.drop_recording(stored.id)
+    services.incoming.forget(row.id)
+    return replace(row, recording_id=counts)
+
+
+def drop_upload(services: Services, row: UploadRow) -> None:
+    """Forget an upload and its bytes; the recording of a finished one stays.
+
+    Raises
+    ------
+    LockedUpload
+    """
+    if not services.incoming.take(row.id):
+        raise LockedUpload
+    try:
+        services.uploads.drop(row.id)
+        services.incoming.forget(row.id)
+    finally:
+        services.incoming.let_go(row.id)
+
+
+def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
+    if encoding.strip().lower() in ("", "identity"):
+        return None
+    if encoding.strip().lower() != "gzip":
+        raise WrongMediaType(found=encoding[:60], allowed="gzip")
+    return zlib.decompressobj(_GZIP_WINDOW)
+
+
+def _open_body(services: Services, row: UploadRow, checksum: str) -> "_Body":
+    digest, expected = _read_checksum(checksum) if checksum else (None, b"")
+    file = GrowingFile(services.incoming.path(row.id), row.offset_bytes)
+    return _Body(services, row, file, digest, expected)
+
+
+def _read_checksum(header: str) -> "tuple[hashlib._Hash, bytes]":
+    name, _, coded = header.strip().partition(" ")
+    allowed = "|".join(CHECKSUMS) + " base64"
+    if name not in CHECKSUMS:
+        raise BadChecksum(value=name[:20], allowed=allowed)
+    try:
+        return hashlib.new(name, usedforsecurity=False), base64.b64decode(coded, validate=True)
+    except binascii.Error:
+        raise BadChecksum(value=coded[:60], allowed=allowed) from None
+
+
+@dataclass(slots=True)
+class _Body:
+    """The bytes of one request. They count once they are safe; packed or with a checksum, once that is right.
+
+    The disk is waited for beside the network: while ``counting`` makes bytes durable, more are written.
+    """
+
+    services: Services
+    row: UploadRow
+    file: GrowingFile
+    digest: "hashlib._Hash | None"
+    expected: bytes
+    synced_s: float = field(default_factory=time.monotonic)
+    beside: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "count"))
+    counting: "Future[None] | None" = None
+    unpacker: "zlib._Decompress | None" = None
+
+    @property
+    def is_checked(self) -> bool:
+        """Nothing counts before the last byte: gzip, too, ends with a checksum."""
+        return self.digest is not None or self.unpacker is not None
+
+    def take(self, chunk: bytes) -> None:
+        """Take the next bytes of the body; however well they are packed, a little at a time is unpacked.
+
+        Raises
+        ------
+        WrongDigest, WrongLength, DiskFull
+        """
+        while self.unpacker is not None and chunk:
+            try:
+                piece = self.unpacker.decompress(chunk, PIECE_BYTES)
+            except zlib.error:
+                raise WrongDigest from None
+            chunk = self.unpacker.unconsumed_tail
+            self.write(piece)
+        self.write(chunk)
+
+    def write(self, chunk: bytes) -> None:
+        if self.file.offset_bytes + len(chunk) > self.row.length_bytes:
+            raise WrongLength
+        self.services.incoming.follow(self.row.id, self.file.offset_bytes, chunk)
+        self.file.write(chunk)
+        if self.digest is not None:
+            self.digest.update(chunk)
+        if not self.is_checked and time.monotonic() - self.synced_s > SYNC_S and self._is_idle():
+            self.wait()
+            self.counting = self.beside.submit(self._count, self.file.flush())
+            self.synced_s = time.monotonic()
+
+    def _is_idle(self) -> bool:
+        return self.counting is None or self.counting.done()
+
+    def wait(self) -> None:
+        """Wait for what is being counted, and raise what hindered it."""
+        counting, self.counting = self.counting, None
+        if counting is not None:
+            counting.result()
+
+    def count(self) -> None:
+        """Let every byte so far count."""
+        self.wait()
+        if self.file.flush() > self.row.offset_bytes:
+            self._count(self.file.offset_bytes)
+
+    def _count(self, offset_bytes: int) -> None:
+        """Let the bytes before an offset count: on the disk first, then in the row."""
+        self.file.sync()
+        if not self.services.uploads.advance(self.row, offset_bytes):
+            raise WrongOffset(expected=self.services.uploads.get(self.row.id).offset_bytes)
+        self.row = self.services.uploads.get(self.row.id)
+
+    def end(self) -> None:
+        """Keep what came, however the request ended; bytes that cannot be checked are not kept."""
+        try:
+            if not self.is_checked:
+                self.count()
+        finally:
+            self.beside.shutdown()
+            self.file.close()
+
+    def check(self) -> None:
+        """Compare the checksum, that of gzip, too, and only then let the bytes count.
+
+        Raises
+        ------
+        WrongDigest
+        """
+        if self.unpacker is not None and not self.unpacker.eof:
+            raise WrongDigest
+        if self.digest is not None and self.digest.digest() != self.expected:
+            raise WrongDigest
+        if self.is_checked:
+            self.count()
+
+
+# The first and the last bytes of an upload, by which it is told what the file is while the rest comes.
+
+
+TAIL_BODY = "application/octet-stream"
+TAIL_BYTES = 64 << 10
+HEAD_BYTES = 2 << 20
+
+
+def keep_tail(services: Services, upload_id: str, tail: bytes) -> None:
+    """Keep the last bytes of an upload that is under way; of any other nothing is left behind.
+
+    Raises
+    ------
+    NotHere, DiskFull
+    """
+    services.incoming.keep_tail(upload_id, tail)
+    try:
+        is_over = services.uploads.get(upload_id).recording_id is not None
+    except NotHere:
+        services.incoming.forget_tail(upload_id)
+        raise
+    if is_over:  # it ended while the tail was written
+        services.incoming.forget_tail(upload_id)
+
+
+def read_both_ends(services: Services, row: UploadRow) -> tuple[bytes, bytes | None]:
+    """Give the first bytes that count, and the last ones behind them: None where they are not known yet.
+
+    Where the two meet, all is the head, and the tail is empty.
+    """
+    if row.recording_id is None:
+        head = _read_head(services.incoming.path(row.id), row.offset_bytes)
+        tail = services.incoming.read_tail(row.id)
+    else:
+        sha256 = services.store.find_sha256(row.recording_id)
+        with borrow_recording(services.storage, row.recording_id, sha256) as log:
+            head, tail = _read_head(log, row.offset_bytes), _read_tail(log)
+    unseen_bytes = row.length_bytes - len(head)
+    if unseen_bytes and (tail is None or unseen_bytes > len(tail)):
+        return head, tail
+    return head + (tail or b"")[-unseen_bytes:] if unseen_bytes else head, b""
+
+
+def _read_head(path: Path, offset_bytes: int) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(min(offset_bytes, HEAD_BYTES))
+    except FileNotFoundError:
+        return b""
+
+
+def _read_tail(path: Path) -> bytes:
+    with path.open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
+        return file.read()
+
+
+# What a tus client says about the file, in ``Upload-Metadata``.
+
+
+NAMES = {"filename": "file_name", "name": "file_name"} | {name: name for name in RecordingWords.model_fields}
+
+
+def read_metadata(header: str) -> RecordingWords:
+    """Read ``name base64,name base64``; what is not ours (``filetype``) is left aside.
+
+    Raises
+    ------
+    BadParameter
+    """
+    pairs = dict(_read_pair(pair) for pair in header.split(",") if pair.strip())
+    known = {NAMES[name]: value for name, value in pairs.items() if name in NAMES and value}
+    return take_model(RecordingWords, known)
+
+
+def _read_pair(pair: str) -> tuple[str, str]:
+    name, _, coded = pair.strip().partition(" ")
+    try:
+        return name, base64.b64decode(coded, validate=True).decode("utf-8")
+    except (binascii.Error, ValueError):
+        raise BadParameter(name="Upload-Metadata", value=pair[:60], allowed="name base64") from None
+
+
+EXTENSIONS = "creation,creation-with-upload,termination,checksum,expiration"
+
+router = APIRouter(prefix="/api/v1/uploads", responses=PROBLEM_RESPONSES, tags=["uploads"])
+
+
+class TusHeaders(BaseModel):
+    """What a tus client says in headers."""
+
+    tus_resumable: Annotated[str | None, Field(description="1.0.0")] = None
+    upload_length: Annotated[int | None, Field(ge=0, description="Bytes of the whole file.")] = None
+    upload_offset: Annotated[int | None, Field(ge=0, description="Where these bytes begin.")] = None
+    upload_metadata: Annotated[str, Field(max_length=8000, description="name base64,name base64 ...")] = ""
+    upload_checksum: Annotated[str, Field(max_length=200, description="sha256 base64, of these bytes")] = ""
+
+    def check_protocol(self) -> None:
+        """Refuse another version of tus.
+
+        Raises
+        ------
+        UnknownProtocol
+        """
+        if self.tus_resumable != TUS_HEADERS["Tus-Resumable"]:
+            raise UnknownProtocol(allowed=TUS_HEADERS["Tus-Resumable"])
+
+
+Said = Annotated[TusHeaders, Header()]
+
+
+class UploadView(BaseModel):
+    """An upload. ``recording_id`` is there once every byte is."""
+
+    id: str
+    offset_bytes: int
+    length_bytes: int
+    file_name: str
+    recording_id: str | None
+    created_at: str
+    links: dict[str, str]
+
+
+class HeadView(BaseModel):
+    """What the first and the last bytes of a file show; null: not yet, or not in them."""
+
+    file: str
+    device: str | None
+    rate_hz: float | None
+    start: str | None
+    end: Annotated[str | None, Field(description="Told by the last bytes, sent ahead or come.")]
+    time_zone: str | None
+    serial_hash: str | None
+
+
+@router.options("", status_code=204)
+@router.options("/{upload_id}", status_code=204, include_in_schema=False)
+def describe_uploads(services: UsedServices) -> Response:
+    """Say which version and extensions of tus are spoken, and how large a file may be."""
+    about = {
+        "Tus-Extension": EXTENSIONS,
+        "Tus-Max-Size": str(services.settings.max_upload_bytes),
+        "Tus-Checksum-Algorithm": ",".join(CHECKSUMS),
+    }
+    return Response(status_code=204, headers=dict(TUS_HEADERS) | about)
+
+
+@router.post("", status_code=201)
+async def create_upload(request: Request, services: UsedServices, said: Said) -> Response:
+    """Announce a file: 201 and the address its bytes go to; the first bytes may come along."""
+    said.check_protocol()
+    if said.upload_length is None:
+        raise WrongLength
+    if said.upload_length == 0:
+        raise EmptyFile
+    check_room(services, said.upload_length)
+    about = read_metadata(said.upload_metadata).describe()
+    row = await run_in_threadpool(services.uploads.open, said.upload_length, said.upload_metadata, about)
+    services.inspector.get_ready()
+    if request.headers.get("content-type") == OFFSET_BODY:
+        row = await take_bytes(request, services, row.id, 0)
+    headers = _tell(row, services) | {"Location": f"/api/v1/uploads/{row.id}"}
+    return Response(status_code=201, headers=headers)
+
+
+@router.get("/{upload_id}")
+def get_upload(upload_id: str, services: UsedServices, said: Said) -> UploadView:
+    """Say how many bytes are safe (HEAD gives the same in headers, as tus asks)."""
+    if said.tus_resumable is not None:
+        said.check_protocol()
+    row = finish_upload(services, get_upload_row(services, upload_id))
+    headers = _tell(row, services) | {"Upload-Length": str(row.length_bytes), "Cache-Control": "no-store"}
+    if row.metadata:
+        headers["Upload-Metadata"] = row.metadata
+    return JSONResponse(view_upload(row).model_dump(), headers=headers)  # type: ignore[return-value]
+
+
+@router.patch("/{upload_id}", status_code=204, openapi_extra={"requestBody": {"content": {OFFSET_BODY: {}}}})
+async def append_to_upload(upload_id: str, request: Request, services: UsedServices, said: Said) -> Response:
+    """Take the next bytes; what came before a broken connection is kept."""
+    said.check_protocol()
+    if request.headers.get("content-type") != OFFSET_BODY:
+        raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=OFFSET_BODY)
+    if said.upload_offset is None:
+        raise WrongLength
+    row = await take_bytes(request, services, upload_id, said.upload_offset, said.upload_checksum)
+    return Response(status_code=204, headers=_tell(row, services))
+
+
+@router.delete("/{upload_id}", status_code=204)
+def terminate_upload(upload_id: str, services: UsedServices, said: Said) -> Response:
+    """Give an upload up; the recording of a finished one stays."""
+    said.check_protocol()
+    drop_upload(services, services.uploads.get(upload_id))
+    return Response(status_code=204, headers=dict(TUS_HEADERS))
+
+
+@router.post("/{upload_id}", include_in_schema=False)
+async def override_method(upload_id: str, request: Request, services: UsedServices, said: Said) -> Response:
+    """Do what ``X-HTTP-Method-Override`` says, for networks that let only GET and POST pass."""
+    method = request.headers.get("x-http-method-override", "").upper()
+    if method == "PATCH":
+        return await append_to_upload(upload_id, request, services, said)
+    if method == "DELETE":
+        return await run_in_threadpool(terminate_upload, upload_id, services, said)
+    raise WrongVerb(allowed="HEAD, GET, PATCH, DELETE")
+
+
+@router.put("/{upload_id}/tail", status_code=204, openapi_extra={"requestBody": {"content": {TAIL_BODY: {}}}})
+async def send_tail_ahead(upload_id: str, request: Request, services: UsedServices) -> Response:
+    """Take the last bytes of a file, 64 KiB at most, ahead of the rest: they tell when the recording ends.
+
+    They never become part of the recording, and are kept only while the upload is under way.
+    """
+    if request.headers.get("content-type") != TAIL_BODY:
+        raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=TAIL_BODY)
+    await run_in_threadpool(services.uploads.get, upload_id)
+    tail = await read_small_body(request, TAIL_BYTES)
+    await run_in_threadpool(keep_tail, services, upload_id, tail)
+    return Response(status_code=204)
+
+
+@router.get("/{upload_id}/inspection")
+def inspect_upload(
+    upload_id: str,
+    services: UsedServices,
+    rate_hz: Annotated[float | None, Query(ge=1, le=10_000)] = None,
+) -> HeadView:
+    """Say what the first bytes show while the rest is on its way: device, rate, start; null is not yet.
+
+    The end is told once the last bytes are here: sent ahead (``PUT .../tail``), or with all the others.
+    """
+    row = services.uploads.get(upload_id)
+    head, tail = read_both_ends(services, row)
+    wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
+    return HeadView(**services.inspector.look_at_head(head, tail, wish))
+
+
+def view_upload(row: UploadRow) -> UploadView:
+    """Show an upload."""
+    own = f"/api/v1/uploads/{row.id}"
+    links = {"self": own, "inspection": f"{own}/inspection", "tail": f"{own}/tail"}
+    if row.recording_id:
+        links["recording"] = f"/api/v1/recordings/{row.recording_id}"
+    return UploadView(
+        id=row.id,
+        offset_bytes=row.offset_bytes,
+        length_bytes=row.length_bytes,
+        file_name=row.about.file_name,
+        recording_id=row.recording_id,
+        created_at=row.created_at,
+        links=links,
+    )
+
+
+def _tell(row: UploadRow, services: Services) -> dict[str, str]:
+    """Give the headers that every answer about an upload has."""
+    left_s = max(0.0, services.settings.upload_term_s - row.idle_s)
+    expires = format_datetime(datetime.now(UTC) + timedelta(seconds=left_s), usegmt=True)
+    headers = dict(TUS_HEADERS) | {"Upload-Offset": str(row.offset_bytes)}
+    if row.recording_id is None:
+        return headers | {"Upload-Expires": expires}
+    return headers | {"Acromion-Recording": row.recording_id}

@@ -1,0 +1,223 @@
+"""The commands of the person who runs Acromion: backup, restore, verify, doctor."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.cli.output import Exit, print_problem
+from app.errors import AppError, BackupRefused, DatabaseAway
+from app.logs import escape_controls, start_logging
+from app.report.words.messages import describe_problem
+from app.report.words.wording import Language, fill, load_wording
+from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.upkeep.backup import Copied
+
+
+# Commands that keep running: the server and its workers.
+
+
+def serve(
+    host: Annotated[str, typer.Option(help="Only this computer, until accounts exist.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 8080,
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Where recordings and reports are kept.")] = Path(
+        "acromion-data"
+    ),
+    workers: Annotated[
+        int, typer.Option("-j", "--jobs", min=0, help="Analyses at once; 0 leaves them to other workers.")
+    ] = 2,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    watch: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Take in what is put into this folder, too.")
+    ] = None,
+) -> None:
+    """Serve the page and the API, with the workers that do the analyses."""
+    from app.main import serve as serve_app  # noqa: PLC0415
+    from app.settings import Settings  # noqa: PLC0415
+
+    try:
+        settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
+        serve_app(settings, open_browser=open_)
+    except AppError as refusal:
+        print_problem("serve", refusal.code, refusal.facts, "en")
+        raise typer.Exit(Exit.USAGE) from None
+
+
+def worker(
+    data: Annotated[Path, typer.Option(metavar="DIR", help="The data folder of the server.")] = Path(
+        "acromion-data"
+    ),
+) -> None:
+    """Do queued analyses until stopped; any number may run beside the server."""
+    from app.jobs.database.connect import check_whole, name_start_trouble  # noqa: PLC0415
+    from app.jobs.worker import run_by_settings  # noqa: PLC0415
+    from app.settings import Settings  # noqa: PLC0415
+
+    settings = Settings(data_dir=data)
+    try:
+        start_logging()
+        with name_start_trouble(settings):
+            check_whole(settings.database_url)
+        run_by_settings(settings)
+    except AppError as refusal:
+        print_problem("worker", refusal.code, refusal.facts, "en")
+        raise typer.Exit(Exit.USAGE) from None
+
+
+FAILED, REFUSED = 1, 3
+
+DataOption = Annotated[
+    Path | None,
+    typer.Option("--data", metavar="DIR", help="The data folder; else ACROMION_DATA_DIR or ./acromion-data."),
+]
+LanguageOption = Annotated[Language, typer.Option("--lang")]
+
+
+def backup(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write (.zip).")],
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Write every row and every file into one file; the server may run meanwhile.
+
+    A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
+    """
+    from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
+
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        copied = back_up(settings, file)
+    _tell_copied(lang, "backup", copied, file=str(file))
+
+
+def restore(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to read.")],
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Put a backup into an empty data folder (or an empty database and bucket).
+
+    A backup with faults is restored, too: what is missing or damaged is listed, and the exit code is 1.
+    """
+    from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
+
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        copied = put_back(settings, file)
+    _tell_copied(lang, "restore", copied, folder=str(settings.data_dir))
+
+
+def verify(
+    file: Annotated[Path | None, typer.Argument(metavar="FILE", help="A backup; else what is kept.")] = None,
+    data: DataOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Read every file and compare it with what its row says."""
+    with _refusals_told(lang, _find_settings(data)):
+        number, faults = _verify_kept(data) if file is None else _verify_backup(file)
+    _tell_faults(lang, faults)
+    if faults:
+        _say(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
+        raise typer.Exit(FAILED)
+    _say(lang, "verify", "good", number=str(number))
+
+
+def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
+    """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
+    from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
+
+    settings = _find_settings(data)
+    with _refusals_told(lang, settings):
+        done = bring_back(settings)
+    for trouble in done.troubles:
+        _say(lang, "recover", trouble.finding, name=trouble.name)
+    counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
+    facts = {name: str(number) for name, number in counts.items()}
+    _say(lang, "recover", "done", **facts)
+    if done.troubles:
+        _say(lang, "recover", "bad", number=str(len(done.troubles)))
+        raise typer.Exit(FAILED)
+
+
+def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
+    """Look for what would keep Acromion from working well on this machine, and say the cure."""
+    from app.upkeep.doctor import examine  # noqa: PLC0415  the database, and only this needs it
+
+    words, healthy = load_wording(lang, "operations"), True
+    for found in examine(_find_settings(data)):
+        entry = words["check"][found.name]
+        what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
+        _say(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
+        healthy = healthy and found.healthy
+    if not healthy:
+        raise typer.Exit(FAILED)
+
+
+def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
+    from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415
+
+    settings = _find_settings(data)
+    check_whole(settings.database_url)
+    kept = list_kept(settings)
+    return len(kept), [(fault.name, fault.finding) for fault in find_faults(settings, kept)]
+
+
+def _verify_backup(file: Path) -> tuple[int, list[tuple[str, str]]]:
+    from app.upkeep.backup import find_damage  # noqa: PLC0415  the database, and only this needs it
+
+    copied = find_damage(file)
+    return copied.promised, [(fault.name, fault.finding) for fault in copied.faults]
+
+
+def _tell_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
+    """Tell how many files were copied and which were not whole; exit 1 where there are any."""
+    if not copied.faults:
+        _say(language, command, "done", number=str(copied.promised), **facts)
+        return
+    _tell_faults(language, [(fault.name, fault.finding) for fault in copied.faults])
+    counts = {"number": str(copied.promised), "faults": str(len(copied.faults))}
+    _say(language, command, "not_whole", **counts, **facts)
+    raise typer.Exit(FAILED)
+
+
+def _tell_faults(language: Language, faults: list[tuple[str, str]]) -> None:
+    for name, finding in faults:
+        _say(language, "verify", finding, name=name)
+
+
+def _find_settings(data: Path | None) -> Settings:
+    return Settings() if data is None else Settings(data_dir=data)
+
+
+def _say(language: Language, command: str, sentence: str, /, **facts: str) -> None:
+    told = {name: escape_controls(fact) for name, fact in facts.items()}
+    typer.echo(fill(load_wording(language, "operations")[command][sentence], told))
+
+
+@contextmanager
+def _refusals_told(language: Language, settings: Settings) -> Iterator[None]:
+    """Tell a refusal in words, and end with its exit code."""
+    from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
+
+    from app.jobs.database.connect import name_start_trouble  # noqa: PLC0415
+
+    try:
+        with name_start_trouble(settings):
+            yield
+    except AppError as refusal:
+        _tell_refusal(refusal, language)
+    except SQLAlchemyError:
+        _tell_refusal(DatabaseAway(), language)
+    except OSError as error:  # the place of the backup
+        _tell_refusal(BackupRefused(why=f"{error.filename or ''} {error.strerror}".strip()), language)
+
+
+def _tell_refusal(refusal: AppError, language: Language) -> None:
+    words = describe_problem(refusal.code, refusal.facts, language)
+    typer.echo(f"{refusal.code} {words.title}\n  {words.detail}\n  {words.fix}", err=True)
+    raise typer.Exit(REFUSED) from None

@@ -1,0 +1,205 @@
+"""The command ``acromion validate``: how far a recording agrees with a reference."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from app.batch.folder import keep_versions, use_plain_names
+from app.batch.plan import plan_tasks
+from app.cli.options import (
+    LanguageOption,
+    Out,
+    PaperOption,
+    SubjectOption,
+    check_windows,
+    parse_kinds,
+    parse_windows,
+    read_tasks_file,
+    take_subject,
+)
+from app.cli.output import Exit, choose_exit, print_problem, report_progress
+from app.errors import AppError, find_outcome
+from app.request import Language, Reference, ReportRequest
+from fusion.conventions import MethodName, Pose, Side
+from fusion.errors import FusionError
+
+# Commands that set two analyses side by side: both arms of one shift, one day beside another.
+
+
+_INPUT_HELP = "a folder that acromion run made, or a recording, which is analysed first."
+KindsOption = Annotated[str, typer.Option("--report", help="What to write: html, pdf or html,pdf.")]
+
+
+def pair(
+    left: Annotated[Path, typer.Argument(help=f"Left arm: {_INPUT_HELP}")],
+    right: Annotated[Path, typer.Argument(help="Right arm: likewise.")],
+    out: Out,
+    trunk: Annotated[Path | None, typer.Option(help="Trunk: likewise.")] = None,
+    offset_s: Annotated[
+        float | None, typer.Option(help="When the right recording began, seconds after the left.")
+    ] = None,
+    trunk_offset_s: Annotated[
+        float | None, typer.Option(help="When the trunk's recording began, seconds after the left arm's.")
+    ] = None,
+    subject: SubjectOption = "",
+    lang: LanguageOption = "en",
+    report: KindsOption = "html,pdf",
+    paper: PaperOption = "a4",
+) -> None:
+    """Set both arms of one shift side by side."""
+    from app.roads.pair import PAIR, PairRequest, make_pair_report  # noqa: PLC0415  heavy
+
+    kinds, code = parse_kinds(report), take_subject(subject)
+    asked = ReportRequest("", code, languages=(lang,), paper=paper)
+    first = _finish_first(left, out / "left", replace(asked, side="left"))
+    second = _finish_first(right, out / "right", replace(asked, side="right"))
+    body = _finish_first(trunk, out / "trunk", asked) if trunk else None
+    request = PairRequest(body, offset_s, trunk_offset_s, (lang,), kinds, paper)
+    _keep(out / "both-arms", PAIR, lang, partial(make_pair_report, first, second, request))
+
+
+def compare(
+    before: Annotated[Path, typer.Argument(help=f"Before: {_INPUT_HELP}")],
+    after: Annotated[Path, typer.Argument(help="After: likewise.")],
+    out: Out,
+    side: Annotated[Side | None, typer.Option(help="Which arm, for recordings.")] = None,
+    subject: SubjectOption = "",
+    lang: LanguageOption = "en",
+    report: KindsOption = "html,pdf",
+    paper: PaperOption = "a4",
+) -> None:
+    """Set one day beside another, and say whether the change is larger than days differ anyway."""
+    from app.roads.pair import COMPARISON, PairRequest, make_comparison_report  # noqa: PLC0415  heavy
+
+    kinds = parse_kinds(report)
+    asked = ReportRequest("", take_subject(subject), side, languages=(lang,), paper=paper)
+    first = _finish_first(before, out / "before", asked)
+    second = _finish_first(after, out / "after", asked)
+    request = PairRequest(languages=(lang,), kinds=kinds, paper=paper)
+    _keep(out / "before-after", COMPARISON, lang, partial(make_comparison_report, first, second, request))
+
+
+def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
+    """Give the folder of a finished analysis: the one named, or that of the recording, once analysed."""
+    if path.is_dir():
+        return path
+    tasks = plan_tasks([path], out, request, force=False)
+    if code := choose_exit(report_progress(tasks, 1)):
+        raise typer.Exit(code)
+    return tasks[0].folder
+
+
+def _keep(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> None:
+    try:
+        marker = keep_versions(folder, figures, language, make)
+    except AppError as refusal:
+        print_problem(folder.name, refusal.code, refusal.facts, language)
+        raise typer.Exit(Exit.NOTHING_DONE) from None
+    except OSError as error:
+        print_problem(str(folder), "E-FILE", {"why": error.strerror or ""}, language)
+        raise typer.Exit(Exit.NOTHING_DONE) from None
+    typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
+    for line in (folder / "answer.txt").read_text("utf-8").splitlines():
+        typer.echo(f"  {line}")
+
+
+def validate(
+    path: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A recording; or a folder of a whole study (docs/validate.md)."),
+    ],
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="REF", help="MVNX, MT Manager, DOT, a CSV of angle or quaternion, elevation.parquet."
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")] = Path(
+        "acromion-validation"
+    ),
+    tasks: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="name,start_s,end_s[,paper_task].")
+    ] = None,
+    side: Annotated[Side | None, typer.Option(help="Which arm of an MVNX (right if not said).")] = None,
+    subject: SubjectOption = "",
+    method: Annotated[MethodName, typer.Option(help="How elevation is estimated.")] = "smoothed",
+    pose: Annotated[Pose, typer.Option(help="The pose the wearer was calibrated in.")] = "n-pose",
+    calibration: Annotated[
+        list[str] | None, typer.Option(metavar="START_S,END_S", help="When the arm hung still.")
+    ] = None,
+    offset_s: Annotated[float | None, typer.Option(help="Reference clock at recording time 0.")] = None,
+    drift_ppm: Annotated[
+        float | None, typer.Option(help="How much faster the reference's clock runs.")
+    ] = None,
+    rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000, help="For a FILE without time.")] = None,
+    reference_rate_hz: Annotated[
+        float | None, typer.Option(min=1, max=10_000, help="For a REF without time.")
+    ] = None,
+    lang: LanguageOption = "en",
+    paper: PaperOption = "a4",
+) -> None:
+    """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
+    request = ReportRequest(
+        path.name,
+        take_subject(subject),
+        side,
+        method,
+        pose,
+        parse_windows(calibration),
+        rate_hz,
+        (lang,),
+        paper=paper,
+    )
+    if path.is_dir():
+        _study(path, request, out)
+    if reference is None:
+        raise typer.BadParameter("needed, unless FILE is the folder of a study", param_hint="--reference")
+    check_windows([request])
+    given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
+    given = replace(given, tasks=read_tasks_file(tasks, lang))
+    with _telling(path.name, lang):
+        _compare(path, replace(request, reference=given), out)
+    answer = (out / "answer.txt").read_text("utf-8").splitlines()
+    typer.echo("\n  ".join((f"{path.name} -> {out}", *answer)))
+
+
+def _compare(path: Path, request: ReportRequest, out: Path) -> None:
+    """Take the one road."""
+    from app.roads.validate import make_validation  # noqa: PLC0415  heavy, and only this needs it
+
+    out.mkdir(parents=True, exist_ok=True)
+    make_validation(path, request, out)
+    use_plain_names(out, request.languages[0])
+
+
+def _study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
+    """Compare a whole folder; what failed is told, and shows in the exit code."""
+    from app.roads.agreement_study import make_study  # noqa: PLC0415
+
+    language = request.languages[0]
+    with _telling(str(path), language):
+        out.mkdir(parents=True, exist_ok=True)
+        outcome = make_study(path, request, out, typer.echo)
+        use_plain_names(out, request.languages[0])
+    for problem in outcome.problems:
+        print_problem(problem.name, problem.code, problem.facts, language)
+    typer.echo(f"{path} -> {(out / 'study.html').resolve()}")
+    raise typer.Exit(Exit.SOME_FAILED if outcome.problems else Exit.ALL_GOOD)
+
+
+@contextmanager
+def _telling(name: str, language: Language) -> Iterator[None]:
+    """Tell a refusal in words and leave with the exit code of its kind."""
+    try:
+        yield
+    except FusionError as refusal:
+        print_problem(name, refusal.code, refusal.facts, language)
+        raise typer.Exit(find_outcome(type(refusal)).exit_code) from None
+    except OSError as error:
+        print_problem(name, "E-FILE", {"why": error.strerror or ""}, language)
+        raise typer.Exit(Exit.NOTHING_DONE) from None

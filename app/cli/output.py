@@ -1,0 +1,213 @@
+"""What the command line says: one line for each outcome, one for each problem, and the exit code."""
+
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from app.batch.plan import Task, show_path
+from app.batch.run import Outcome, find_done, run_tasks
+from app.batch.tables import write_tables
+from app.errors import Interrupted
+from app.jobs.children.fork_server import warm_up
+from app.logs import escape_controls
+from app.report.words.messages import describe_problem
+from app.report.words.numbers import format_duration
+from app.report.words.wording import fill, load_wording
+from app.request import Language, ReportRequest
+
+
+class Exit(IntEnum):
+    """Exit codes, the same for every command."""
+
+    ALL_GOOD = 0
+    SOME_FAILED = 1
+    USAGE = 2
+    NOTHING_DONE = 3
+    INTERRUPTED = 130
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is; ``left_s`` is a guess from the recordings analysed so far, None before the first."""
+
+    done: int
+    all: int
+    left_s: float | None
+
+
+Tell = Callable[[Outcome, Progress], None]
+
+
+def report_progress(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> list[Outcome]:
+    """Do the tasks, telling each outcome as it comes; give them in the order of the tasks.
+
+    Ctrl-C ends the run, and SIGTERM does: what was not reached is an outcome, too (E-INTERRUPTED), but for
+    what an earlier run has done.
+    """
+    tell = tell or tell_outcome
+    outcomes: list[Outcome] = []
+    start_s = time.monotonic()
+    try:
+        with _taking(signal.default_int_handler, signal.SIGTERM):
+            warm_up()
+            for outcome in run_tasks(tasks, workers, _show_stage if tell is tell_outcome else _show_nothing):
+                outcomes.append(outcome)
+                left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
+                tell(outcome, Progress(len(outcomes), len(tasks), left_s))
+    except KeyboardInterrupt:
+        outcomes += _account_for_rest(tasks, [outcome.task for outcome in outcomes])
+    return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
+
+
+@contextmanager
+def _taking(how: Any, *numbers: int) -> Iterator[None]:
+    """Take signals so until the end of the block."""
+    before = {number: signal.signal(number, how) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _account_for_rest(tasks: Sequence[Task], reached: Sequence[Task]) -> list[Outcome]:
+    """Say what became of the tasks that a cut run did not reach; a second Ctrl-C takes them for not done."""
+    rest = [task for task in tasks if task not in reached]
+    found: dict[str, Outcome | None] = {}
+    with suppress(KeyboardInterrupt):
+        for task in rest:
+            found[task.name] = find_done(task)
+    return [found.get(task.name) or Outcome(task, code=Interrupted.code) for task in rest]
+
+
+def _guess_left_s(outcomes: Sequence[Outcome], total: int, elapsed_s: float) -> float | None:
+    """What was done before cost nothing, and says nothing of the rest."""
+    analysed = sum(not outcome.repeated for outcome in outcomes)
+    return elapsed_s / analysed * (total - len(outcomes)) if analysed else None
+
+
+def _show_nothing(_task: Task, _stage: str | None, _fraction: float) -> None:
+    """Take the place of the line that shows the stage."""
+
+
+def _show_stage(task: Task, stage: str | None, fraction: float) -> None:
+    """Keep one line on a terminal up to date; a log file gets none of it."""
+    if sys.stderr.isatty():
+        typer.echo(
+            f"\r\x1b[K{escape_controls(task.name)}: {stage or 'waiting'} {fraction:.0%}", nl=False, err=True
+        )
+
+
+def tell_outcome(outcome: Outcome, progress: Progress) -> None:
+    """Say where the report is and what it answers, or what is wrong and the cure."""
+    request = outcome.task.request
+    if sys.stderr.isatty():
+        typer.echo("\r\x1b[K", nl=False, err=True)
+    counter = _count(progress, request.languages[0])
+    if outcome.code:
+        print_problem(counter + outcome.task.name, outcome.code, outcome.facts, request.languages[0])
+        return
+    told = f"{counter}{outcome.task.name} -> {show_path(outcome.task.folder)}{_tell_version(outcome)}"
+    typer.echo(escape_controls(told))
+    for line in outcome.answer:
+        typer.echo(f"  {line}")
+
+
+def _count(progress: Progress, language: Language) -> str:
+    if progress.all == 1:
+        return ""
+    words = load_wording(language, "run")["outcome"]
+    left = format_duration(progress.left_s, language) if progress.left_s else ""
+    facts = {"done": str(progress.done), "all": str(progress.all), "time": left}
+    return f"[{fill(words['counter'], facts)}] "
+
+
+def tell_problem(outcome: Outcome, _progress: Progress) -> None:
+    """Say only what went wrong."""
+    if outcome.code:
+        language = outcome.task.request.languages[0]
+        print_problem(outcome.task.name, outcome.code, outcome.facts, language)
+
+
+def tell_as_json(outcome: Outcome, progress: Progress) -> None:
+    """Say it in one line for a program: file, folder, code of the failure or null, how far the run is."""
+    line = {
+        "file": show_path(outcome.task.log),
+        "folder": show_path(outcome.task.folder),
+        "code": outcome.code,
+        "repeated": outcome.repeated,
+        "done": progress.done,
+        "all": progress.all,
+        "left_s": None if progress.left_s is None else round(progress.left_s, 1),
+    }
+    typer.echo(escape_controls(json.dumps(line, ensure_ascii=False)))
+
+
+def _tell_version(outcome: Outcome) -> str:
+    """Say what was not done again, and where the report is that a new one replaces."""
+    words = load_wording(outcome.task.request.languages[0], "run")["outcome"]
+    facts = {
+        "changes": ", ".join(outcome.changes),
+        "n": str(outcome.version),
+        "old": str(outcome.version - 1),
+    }
+    if outcome.changes:
+        return f" ({fill(words['version'], facts)})"
+    return f" ({words['already']})" if outcome.repeated else ""
+
+
+def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
+    """Tell on standard error what is wrong, and the cure."""
+    problem = describe_problem(code, facts, language)
+    typer.echo(
+        f"{escape_controls(name)}: {code} {problem.title}\n  {problem.detail}\n  {problem.fix}", err=True
+    )
+
+
+def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> None:
+    """Write the tables and leave with the exit code that says the same as they do."""
+    language = request.languages[0]
+    if outcomes:
+        try:
+            with _taking(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # the tables are a second's work
+                write_tables(out, outcomes, request, datetime.now(UTC))
+        except OSError as error:
+            print_problem(str(out), "E-FILE", {"why": error.strerror or ""}, language)
+            is_any_good = any(outcome.code is None for outcome in outcomes)
+            raise typer.Exit(Exit.SOME_FAILED if is_any_good else Exit.NOTHING_DONE) from None
+    if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
+        typer.echo(_tell_total(outcomes, language), err=True)
+    raise typer.Exit(choose_exit(outcomes))
+
+
+def _tell_total(outcomes: Sequence[Outcome], language: Language) -> str:
+    counts = {
+        "all": len(outcomes),
+        "good": sum(outcome.code is None for outcome in outcomes),
+        "repeated": sum(outcome.repeated for outcome in outcomes),
+        "failed": sum(outcome.code not in (None, Interrupted.code) for outcome in outcomes),
+        "left": sum(outcome.code == Interrupted.code for outcome in outcomes),
+    }
+    told = {name: str(n) if n or name in {"all", "good"} else "" for name, n in counts.items()}
+    words = load_wording(language, "run")["outcome"]
+    return fill(words["interrupted" if counts["left"] else "total"], told)
+
+
+def choose_exit(outcomes: Sequence[Outcome]) -> Exit:
+    """Choose the exit code from the list that the tables are made of."""
+    if any(outcome.code == Interrupted.code for outcome in outcomes):
+        return Exit.INTERRUPTED
+    good = [outcome.code is None for outcome in outcomes]
+    if not any(good):
+        return Exit.NOTHING_DONE
+    return Exit.ALL_GOOD if all(good) else Exit.SOME_FAILED

@@ -1,0 +1,196 @@
+"""Commands that turn recordings into reports."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from app.batch.folder import is_up_to_date
+from app.batch.inputs import Participant, apply_settings, assign_participants
+from app.batch.plan import Task, find_recordings, plan_joined, plan_tasks, show_path
+from app.batch.run import Capacity, choose_workers, measure_capacity
+from app.cli.options import (
+    DiaryOption,
+    LanguageOption,
+    Out,
+    ProfileOption,
+    SideOption,
+    SubjectOption,
+    check_windows,
+    parse_kinds,
+    parse_windows,
+    read_diary_file,
+    read_list_file,
+    read_participants_file,
+    read_profile_file,
+    read_settings_file,
+    take_subject,
+)
+from app.cli.output import (
+    Exit,
+    finish,
+    print_problem,
+    report_progress,
+    tell_as_json,
+    tell_outcome,
+    tell_problem,
+)
+from app.report.words.wording import fill, load_wording
+from app.request import Language, Paper, ReportRequest
+from fusion.conventions import MethodName, Pose
+
+
+def run(
+    out: Out,
+    paths: Annotated[
+        list[Path] | None, typer.Argument(help="Recordings, folders of recordings, or patterns.")
+    ] = None,
+    list_: Annotated[
+        Path | None, typer.Option("--list", metavar="FILE", help="A list of paths; - for standard input.")
+    ] = None,
+    participants: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="file,subject,side,pose,calibration,diary.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE.yaml", help="Settings of a study, as settings.yaml.")
+    ] = None,
+    side: SideOption = None,
+    subject: SubjectOption = "",
+    method: Annotated[
+        MethodName | None, typer.Option(help="How elevation is estimated  \\[default: smoothed]")
+    ] = None,
+    pose: Annotated[
+        Pose | None, typer.Option(help="The pose the wearer was calibrated in  \\[default: n-pose]")
+    ] = None,
+    calibration: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="START_S,END_S", help="Calibration window; twice for two-point: hanging, level."
+        ),
+    ] = None,
+    diary: DiaryOption = None,
+    lang: Annotated[Language | None, typer.Option(help="Language of the report  \\[default: en]")] = None,
+    rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000, help="For logs without time.")] = None,
+    profile: ProfileOption = None,
+    report: Annotated[
+        str | None, typer.Option(help="What to write: html, pdf or html,pdf  \\[default: html,pdf]")
+    ] = None,
+    paper: Annotated[Paper | None, typer.Option(help="Paper of the PDF  \\[default: a4]")] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option("-j", "--jobs", min=1, help="Recordings at once  \\[default: by cores, memory]"),
+    ] = None,
+    join: Annotated[bool, typer.Option("--join", help="The files are one shift, in one report.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Do finished recordings again.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be done; write nothing.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Say only what went wrong, and the total.")] = False,
+    json_log: Annotated[bool, typer.Option("--json-log", help="One JSON line for each recording.")] = False,
+) -> None:
+    """Analyse recordings and write a report for each.
+
+    What is asked here goes before what the settings file says, and what the list of participants says of a
+    recording goes before both.
+    """
+    given = {
+        "side": side,
+        "method": method,
+        "pose": pose,
+        "calibration_windows_s": parse_windows(calibration),
+        "rate_hz": rate_hz,
+        "kinds": parse_kinds(report),
+        "paper": paper,
+    }
+    request = _gather_request(config, lang, given)
+    language = request.languages[0]
+    request = replace(
+        request,
+        subject=take_subject(subject),
+        diary=read_diary_file(diary, language) or request.diary,
+        profile=read_profile_file(profile, language) or request.profile,
+    )
+    inputs = [path for path in (list_, participants, config, diary, profile) if path]
+    tasks = _plan(
+        [*(paths or ()), *read_list_file(list_, language)], out, request, inputs, join=join, force=force
+    )
+    tasks, unmatched = assign_participants(tasks, read_participants_file(participants, language))
+    _tell_unmatched(unmatched, language)
+    check_windows(task.request for task in tasks)
+    if dry_run:
+        _tell_plan(tasks, language)
+        raise typer.Exit
+    tell = tell_as_json if json_log else tell_problem if quiet else tell_outcome
+    count = workers or _choose_workers(tasks, measure_capacity(), language)
+    finish(report_progress(tasks, count, tell), out, request)
+
+
+def exposure(
+    path: Annotated[Path, typer.Argument(help="CSV with the columns time_s,elevation_deg.")],
+    out: Out,
+    side: SideOption = None,
+    subject: SubjectOption = "",
+    diary: DiaryOption = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Give the exposure of a ready angle series (an empty angle is missing)."""
+    entries = read_diary_file(diary, lang)
+    request = ReportRequest(
+        path.name, take_subject(subject), side, languages=(lang,), source="angles", diary=entries
+    )
+    tasks = plan_tasks([path], out, request, force=True)
+    finish(report_progress(tasks, 1), out, request)
+
+
+def _gather_request(config: Path | None, lang: Language | None, given: dict[str, Any]) -> ReportRequest:
+    """Lay what was typed over the settings of the study, and those over the defaults."""
+    settings = read_settings_file(config, lang or "en")
+    typed = {name: value for name, value in given.items() if value}
+    languages = (lang,) if lang else settings.get("languages", ("en",))
+    return apply_settings(ReportRequest(""), {**settings, **typed, "languages": languages})
+
+
+def _plan(
+    paths: Sequence[Path],
+    out: Path,
+    request: ReportRequest,
+    inputs: Sequence[Path],
+    *,
+    join: bool,
+    force: bool,
+) -> list[Task]:
+    language = request.languages[0]
+    found = find_recordings(paths, out, inputs)
+    if not found.logs:
+        print_problem(", ".join(map(str, paths)), "E-NO-RECORDING", {}, language)
+        raise typer.Exit(Exit.NOTHING_DONE if paths else Exit.USAGE)
+    if found.others:
+        _note("others", language, n=str(found.others))
+    return (plan_joined if join else plan_tasks)(found.logs, out, request, found.tell_path, force=force)
+
+
+def _choose_workers(tasks: Sequence[Task], capacity: Capacity, language: Language) -> int:
+    count = choose_workers(len(tasks), capacity)
+    if len(tasks) > 1:
+        memory = str(round(capacity.free_bytes / (1 << 30), 1))
+        _note("workers", language, n=str(count), cores=str(capacity.cores), memory=memory)
+    return count
+
+
+def _tell_unmatched(rows: Sequence[Participant], language: Language) -> None:
+    for row in rows:
+        _note("unmatched", language, line=str(row.line), file=row.file)
+
+
+def _tell_plan(tasks: Sequence[Task], language: Language) -> None:
+    words = load_wording(language, "run")["outcome"]
+    for task in tasks:
+        done = not task.force and is_up_to_date(task)
+        told = words["would_skip" if done else "would_do"]
+        typer.echo(f"{told}: {show_path(task.log)} -> {show_path(task.folder)}")
+
+
+def _note(name: str, language: Language, **facts: str) -> None:
+    typer.echo(fill(load_wording(language, "run")["outcome"][name], facts), err=True)

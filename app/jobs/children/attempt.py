@@ -1,0 +1,244 @@
+"""One attempt at a job, in a process of its own: limited, and harmless when it dies."""
+
+import importlib
+import json
+import logging
+import multiprocessing
+import os
+import secrets
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.errors import AppError, AttemptFailed, InternalError, OutOfMemory, OutOfTime
+from app.jobs.children.fork_server import NotStarted, choose_context, end_child, start_child
+from app.logs import start_logging
+from app.request import OnStage, ReportRequest, Stage
+from app.storage.decoded import NOTHING_KNOWN, KnownLogs
+from app.storage.store import ResultFile, name_full_disk, seal_folder
+from fusion.errors import Fact, FusionError
+
+if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic
+    from app.settings import Settings
+
+if sys.platform != "win32":
+    import resource
+
+MakeReport = Callable[[Path, ReportRequest, Path, OnStage], object]
+OnProgress = Callable[[str | None, float], bool]
+
+TICK_S = 0.2
+NICENESS = 5
+MESSAGE_BYTES = 1 << 20
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What one attempt may use."""
+
+    memory_bytes: int
+    wall_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What one attempt has to do: from this file, by this request, into this folder.
+
+    ``gives_way``: the pages and uploads of the same machine go first.
+    """
+
+    log: Path
+    request: ReportRequest
+    out: Path
+    make_report: MakeReport
+    limits: Limits
+    gives_way: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The files are made, and durable."""
+
+    files: tuple[ResultFile, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """No report can be made of this file; trying again would end alike."""
+
+    code: str
+    facts: Mapping[str, Fact]
+
+
+@dataclass(frozen=True, slots=True)
+class Died:
+    """The process ended without a word (killed, crashed)."""
+
+    exit_code: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """We ended it, for its result is no longer wanted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unstarted:
+    """No child could be started: the machine's trouble, not the file's."""
+
+
+Outcome = Finished | Refused | Died | Stopped | Unstarted
+
+
+def load_and_make_report(
+    log: Path, request: ReportRequest, out: Path, on_stage: OnStage, known: KnownLogs = NOTHING_KNOWN
+) -> None:
+    """Take the one road; the science is loaded only where it is needed, in the child process."""
+    if request.reference is not None:
+        importlib.import_module("app.roads.validate").make_validation(log, request, out, on_stage)
+    else:
+        known = importlib.import_module("app.roads.reading").read_ahead(log, request, known, on_stage)
+        importlib.import_module("app.roads.analyse").make_report(log, request, out, on_stage, known)
+
+
+def load_and_tell_again(finished: Path) -> MakeReport:
+    """Take the short road, from the finished analysis in a folder to its report in another language."""
+    return partial(_load_and_tell_again, finished)
+
+
+def _load_and_tell_again(
+    finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
+) -> None:
+    importlib.import_module("app.roads.analyse").make_report_again(finished, request, out, on_stage)
+
+
+def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
+    """Give a large file more time."""
+    wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
+    return Limits(settings.memory_limit_bytes, wall_s)
+
+
+def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
+    """Make the attempt in a child process and wait for it.
+
+    ``on_progress`` is called several times a second with the stage and the fraction done; when it answers
+    False the child is killed.
+    """
+    context = choose_context()
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=_work, args=(attempt, theirs), daemon=True)
+    try:
+        start_child(child)
+    except NotStarted:
+        ours.close()
+        return Unstarted()
+    finally:
+        theirs.close()
+    try:
+        return _follow(child, ours, attempt.limits, on_progress)
+    finally:
+        end_child(child)
+        ours.close()
+
+
+def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: OnProgress) -> Outcome:
+    stage: str | None = None
+    fraction, end_s = 0.0, time.monotonic() + limits.wall_s
+    while time.monotonic() < end_s:
+        try:
+            message = json.loads(pipe.recv_bytes(MESSAGE_BYTES)) if pipe.poll(TICK_S) else {}
+        except (EOFError, OSError):
+            child.join(5)
+            return Died(child.exitcode)
+        if "stage" in message:
+            stage, fraction = message["stage"], message["fraction"]
+        elif message:
+            return _read_outcome(message)
+        if not on_progress(stage, fraction):
+            return Stopped()
+    return _refuse(OutOfTime(s=round(limits.wall_s)))
+
+
+def _read_outcome(message: dict[str, Any]) -> Outcome:
+    """Understand the child's last word. It is JSON: a child that read hostile bytes is not believed more."""
+    if "files" in message:
+        return Finished(tuple(ResultFile(*file) for file in message["files"]))
+    return Refused(message["code"], message["facts"])
+
+
+def _work(attempt: Attempt, pipe: Connection) -> None:
+    """Be the child process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for our worker, who ends us
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    _limit_self(attempt.limits)
+    start_logging(logging.WARNING)
+    if attempt.gives_way and sys.platform != "win32":
+        os.nice(NICENESS)
+    result = _try(attempt, partial(_tell_stage, pipe))
+    if isinstance(result, Finished):
+        files = [(file.name, file.sha256, file.size_bytes) for file in result.files]
+        _tell(pipe, {"files": files})
+    else:
+        _tell(pipe, {"code": result.code, "facts": dict(result.facts)})
+    pipe.close()
+
+
+def _try(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
+    try:
+        with name_full_disk():
+            attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
+            return Finished(seal_folder(attempt.out))
+    except (FusionError, AppError) as refusal:
+        return Refused(refusal.code, refusal.facts)
+    except MemoryError:
+        return _refuse(OutOfMemory(max=round(attempt.limits.memory_bytes / 1e9, 1)))
+    except Exception:  # the one place where a bug becomes a failed job
+        reference = secrets.token_hex(4)
+        logger.exception("analysis failed, reference %s", reference)
+        return _refuse(InternalError(reference=reference))
+
+
+def _refuse(error: AttemptFailed) -> Refused:
+    return Refused(error.code, error.facts)
+
+
+def _tell_stage(pipe: Connection, stage: Stage, fraction: float) -> None:
+    _tell(pipe, {"stage": stage, "fraction": fraction})
+
+
+def _tell(pipe: Connection, message: Mapping[str, object]) -> None:
+    pipe.send_bytes(json.dumps(message).encode())
+
+
+def _leave_with_parent() -> None:
+    """Wait for the worker's end, and do not outlive it."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+def _limit_self(limits: Limits) -> None:
+    """Ask the system to hold us to the limits, should our worker not be able to."""
+    if sys.platform == "win32":
+        return
+    cpu_s = round(limits.wall_s * (os.cpu_count() or 1)) + 1
+    _lower_limit(resource.RLIMIT_AS, limits.memory_bytes)
+    _lower_limit(resource.RLIMIT_CPU, cpu_s)
+    _lower_limit(resource.RLIMIT_CORE, 0)
+
+
+def _lower_limit(which: int, value: int) -> None:
+    _, hard = resource.getrlimit(which)
+    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+    resource.setrlimit(which, (value, value))

@@ -1,0 +1,141 @@
+"""Where children come from: a server of them that has loaded the science once.
+
+It is a small module of its own, so that the command line can start that server before it has loaded itself.
+
+The server of children may itself be killed, or hang. A child that runs does not need it: it goes on, and its
+result counts. Whoever waits for that server (to start a child, to report its end) ends it after a while and
+begins again with another.
+"""
+
+import gc
+import importlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import forkserver
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+# How a process that others are forked from loads what they share with it.
+
+
+READING = ("app.jobs.children.attempt", "app.roads.reading")
+ALL = (*READING, "app.roads.analyse", "app.roads.inspect")
+
+
+def load(names: tuple[str, ...]) -> None:
+    """Load modules, and the part of the compiler that fetches what was compiled before.
+
+    The garbage collector rests meanwhile: nothing of what is loaded here is ever let go, and looking through
+    it again and again takes a sixth of the time. Frozen, it is not looked at in the children either, so that
+    memory shared with them stays shared.
+    """
+    gc.disable()
+    for name in names:
+        importlib.import_module(name)
+    importlib.import_module("fusion.numba_kernels").make_ready()
+    gc.freeze()
+    gc.enable()
+
+
+FOR_MANY, FOR_ONE = "app.jobs.children.preloaded", "app.jobs.children.preloaded_reading"
+"""What the server loads before it serves: everything, or no more than the first child begins with."""
+
+TICK_S = 1.0
+START_TICKS, START_TRIES = 180, 3
+"""Loading the science takes seconds, and minutes on a machine that is very busy."""
+END_TICKS = 10
+
+logger = logging.getLogger(__name__)
+
+
+class NotStarted(Exception):
+    """No child could be started: the machine's fault, never that of a file."""
+
+
+def choose_context(preloaded: str = FOR_MANY) -> Any:
+    """Prefer the fork server: it has imported the science already, and it has no threads of ours.
+
+    ``preloaded`` counts until the server runs.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([preloaded])
+    return context
+
+
+def warm_up(preloaded: str = FOR_MANY) -> None:
+    """Have the fork server import the science now, so that the first job need not wait for it."""
+    if choose_context(preloaded).get_start_method() == "forkserver":
+        forkserver.ensure_running()
+
+
+def warm_up_and_wait() -> None:
+    """Have the fork server import the science, and wait until it has, so that no claimed job waits for it."""
+    child = choose_context().Process(target=int, daemon=True)
+    with suppress(NotStarted):
+        start_child(child)
+        end_child(child)
+
+
+def start_child(child: BaseProcess) -> None:
+    """Start a child, by another fork server where the first is dead or does not answer.
+
+    Raises
+    ------
+    NotStarted
+    """
+    for _ in range(START_TRIES):
+        try:
+            with _ending_hung_server():
+                child.start()
+                return
+        except (EOFError, OSError) as error:
+            logger.warning("no child was started: %s", error or type(error).__name__)
+            end_fork_server()
+    raise NotStarted
+
+
+def end_child(child: BaseProcess) -> None:
+    """Kill a child, and wait until its end is reported or the reporter is known to hang."""
+    child.kill()
+    for _ in range(END_TICKS):
+        child.join(TICK_S)
+        if child.exitcode is not None:
+            return
+    logger.error("the end of child %s is not reported; the fork server is ended", child.pid)
+    end_fork_server()
+    child.join(TICK_S)
+
+
+def end_fork_server() -> None:
+    """Kill the fork server if there is one; the next child is started by another."""
+    pid = getattr(forkserver._forkserver, "_forkserver_pid", None)  # noqa: SLF001 - it has no public name
+    if pid is not None:
+        with suppress(ProcessLookupError, ChildProcessError):
+            os.kill(pid, signal.SIGKILL)
+            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # dead for sure; multiprocessing collects it
+
+
+@contextmanager
+def _ending_hung_server() -> Iterator[None]:
+    """End the fork server when the block takes too long, counted in ticks of our own running."""
+    done = threading.Event()
+
+    def watch() -> None:
+        for _ in range(START_TICKS):
+            if done.wait(TICK_S):
+                return
+        logger.error("the fork server does not answer and is ended")
+        end_fork_server()
+
+    threading.Thread(target=watch, name="start-watch", daemon=True).start()
+    try:
+        yield
+    finally:
+        done.set()

@@ -1,0 +1,147 @@
+"""A look at a recording while somebody waits: in a child process as an analysis is, but not queued."""
+
+import importlib
+import json
+import shutil
+import tempfile
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from app.errors import Crashed, Interrupted, RecordedProblem
+from app.jobs.children.attempt import (
+    Attempt,
+    Finished,
+    MakeReport,
+    Refused,
+    Unstarted,
+    choose_limits,
+    run_attempt,
+)
+from app.jobs.children.fork_server import warm_up
+from app.request import OnStage, ReportRequest
+from app.settings import Settings
+from app.storage.incoming import TAIL_SUFFIX
+
+AT_ONCE = 2
+PREFIX = "look_"
+
+
+def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Look at a whole file; the science is loaded in the child process only."""
+    importlib.import_module("app.roads.inspect").write_inspection(log, request, out, on_stage)
+
+
+def load_and_inspect_head(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Look at the first bytes of a file."""
+    importlib.import_module("app.roads.inspect").write_head_inspection(log, request, out, on_stage)
+
+
+def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Set one result beside another."""
+    importlib.import_module("app.roads.pair").write_comparison(log, request, out, on_stage)
+
+
+def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write angles as text."""
+    importlib.import_module("app.roads.pair").write_elevation_csv(log, request, out, on_stage)
+
+
+def load_and_propose_columns(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Look at the head of a table for what its columns may be."""
+    importlib.import_module("app.roads.inspect").write_column_proposal(log, request, out, on_stage)
+
+
+@dataclass(frozen=True, slots=True)
+class Inspector:
+    """Looks at a few recordings at once; whoever comes later waits."""
+
+    settings: Settings
+    folder: Path
+    inspect: MakeReport = load_and_inspect
+    inspect_head: MakeReport = load_and_inspect_head
+    _turns: threading.BoundedSemaphore = field(default_factory=lambda: threading.BoundedSemaphore(AT_ONCE))
+    _warm: threading.Event = field(default_factory=threading.Event)
+
+    def prepare(self) -> None:
+        """Make the folder for what passes from child to parent."""
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def sweep(self) -> None:
+        """Remove what a crash left of a look; only for the one server of this folder, before it looks."""
+        for left in self.folder.glob(f"{PREFIX}*"):
+            shutil.rmtree(left, ignore_errors=True)
+            if left.is_file():
+                left.unlink()
+
+    def get_ready(self) -> None:
+        """Load the science now, in the fork server, for a recording has been announced."""
+        if not self._warm.is_set():
+            self._warm.set()
+            threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
+
+    def look(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+        """Look at a whole recording.
+
+        Raises
+        ------
+        RecordedProblem
+            With the code of the refusal.
+        """
+        return _read(self._run(log, request, self.inspect, "inspection.json"))
+
+    def look_at_head(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
+        """Look at the first bytes of a recording and, where they are known, at its last.
+
+        Raises
+        ------
+        RecordedProblem
+        """
+        with tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
+            log = Path(folder) / "head"
+            log.write_bytes(head)
+            if tail is not None:
+                log.with_suffix(TAIL_SUFFIX).write_bytes(tail)
+            return _read(self._run(log, request, self.inspect_head, "inspection.json"))
+
+    def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
+        """Say what the columns of a table are called and what they may be.
+
+        Raises
+        ------
+        RecordedProblem
+        """
+        return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
+
+    def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
+        """Compare what two analyses found."""
+        both = b"[" + before + b"," + after + b"]"
+        return _read(self._run_on(both, ReportRequest(""), load_and_compare, "comparison.json"))
+
+    def write_angles(self, parquet: Path) -> bytes:
+        """Write the angles as CSV in gzip."""
+        return self._run(parquet, ReportRequest(""), load_and_write_angles, "elevation.csv.gz")
+
+    def _run_on(self, content: bytes, request: ReportRequest, make: MakeReport, name: str) -> bytes:
+        with tempfile.NamedTemporaryFile(prefix=PREFIX, dir=self.folder) as file:
+            file.write(content)
+            file.flush()
+            return self._run(Path(file.name), request, make, name)
+
+    def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
+        """Give the file of this name that the child has made."""
+        with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
+            out = Path(folder)
+            limits = choose_limits(self.settings, log.stat().st_size)
+            outcome = run_attempt(Attempt(log, request, out, make, limits), lambda *_: True)
+            if isinstance(outcome, Finished):
+                return (out / name).read_bytes()
+        if isinstance(outcome, Refused):
+            raise RecordedProblem(outcome.code, outcome.facts)
+        raise Interrupted if isinstance(outcome, Unstarted) else Crashed(attempts=1)
+
+
+def _read(body: bytes) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(body)
+    return found

@@ -1,0 +1,1 @@
+"""The database: connected to, migrated, written out; its tables."""

@@ -1,0 +1,69 @@
+"""Every row of every table as text: one JSON line each, whatever the database and its revision."""
+
+import json
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, MetaData, Table
+
+from app.jobs.database.tables import metadata
+from app.storage.private import create_file, make_folder
+from app.storage.store import sync_file, sync_folder
+
+ROWS_AT_ONCE = 1000
+
+
+def reflect_tables(connection: Connection) -> tuple[Table, ...]:
+    """Give our tables as they are in this database, those that others refer to first.
+
+    A database may hold tables of somebody else: they are neither read nor touched.
+    """
+    found = MetaData()
+    found.reflect(connection, only=lambda name, _: name in metadata.tables)
+    return tuple(table for table in found.sorted_tables if table.name in metadata.tables)
+
+
+def write_rows(connection: Connection, table: Table) -> Iterator[bytes]:
+    """Give every row of a table as a line of JSON."""
+    order = tuple(table.primary_key.columns)
+    found = connection.execution_options(yield_per=ROWS_AT_ONCE).execute(table.select().order_by(*order))
+    for row in found:
+        yield json.dumps(row._asdict(), ensure_ascii=False).encode() + b"\n"
+
+
+def write_all_rows(connection: Connection, archive: zipfile.ZipFile) -> None:
+    """Write every table as a member of its own, ``rows/<table>.jsonl``."""
+    for table in reflect_tables(connection):
+        with archive.open(f"rows/{table.name}.jsonl", "w", force_zip64=True) as member:
+            for line in write_rows(connection, table):
+                member.write(line)
+
+
+def write_rows_file(connection: Connection, path: Path) -> None:
+    """Write all rows into a ZIP of their own, and make it durable."""
+    make_folder(path.parent)
+    with create_file(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        write_all_rows(connection, archive)
+    sync_file(path)
+    sync_folder(path.parent)
+
+
+def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
+    """Give the rows of a table back; none when the backup has no such table."""
+    name = f"rows/{table}.jsonl"
+    if name in archive.namelist():
+        with archive.open(name) as member:
+            for line in member:
+                yield json.loads(line)
+
+
+def settle_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
+    """Make a row true of another place: an analysis that ran waits again; no side file is written yet."""
+    if table == "recordings" and "side_revision" in row:
+        return row | {"side_revision": 0}
+    if table == "analyses" and row["state"] == "running":
+        attempts = int(row["attempts"]) - 1
+        return row | {"state": "queued", "token": None, "stage": None, "progress": 0.0, "attempts": attempts}
+    return row

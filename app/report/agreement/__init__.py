@@ -1,0 +1,1 @@
+"""The report of an agreement with a reference, and of a study of several."""

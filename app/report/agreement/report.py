@@ -1,0 +1,150 @@
+"""From a comparison to its sheet: choose, round, order, say. Pure; nothing here knows HTML or PDF."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from app.report.agreement.figures import draw_bland_altman, draw_error_over_time, draw_overlay
+from app.report.agreement.tables import (
+    list_sentences,
+    tabulate_exposure,
+    tabulate_overall,
+    tabulate_repeated,
+    tabulate_strata,
+    tabulate_tasks,
+    tell_drift,
+)
+from app.report.model import AgreementReport, Note, Pair, Section, Table
+from app.report.words.numbers import NONE, format_duration, format_number
+from app.report.words.subject import clean_text
+from app.report.words.wording import Language, Words, fill, load_wording
+
+if TYPE_CHECKING:
+    from app.report.agreement.export import ComparisonSubject
+    from fusion.agreement import Comparison
+
+
+def build_agreement(
+    comparison: Comparison, subject: ComparisonSubject, validation: Mapping[str, Any], language: Language
+) -> AgreementReport:
+    """Turn a comparison into all that a template may use; ``validation`` is its ``validation.json``."""
+    words, common = load_wording(language, "agreement"), load_wording(language)
+    report_id = identify_comparison(validation)
+    overall, pairs = comparison.overall, comparison.pairs
+    figures = [draw_bland_altman(pairs, overall, words, language), draw_overlay(pairs, words, language)]
+    error = draw_error_over_time(pairs, words, language)
+    facts = {"version": subject.software.version, "id": report_id}
+    return AgreementReport(
+        language=language,
+        title=words["title"],
+        subtitle=words["subtitle"],
+        header=_build_header(comparison, subject, words, language),
+        sentences=list_sentences(validation, language),
+        main=(tabulate_tasks(comparison, words, language),),
+        figures=tuple(figure for figure in (*figures, error) if figure is not None),
+        limits=Note(words["limits"]["title"], tuple(words["limits"]["paragraphs"])),
+        sections=_build_sections(comparison, subject, words, language),
+        report_id=report_id,
+        footer=fill(common["report"]["footer"], facts),
+        made_of=None,
+        words={**common["label"], **words["label"]},
+    )
+
+
+def identify_comparison(validation: Mapping[str, Any]) -> str:
+    """Name the sheet by a hash of both inputs, settings and engine version: 16 hexadecimal digits."""
+    named = [
+        validation[key] for key in ("recording", "reference", "alignment", "tasks", "method", "software")
+    ]
+    return hashlib.sha256(repr(named).encode()).hexdigest()[:16]
+
+
+def _build_header(
+    comparison: Comparison, subject: ComparisonSubject, words: Words, language: Language
+) -> tuple[Pair, ...]:
+    devices, label = load_wording(language)["device"], words["header"]
+    seconds = comparison.overall.duration_s
+    return (
+        Pair(label["subject"], clean_text(subject.subject) or load_wording(language)["label"]["not_given"]),
+        Pair(label["ours"], _join(devices.get(comparison.ours.device, NONE), subject.file_name)),
+        Pair(
+            label["reference"], _join(devices.get(comparison.reference.device, NONE), subject.reference_name)
+        ),
+        Pair(label["common"], format_duration(seconds, language)),
+    )
+
+
+def _join(device: str, file_name: str) -> str:
+    return f"{device} ({clean_text(file_name)})"
+
+
+def _build_sections(
+    comparison: Comparison, subject: ComparisonSubject, words: Words, language: Language
+) -> tuple[Section, ...]:
+    title = words["section"]
+    tables = (
+        tabulate_overall(comparison.overall, words, language),
+        tabulate_repeated(comparison.tasks, words, language),
+        tabulate_strata(comparison.by_elevation, "by_elevation", words, language),
+        tabulate_strata(comparison.by_speed, "by_speed", words, language),
+    )
+    exposure = tabulate_exposure(comparison.exposure, words, language)
+    sections = (
+        Section("agreement", title["agreement"], tables=tuple(t for t in tables if t.rows)),
+        Section("exposure", title["exposure"], tables=(exposure,) if exposure.rows else ()),
+        Section(
+            "clocks",
+            title["clocks"],
+            (words["clocks"]["text"],),
+            pairs=_list_clocks(comparison, words, language),
+            tables=_tabulate_windows(comparison, words, language),
+        ),
+        Section("provenance", title["provenance"], pairs=_list_provenance(comparison, subject, words)),
+    )
+    return tuple(section for section in sections if section.tables or section.pairs)
+
+
+def _list_clocks(comparison: Comparison, words: Words, language: Language) -> tuple[Pair, ...]:
+    alignment, entry = comparison.alignment, words["clocks"]
+    drift = "given" if alignment.is_drift_given else "found" if alignment.is_drift_fitted else "untold"
+    told_drift = tell_drift(alignment.drift_ppm, alignment.drift_margin_ppm, language)
+    return (
+        Pair(entry["offset"], f"{format_number(alignment.offset_s, 4, language)} s"),
+        Pair(entry["offset_source"], entry["given" if alignment.is_offset_given else "found"]),
+        Pair(entry["drift"], f"{told_drift} ppm"),
+        Pair(entry["drift_source"], entry[drift]),
+        Pair(entry["r"], format_number(alignment.r, 3, language)),
+        Pair(entry["rate"], f"{format_number(comparison.pairs.rate_hz, 2, language)} Hz"),
+        Pair(entry["axis"], entry["axes"][comparison.axis]),
+    )
+
+
+def _tabulate_windows(comparison: Comparison, words: Words, language: Language) -> tuple[Table, ...]:
+    """Show what each stretch alone said of the clocks, before the last refinement."""
+    entry = words["windows"]
+    rows = tuple(
+        (
+            format_number(window.start_s, 0, language),
+            format_number(1000.0 * window.lag_s, 0, language),
+            format_number(window.r, 3, language),
+        )
+        for window in comparison.alignment.windows
+    )
+    return (Table(entry["caption"], tuple(entry["columns"]), rows, entry["note"]),) if rows else ()
+
+
+def _list_provenance(comparison: Comparison, subject: ComparisonSubject, words: Words) -> tuple[Pair, ...]:
+    entry = words["provenance"]
+    understood = [
+        f"{name}: {clean_text(value)}" for name, value in comparison.reference.understood.items() if value
+    ]
+    return (
+        Pair(entry["ours_sha256"], comparison.ours.sha256, code=True),
+        Pair(entry["reference_sha256"], comparison.reference.sha256, code=True),
+        Pair(entry["understood"], "; ".join(understood) or NONE),
+        Pair(entry["method"], subject.method or NONE),
+        Pair(entry["pose"], subject.pose or NONE),
+        Pair(entry["software"], f"acromion {subject.software.version} ({subject.software.revision})"),
+    )

@@ -1,0 +1,451 @@
+"""What stands behind the first page: hours, all figures, quality, time, method, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from app.report.analysis.day import name_reason
+from app.report.analysis.figures import build_parts, build_spread, is_drawable
+from app.report.analysis.tables import list_measures
+from app.report.export.results import SCHEMA, identify_report
+from app.report.findings import Findings, StillFacts
+from app.report.model import Pair, Section, Table, VerdictLine
+from app.report.words.messages import describe_flag
+from app.report.words.numbers import (
+    MINUTE_S,
+    NARROW,
+    NONE,
+    SHORTEST_RATED_S,
+    Clock,
+    format_angle,
+    format_angle_range,
+    format_duration,
+    format_exact,
+    format_long_duration,
+    format_number,
+    format_percent,
+    format_plain,
+    format_rate,
+)
+from app.report.words.subject import ReportSubject, clean_text, cut_text
+from app.report.words.wording import Language, Words, fill
+from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
+from fusion.exposure.types import Interval, PartExposure
+from fusion.quality.types import TimePart
+from fusion.recording import MICROSECONDS, QualityFlag
+
+# Every published value beside the measured one, with what it is and whom it is of.
+
+
+def build_published(findings: Findings, words: Words, language: Language) -> Section:
+    """Give all references as a table, and what studies of groups found in words."""
+    entry = words["published"]
+    compared = compare_with_references(findings.exposure, findings.quality.verdict)
+    rows = tuple(_tell_row(item, words, language) for item in compared)
+    table = Table(
+        entry["caption"], tuple(entry["columns"]), rows, prose=True, note=_tell_why(compared, words)
+    )
+    paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
+    return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
+
+
+def _tell_row(item: Compared, words: Words, language: Language) -> tuple[str, ...]:
+    said, reference = words["reference"][item.reference.key], item.reference
+    measured = NONE if item.reason else _tell(item.measured or 0.0, reference, language, 1)
+    return said["name"], said["source"], _tell_published(reference, language), measured
+
+
+def _tell_published(reference: Reference, language: Language) -> str:
+    decimals = 0 if reference.high >= 10 else 1
+    high = _tell(reference.high, reference, language, decimals)
+    if reference.low is None:
+        return f"≤\u00a0{high}"
+    return f"{format_number(reference.low, decimals, language)}–{high}"
+
+
+def _tell(value: float, reference: Reference, language: Language, decimals: int) -> str:
+    sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s", "h": f"{NARROW}h"}[reference.unit]
+    return f"{format_number(value, 0 if reference.unit == 'deg' else decimals, language)}{sign}"
+
+
+def _tell_why(compared: tuple[Compared, ...], words: Words) -> str:
+    """Say why nothing is set beside them, where all lack it for one reason."""
+    reasons = {item.reason for item in compared} - {"not computed"}
+    if not reasons or "" in reasons:
+        return ""
+    why = words["comparison"]["reason"][sorted(reasons)[0]]
+    return fill(words["comparison"]["does_not_apply"], {"reason": why})
+
+
+# What limits the figures, for the first page: the verdict with every grave reason, what was not analysed,
+# what the ranges hold, and how accurate the method is.
+
+
+SHORTEST_DRAWN_S = 1800.0
+"""Six blocks of 5 minutes; as :data:`fusion.exposure.resampling.LEAST_BLOCKS`."""
+LEAST_SHARE = 0.01
+"""Of the recording: less that was not analysed, and less than a minute, is left to the table."""
+
+
+def tell_verdict(findings: Findings, words: Words, language: Language) -> VerdictLine:
+    """Give the verdict, the gravest reason in full, every other by its name, and what was not analysed.
+
+    A sound recording never hides what the pose does to its figures.
+    """
+    entry = words["verdict"][findings.quality.verdict]
+    is_posed = findings.quality.verdict == "good" and tell_pose_caution(findings, words)
+    reasons = _format_reasons(findings, words, language) or entry["posed" if is_posed else "reason"]
+    told = (reasons, _tell_not_analysed(findings, words, language))
+    return VerdictLine(findings.quality.verdict, entry["label"], " ".join(filter(None, told)))
+
+
+def tell_pose_caution(findings: Findings, words: Words) -> str:
+    """Give the known one-sided error of the calibration pose; empty where there is none."""
+    if findings.calibration is None:
+        return ""
+    return str(words["pose_caution"].get(findings.calibration.pose, ""))
+
+
+def tell_accuracy(findings: Findings, words: Words) -> str:
+    """Say how accurate the method of these figures is known to be, and what of a sensor goes unnoticed."""
+    told, name = words["accuracy"], findings.method.name if findings.method else "ready"
+    return (
+        f"{told[name]} {told['turned']}" if name in {"smoothed", "published", "live"} else str(told["ready"])
+    )
+
+
+def choose_ranges(findings: Findings) -> str:
+    """Give the key of what the ranges hold: ``known``, ``short`` (little of the day) or ``ready`` (no error
+    of the angle); ``none`` where there are none.
+    """
+    if findings.method is not None and findings.calibration is not None:
+        return "known" if findings.exposure.analysed_s >= SHORTEST_DRAWN_S else "short"
+    return "ready" if findings.exposure.intervals else "none"
+
+
+def _format_reasons(findings: Findings, words: Words, language: Language) -> str:
+    """Give the gravest caveat in full and the others that count by name."""
+    flags = {flag.code: flag for flag in reversed(findings.quality.flags)}
+    counted = [flags[code] for code in findings.quality.reasons if code in flags]
+    if not counted:
+        return ""
+    caveat = describe_flag(counted[0], language)
+    told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
+    others = "; ".join(_tell_name(flag, language) for flag in counted[1:])
+    others = others.replace("; ", "\u00a0; ") if language == "fr" else others
+    return f"{told} {fill(words['report']['also'], {'others': others})}" if others else told
+
+
+def _tell_name(flag: QualityFlag, language: Language) -> str:
+    title = describe_flag(flag, language).title
+    title = title[0].lower() + title[1:]
+    return f"{title} ({format_duration(flag.seconds, language)})" if flag.seconds else title
+
+
+def _tell_not_analysed(findings: Findings, words: Words, language: Language) -> str:
+    """Say what time is in no figure, the most of it first."""
+    time = findings.time
+    away_us = time.missing_us + time.excluded_us
+    if away_us < max(LEAST_SHARE * time.recorded_us, MINUTE_S * MICROSECONDS):
+        return ""
+    parts = sorted(_list_away(findings, words), key=lambda part: -part[1])
+    told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, language)}" for name, us in parts)
+    return fill(words["report"]["not_analysed"], {"parts": told})
+
+
+def _list_away(findings: Findings, words: Words) -> Iterator[tuple[str, int]]:
+    totals_us: dict[str, int] = {}
+    for span in findings.exclusions:
+        totals_us[span.reason] = totals_us.get(span.reason, 0) + span.duration_us
+    yield from ((name_reason(reason, words), us) for reason, us in totals_us.items())
+    if findings.time.missing_us >= MICROSECONDS:
+        yield words["time"]["missing"].lower(), findings.time.missing_us
+
+
+LONGEST_NAME = 60
+"""Of a period in its table; results.json and periods.csv hold the whole label."""
+
+
+def build_sections(
+    findings: Findings, subject: ReportSubject, clock: Clock, words: Words
+) -> tuple[Section, ...]:
+    """Build the chapters in reading order; an empty one is left out."""
+    sections = (
+        _build_parts(findings, clock, words),
+        Section(
+            "spread",
+            words["section"]["spread"],
+            figures=build_spread(findings.exposure, words, clock.language),
+        ),
+        Section(
+            "figures",
+            words["section"]["figures"],
+            paragraphs=(words["ranges"]["every"][choose_ranges(findings)],),
+            tables=list_measures(findings.exposure, clock, words),
+        ),
+        build_published(findings, words, clock.language),
+        _build_quality(findings, clock, words),
+        _build_method(findings, clock, words),
+        _build_provenance(findings, subject, clock, words),
+    )
+    return tuple(section for section in sections if section.pairs or section.tables or section.figures)
+
+
+# ------------------------------------------------------------------ by hour and by period
+
+
+def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
+    exposure = findings.exposure
+    hours = [(_name_hour(part, clock), part) for part in exposure.by_hour]
+    periods = [(_name_period(part, clock, words), part) for part in exposure.by_period]
+    groups = [
+        (key, parts, caption)
+        for key, parts, caption in (("hours", hours, "by_hour"), ("periods", periods, "by_period"))
+        if parts
+    ]
+    range_name = words["measure"]["percentiles"]["range"]
+    tables = [
+        _tabulate_parts(parts, words["part"][caption], range_name, clock) for _, parts, caption in groups
+    ]
+    if any(part.periods > 1 for part in exposure.by_task):
+        tasks = [(_name_task(part, words), _drop_told_ranges(part)) for part in exposure.by_task]
+        tables.append(_tabulate_parts(tasks, words["part"]["by_task"], range_name, clock))
+    figures = [
+        build_parts(key, parts, words, clock.language)
+        for key, parts, _ in groups
+        if any(is_drawable(part) for _, part in parts)
+    ]
+    title = words["section"]["periods" if periods else "hours"]
+    return Section("hours", title, figures=tuple(figures), tables=tuple(tables))
+
+
+def _drop_told_ranges(part: PartExposure) -> PartExposure:
+    """A task of one period has the period's ranges, which stand under that already."""
+    return part if part.periods > 1 else replace(part, intervals={})
+
+
+def _name_hour(part: PartExposure, clock: Clock) -> str:
+    first, last = clock.label_tick(part.start_s), clock.label_tick(part.end_s)
+    return f"{first}–{last if last != first else clock.tell(part.end_s, with_seconds=True)}"
+
+
+def _name_period(part: PartExposure, clock: Clock, words: Words) -> str:
+    """Give its times and the diary's label, else what kind of time it is."""
+    name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
+    return f"{clock.tell(part.start_s)}–{clock.tell(part.end_s)} {cut_text(name, LONGEST_NAME)}"
+
+
+def _name_task(part: PartExposure, words: Words) -> str:
+    """Give the diary's label and how many of its rows are pooled."""
+    name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
+    told = cut_text(name, LONGEST_NAME)
+    return told if part.periods == 1 else f"{told} ({part.periods}\u00a0×)"
+
+
+def _tabulate_parts(
+    parts: list[tuple[str, PartExposure]], entry: Words, range_name: str, clock: Clock
+) -> Table:
+    language = clock.language
+    rows: list[tuple[str, ...]] = []
+    for name, part in parts:
+        rows += [_tell_part(name, part, entry, language), *_tell_part_ranges(part, range_name, language)]
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+
+
+def _tell_part(name: str, part: PartExposure, entry: Words, language: Language) -> tuple[str, ...]:
+    rated = part.analysed_s >= SHORTEST_RATED_S
+    return (
+        name,
+        _tell_analysed(part, entry, language),
+        *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
+        *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
+        format_rate(part.entries_above_60_per_h, language) if rated else NONE,
+    )
+
+
+def _tell_part_ranges(part: PartExposure, range_name: str, language: Language) -> list[tuple[str, ...]]:
+    """Give the row of ranges under a part, if any is known; without units, so that it stays on its line."""
+    if not part.intervals:
+        return []
+    angles = (part.intervals.get(f"elevation_p{p}_deg") for p in (10, 50, 90))
+    shares = (part.intervals.get(f"time_above_{c}_percent") for c in (30, 60, 90))
+    rated = part.analysed_s >= SHORTEST_RATED_S
+    rate = part.intervals.get("entries_above_60_per_h") if rated else None
+    cells = (
+        *(format_angle_range(angle, language).removesuffix("°") for angle in angles),
+        *(_tell_ends(share, 1, language) for share in shares),
+        _tell_ends(rate, 0, language),
+    )
+    return [(range_name, "", *cells)]
+
+
+def _tell_ends(interval: Interval | None, decimals: int, language: Language) -> str:
+    if interval is None:
+        return ""
+    return "–".join(format_number(end, decimals, language) for end in (interval.low, interval.high))
+
+
+def _tell_analysed(part: PartExposure, entry: Words, language: Language) -> str:
+    if not part.reason:
+        return format_duration(part.analysed_s, language)
+    return fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
+
+
+# ------------------------------------------------------------------ quality and time
+
+
+def _build_quality(findings: Findings, clock: Clock, words: Words) -> Section:
+    tables = [
+        _tabulate_flags(findings.quality.flags, clock, words),
+        _tabulate_time(findings, clock, words),
+        _tabulate_time_parts(findings, clock, words),
+    ]
+    return Section("quality", words["section"]["quality"], tables=tuple(t for t in tables if t.rows))
+
+
+def _tabulate_flags(flags: Iterable[QualityFlag], clock: Clock, words: Words) -> Table:
+    rows = []
+    for flag in flags:
+        caveat = describe_flag(flag, clock.language)
+        told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
+        places = (_tell_place(at, clock) for at in (flag.first_s, flag.last_s))
+        count = format_number(flag.count, 0, clock.language)
+        lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
+        rows.append((flag.code, told, count, lasted, *places))
+    entry = words["quality"]
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True)
+
+
+def _tell_place(seconds: float | None, clock: Clock) -> str:
+    return NONE if seconds is None else clock.tell(seconds, with_seconds=True)
+
+
+def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
+    """Show that analysed, missing and excluded add up to what was recorded, to the microsecond."""
+    time, entry = findings.time, words["time"]
+    amounts = [
+        (entry["analysed"], time.analysed_us),
+        (entry["missing"], time.missing_us),
+        (entry["excluded"], time.excluded_us),
+        (entry["recorded"], time.recorded_us),
+    ]
+    rows = [
+        (
+            name,
+            format_long_duration(amount_us / MICROSECONDS),
+            format_exact(amount_us / MICROSECONDS, clock.language),
+            format_percent(100 * amount_us / max(time.recorded_us, 1), clock.language),
+        )
+        for name, amount_us in amounts
+    ]
+    note = fill(entry["note"], {"reasons": _tell_reasons(findings, clock, words)})
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
+
+
+def _tabulate_time_parts(findings: Findings, clock: Clock, words: Words) -> Table:
+    """Show what the diary made of the day: each kind of time, adding up to what was recorded."""
+    entry, whole_us = words["time_parts"], max(findings.time.recorded_us, 1)
+    rows = tuple(
+        (
+            fill(entry[part.account], {"name": _name_time(part, words)}),
+            format_long_duration(part.duration_us / MICROSECONDS),
+            format_exact(part.duration_us / MICROSECONDS, clock.language),
+            format_percent(100 * part.duration_us / whole_us, clock.language),
+        )
+        for part in (findings.time.parts if findings.exposure.by_period else ())
+    )
+    return Table(entry["caption"], tuple(entry["columns"]), rows, note=entry["note"])
+
+
+def _name_time(part: TimePart, words: Words) -> str:
+    if part.account == "excluded":
+        return name_reason(part.name, words)
+    return str(words["part"]["kind"].get(part.name, part.name))
+
+
+def _tell_reasons(findings: Findings, clock: Clock, words: Words) -> str:
+    """Name each reason for leaving time out and how long its stretches lasted."""
+    totals: dict[str, int] = {}
+    for span in findings.exclusions:
+        totals[span.reason] = totals.get(span.reason, 0) + span.duration_us
+    told = (
+        f"{name_reason(reason, words)} ({format_duration(us / MICROSECONDS, clock.language)})"
+        for reason, us in totals.items()
+    )
+    return ", ".join(told)
+
+
+# ------------------------------------------------------------------ method and provenance
+
+
+def _build_method(findings: Findings, clock: Clock, words: Words) -> Section:
+    method, entry = findings.method, words["method"]
+    if method is None:
+        ready = Pair(entry["name"], entry["ready"].get(findings.recording.device, entry["ready_angles"]))
+        return Section("method", words["section"]["method"], tuple(entry["paragraphs"]), pairs=(ready,))
+    told = entry["names"].get(method.name, method.name)
+    pairs = (
+        Pair(entry["name"], f"{told} ({method.name})"),
+        Pair(entry["version"], method.version),
+        *_describe_calibration(findings, clock, words),
+    )
+    rows = tuple((name, format_plain(value, clock.language)) for name, value in method.parameters.items())
+    table = Table(entry["parameters"], tuple(entry["columns"]), rows)
+    return Section(
+        "method",
+        words["section"]["method"],
+        tuple(entry["paragraphs"]),
+        pairs=pairs,
+        tables=(table,) if rows else (),
+    )
+
+
+def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tuple[Pair, ...]:
+    calibration, entry = findings.calibration, words["calibration"]
+    if calibration is None:
+        return ()
+    bias = (f"{format_number(value, 3, clock.language)}" for value in calibration.still.gyro_bias_dps)
+    score = format_number(calibration.still.score, 2, clock.language)
+    chosen = "asked" if findings.settings.calibration_windows_s else "proposed"
+    pairs = [
+        Pair(entry["pose"], words["pose"][calibration.pose]),
+        Pair(entry["window"], _tell_still(calibration.still, clock, words)),
+        Pair(entry["chosen"], entry[chosen]),
+        Pair(entry["score"], score),
+        Pair(entry["bias"], fill(entry["bias_value"], {"values": " ; ".join(bias)})),
+    ]
+    if calibration.second is not None:
+        pairs.insert(2, Pair(entry["second"], _tell_still(calibration.second, clock, words)))
+    return tuple(pairs)
+
+
+def _tell_still(still: StillFacts, clock: Clock, words: Words) -> str:
+    facts = {
+        "time": clock.tell(still.start_s, with_seconds=True),
+        "second": format_number(still.start_s, 2, clock.language),
+        "length": format_duration(still.duration_s, clock.language),
+    }
+    return fill(words["calibration"]["place"], facts)
+
+
+def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, words: Words) -> Section:
+    recording, entry = findings.recording, words["provenance"]
+    unknown = words["label"]["not_given"]
+    start = recording.start.isoformat(sep=" ") if recording.start else unknown
+    rate = format_number(findings.recording.rate_hz, 3, clock.language)
+    pairs = (
+        Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
+        Pair(entry["file"], clean_text(subject.file_name) or unknown),
+        Pair(entry["sha256"], recording.sha256, code=True),
+        Pair(entry["device"], words["device"].get(recording.device, words["device"]["other"])),
+        Pair(entry["serial"], recording.serial_hash or unknown, code=bool(recording.serial_hash)),
+        Pair(entry["rate"], f"{rate}\u202fHz"),
+        Pair(entry["start"], start),
+        Pair(entry["zone"], clean_text(recording.time_zone or "") or unknown),
+        Pair(entry["version"], f"Acromion {subject.software.version}"),
+        Pair(entry["revision"], subject.software.revision, code=True),
+        Pair(entry["schema"], SCHEMA, code=True),
+        Pair(entry["report_id"], identify_report(findings, subject), code=True),
+    )
+    return Section("provenance", words["section"]["provenance"], pairs=pairs)

@@ -1,0 +1,268 @@
+"""The charts of a report with their words and the tables behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import isfinite, nan
+
+import numpy as np
+
+from app.report.analysis.day import Day, draw_up_day
+from app.report.charts.bars import PartRow, Slice, draw_bar, draw_parts
+from app.report.charts.day import DayLabels, draw_day
+from app.report.charts.distribution import Distribution, HeatMap, MarkedPercentile, draw_apdf, draw_eva
+from app.report.charts.svg import NARROW, WIDE
+from app.report.findings import Findings
+from app.report.model import Figure, Table
+from app.report.words.numbers import (
+    Clock,
+    format_angle,
+    format_angle_range,
+    format_duration,
+    format_number,
+    format_percent,
+)
+from app.report.words.wording import Language, Words, fill
+from fusion.exposure.types import Eva, Exposure, PartExposure
+
+# The charts of the distribution: the curve with its percentiles, and exposure variation.
+
+
+MARKED_PERCENTILES = (10, 50, 90, 99)
+_CELLS_PER_DEG = 10
+
+
+def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[Figure, ...]:
+    """Build what can be drawn of the distribution: nothing without analysed time."""
+    apdf = (build_apdf(exposure, words, language),) if exposure.histogram_s.sum() > 0 else ()
+    eva = (build_eva(exposure.eva, words, language),) if exposure.eva.percent.size else ()
+    return apdf + eva
+
+
+# ------------------------------------------------------------------ the curve
+
+
+def build_apdf(exposure: Exposure, words: Words, language: Language) -> Figure:
+    """Build the cumulative distribution with P10, P50, P90 and P99."""
+    entry = words["apdf"]
+    marks = tuple(
+        _mark(p, exposure, entry, language) for p in MARKED_PERCENTILES if p in exposure.percentiles_deg
+    )
+    told = ", ".join(mark.label for mark in marks)
+    title = (entry["title"], fill(entry["alternative"], {"list": told}))
+    shown = Distribution(share_below(exposure), marks, tuple(entry["axes"]))
+    return Figure(
+        title=entry["title"],
+        alternative=title[1],
+        wide=draw_apdf(shown, title, WIDE),
+        narrow=draw_apdf(shown, title, NARROW),
+        table=_tabulate_curve(shown.below_percent, entry, language),
+    )
+
+
+def share_below(exposure: Exposure) -> tuple[float, ...]:
+    """Give the share of the time below each whole degree from 0 to 180, percent."""
+    below_s = np.concatenate([[0.0], np.cumsum(exposure.histogram_s)])[::_CELLS_PER_DEG]
+    return tuple((100 * below_s / below_s[-1]).tolist())
+
+
+def _mark(percent: int, exposure: Exposure, entry: Words, language: Language) -> MarkedPercentile:
+    angle_deg = exposure.percentiles_deg[percent]
+    interval = exposure.intervals.get(f"elevation_p{percent}_deg")
+    told = f" ({format_angle_range(interval, language)})" if interval else ""
+    label = fill(entry["mark"], {"percent": str(percent), "angle": format_angle(angle_deg, language)}) + told
+    return MarkedPercentile(percent, angle_deg, (interval.low, interval.high) if interval else None, label)
+
+
+def _tabulate_curve(below_percent: Sequence[float], entry: Words, language: Language) -> Table:
+    rows = tuple(
+        (f"{degrees}°", format_number(below_percent[degrees], 1, language)) for degrees in range(10, 181, 10)
+    )
+    return Table(entry["title"], tuple(entry["columns"]), rows)
+
+
+# ------------------------------------------------------------------ exposure variation
+
+
+def build_eva(eva: Eva, words: Words, language: Language) -> Figure:
+    """Build the heat map of elevation by how long the arm stayed in its class."""
+    entry = words["eva"]
+    shown = _lay_out(eva, entry, language)
+    told = ", ".join(
+        f"{name}: {', '.join(cells)}" for name, cells in zip(shown.rows, shown.told, strict=True)
+    )
+    facts = {"columns": ", ".join(shown.columns), "list": told}
+    title = (entry["title"], fill(entry["alternative"], facts))
+    return Figure(
+        title=entry["title"],
+        alternative=title[1],
+        wide=draw_eva(shown, title, WIDE),
+        narrow=draw_eva(shown, title, NARROW),
+        table=_tabulate_map(shown, entry),
+        note=entry["note"],
+    )
+
+
+def _lay_out(eva: Eva, entry: Words, language: Language) -> HeatMap:
+    return HeatMap(
+        rows=name_classes(eva.angle_edges_deg, "°"),
+        columns=name_classes(eva.duration_edges_s, "\u202fs"),
+        percent=eva.percent.tolist(),
+        told=tuple(_tell_all(row, language) for row in eva.percent),
+        row_sums=_tell_all(eva.percent.sum(axis=1), language),
+        column_sums=_tell_all(eva.percent.sum(axis=0), language),
+        axes=tuple(entry["axes"]),
+    )
+
+
+def _tell_all(values: Sequence[float], language: Language) -> tuple[str, ...]:
+    return tuple(format_number(float(value), 1, language) for value in values)
+
+
+def _tabulate_map(shown: HeatMap, entry: Words) -> Table:
+    rows = [
+        (name, *cells, total)
+        for name, cells, total in zip(shown.rows, shown.told, shown.row_sums, strict=True)
+    ]
+    return Table(entry["title"], (shown.axes[0], *shown.columns, shown.axes[2]), tuple(rows))
+
+
+def name_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
+    """Name classes by their edges: "3–7 s"; the last may be open."""
+    return tuple(
+        f"≥ {low:g}{unit}" if high is None else f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges)
+    )
+
+
+SHOWN_EDGES_DEG = (0, 30, 60, 90, 120, 180)
+"""The stored bins are finer; the page shows five classes that hold whole bins and the three guide lines."""
+
+
+def build_bar(exposure: Exposure, words: Words, language: Language) -> Figure:
+    """Build the stacked bar of time in five elevation classes."""
+    slices = _slice_exposure(exposure, language)
+    entry = words["bar"]
+    told = "; ".join(f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
+    described = fill(entry["alternative"], {"list": told})
+    title = (entry["title"], described)
+    rows = tuple((s.range_label, s.duration_label, s.percent_label) for s in slices)
+    return Figure(
+        title=entry["title"],
+        alternative=described,
+        wide=draw_bar(slices, title, WIDE),
+        narrow=draw_bar(slices, title, NARROW),
+        table=Table(entry["title"], tuple(entry["columns"]), rows),
+    )
+
+
+def _slice_exposure(exposure: Exposure, language: Language) -> list[Slice]:
+    slices = []
+    for low, high in pairwise(SHOWN_EDGES_DEG):
+        inside = [b for b in exposure.bins if low <= b.lower_deg and b.upper_deg <= high]
+        percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
+        label = f"{low}–{high}°"
+        told = format_duration(duration_s, language), format_percent(percent, language)
+        slices.append(Slice(percent, label, *told))
+    return slices
+
+
+def build_day(findings: Findings, clock: Clock, words: Words) -> Figure:
+    """Build the timeline of the day."""
+    day = draw_up_day(findings, clock, words)
+    labels = _label_day(findings, day, words)
+    return Figure(
+        title=labels.title,
+        alternative=labels.description,
+        wide=draw_day(day, labels, WIDE),
+        narrow=draw_day(day, labels, NARROW),
+        table=_tabulate_day(day, words),
+    )
+
+
+def _label_day(findings: Findings, day: Day, words: Words) -> DayLabels:
+    entry, clock = words["day"], day.clock
+    percent = next((w.percent_above_60 for w in findings.exposure.peak_windows if w.length_s == 900), None)
+    worst = fill(entry["worst"], {"percent": format_percent(percent, clock.language)})
+    facts = {
+        "start": clock.tell(0),
+        "end": clock.tell(day.duration_s),
+        "p10": format_angle(findings.exposure.percentiles_deg.get(10), clock.language),
+        "p50": format_angle(findings.exposure.percentiles_deg.get(50), clock.language),
+        "p90": format_angle(findings.exposure.percentiles_deg.get(90), clock.language),
+        "marks": "; ".join(f"{m.label}, {clock.tell(m.start_s)}–{clock.tell(m.end_s)}" for m in day.marks),
+    }
+    return label_day(entry["title"], fill(entry["alternative"], facts), words, worst)
+
+
+def label_day(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
+    """Give the words of a timeline; those of its legend are the same in every report."""
+    entry = words["day"]
+    return DayLabels(
+        title=title,
+        description=description,
+        band=entry["band"],
+        median=entry["median"],
+        left_out=entry["left_out"],
+        missing=entry["missing"],
+        worst=worst,
+    )
+
+
+def _tabulate_day(day: Day, words: Words) -> Table:
+    entry, language = words["day"], day.clock.language
+    rows = tuple(
+        (
+            day.clock.tell(band.start_s),
+            format_angle(band.low_deg, language),
+            format_angle(band.middle_deg, language),
+            format_angle(band.high_deg, language),
+        )
+        for run in day.runs
+        for band in run
+    )
+    return Table(entry["title"], tuple(entry["columns"]), rows, note=entry["table_note"])
+
+
+def build_parts(
+    key: str, parts: Sequence[tuple[str, PartExposure]], words: Words, language: Language
+) -> Figure:
+    """Build one stacked bar for each hour (``key`` "hours") or period of the diary ("periods")."""
+    entry = words[key]
+    rows = [_stack_part(name, part, entry, language) for name, part in parts if is_shown(part)]
+    told = "; ".join(f"{row.name}, {row.label or row.left_out}" for row in rows)
+    title = (entry["title"], fill(entry["alternative"], {"list": told}))
+    classes = ("0–30°", "30–60°", "60–90°", "90–180°")
+    return Figure(
+        title=entry["title"],
+        alternative=title[1],
+        wide=draw_parts(key, rows, classes, title, WIDE),
+        narrow=draw_parts(key, rows, classes, title, NARROW),
+        table=Table(entry["title"], (entry["column"], *classes), _tabulate_rows(rows, language)),
+    )
+
+
+def _tabulate_rows(rows: Sequence[PartRow], language: Language) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (row.name, *(format_percent(row.percent[k] if row.percent else None, language) for k in range(4)))
+        for row in rows
+    )
+
+
+def is_drawable(part: PartExposure) -> bool:
+    """Tell whether a part holds analysed time and its three shares."""
+    return part.analysed_s > 0 and all(isfinite(part.percent_above.get(c, nan)) for c in (30, 60, 90))
+
+
+def is_shown(part: PartExposure) -> bool:
+    """Tell whether a part has a row in its chart: it can be drawn, or it was left out for a reason."""
+    return is_drawable(part) or bool(part.reason)
+
+
+def _stack_part(name: str, part: PartExposure, entry: Words, language: Language) -> PartRow:
+    if not is_drawable(part):
+        length = format_duration(part.recorded_s, language)
+        return PartRow(name, (), "", left_out=fill(entry["left_out"], {"length": length}))
+    above = part.percent_above
+    shares = (100 - above[30], above[30] - above[60], above[60] - above[90], above[90])
+    return PartRow(name, shares, format_percent(above[60], language))

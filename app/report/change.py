@@ -1,0 +1,202 @@
+"""One analysis beside another: whether the change is larger than days differ anyway, and what else differs.
+
+Pure. :func:`describe_comparison` is what ``comparison.json`` and the API give, :func:`build_comparison` the
+report for people; both come from :func:`fusion.comparison.compare_days`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from app.report.export.results import round_all
+from app.report.findings import Kept
+from app.report.model import Pair, Report, Section, Table, VerdictLine
+from app.report.pairs import (
+    Beside,
+    build_curves,
+    build_limits,
+    build_sources,
+    build_two_bars,
+    can_draw_curves,
+    describe_source,
+    find_end,
+    identify,
+    load_beside_words,
+    tell_poses,
+    tell_time,
+)
+from app.report.render.write import sign_off
+from app.report.words.numbers import NONE, format_angle, format_number, format_percent, format_rate
+from app.report.words.subject import clean_text, cut_text
+from app.report.words.wording import Language, Words, fill, load_wording
+from fusion.comparison import (
+    NO_TWO_DAYS,
+    SOURCE,
+    ComparedDay,
+    DayComparison,
+    FigureChange,
+    compare_days,
+)
+
+SCHEMA = "acromion.comparison/1"
+_ABOVE_60, _MEDIAN = "time_above_60_percent", "elevation_p50_deg"
+_LONGEST_CODE = 16
+
+
+def describe_comparison(before: Kept, after: Kept) -> dict[str, Any]:
+    """Give the changes, the verdicts and what the two differ in besides the work, for JSON."""
+    compared = _compare(before, after)
+    document: dict[str, Any] = round_all(
+        {
+            "schema": SCHEMA,
+            "before": describe_source(before),
+            "after": describe_source(after),
+            "figures": [asdict(change) for change in compared.changes],
+            "differences": list(compared.differences),
+            "source": SOURCE,
+        }
+    )
+    return document
+
+
+def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
+    """Turn two analyses into a report on the change between them."""
+    words, compared = load_beside_words(language)["compare"], _compare(before, after)
+    sides = (Beside(words["before"], before), Beside(words["after"], after))
+    report_id = identify(describe_comparison(before, after))
+    limits, use = build_limits(sides, language)
+    header = _build_header(sides, language)
+    footer = fill(words["footer"], {"version": after.subject.software.version, "id": report_id})
+    return Report(
+        language=language,
+        title=words["title"],
+        subtitle=load_wording(language)["report"]["subtitle"],
+        header=header,
+        verdict=_tell_verdict(compared, words),
+        sentences=_tell_changes(compared, words, language),
+        pose_caution=f"{fill(words['caution'], {'source': SOURCE})} {tell_poses(sides, language)}".strip(),
+        range_note="",
+        figures=(build_two_bars(sides, language),)
+        + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
+        references=(),
+        limits=limits,
+        intended_use=use,
+        sections=(_list_changes(compared, words, language), build_sources(sides, language)),
+        report_id=report_id,
+        footer=footer,
+        brief=sign_off(header, footer, language),
+        made_of=find_end(sides),
+        amendment="",
+        words=load_wording(language)["label"],
+    )
+
+
+def _compare(before: Kept, after: Kept) -> DayComparison:
+    return compare_days(_take_day(before), _take_day(after))
+
+
+def _take_day(kept: Kept) -> ComparedDay:
+    findings = kept.findings
+    method, calibration = findings.method, findings.calibration
+    return ComparedDay(
+        exposure=findings.exposure,
+        method=f"{method.name} {method.version}" if method else "",
+        pose=calibration.pose if calibration else "",
+        side=kept.subject.side,
+        verdict=findings.quality.verdict,
+        sha256=findings.recording.sha256,
+        subject=clean_text(kept.subject.subject).strip(),
+    )
+
+
+def _build_header(sides: tuple[Beside, Beside], language: Language) -> tuple[Pair, ...]:
+    label = load_wording(language)["label"]
+    codes = dict.fromkeys(
+        cut_text(clean_text(side.kept.subject.subject), _LONGEST_CODE) or label["not_given"] for side in sides
+    )
+    arms = dict.fromkeys(
+        load_wording(language)["side"][side.kept.subject.side or "unknown"] for side in sides
+    )
+    return (
+        Pair(label["subject"], " → ".join(codes)),
+        Pair(label["arm"], " → ".join(arms)),
+        *(Pair(side.name, tell_time(side.kept, language)) for side in sides),
+    )
+
+
+def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
+    """Say first whether like is compared with like."""
+    if not compared.differences:
+        return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
+    for name in NO_TWO_DAYS:
+        if name in compared.differences:
+            return VerdictLine(
+                "poor", words["no_two_days"][name]["label"], words["no_two_days"][name]["reason"]
+            )
+    told = ", ".join(words["difference"][name] for name in compared.differences)
+    level = "poor" if "poor" in compared.differences else "caution"
+    entry = words["unlike"]
+    return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": told}))
+
+
+def _tell_changes(compared: DayComparison, words: Words, language: Language) -> tuple[str, ...]:
+    changes = {change.name: change for change in compared.changes}
+    return tuple(
+        _tell_change(changes[name], words, language) for name in (_ABOVE_60, _MEDIAN) if name in changes
+    )
+
+
+def _tell_change(change: FigureChange, words: Words, language: Language) -> str:
+    entry = words["sentence"]
+    facts = {
+        "before": _tell_value(change.before, change.name, language),
+        "after": _tell_value(change.after, change.name, language),
+        "change": _tell_difference(change, words, language),
+        "detectable": _tell_detectable(change, words, language),
+    }
+    return f"{fill(entry[change.name], facts)} {fill(entry[change.verdict], facts)}"
+
+
+def _list_changes(compared: DayComparison, words: Words, language: Language) -> Section:
+    entry = words["table"]
+    rows = tuple(
+        (
+            entry["figure"][change.name],
+            _tell_value(change.before, change.name, language),
+            _tell_value(change.after, change.name, language),
+            _tell_difference(change, words, language),
+            _tell_detectable(change, words, language),
+            entry["verdict"][change.verdict],
+        )
+        for change in compared.changes
+    )
+    table = Table(
+        entry["caption"], tuple(entry["columns"]), rows, note=fill(entry["note"], {"source": SOURCE})
+    )
+    return Section("changes", entry["title"], tables=(table,))
+
+
+def _tell_value(value: float, name: str, language: Language) -> str:
+    if name.endswith("_percent"):
+        return format_percent(value, language)
+    return format_angle(value, language, 1) if name.endswith("_deg") else format_rate(value, language)
+
+
+def _tell_difference(change: FigureChange, words: Words, language: Language) -> str:
+    sign = "+" if round(change.change, 1) > 0 else ""
+    return sign + _tell_points(change.change, change.name, words, language)
+
+
+def _tell_detectable(change: FigureChange, words: Words, language: Language) -> str:
+    if change.detectable is None:
+        return NONE
+    return _tell_points(change.detectable, change.name, words, language)
+
+
+def _tell_points(value: float, name: str, words: Words, language: Language) -> str:
+    """Differences of shares are percentage points; in French the plural begins at two."""
+    if name.endswith("_percent"):
+        form = "points" if round(abs(value), 1) >= 2 else "points_under_two"
+        return fill(words[form], {"value": format_number(value, 1, language)})
+    return _tell_value(value, name, language)

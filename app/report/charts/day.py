@@ -1,0 +1,219 @@
+"""The day's timeline as SVG: each minute's P10 to P90 and median, and what was not analysed.
+
+What is pointed at (the most loaded quarter of an hour) is vermillion and bracketed; what was left out is
+hatched; what is missing stays white between dotted edges. On grey paper nothing is lost.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.report.analysis.day import Day, Mark, MinuteBand
+from app.report.charts import svg
+from app.report.charts.svg import NARROW
+
+TOP_DEG = 180.0
+GUIDES_DEG = (30, 60, 90)
+LONG_S = 7200.0
+"""Beyond two hours minutes stand so close that a thinner median leaves the band to be seen."""
+
+_TICK_STEPS_S = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
+
+
+@dataclass(frozen=True, slots=True)
+class DayLabels:
+    """The words of the timeline."""
+
+    title: str
+    description: str
+    band: str
+    median: str
+    left_out: str
+    missing: str
+    worst: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Plot:
+    """Where seconds and degrees fall on the sheet."""
+
+    left: float
+    right: float
+    top: float
+    bottom: float
+    duration_s: float
+
+    def x(self, seconds: float) -> float:
+        share = min(max(seconds / self.duration_s, 0.0), 1.0)
+        return self.left + (self.right - self.left) * share
+
+    def y(self, degrees: float) -> float:
+        return self.bottom - (self.bottom - self.top) * degrees / TOP_DEG
+
+
+def draw_day(day: Day, labels: DayLabels, width: float) -> str:
+    """Draw elevation through the day: each minute's P10 to P90, its median, and what was not analysed."""
+    key = f"day{width:.0f}"
+    wide = width > NARROW
+    plot = _Plot(32, width - 4, 22, 152 if wide else 190, max(day.duration_s, 1.0))
+    body = [
+        svg.define_hatch(key),
+        *_draw_panel(day, plot, key),
+        *_draw_time_axis(day, plot),
+        *_draw_bracket(day, plot, labels.worst),
+        *_draw_day_legend(labels, plot.bottom + 34, key, width),
+    ]
+    height = plot.bottom + (40 if wide else 76)
+    return svg.picture(width, height, key, (labels.title, labels.description), body)
+
+
+def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width: float) -> str:
+    """Draw days one above the other, on one clock; each is named at its top left."""
+    key = f"days{width:.0f}"
+    height = 120.0 if width > NARROW else 130.0
+    body, plot = [svg.define_hatch(key)], _Plot(32, width - 4, 0, 0, 1.0)
+    for rank, (name, day) in enumerate(days):
+        top = 18 + rank * (height + 28)
+        plot = _Plot(32, width - 4, top, top + height, max(day.duration_s, 1.0))
+        body += _draw_panel(day, plot, key)
+        body.append(svg.text(plot.left, top - 6, name, "strong"))
+    body += _draw_time_axis(days[-1][1], plot) + _draw_day_legend(labels, plot.bottom + 34, key, width)
+    bottom = plot.bottom + (40 if width > NARROW else 60)
+    return svg.picture(width, bottom, key, (labels.title, labels.description), body)
+
+
+def _draw_panel(day: Day, plot: _Plot, key: str) -> list[str]:
+    return [
+        *_draw_guides(plot),
+        *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
+        *(stroke for run in day.runs for stroke in _draw_run(run, plot)),
+        *(stroke for mark in day.marks for stroke in _label_mark(mark, plot)),
+    ]
+
+
+def _draw_guides(plot: _Plot) -> list[str]:
+    body = []
+    for degrees in range(0, 181, 30):
+        y = plot.y(degrees)
+        if degrees in GUIDES_DEG:
+            weight = "1" if degrees == 60 else "0.7"
+            dash = f'class="rule" stroke="{svg.SOFT}" stroke-width="{weight}" stroke-dasharray="3 3"'
+            body.append(svg.line(plot.left, y, plot.right, y, dash))
+        kind = "strong" if degrees == 60 else "soft"
+        if degrees % 60 == 0 or degrees in GUIDES_DEG:
+            body.append(svg.text(plot.left - 5, y + 3.8, f"{degrees}°", kind, "end"))
+    frame = f'class="rule" stroke="{svg.SOFT}"'
+    return [*body, svg.line(plot.left, plot.bottom, plot.right, plot.bottom, frame)]
+
+
+def _draw_mark(mark: Mark, plot: _Plot, key: str) -> list[str]:
+    x, end = plot.x(mark.start_s), plot.x(mark.end_s)
+    height = plot.bottom - plot.top
+    ground = svg.rect(x, plot.top, end - x, height, f'class="paper" fill="{svg.PAPER}"')
+    edge = f'class="rule" stroke="{svg.SOFT}" stroke-width="0.7" stroke-dasharray="1.5 2"'
+    edges = [svg.line(at, plot.top, at, plot.bottom, edge) for at in (x, end)]
+    if mark.kind == "missing":
+        return [ground, *edges]
+    hatch = svg.rect(x, plot.top, end - x, height, f'fill="url(#{key}-h)" fill-opacity="0.55"')
+    return [ground, hatch]
+
+
+def _label_mark(mark: Mark, plot: _Plot) -> list[str]:
+    """Write what the stretch is: across where there is room, upwards in a narrow one, else nothing."""
+    x, room = (plot.x(mark.start_s) + plot.x(mark.end_s)) / 2, plot.x(mark.end_s) - plot.x(mark.start_s)
+    length = svg.estimate_width(mark.label) + 8
+    y = (plot.top + plot.bottom) / 2
+    plate = f'class="paper" fill="{svg.PAPER}"'
+    words = svg.text(x, y + 3.8, mark.label, "ink", "middle")
+    if room >= length:
+        return [svg.rect(x - length / 2, y - 8, length, 16, plate), words]
+    if room < 11.5 or length > plot.bottom - plot.top:
+        return []
+    turned = f'<g transform="rotate(-90 {svg.number(x)} {svg.number(y)})">'
+    return [turned, svg.rect(x - length / 2, y - 5.5, length, 11, plate), words, "</g>"]
+
+
+def _draw_run(run: tuple[MinuteBand, ...], plot: _Plot) -> list[str]:
+    """Draw minutes as steps, for a value belongs to its whole minute."""
+    upper = _step_through(run, [band.high_deg for band in run], plot)
+    lower = _step_back(run, plot)
+    middle = _step_through(run, [band.middle_deg for band in run], plot)
+    band = svg.path(f"M{upper}L{lower}Z", f'class="band" fill="{svg.RAMP[1]}"')
+    weight = 0.9 if plot.duration_s > LONG_S else 1.5
+    stroke = f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="{weight}"'
+    return [band, svg.path(f"M{middle}", f'{stroke} stroke-linejoin="round"')]
+
+
+def _step_through(run: tuple[MinuteBand, ...], degrees: Sequence[float], plot: _Plot) -> str:
+    steps = [f"{svg.number(plot.x(run[0].start_s))} {svg.number(plot.y(degrees[0]))}"]
+    for band, value in zip(run, degrees, strict=True):
+        steps.append(f"V{svg.number(plot.y(value))}H{svg.number(plot.x(band.end_s))}")
+    return "".join(steps)
+
+
+def _step_back(run: tuple[MinuteBand, ...], plot: _Plot) -> str:
+    last = run[-1]
+    first = f"{svg.number(plot.x(last.end_s))} {svg.number(plot.y(last.low_deg))}"
+    steps = (
+        f"V{svg.number(plot.y(band.low_deg))}H{svg.number(plot.x(band.start_s))}" for band in reversed(run)
+    )
+    return first + "".join(steps)
+
+
+def _draw_time_axis(day: Day, plot: _Plot) -> list[str]:
+    room = svg.estimate_width("00:00:00") + 10
+    step = _choose_tick_step(day.duration_s, int((plot.right - plot.left) // room))
+    first = day.clock.seconds_to_whole_hour() % step
+    body, at = [], first
+    while at <= day.duration_s:
+        x = plot.x(at)
+        label = day.clock.label_tick(at)
+        half = svg.estimate_width(label) / 2
+        place = min(max(x, half), plot.right + 4 - half)
+        body.append(svg.line(x, plot.bottom, x, plot.bottom + 4, f'class="rule" stroke="{svg.SOFT}"'))
+        body.append(svg.text(place, plot.bottom + 16, label, "soft", "middle"))
+        at += step
+    return body
+
+
+def _choose_tick_step(duration_s: float, most: int) -> int:
+    """Take the finest round step with at most ``most`` ticks."""
+    fitting = (step for step in _TICK_STEPS_S if duration_s / step <= max(most, 1))
+    return next(fitting, _TICK_STEPS_S[-1])
+
+
+def _draw_bracket(day: Day, plot: _Plot, label: str) -> list[str]:
+    """Bracket the most loaded quarter of an hour above the plot."""
+    if day.worst is None:
+        return []
+    x, end = (plot.x(seconds) for seconds in day.worst)
+    top = plot.top - 6
+    commands = (
+        f"M{svg.number(x)} {svg.number(top + 6)}V{svg.number(top)}H{svg.number(end)}V{svg.number(top + 6)}"
+    )
+    bracket = svg.path(commands, f'class="accent-line" fill="none" stroke="{svg.ORANGE}" stroke-width="2"')
+    half = svg.estimate_width(label) / 2
+    centre = min(max((x + end) / 2, half), plot.right - half)
+    return [bracket, svg.text(centre, top - 5, label, "accent", "middle")]
+
+
+def _draw_day_legend(labels: DayLabels, y: float, key: str, width: float) -> list[str]:
+    keys = [
+        (labels.band, f'class="band" fill="{svg.RAMP[1]}"'),
+        (labels.median, ""),
+        (labels.left_out, f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'),
+        (labels.missing, f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-dasharray="1.5 2"'),
+    ]
+    body, x = [], 0.5
+    for words, attributes in keys:
+        length = 22 + svg.estimate_width(words, 10.4) + 8
+        if x > 1 and x + length > width:
+            x, y = 0.5, y + 18
+        body += [_draw_key(x, y, attributes), svg.text(x + 20, y, words)]
+        x += length
+    return body
+
+
+def _draw_key(x: float, y: float, attributes: str) -> str:
+    if attributes:
+        return svg.rect(x, y - 9, 15, 10, attributes)
+    return svg.line(x, y - 4, x + 15, y - 4, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="1.8"')

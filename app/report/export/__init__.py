@@ -1,0 +1,1 @@
+"""Tables and files that leave: results, columns, CSV, XLSX, FHIR, REDCap, Parquet."""

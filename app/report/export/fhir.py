@@ -1,0 +1,126 @@
+"""One analysis as a FHIR R4 bundle: a DiagnosticReport with the PDF, and its figures as Observations.
+
+There are no standard codes for arm elevation, so the codes are our own: the names of ``summary.csv`` in the
+system ``urn:acromion:dictionary``. The subject is an identifier, never a name. No time of generation stands
+in it, so that the same analysis gives the same bytes. Shape: HL7 FHIR R4 (4.0.1), Bundle, DiagnosticReport,
+Observation; units: UCUM.
+"""
+
+import base64
+import hashlib
+import json
+import uuid
+from collections.abc import Iterable, Mapping
+from datetime import datetime, timedelta
+from typing import Any
+
+from app.report.export.columns import COLUMNS, Column, Results, find_range, name_unit, summarise_results
+from app.report.export.csv import Row
+from app.report.export.naming import name_report
+from app.report.words.wording import Language
+
+CODES = "urn:acromion:dictionary"
+SUBJECTS = "urn:acromion:subject"
+_UCUM = {"%": "%", "1/h": "/h", "deg/s": "deg/s", "deg": "deg", "Hz": "Hz", "s": "s"}
+_LEFT_OUT = ("_low", "_high")
+
+
+def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1) -> bytes:
+    """Write the bundle; ``pdfs`` by language, ``conclusion`` the answer in a few lines."""
+    text = json.dumps(build_fhir(results, pdfs, conclusion, version), ensure_ascii=False, indent=1)
+    return text.encode("utf-8") + b"\n"
+
+
+def build_fhir(
+    results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1
+) -> dict[str, Any]:
+    """Lay out the bundle."""
+    digest = hashlib.sha256(json.dumps(results, sort_keys=True).encode()).hexdigest()
+    common, name = _describe_common(results), name_report(results, version, "pdf")
+    observations = [
+        (_address(digest, column.name), observation)
+        for column, observation in _list_observations(results, common)
+    ]
+    report = {
+        "resourceType": "DiagnosticReport",
+        **common,
+        "code": _name_code("upper_arm_elevation", "Upper-arm elevation report"),
+        "result": [{"reference": address} for address, _ in observations],
+        "conclusion": conclusion,
+        "presentedForm": [_attach(pdf, language, name) for language, pdf in pdfs.items()],
+    }
+    entries = [(_address(digest, "report"), report), *observations]
+    return {
+        "resourceType": "Bundle",
+        "type": "collection",
+        "identifier": {"system": "urn:ietf:rfc:3986", "value": _address(digest, "bundle")},
+        "entry": [{"fullUrl": address, "resource": resource} for address, resource in entries],
+    }
+
+
+def _describe_common(results: Results) -> dict[str, Any]:
+    """Say what report and observations share: final, of whom, when."""
+    recording = results["recording"]
+    common: dict[str, Any] = {"status": "final"}
+    if recording["subject"]:
+        common["subject"] = {"identifier": {"system": SUBJECTS, "value": recording["subject"]}}
+    if recording["start"]:
+        common["effectivePeriod"] = _describe_period(recording["start"], results["time"]["recorded_s"])
+    return common
+
+
+def _describe_period(start: str, recorded_s: float) -> dict[str, str]:
+    """Give begin and end; FHIR takes a time only with its zone, so a clock without one gives the date."""
+    first = datetime.fromisoformat(start)
+    ends = (first, first + timedelta(seconds=recorded_s))
+    told = [end.isoformat(timespec="seconds") if end.tzinfo else end.date().isoformat() for end in ends]
+    return {"start": told[0], "end": told[1]}
+
+
+def _list_observations(
+    results: Results, common: Mapping[str, Any]
+) -> Iterable[tuple[Column, dict[str, Any]]]:
+    """Give one observation for each figure there is, with the ends of its range where they are known."""
+    row: Row = summarise_results(results)
+    for column in COLUMNS:
+        if column.kind != "number" or row[column.name] is None or column.name.endswith(_LEFT_OUT):
+            continue
+        ends = zip(_LEFT_OUT, find_range(results, column.name), strict=False)
+        ranged = [
+            {
+                "code": _name_code(f"{column.name}{end}", f"{column.name}{end}"),
+                "valueQuantity": _measure(f"{column.name}{end}", value),
+            }
+            for end, value in ends
+        ]
+        observation = {
+            "resourceType": "Observation",
+            **common,
+            "code": _name_code(column.name, column.english),
+            "valueQuantity": _measure(column.name, row[column.name]),
+            **({"bodySite": {"text": f"{row['side']} upper arm"}} if row["side"] else {}),
+            **({"component": ranged} if ranged else {}),
+        }
+        yield column, observation
+
+
+def _name_code(code: str, display: str) -> dict[str, Any]:
+    return {"coding": [{"system": CODES, "code": code, "display": display}], "text": display}
+
+
+def _measure(name: str, value: object) -> dict[str, Any]:
+    unit = _UCUM.get(name_unit(name), "1")
+    return {"value": value, "unit": unit, "system": "http://unitsofmeasure.org", "code": unit}
+
+
+def _attach(pdf: bytes, language: str, name: str) -> dict[str, str]:
+    return {
+        "contentType": "application/pdf",
+        "language": language,
+        "data": base64.b64encode(pdf).decode("ascii"),
+        "title": name,
+    }
+
+
+def _address(digest: str, name: str) -> str:
+    return f"urn:uuid:{uuid.uuid5(uuid.NAMESPACE_URL, f'{CODES}:{digest}:{name}')}"

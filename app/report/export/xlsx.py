@@ -1,0 +1,84 @@
+"""The figures as an Excel workbook with typed cells: numbers are numbers, a subject code stays text."""
+
+import io
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import xlsxwriter
+
+from app.report.export.columns import (
+    COLUMNS,
+    DICTIONARY_COLUMNS,
+    PERIOD_COLUMNS,
+    Results,
+    list_dictionary,
+    list_periods,
+    summarise_results,
+)
+from app.report.export.csv import Row, find_place
+
+_NO_TIME = datetime(2000, 1, 1, tzinfo=UTC).replace(tzinfo=None)
+"""A workbook must name a time of its making; ours is always the same, so that its bytes are, too."""
+
+_FLAG = ["code", "count", "seconds", "first", "last"]
+_WARNINGS = ["file_name", "subject", *_FLAG, "path"]
+_OPTIONS = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
+
+
+def encode_workbook(every: Sequence[Results]) -> bytes:
+    """Write summary, bins, periods, warnings and dictionary, one sheet each.
+
+    Text is written as text, whatever it begins with: no cell of ours is a formula.
+    """
+    body = io.BytesIO()
+    with xlsxwriter.Workbook(body, _OPTIONS) as book:
+        book.set_properties({"title": "Acromion", "created": _NO_TIME})
+        head = book.add_format({"bold": True, "bottom": 1})
+        sheets = (
+            ("summary", [column.name for column in COLUMNS], map(summarise_results, every)),
+            ("bins", _BINS, (row for results in every for row in _list_bins(results))),
+            ("periods", PERIOD_COLUMNS, (row for results in every for row in list_periods(results))),
+            ("warnings", _WARNINGS, (row for results in every for row in _list_warnings(results))),
+            ("dictionary", DICTIONARY_COLUMNS, list_dictionary()),
+        )
+        for name, columns, rows in sheets:
+            _fill_sheet(book.add_worksheet(name), columns, rows, head)
+    return body.getvalue()
+
+
+_BINS = ["file_name", "subject", "lower_deg", "upper_deg", "duration_s", "percent", "low", "high", "path"]
+
+
+def _list_bins(results: Results) -> list[Row]:
+    return [{**_name(results), **part} for part in results["exposure"]["bins"]]
+
+
+def _list_warnings(results: Results) -> list[Row]:
+    return [
+        _name(results) | {key: flag[key] for key in _WARNINGS[2:-1]}
+        for flag in results["quality"]["warnings"]
+    ]
+
+
+def _name(results: Results) -> Row:
+    recording = results["recording"]
+    return {
+        "file_name": recording["file_name"],
+        "subject": recording["subject"],
+        "path": find_place(results, "path"),
+    }
+
+
+def _fill_sheet(sheet: Any, columns: Sequence[str], rows: Iterable[Row], head: Any) -> None:
+    sheet.freeze_panes(1, 1)
+    sheet.set_column(0, len(columns) - 1, 16)
+    for place, name in enumerate(columns):
+        sheet.write_string(0, place, name, head)
+    for rank, row in enumerate(rows, 1):
+        for place, name in enumerate(columns):
+            value = row.get(name)
+            if isinstance(value, str):
+                sheet.write_string(rank, place, value)
+            elif value is not None:
+                sheet.write_number(rank, place, value)

@@ -1,0 +1,157 @@
+"""What a report is made of: rounded values and finished sentences, nothing left to compute.
+
+The templates (HTML and PDF) only loop over these.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from app.report.words.wording import Language
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A name and its value. ``code`` values are set in a fixed-width face and may break anywhere."""
+
+    name: str
+    value: str
+    code: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table whose first column heads its rows.
+
+    ``prose``: the second column holds sentences; ``even``: all columns but the first are equally wide.
+    """
+
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    prose: bool = False
+    even: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A chart twice, as SVG for paper and wide screens and for a telephone, with its text and its table.
+
+    ``alternative`` says in a sentence what the chart shows; ``table`` holds the values behind it.
+    """
+
+    title: str
+    alternative: str
+    wide: str
+    narrow: str
+    table: Table
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictLine:
+    """How far the data can be trusted; ``level`` is "good", "caution" or "poor", for shape and colour."""
+
+    level: str
+    label: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A published value beside the measured one, or why the two cannot be compared (``scale`` empty)."""
+
+    name: str
+    source: str
+    statement: str
+    alternative: str
+    scale: str
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A titled paragraph, or several."""
+
+    title: str
+    paragraphs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A chapter after the first page; what is empty vanishes."""
+
+    key: str
+    title: str
+    paragraphs: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+    tables: tuple[Table, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """All that a template may use.
+
+    Attributes
+    ----------
+    sentences
+        The answer in three sentences.
+    figures, references
+        Of the first page; a report may have no references.
+    pose_caution
+        The known one-sided error of the calibration pose, in words beside the figures; may be empty.
+    range_note
+        What the ranges in the sentences hold; empty where no sentence has one.
+    brief
+        The last line of the answer as plain text: whose, when, which report.
+    made_of
+        End of the recording, the only date a report bears; None without a clock.
+    amendment
+        Which version this is and why, where it replaces an earlier one; else empty.
+    words
+        The fixed words of the templates (headings, labels).
+    """
+
+    language: Language
+    title: str
+    subtitle: str
+    header: tuple[Pair, ...]
+    verdict: VerdictLine
+    sentences: tuple[str, ...]
+    pose_caution: str
+    range_note: str
+    figures: tuple[Figure, ...]
+    references: tuple[Reference, ...]
+    limits: Note
+    intended_use: Note
+    sections: tuple[Section, ...]
+    report_id: str
+    footer: str
+    brief: str
+    made_of: datetime | None
+    amendment: str
+    words: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class AgreementReport:
+    """All that the template of a comparison, or of a study of several, may use.
+
+    ``main`` is the table that answers the question; ``made_of`` is always None: a comparison has no date of
+    its own.
+    """
+
+    language: Language
+    title: str
+    subtitle: str
+    header: tuple[Pair, ...]
+    sentences: tuple[str, ...]
+    main: tuple[Table, ...]
+    figures: tuple[Figure, ...]
+    limits: Note
+    sections: tuple[Section, ...]
+    report_id: str
+    footer: str
+    made_of: datetime | None
+    words: Mapping[str, str]

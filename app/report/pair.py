@@ -1,0 +1,341 @@
+"""Both arms of one shift side by side, and the arm beside the trunk.
+
+Pure. :func:`describe_pair` is what ``pair.json`` gives, :func:`build_pair` the report for people; the figures
+over the shared time come from :mod:`fusion.arms`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from app.report.analysis.day import Day, draw_up_day, shift_day
+from app.report.analysis.figures import label_day
+from app.report.charts.day import draw_two_days
+from app.report.charts.svg import NARROW, WIDE
+from app.report.export.results import round_all
+from app.report.findings import Kept
+from app.report.model import Figure, Pair, Report, Section, Table, VerdictLine
+from app.report.pairs import (
+    Beside,
+    build_curves,
+    build_limits,
+    build_sources,
+    build_two_bars,
+    can_draw_curves,
+    describe_source,
+    find_end,
+    identify,
+    load_beside_words,
+    tell_poses,
+    tell_time,
+)
+from app.report.render.write import sign_off
+from app.report.words.numbers import (
+    NONE,
+    Clock,
+    format_angle,
+    format_angle_range,
+    format_duration,
+    format_number,
+    format_percent,
+    format_range,
+)
+from app.report.words.subject import clean_text, cut_text
+from app.report.words.wording import Language, Words, fill, load_wording
+from fusion.recording import MICROSECONDS
+
+if TYPE_CHECKING:
+    from fusion.arms import PairedArms, TrunkRelative
+
+SCHEMA = "acromion.pair/1"
+_LEVELS = ("good", "caution", "poor")
+_LONGEST_CODE = 24
+SHORTEST_DRAWN_S = 1800.0
+"""Fewer than six 5-minute blocks, drawn again, say little of a day."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrunkClock:
+    """When the trunk's first sample was taken, seconds after the left arm's, and who tells so."""
+
+    offset_s: float
+    offset_from: Literal["clocks", "person"]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPair:
+    """Two arms on one clock.
+
+    ``offset_s``: when the right recording's first sample was taken, seconds after the left's; ``offset_from``
+    says whether the devices' clocks or a person tell so. ``trunk``: each arm beside the trunk, whose clock is
+    ``trunk_clock``, None without one.
+    """
+
+    left: Kept
+    right: Kept
+    offset_s: float
+    offset_from: Literal["clocks", "person"]
+    shared: PairedArms
+    trunk: tuple[TrunkRelative, TrunkRelative]
+    trunk_clock: TrunkClock | None = None
+
+
+def describe_pair(pair: ArmPair) -> dict[str, Any]:
+    """Give the figures of both arms over the time they share, for JSON."""
+    shared = pair.shared
+    document: dict[str, Any] = round_all(
+        {
+            "schema": SCHEMA,
+            "left": describe_source(pair.left),
+            "right": describe_source(pair.right),
+            "clock": {"offset_s": pair.offset_s, "from": pair.offset_from},
+            "trunk_clock": _describe_clock(pair.trunk_clock),
+            "shared_s": shared.shared_s,
+            "arms": {
+                side: {
+                    "percentiles_deg": {str(p): deg for p, deg in share.percentiles_deg.items()},
+                    "time_above_percent": {f"{c:g}": value for c, value in share.percent_above.items()},
+                }
+                for side, share in (("left", shared.left), ("right", shared.right))
+            },
+            "both_above_60_percent": shared.both_above_60_percent,
+            "right_to_left": {"time_above_60": shared.ratio_above_60, "elevation_p50": shared.ratio_p50},
+            "intervals": {name: [range_.low, range_.high] for name, range_ in shared.intervals.items()},
+            "trunk_relative": {
+                side: _describe_trunk(trunk)
+                for side, trunk in zip(("left", "right"), pair.trunk, strict=True)
+            },
+        }
+    )
+    return document
+
+
+def _describe_clock(clock: TrunkClock | None) -> dict[str, object] | None:
+    return {"offset_s": clock.offset_s, "from": clock.offset_from} if clock else None
+
+
+def _describe_trunk(trunk: TrunkRelative) -> dict[str, object]:
+    percentiles = trunk.percentiles_deg
+    return {
+        "limit": trunk.limit,
+        "shared_s": trunk.shared_s,
+        "percentiles_deg": {str(p): deg for p, deg in percentiles.items()} if percentiles else None,
+    }
+
+
+def build_pair(pair: ArmPair, language: Language) -> Report:
+    """Turn both arms into one report."""
+    words = load_beside_words(language)["pair"]
+    sides = (Beside(words["left"], pair.left), Beside(words["right"], pair.right))
+    report_id = identify(describe_pair(pair))
+    limits, use = build_limits(sides, language)
+    if any(trunk.percentiles_deg for trunk in pair.trunk):
+        limits = replace(limits, paragraphs=(words["limits_with_trunk"], *limits.paragraphs[1:]))
+    header = _build_header(pair, words, language)
+    footer = fill(words["footer"], {"version": pair.left.subject.software.version, "id": report_id})
+    return Report(
+        language=language,
+        title=words["title"],
+        subtitle=load_wording(language)["report"]["subtitle"],
+        header=header,
+        verdict=_tell_verdict(sides, words, language),
+        sentences=_tell_answers(pair, words, language),
+        pose_caution=f"{_tell_clock(pair, words, language)} {tell_poses(sides, language)}".strip(),
+        range_note=_tell_ranges(pair, words, language),
+        figures=(build_two_bars(sides, language), _build_days(pair, sides, language)),
+        references=(),
+        limits=limits,
+        intended_use=use,
+        sections=(
+            _list_figures(pair, words, language),
+            _build_trunk(pair, words, language),
+            *_build_spread(sides, language),
+            build_sources(sides, language),
+        ),
+        report_id=report_id,
+        footer=footer,
+        brief=sign_off(header, footer, language),
+        made_of=find_end(sides),
+        amendment="",
+        words=load_wording(language)["label"],
+    )
+
+
+def _build_header(pair: ArmPair, words: Words, language: Language) -> tuple[Pair, ...]:
+    label = load_wording(language)["label"]
+    codes = dict.fromkeys(clean_text(kept.subject.subject) for kept in (pair.left, pair.right))
+    code = " / ".join(cut_text(c, _LONGEST_CODE) for c in codes if c) or label["not_given"]
+    return (
+        Pair(label["subject"], code),
+        Pair(label["date"], tell_time(pair.left, language)),
+        Pair(words["shared"], format_duration(pair.shared.shared_s, language)),
+        Pair(words["offset"], _tell_offset(pair.offset_s, language)),
+    )
+
+
+def _tell_offset(offset_s: float, language: Language) -> str:
+    sign = "+" if offset_s > 0 else "−" if offset_s < 0 else ""
+    return sign + format_duration(abs(offset_s), language)
+
+
+def _tell_verdict(sides: tuple[Beside, Beside], words: Words, language: Language) -> VerdictLine:
+    """Give the worse of the two, and say which arm has which."""
+    levels = [side.kept.findings.quality.verdict for side in sides]
+    worst = max(levels, key=_LEVELS.index)
+    entry = load_wording(language)["verdict"]
+    if len(set(levels)) == 1:
+        return VerdictLine(worst, entry[worst]["label"], words["verdict_both"])
+    facts = {"left": words["verdict"][levels[0]], "right": words["verdict"][levels[1]]}
+    return VerdictLine(worst, entry[worst]["label"], fill(words["verdict_each"], facts))
+
+
+def _tell_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
+    entry, shared = words["sentence"], pair.shared
+    ratio = format_number(shared.ratio_above_60, 2, language)
+    told = {
+        "left": ("left_time_above_60_percent", format_percent(shared.left.percent_above[60], language)),
+        "right": ("right_time_above_60_percent", format_percent(shared.right.percent_above[60], language)),
+        "both": ("both_above_60_percent", format_percent(shared.both_above_60_percent, language)),
+        "left_p50": ("left_elevation_p50_deg", format_angle(shared.left.percentiles_deg[50], language)),
+        "right_p50": ("right_elevation_p50_deg", format_angle(shared.right.percentiles_deg[50], language)),
+        "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
+    }
+    facts = {
+        key: _add_range(value, _tell_range(pair, name, language), entry, key)
+        for key, (name, value) in told.items()
+    }
+    facts["shared"] = format_duration(shared.shared_s, language)
+    return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
+
+
+def _add_range(value: str, told: str, entry: Words, key: str) -> str:
+    """Put the range behind its figure, if both are known; the ratio stands in brackets already."""
+    pattern = entry["ranged_inside" if key == "ratio" else "ranged"]
+    return fill(pattern, {"value": value, "range": told}) if value and told else value
+
+
+def _tell_range(pair: ArmPair, name: str, language: Language) -> str:
+    """Write the range of a figure in its unit; empty where none is known."""
+    interval = pair.shared.intervals.get(name)
+    if name.endswith("_percent"):
+        return format_range(interval, language)
+    if name.endswith("_deg"):
+        return format_angle_range(interval, language)
+    if interval is None:
+        return ""
+    return "–".join(format_number(end, 2, language) for end in (interval.low, interval.high))
+
+
+def _tell_ranges(pair: ArmPair, words: Words, language: Language) -> str:
+    """Say what the ranges hold, or that there are none."""
+    if not pair.shared.intervals:
+        return str(words["ranges"]["none"])
+    if pair.shared.shared_s < SHORTEST_DRAWN_S:
+        return str(load_wording(language)["ranges"]["short"])
+    return str(words["ranges"]["known"])
+
+
+def _tell_clock(pair: ArmPair, words: Words, language: Language) -> str:
+    """Say how the two were put on one time axis; nothing in the signals vouches for it."""
+    entry = words["clock"]
+    order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s < 0 else "together"
+    facts = {"offset": format_duration(abs(pair.offset_s), language)}
+    return f"{fill(entry[order], facts)} {entry[pair.offset_from]}"
+
+
+def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language) -> Figure:
+    """Draw both days one above the other on the clock of the one that began first."""
+    entry, report_words = load_beside_words(language)["days"], load_wording(language)
+    first_s = min(0.0, pair.offset_s)
+    begins_s = (0.0 - first_s, pair.offset_s - first_s)
+    lasts_s = [side.kept.findings.recording.duration_us / MICROSECONDS for side in sides]
+    whole_s = max(begin + lasts for begin, lasts in zip(begins_s, lasts_s, strict=True))
+    clock = Clock(Clock(pair.left.findings.recording.start, language).at(first_s), language)
+    days = []
+    for side, begin_s in zip(sides, begins_s, strict=True):
+        own = draw_up_day(side.kept.findings, clock, report_words)
+        days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
+    told = fill(entry["alternative"], {"start": clock.tell(0), "end": clock.tell(whole_s)})
+    labels = label_day(entry["title"], told, report_words)
+    return Figure(
+        title=entry["title"],
+        alternative=told,
+        wide=draw_two_days(days, labels, WIDE),
+        narrow=draw_two_days(days, labels, NARROW),
+        table=Table(entry["title"], tuple(entry["columns"]), _tabulate_days(days, clock)),
+    )
+
+
+def _tabulate_days(days: list[tuple[str, Day]], clock: Clock) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (
+            name,
+            clock.tell(band.start_s),
+            *(format_angle(deg, clock.language) for deg in (band.low_deg, band.middle_deg, band.high_deg)),
+        )
+        for name, day in days
+        for run in day.runs
+        for band in run
+    )
+
+
+def _list_figures(pair: ArmPair, words: Words, language: Language) -> Section:
+    entry, shared = words["table"], pair.shared
+    left, right = shared.left, shared.right
+    rows: list[tuple[str, ...]] = []
+    for c in left.percent_above:
+        above = (format_percent(arm.percent_above[c], language) for arm in (left, right))
+        ratio = format_number(shared.ratio_above_60 if c == 60 else None, 2, language)
+        rows.append((fill(entry["above"], {"threshold": f"{c:g}"}), *above, ratio))
+        rows += _list_ranges(pair, f"time_above_{c:g}_percent", f"time_above_{c:g}", language)
+    for p in left.percentiles_deg:
+        angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in (left, right))
+        ratio = format_number(shared.ratio_p50 if p == 50 else None, 2, language)
+        rows.append((fill(entry["percentile"], {"p": str(p)}), *angles, ratio))
+        rows += _list_ranges(pair, f"elevation_p{p}_deg", f"elevation_p{p}", language)
+    rows.append((entry["both"], format_percent(shared.both_above_60_percent, language), NONE, NONE))
+    if both := _tell_range(pair, "both_above_60_percent", language):
+        rows.append((_name_ranges(language), both, "", ""))
+    table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+    return Section("figures", entry["title"], tables=(table,))
+
+
+def _list_ranges(pair: ArmPair, name: str, ratio: str, language: Language) -> list[tuple[str, ...]]:
+    """Give the row of ranges under a figure of both arms; none where none is known."""
+    names = (f"left_{name}", f"right_{name}", f"right_to_left_{ratio}")
+    cells = tuple(_tell_range(pair, end, language) for end in names)
+    return [(_name_ranges(language), *cells)] if any(cells) else []
+
+
+def _name_ranges(language: Language) -> str:
+    return str(load_wording(language)["measure"]["percentiles"]["range"])
+
+
+def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
+    """Give the arm's elevation less the trunk's inclination, or say what is missing for it."""
+    entry = words["trunk"]
+    known = [
+        (name, trunk)
+        for name, trunk in zip((words["left"], words["right"]), pair.trunk, strict=True)
+        if trunk.percentiles_deg
+    ]
+    if not known:
+        return Section("trunk", entry["title"], (entry["missing"],))
+    rows = tuple(
+        (
+            name,
+            format_duration(trunk.shared_s, language),
+            *(format_angle(value, language, 1) for value in (trunk.percentiles_deg or {}).values()),
+        )
+        for name, trunk in known
+    )
+    table = Table(entry["caption"], tuple(entry["columns"]), rows)
+    return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
+
+
+def _build_spread(sides: tuple[Beside, Beside], language: Language) -> tuple[Section, ...]:
+    if not can_draw_curves(sides):
+        return ()
+    title = load_wording(language)["section"]["spread"]
+    return (Section("spread", title, figures=(build_curves(sides, language),)),)

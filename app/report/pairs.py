@@ -1,0 +1,161 @@
+"""What the report of two arms and that of two days share: bars and curves to one scale, and the sources."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from typing import Any
+
+from app.report.analysis.chapters import tell_accuracy
+from app.report.analysis.figures import build_parts, share_below
+from app.report.charts.distribution import Curve, draw_two_curves
+from app.report.charts.svg import NARROW, WIDE
+from app.report.export.results import identify_report
+from app.report.findings import Kept
+from app.report.model import Figure, Note, Section, Table
+from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
+from app.report.words.subject import clean_text
+from app.report.words.wording import Language, Words, fill, load_wording
+from fusion.exposure.types import Exposure, PartExposure
+from fusion.recording import MICROSECONDS
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """One of the two, with the name it goes by."""
+
+    name: str
+    kept: Kept
+
+
+def load_beside_words(language: Language) -> Words:
+    """Read the words of both reports."""
+    return load_wording(language, "beside")
+
+
+def build_two_bars(sides: tuple[Beside, Beside], language: Language) -> Figure:
+    """Build one stacked bar for each, to one scale."""
+    entry = load_beside_words(language)
+    parts = [(side.name, _take_whole(side.kept.findings.exposure)) for side in sides]
+    return replace(build_parts("bars", parts, entry, language), note=entry["bars"]["note"])
+
+
+def _take_whole(exposure: Exposure) -> PartExposure:
+    above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
+    entries = next((e.per_hour for e in exposure.entries if e.threshold_deg == 60), None)
+    return PartExposure("", 0.0, 0.0, exposure.analysed_s, exposure.percentiles_deg, above, entries)
+
+
+def build_curves(sides: tuple[Beside, Beside], language: Language) -> Figure:
+    """Build both distributions in one picture."""
+    entry = load_beside_words(language)["curves"]
+    first, second = (Curve(s.name, share_below(s.kept.findings.exposure)) for s in sides)
+    title = (entry["title"], fill(entry["alternative"], {"first": first.name, "second": second.name}))
+    axes = (entry["axes"][0], entry["axes"][1])
+    rows = tuple(
+        (f"{d}°", *(format_number(curve.below_percent[d], 1, language) for curve in (first, second)))
+        for d in range(10, 181, 10)
+    )
+    return Figure(
+        title=entry["title"],
+        alternative=title[1],
+        wide=draw_two_curves((first, second), axes, title, WIDE),
+        narrow=draw_two_curves((first, second), axes, title, NARROW),
+        table=Table(entry["title"], (entry["column"], first.name, second.name), rows),
+    )
+
+
+def can_draw_curves(sides: tuple[Beside, Beside]) -> bool:
+    """Tell whether both hold analysed time."""
+    return all(side.kept.findings.exposure.histogram_s.sum() > 0 for side in sides)
+
+
+def tell_time(kept: Kept, language: Language) -> str:
+    """Write the date a recording began on, or that its file has no clock."""
+    start = kept.findings.recording.start
+    return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
+
+
+def find_end(sides: tuple[Beside, Beside]) -> datetime | None:
+    """Give the end of the recording that ended last, the only date of a report of two."""
+    recordings = [side.kept.findings.recording for side in sides]
+    ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
+    return max(ends, key=_read_wall_clock, default=None)
+
+
+def _read_wall_clock(moment: datetime) -> datetime:
+    """A clock with a zone and one without are compared by what they showed."""
+    return moment.replace(tzinfo=None)
+
+
+def tell_poses(sides: tuple[Beside, Beside], language: Language) -> str:
+    """Give the known one-sided errors of the poses the figures were calibrated in; each once."""
+    cautions = load_wording(language)["pose_caution"]
+    poses = (s.kept.findings.calibration.pose for s in sides if s.kept.findings.calibration)
+    return " ".join(dict.fromkeys(cautions[pose] for pose in poses if pose in cautions))
+
+
+def build_limits(sides: tuple[Beside, Beside], language: Language) -> tuple[Note, Note]:
+    """Give what the figures cannot say, how accurate each method is, and the intended use."""
+    words = load_wording(language)
+    limits, use = words["limits"], words["intended_use"]
+    accuracy = dict.fromkeys(tell_accuracy(side.kept.findings, words) for side in sides)
+    paragraphs = (*limits["paragraphs"], *accuracy)
+    return Note(limits["title"], paragraphs), Note(use["title"], (use["text"],))
+
+
+def build_sources(sides: tuple[Beside, ...], language: Language) -> Section:
+    """Say where each of them is from."""
+    words, entry = load_wording(language), load_beside_words(language)["sources"]
+    rows = list(
+        zip(entry["rows"], *(_tell_source(side.kept, words, language) for side in sides), strict=True)
+    )
+    columns = (entry["column"], *(side.name for side in sides))
+    return Section("provenance", entry["title"], tables=(Table(entry["caption"], columns, tuple(rows)),))
+
+
+def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...]:
+    findings, subject = kept.findings, kept.subject
+    clock = Clock(findings.recording.start, language)
+    unknown = words["label"]["not_given"]
+    method = findings.method
+    return (
+        clean_text(subject.file_name) or unknown,
+        findings.recording.sha256[:16] + "…",
+        words["device"].get(findings.recording.device, words["device"]["other"]),
+        f"{tell_time(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
+        format_duration(findings.time.analysed_us / MICROSECONDS, language),
+        load_beside_words(language)["pair"]["verdict"][findings.quality.verdict],
+        f"{method.name} {method.version}" if method else NONE,
+        words["pose"].get(findings.calibration.pose, NONE) if findings.calibration else NONE,
+        f"Acromion {subject.software.version}",
+        identify_report(findings, subject),
+    )
+
+
+def describe_source(kept: Kept) -> dict[str, object]:
+    """Say in JSON which analysis is meant."""
+    recording, subject = kept.findings.recording, kept.subject
+    return {
+        "report_id": identify_report(kept.findings, subject),
+        "sha256": recording.sha256,
+        "file_name": subject.file_name,
+        "subject": subject.subject,
+        "side": subject.side,
+        "start": recording.start.isoformat() if recording.start else None,
+        "analysed_s": kept.findings.time.analysed_us / MICROSECONDS,
+        "verdict": kept.findings.quality.verdict,
+    }
+
+
+def identify(document: Mapping[str, Any]) -> str:
+    """Name a report of two by a hash of what it says: 16 hexadecimal digits."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def encode_document(document: Mapping[str, Any]) -> bytes:
+    """Write the figures of a report of two as JSON: the same figures give the same bytes."""
+    return json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False).encode() + b"\n"

@@ -1,0 +1,112 @@
+"""The report as one HTML file that asks for nothing: no script, no request, no font from elsewhere."""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from urllib.parse import quote
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from app.report.model import AgreementReport, Report
+from app.report.words.numbers import format_duration, format_percent
+from app.report.words.subject import clean_text
+from app.report.words.wording import Language, fill, load_wording
+
+# Where the report's templates and fonts are: in the installed package, else in the checkout.
+
+
+@cache
+def find_template_folder() -> Path:
+    """Give the folder with ``report.html.j2``, ``report.css``, ``report.typ`` and ``fonts``."""
+    here = Path(__file__).resolve()
+    packaged = here.parents[2] / "templates" / "report"
+    return packaged if packaged.is_dir() else here.parents[3] / "templates" / "report"
+
+
+def render_html(report: Report | AgreementReport) -> bytes:
+    """Render the report; the same report gives the same bytes."""
+    style = Markup(read_style())  # noqa: S704 - our own style sheet
+    policy = content_security_policy()
+    template = load_template("report.html.j2" if isinstance(report, Report) else "agreement.html.j2")
+    text: str = template.render(report=report, words=report.words, style=style, policy=policy)
+    return text.encode("utf-8")
+
+
+@cache
+def content_security_policy() -> str:
+    """Give the policy the file states about itself: nothing may be loaded, only its own style applies.
+
+    A server that sends the file should send this policy in the header, too, for a stricter one of its own
+    would block the style.
+    """
+    digest = base64.b64encode(hashlib.sha256(read_style().encode("utf-8")).digest()).decode("ascii")
+    return f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+
+
+@cache
+def read_style() -> str:
+    """Give the style sheet that every page of ours carries inside."""
+    return (find_template_folder() / "report.css").read_text(encoding="utf-8")
+
+
+@cache
+def load_template(name: str) -> Template:
+    """Give one of the report's templates, compiled once."""
+    environment = Environment(
+        loader=FileSystemLoader(find_template_folder()),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["drawing"] = _trust_drawing
+    return environment.get_template(name)
+
+
+def _trust_drawing(svg: str) -> Markup:
+    """Let a drawing of ``figures`` pass unescaped: every text in it was escaped when it was drawn."""
+    return Markup(svg)  # noqa: S704
+
+
+# The page beside the reports of one run: which recording, how much of it, what came out.
+
+
+@dataclass(frozen=True, slots=True)
+class IndexRow:
+    """One recording of the run. ``folder`` is None where there is no report; ``state`` is in words."""
+
+    file_name: str
+    folder: str | None
+    analysed_s: float | None
+    above_60_percent: float | None
+    state: str
+
+
+def render_index(rows: Sequence[IndexRow], method: str, language: Language) -> bytes:
+    """Render the list as one HTML file with links to the reports beside it."""
+    words = load_wording(language, "run")["index"]
+    good = sum(row.folder is not None for row in rows)
+    subtitle = fill(words["subtitle"], {"good": str(good), "all": str(len(rows)), "method": method})
+    text = load_template("index.html.j2").render(
+        language=language,
+        words=words,
+        subtitle=subtitle,
+        rows=[_show(row, language) for row in rows],
+        style=Markup(read_style()),  # noqa: S704  our own style sheet
+        policy=content_security_policy(),
+    )
+    return text.encode("utf-8")
+
+
+def _show(row: IndexRow, language: Language) -> dict[str, str]:
+    return {
+        "file": clean_text(row.file_name),
+        "link": f"{quote(row.folder)}/report.html" if row.folder else "",
+        "analysed": format_duration(row.analysed_s, language),
+        "above_60": format_percent(row.above_60_percent, language),
+        "state": row.state,
+    }

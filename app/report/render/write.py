@@ -1,0 +1,86 @@
+"""From findings to the files of a report: HTML, PDF and the answer in five lines, in each language asked.
+
+It needs no science: a finished analysis is written again, in the other language or on its own, from what it
+left in its folder.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from app.report.analysis.report import build_report
+from app.report.findings import Findings, Kept, decode_findings
+from app.report.model import Pair, Report
+from app.report.render.html import render_html
+from app.report.render.pdf import render_pdf
+from app.report.words.subject import ReportSubject
+from app.report.words.wording import Language, fill, load_wording
+from app.request import Paper, ReportKind, ReportRequest
+
+# The answer as plain text.
+
+
+def tell_in_brief(report: Report) -> bytes:
+    """Write the answer as a few lines of plain text, to paste into a record."""
+    quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
+    lines = (*report.sentences, quality, report.brief)
+    return ("\n".join(lines) + "\n").encode("utf-8")
+
+
+def sign_off(header: Sequence[Pair], footer: str, language: Language) -> str:
+    """Write the last of these lines for a report of two: whose and when, which report, and what it is not."""
+    label = load_wording(language)["label"]
+    told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
+    return fill(label["brief_two"], {"header": told, "footer": footer})
+
+
+RESULTS, FINDINGS = "results.json", "findings.json"
+
+
+def write_reports(findings: Findings, subject: ReportSubject, request: ReportRequest, out: Path) -> None:
+    """Write ``report.<language>.<kind>`` and ``answer.<language>.txt`` beside the results in ``out``."""
+    results = (out / RESULTS).read_bytes()
+    for language in request.languages:
+        report = build_report(findings, subject, language)
+        write_report(report, request.kinds, request.paper, {RESULTS: results}, out)
+
+
+def write_report(
+    report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes], out: Path
+) -> None:
+    """Write one report, in its language, and its answer in a few lines."""
+    (out / f"answer.{report.language}.txt").write_bytes(tell_in_brief(report))
+    for kind, body in _render(report, kinds, paper, attachments):
+        (out / f"report.{report.language}.{kind}").write_bytes(body)
+
+
+def rewrite_reports(finished: Path, request: ReportRequest, out: Path) -> None:
+    """Write the reports of a finished analysis anew into ``out``, where its results are put too.
+
+    Raises
+    ------
+    OSError, ValueError
+        When the folder holds no findings, or those of a later program.
+    """
+    kept = read_kept(finished)
+    (out / RESULTS).write_bytes((finished / RESULTS).read_bytes())
+    write_reports(kept.findings, kept.subject, request, out)
+
+
+def read_kept(finished: Path) -> Kept:
+    """Read what the analysis in a folder found.
+
+    Raises
+    ------
+    OSError, ValueError
+        As :func:`rewrite_reports`.
+    """
+    return decode_findings((finished / FINDINGS).read_bytes())
+
+
+def _render(
+    report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes]
+) -> Iterator[tuple[ReportKind, bytes]]:
+    if "html" in kinds:
+        yield "html", render_html(report)
+    if "pdf" in kinds:
+        yield "pdf", render_pdf(report, attachments, paper)

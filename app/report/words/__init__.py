@@ -1,0 +1,1 @@
+"""Wording, numbers and messages in the languages of the report."""

@@ -1,0 +1,96 @@
+"""Refusals and caveats in words: every code of the science and of the shell, in both languages."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from app.report.words.numbers import format_exact
+from app.report.words.subject import clean_text
+from app.report.words.wording import Language, Words, fill, load_wording
+from fusion.recording import QualityFlag
+
+Fact = str | int | float
+UNKNOWN_PROBLEM = "E-INTERNAL"
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Why there is no report: what happened, in one line and in full, what to do, and the place."""
+
+    title: str
+    detail: str
+    fix: str
+    where: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Caveat:
+    """A line of the data-quality box: a short name and what it means for the figures."""
+
+    title: str
+    detail: str
+
+
+def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -> Problem:
+    """Say what a code means. A code without words (a newer server's) is told as an internal error."""
+    words = load_wording(language)
+    entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
+    first, *others = _split_rows(facts)
+    told = _tell_facts(first, words, language)
+    rows = [fill(entry["another"], _tell_facts(row, words, language)) for row in others]
+    return Problem(
+        title=fill(entry["title"], told),
+        detail=" ".join([fill(entry["detail"], told), *rows, fill(entry.get("more", ""), told)]).strip(),
+        fix=fill(entry["fix"], told),
+        where=_tell_where(told, words),
+    )
+
+
+def describe_flag(flag: QualityFlag, language: Language) -> Caveat:
+    """Say what a caveat means; one without words shows its code."""
+    words = load_wording(language)
+    entry = words["flag"].get(flag.code)
+    if entry is None:
+        return Caveat(flag.code, "")
+    told = _tell_facts(flag.facts, words, language)
+    return Caveat(fill(entry["title"], told), fill(entry["detail"], told))
+
+
+def tell_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
+    """Write facts for a sentence: numbers as the language does, the fixed terms of the code in its words."""
+    return _tell_facts(facts, load_wording(language), language)
+
+
+def list_flag_codes() -> tuple[str, ...]:
+    """Give the code of every caveat that has words."""
+    return tuple(sorted(load_wording("en")["flag"]))
+
+
+def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
+    """Give the facts of the first row, and those of each further one that was refused with it."""
+    rows: dict[int, dict[str, Fact]] = {1: {}}
+    for name, value in facts.items():
+        stem, _, number = name.rpartition("_")
+        if stem and number.isdigit() and "line_2" in facts:
+            rows.setdefault(int(number), {})[stem] = value
+        else:
+            rows[1][name] = value
+    return [rows[number] for number in sorted(rows)]
+
+
+def _tell_facts(facts: Mapping[str, Fact], words: Words, language: Language) -> dict[str, str]:
+    return {name: _tell_fact(name, value, words, language) for name, value in facts.items()}
+
+
+def _tell_fact(name: str, value: Fact, words: Words, language: Language) -> str:
+    """Write numbers as the language does, and the fixed terms of the code in its words."""
+    if isinstance(value, int):
+        return format_exact(value, language)
+    if isinstance(value, float):
+        return format_exact(round(value, 2 if abs(value) >= 0.1 else 4), language)
+    terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
+    return str(terms.get(value) or clean_text(value))
+
+
+def _tell_where(told: Mapping[str, str], words: Words) -> str | None:
+    places = [fill(text, told) for name, text in words["where"].items() if told.get(name)]
+    return ", ".join(places) or None

@@ -1,0 +1,188 @@
+"""Numbers, durations, clock times and dates as English and French readers write them.
+
+Both languages group thousands with a narrow no-break space and put one before the per cent sign
+(ISO 80000-1); French has the decimal comma and "10 h 42".
+"""
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
+from typing import TYPE_CHECKING
+
+from app.report.words.wording import Language, load_wording
+
+if TYPE_CHECKING:
+    from fusion.exposure import Interval  # the page uses this module without the science
+
+
+NARROW = "\u202f"
+NONE = "–"
+MINUTE_S = 60
+HOUR_S = 3600
+SHORT_S = 600
+SHORTEST_RATED_S = 600
+"""Below ten minutes a rate per hour would only be a small count multiplied."""
+
+
+def format_number(value: float | None, decimals: int, language: Language) -> str:
+    """Round and write; an en dash where there is no value."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    text = f"{value:,.{decimals}f}".replace("-", "−")
+    if not text.strip("−0.,"):
+        text = text.lstrip("−")
+    whole, _, fraction = text.partition(".")
+    mark = "," if language == "fr" else "."
+    return whole.replace(",", NARROW) + (mark + fraction if fraction else "")
+
+
+def format_exact(value: float, language: Language) -> str:
+    """Write up to six decimals, without the closing zeros, so that sums can be checked by hand."""
+    mark = "," if language == "fr" else "."
+    text = format_number(value, 6, language).rstrip("0")
+    return text.removesuffix(mark)
+
+
+def format_plain(value: float, language: Language) -> str:
+    """Write a parameter with the digits it has: "0.04", "1200"; six of them at most."""
+    text = f"{value:g}".replace("-", "−")
+    return text.replace(".", ",") if language == "fr" else text
+
+
+def format_percent(value: float | None, language: Language) -> str:
+    """One decimal, always."""
+    text = format_number(value, 1, language)
+    return text if text == NONE else f"{text}{NARROW}%"
+
+
+def format_angle(value: float | None, language: Language, decimals: int = 0) -> str:
+    """Degrees; the sign follows without a space in both languages."""
+    text = format_number(value, decimals, language)
+    return text if text == NONE else f"{text}°"
+
+
+def format_range(interval: "Interval | None", language: Language) -> str:
+    """Write a range of shares: "6.0–9.5 %"; empty without an interval."""
+    if interval is None:
+        return ""
+    low, high = format_number(interval.low, 1, language), format_percent(interval.high, language)
+    return f"{low}–{high}"
+
+
+def format_angle_range(interval: "Interval | None", language: Language, decimals: int = 0) -> str:
+    """Write a range of angles: "44–57°"; empty without an interval."""
+    if interval is None:
+        return ""
+    low = format_number(interval.low, decimals, language)
+    return f"{low}–{format_angle(interval.high, language, decimals)}"
+
+
+def format_duration_range(interval: "Interval", language: Language) -> str:
+    """Write a range of lengths, "40 s–1 min 5 s"; ends that would read alike are rounded outwards."""
+    low, high = interval.low, interval.high
+    if format_duration(low, language) == format_duration(high, language) and high < SHORT_S:
+        per_s = 10 if round(high, 1) < 10 else 1
+        low, high = math.floor(low * per_s) / per_s, math.ceil(high * per_s) / per_s
+    return f"{format_duration(low, language)}–{format_duration(high, language)}"
+
+
+def format_rate(value: float | None, language: Language) -> str:
+    """Per hour: whole from 10 on, one decimal below."""
+    decimals = 0 if value is None or value >= 9.95 else 1
+    return format_number(value, decimals, language)
+
+
+def format_duration(seconds: float | None, language: Language) -> str:
+    """Say how long in the two units that matter: "6 h 48 min", "31 min", "2 min 59 s", "4.2 s"."""
+    if seconds is None or not math.isfinite(seconds):
+        return NONE
+    if round(seconds, 1) < 10:
+        decimals = 0 if round(seconds, 1) % 1 == 0 else 1
+        return f"{format_number(seconds, decimals, language)}{NARROW}s"
+    if round(seconds) < SHORT_S:
+        minutes, rest = divmod(round(seconds), MINUTE_S)
+        return _join_units((minutes, "min"), (rest, "s"))
+    hours, minutes = divmod(round(seconds / MINUTE_S), 60)
+    return _join_units((hours, "h"), (minutes, "min"))
+
+
+def format_long_duration(seconds: float) -> str:
+    """Say how long to the second, whatever the length: "6 h 48 min 12 s"."""
+    hours, rest = divmod(round(seconds), HOUR_S)
+    minutes, rest = divmod(rest, MINUTE_S)
+    return _join_units((hours, "h"), (minutes, "min"), (rest, "s"))
+
+
+def format_clock(moment: datetime, language: Language, *, with_seconds: bool = False) -> str:
+    """Write a clock time: "10:42" or "10 h 42"."""
+    if language == "en":
+        return moment.strftime("%H:%M:%S" if with_seconds else "%H:%M")
+    text = f"{moment.hour}{NARROW}h{NARROW}{moment.minute:02d}"
+    return f"{text}{NARROW}min{NARROW}{moment.second:02d}{NARROW}s" if with_seconds else text
+
+
+def format_hour(moment: datetime, language: Language) -> str:
+    """Write a clock time for an axis, short where it is a whole hour in French: "8 h"."""
+    if language == "fr" and moment.minute == 0:
+        return f"{moment.hour}{NARROW}h"
+    return format_clock(moment, language)
+
+
+def format_elapsed(seconds: float) -> str:
+    """Write time since the first sample: "1:02:05"."""
+    hours, rest = divmod(round(seconds), HOUR_S)
+    return f"{hours}:{rest // MINUTE_S:02d}:{rest % MINUTE_S:02d}"
+
+
+def format_date(day: date, language: Language) -> str:
+    """Write a date that cannot be misread: "3 March 2026", "3 mars 2026"."""
+    month = load_wording(language)["months"][day.month - 1]
+    number = "1er" if language == "fr" and day.day == 1 else str(day.day)
+    return f"{number}\u00a0{month}\u00a0{day.year}"
+
+
+def _join_units(*parts: tuple[int, str]) -> str:
+    shown = [f"{count}{NARROW}{unit}" for count, unit in parts if count]
+    return "\u00a0".join(shown) or f"0{NARROW}{parts[-1][1]}"
+
+
+# From seconds of the recording to the device's clock, where the file has one.
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Tells the time of a second of the recording; without a start, time since the first sample."""
+
+    start: datetime | None
+    language: Language = "en"
+
+    def at(self, seconds: float) -> datetime | None:
+        """Give the clock time, in the zone of the recording; None without a clock.
+
+        A zone with daylight saving is followed (UTC-stamped files); a device clock counts on.
+        """
+        if self.start is None:
+            return None
+        passed = timedelta(microseconds=round(seconds * 1e6))
+        if self.start.tzinfo is None:
+            return self.start + passed
+        return (self.start.astimezone(UTC) + passed).astimezone(self.start.tzinfo)
+
+    def tell(self, seconds: float, *, with_seconds: bool = False) -> str:
+        """Write the time: "10:42", or "2:44:00" since the first sample."""
+        moment = self.at(seconds)
+        if moment is None:
+            return format_elapsed(seconds)
+        return format_clock(moment, self.language, with_seconds=with_seconds)
+
+    def label_tick(self, seconds: float) -> str:
+        """Write the time under an axis."""
+        moment = self.at(seconds)
+        return format_elapsed(seconds) if moment is None else format_hour(moment, self.language)
+
+    def seconds_to_whole_hour(self) -> float:
+        """Tell how long after the first sample the first whole hour (or, without a clock, zero) comes."""
+        if self.start is None:
+            return 0.0
+        into = self.start.minute * 60 + self.start.second + self.start.microsecond / 1e6
+        return (3600 - into) % 3600

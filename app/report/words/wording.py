@@ -1,0 +1,84 @@
+"""The sentences people read, one TOML file for each language; the code knows only their keys."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+Language = Literal["en", "fr"]
+Words = Mapping[str, Any]
+LANGUAGES: tuple[Language, ...] = get_args(Language)
+
+_FOLDER = Path(__file__).parent
+_PLACEHOLDER = re.compile(r"\{(\w+)\}")
+_PLURAL = re.compile(r"\{(\w+)\|([^{}|]*)\|([^{}|]*)\}")
+_COUNTED = re.compile(r"\{(\w+):(en|fr)\|([^{}|]*)\|([^{}|]*)\}")
+_OPTIONAL = re.compile(r"\[([^\[\]]*)\]")
+_NARROW_SPACE = "\u202f"
+_NO_BREAK_SPACE = "\u00a0"
+
+
+@cache
+def load_wording(language: Language, name: str = "report") -> Words:
+    """Read the words of the report (``en.toml``) or, with ``name="page"``, of the page (``page.en.toml``).
+
+    The files are written with plain spaces and straight apostrophes; the no-break spaces of French
+    punctuation and the curly apostrophe are set here, so that no translator has to type them.
+    """
+    file_name = f"{language}.toml" if name == "report" else f"{name}.{language}.toml"
+    words = tomllib.loads((_FOLDER / file_name).read_text(encoding="utf-8"))
+    return MappingProxyType(_set_all(words, language))
+
+
+def fill(text: str, facts: Mapping[str, str]) -> str:
+    """Put facts in their places: ``"{n} bytes[ in {member}]"``.
+
+    What stands in square brackets is left out when one of its facts is absent or empty; a fact that is
+    absent elsewhere shows as an ellipsis, for a sentence with a hole is better than none. ``{n|time|times}``
+    follows the number that stands in ``n``.
+    """
+    kept = _OPTIONAL.sub(lambda part: part[1] if _is_complete(part[1], facts) else "", text)
+    kept = _COUNTED.sub(lambda form: form[3] if _is_one(facts.get(form[1], ""), form[2]) else form[4], kept)
+    return _PLACEHOLDER.sub(lambda place: facts.get(place[1]) or "…", kept)
+
+
+def _is_complete(text: str, facts: Mapping[str, str]) -> bool:
+    return all(facts.get(name) for name in _PLACEHOLDER.findall(text))
+
+
+def _is_one(number: str, language: str) -> bool:
+    """Tell whether a number takes the singular: 1 in English, all below 2 in French (Unicode CLDR)."""
+    try:
+        value = abs(float(re.sub(r"\s", "", number).replace(",", ".").replace("−", "-")))
+    except ValueError:
+        return False
+    return value < 2 if language == "fr" else value == 1
+
+
+def _set_all(value: Any, language: Language) -> Any:
+    if isinstance(value, dict):
+        return {key: _set_all(inner, language) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_set_all(inner, language) for inner in value]
+    return set_spaces(value, language) if isinstance(value, str) else value
+
+
+def set_spaces(text: str, language: Language) -> str:
+    """Set the apostrophes and the spaces that must not break.
+
+    Source of the French spaces: Imprimerie nationale, *Lexique des règles typographiques* (narrow before
+    ``; ! ? %`` and inside guillemets; we take the narrow one before the colon too, as in Québec and France
+    both are accepted).
+    """
+    text = _PLURAL.sub(rf"{{\1:{language}|\2|\3}}", text)
+    text = re.sub(r"(?<=\w)'(?=\w)|(?<=[sS])'(?=\s)", "’", text)
+    text = re.sub(r" (?=%)", _NARROW_SPACE, text)
+    text = re.sub(r"(?<=[\d}]) (?=(?:h|min|s|g|Hz|kB|ko|bytes|octets)\b|\{\w+:)", _NO_BREAK_SPACE, text)
+    if language == "fr":
+        text = re.sub(r"(?<=\d) (?=\d{3}\b)", _NARROW_SPACE, text)
+        text = re.sub(r" (?=[;:!?»])", _NARROW_SPACE, text)
+        text = re.sub(r"(?<=«) ", _NARROW_SPACE, text)
+    return text

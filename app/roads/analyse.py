@@ -1,0 +1,214 @@
+"""The one road from a stored file to a report, taken by page, API and command line alike."""
+
+import json
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.report.export.all import export_results
+from app.report.export.fhir import encode_fhir
+from app.report.export.parquet import write_elevation
+from app.report.export.results import encode_results
+from app.report.findings import encode_findings, take_findings
+from app.report.render.write import FINDINGS, RESULTS, rewrite_reports, write_reports
+from app.report.words.subject import ReportSubject, Software
+from app.request import OnStage, ReportRequest, Stage
+from app.roads.reading import Logs
+from app.storage.day_file import NAME as DAY_NAME
+from app.storage.day_file import DaySegment, write_day
+from app.storage.decoded import NOTHING_KNOWN, KnownLogs
+from app.storage.store import sync_file
+from app.version import software_revision, software_version
+from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, tell_layout
+from fusion.elevation import ElevationSegment
+from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
+from fusion.pose.windows import propose_still_periods
+from fusion.quality import propose_nonwear
+from fusion.readers import holds_device_format
+from fusion.recording import MICROSECONDS, Segment, Span
+from fusion.sensor.model import view_segment
+from fusion.sensor.stillness import reduce_run
+
+# What the page needs of an analysis to let a person look at the day and correct it.
+
+
+def write_day_of(analysis: Analysis, path: Path) -> None:
+    """Write the day of an analysis as :mod:`app.storage.day_file` keeps it."""
+    write_day(path, list(_list_segments(analysis)), _tell_facts(analysis))
+
+
+def _list_segments(analysis: Analysis) -> Iterator[DaySegment]:
+    """Pair each run of angles with the samples it came from; ready angles have none."""
+    by_start = {segment.start_us: segment for segment in analysis.recording.segments}
+    for run in analysis.elevation.segments:
+        angle_deg = np.where(run.valid, run.elevation_deg, np.nan).astype(np.float32)
+        block_s, quiet = _reduce(by_start.get(run.start_us), run)
+        yield DaySegment(run.start_us / MICROSECONDS, run.rate_hz, angle_deg, block_s, quiet)
+
+
+def _reduce(segment: Segment | None, run: ElevationSegment) -> tuple[float, np.ndarray[Any, Any]]:
+    if segment is None or not len(segment) or not run.rate_hz:
+        return 1.0, np.empty((0, 6), np.float32)
+    blocks = reduce_run(view_segment(segment))
+    return blocks.block_s, blocks.acc.astype(np.float32)
+
+
+def _tell_facts(analysis: Analysis) -> dict[str, Any]:
+    recording = analysis.recording
+    has_samples = analysis.calibration is not None
+    still = propose_still_periods(recording) if has_samples else ()
+    not_worn = propose_nonwear(recording, analysis.exclusions) if has_samples else ()
+    return {
+        "device": recording.device,
+        "start": recording.start.isoformat() if recording.start else None,
+        "duration_us": recording.duration_us,
+        "still": [[p.start_s, p.start_s + p.duration_s, p.score] for p in still],
+        "not_worn": [_bound(span) for span in not_worn],
+        "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
+        "calibration": [list(window) for window in _list_windows(analysis)],
+    }
+
+
+def _bound(span: Span) -> list[float]:
+    return [span.start_us / MICROSECONDS, span.end_us / MICROSECONDS]
+
+
+def _list_windows(analysis: Analysis) -> Iterator[tuple[float, float, float]]:
+    """Give start, end and score of the windows that were used."""
+    calibration = analysis.calibration
+    for still in (calibration.still, calibration.second) if calibration else ():
+        if still is not None:
+            yield still.start_s, still.start_s + still.duration_s, still.score
+
+
+FHIR = "fhir.json"
+
+# How far along each stage begins, from the share of time each takes on a long shift.
+_BEGINS: dict[Stage, float] = {
+    "reading": 0.0,
+    "checking": 0.45,
+    "calibrating": 0.5,
+    "fusing": 0.55,
+    "counting": 0.7,
+    "rendering": 0.9,
+}
+
+
+CAPTURES = ("mvnx", "dot")
+"""Layouts whose angle needs no fusion of ours."""
+
+
+def ignore_stage(_stage: Stage, _fraction: float) -> None:
+    """Take the place of a listener where nobody listens."""
+
+
+def make_report(
+    log: Path,
+    request: ReportRequest,
+    out: Path,
+    on_stage: OnStage = ignore_stage,
+    known: KnownLogs = NOTHING_KNOWN,
+) -> None:
+    """Analyse the file and write every product into the existing folder ``out``.
+
+    ``known``: SHA-256 of the log and of the files joined to it, where the caller has taken them already, and
+    where decoded samples are kept.
+
+    Writes ``results.json``, ``findings.json`` (:mod:`app.report.findings`), ``elevation.parquet``, the
+    tables of :func:`export_results` and, for each language, ``report.<language>.<kind>`` and the answer in
+    five lines, ``answer.<language>.txt``; where a PDF is asked for, ``fhir.json`` too. With a cache, as the
+    server has one, the day is written for the page.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        When no number can be given; then nothing has been written.
+    """
+    logs = Logs(log, request, known)
+    analysis = _analyse_file(logs, lambda stage: on_stage(stage, _BEGINS[stage]))
+    on_stage("rendering", _BEGINS["rendering"])
+    findings, subject = take_findings(analysis), describe_subject(request)
+    results = encode_results(findings, subject)
+    (out / RESULTS).write_bytes(results)
+    (out / FINDINGS).write_bytes(encode_findings(findings, subject))
+    with ThreadPoolExecutor(1) as beside:  # packing angles lets go of the interpreter, as drawing pages does
+        written = [
+            beside.submit(_write_angle, analysis, out / "elevation.parquet"),
+            beside.submit(_write_tables, json.loads(results), out),
+        ]
+        write_reports(findings, subject, request, out)
+        for work in written:
+            work.result()
+    if "pdf" in request.kinds:
+        _write_fhir(json.loads(results), request, out)
+    if known.cache is not None:
+        write_day_of(analysis, out / DAY_NAME)
+
+
+def _write_angle(analysis: Analysis, path: Path) -> None:
+    """Write the angle, and have the disk take it while the pages are drawn."""
+    write_elevation(analysis.elevation, path)
+    sync_file(path)
+
+
+def _write_tables(results: dict[str, Any], out: Path) -> None:
+    for name, table in export_results(results).items():
+        (out / name).write_bytes(table)
+
+
+def _write_fhir(results: dict[str, Any], request: ReportRequest, out: Path) -> None:
+    """Write the bundle with the PDFs as they stand there; its conclusion is in the first language."""
+    pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
+    conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
+    (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
+
+
+def make_report_again(
+    finished: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage
+) -> None:
+    """Write the reports of the finished analysis in the folder ``finished``, in the languages asked."""
+    on_stage("rendering", _BEGINS["rendering"])
+    rewrite_reports(finished, request, out)
+
+
+def describe_subject(request: ReportRequest) -> ReportSubject:
+    """Say whose arm it is and which software answers."""
+    software = Software(software_version(), software_revision())
+    return ReportSubject(
+        file_name=request.file_name,
+        subject=request.subject,
+        side=request.side,
+        software=software,
+        version=request.version,
+        changes=request.changes,
+        reason=request.reason,
+    )
+
+
+def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
+    request = logs.request
+    begin("reading")
+    if request.source == "angles":
+        with logs.log.open("rb") as file:
+            return analyse_angles(file, begin, request.list_diary())
+    captured = _read_capture(logs.log, request)
+    if captured is not None:
+        return analyse_angle_file(captured, begin, request.list_diary(), request.calibration_windows_s)
+    settings = AnalysisSettings(
+        request.method, request.pose, request.calibration_windows_s, request.list_diary()
+    )
+    return analyse(logs.read(), settings, begin)
+
+
+def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
+    """Read a motion capture; None for a file with samples of an inertial sensor."""
+    with log.open("rb") as file:
+        if holds_device_format(file):
+            return None
+        layout = tell_layout(file, request.file_name)
+        if layout not in CAPTURES or request.joined or (layout == "dot" and holds_samples(file)):
+            return None
+        return read_angle_file(file, request.file_name, AngleFileOptions(request.side, request.rate_hz))

@@ -1,0 +1,116 @@
+"""What a file is, for `acromion inspect` and the page: nothing is analysed."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.request import OnStage, ReportRequest
+from app.storage.incoming import TAIL_SUFFIX
+from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
+from fusion.pose.windows import propose_still_periods
+from fusion.quality import find_exclusions, propose_nonwear
+from fusion.readers import parse_profile, read_recording
+from fusion.readers.archives import unpack
+from fusion.readers.preview import LISTED_GAPS, inspect_head, inspect_recording
+from fusion.readers.source import open_source
+from fusion.readers.tables.profile import propose_profile
+from fusion.recording import MICROSECONDS
+
+MOST_ROUNDING_US = 2
+
+
+def inspect_file(
+    path: Path, rate_hz: float | None = None, profile: str = "", file_name: str = ""
+) -> dict[str, Any]:
+    """Read the file and say what was understood, with proposals for the calibration window.
+
+    ``profile``: JSON of a column profile, "" for none. ``file_name``: "" takes the path's own.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        When it is not a recording.
+    """
+    name = file_name or path.name
+    with path.open("rb") as file:
+        if tell_layout(file, name) == "mvnx":
+            return {"file": name} | _inspect_capture(read_angle_file(file, name))
+        columns = parse_profile(profile) if profile else None
+        recording = read_recording(file, file_name=name, rate_hz=rate_hz, profile=columns)
+    proposals = [
+        {
+            "start_s": round(p.start_s, 3),
+            "duration_s": round(p.duration_s, 3),
+            "score": round(p.score, 3),
+        }
+        for p in propose_still_periods(recording)
+    ]
+    understood: dict[str, Any] = inspect_recording(recording, find_exclusions(recording))
+    nonwear = [
+        {"start_s": span.start_us / MICROSECONDS, "duration_s": span.duration_us / MICROSECONDS}
+        for span in propose_nonwear(recording)
+    ]
+    proposed = {"calibration_proposals": proposals, "nonwear_proposals": nonwear}
+    return {"file": name} | understood | proposed
+
+
+def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
+    """Say what a motion capture is, under the names of a recording; it holds angles, and no samples."""
+    recording, angles = lay_file(capture, np.zeros(len(capture.time_s)))
+    runs = [
+        (run.start_us, run.start_us + round(len(run) / run.rate_hz * MICROSECONDS)) for run in angles.segments
+    ]
+    ends_us, starts_us = (
+        [0, *(end for _, end in runs)],
+        [*(start for start, _ in runs), recording.duration_us],
+    )
+    gaps = [
+        {"start_s": end / MICROSECONDS, "length_s": (start - end) / MICROSECONDS}
+        for end, start in zip(ends_us, starts_us, strict=True)
+        if start - end > MOST_ROUNDING_US
+    ]
+    missing_s = sum(gap["length_s"] for gap in gaps)
+    told: dict[str, Any] = inspect_recording(recording)
+    return told | {
+        "present_s": told["recorded_s"] - missing_s,
+        "missing_s": missing_s,
+        "gap_count": len(gaps),
+        "gaps": gaps[:LISTED_GAPS],
+        "calibration_proposals": [],
+        "nonwear_proposals": [],
+    }
+
+
+def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Inspect the file for somebody who waits in another process: ``inspection.json`` in ``out``."""
+    on_stage("reading", 0.0)
+    found = inspect_file(log, request.rate_hz, request.profile, request.file_name)
+    (out / "inspection.json").write_text(json.dumps(found), "utf-8")
+
+
+def write_head_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Do the same for the first bytes of a file that is still on its way; beside them may be the last."""
+    on_stage("reading", 0.0)
+    beside = log.with_suffix(TAIL_SUFFIX)
+    tail = beside.read_bytes() if beside.exists() else None
+    facts = inspect_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
+    start, end = (moment.isoformat() if moment else None for moment in (facts.start, facts.end))
+    found = {"file": request.file_name, **asdict(facts), "start": start, "end": end}
+    (out / "inspection.json").write_text(json.dumps(found), "utf-8")
+
+
+def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write ``columns.json``: what a table's columns are called, its first rows, and what they may be.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        When it is no table of numbers.
+    """
+    on_stage("reading", 0.0)
+    with log.open("rb") as file:
+        head = unpack(open_source(file, request.file_name, is_hashed=False)).head
+    (out / "columns.json").write_text(json.dumps(asdict(propose_profile(head))), "utf-8")

@@ -1,0 +1,103 @@
+"""From the logs of a request to one recording, read now or kept from an earlier time.
+
+It loads no more than reading takes, so that the first recording of a run is read while the rest of the
+science is still being loaded.
+"""
+
+import importlib
+import json
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.request import OnStage, ReportRequest
+from app.storage.decoded import KnownLogs, name_entry
+from app.storage.store import hash_file
+from app.version import software_revision
+from fusion.readers import holds_device_format, join_recordings, parse_profile, read_recording
+from fusion.recording import Recording
+
+_SWITCH_S = 1e-4
+"""Between kernels the reader waits so long for the interpreter, not Python's 5 ms."""
+
+
+@dataclass(frozen=True, slots=True)
+class Logs:
+    """What is to be read, and where its samples may be kept or lie already."""
+
+    log: Path
+    request: ReportRequest
+    known: KnownLogs
+
+    def read(self) -> Recording:
+        """Read the log and those joined to it."""
+        if self.known.recording is not None:
+            return self.known.recording
+        paths = (self.log, *map(Path, self.request.joined))
+        digests = self.known.digests or ("",) * len(paths)
+        recordings = [self._read(path, digest) for path, digest in zip(paths, digests, strict=True)]
+        return join_recordings(recordings) if self.request.joined else recordings[0]
+
+    def _read(self, path: Path, digest: str) -> Recording:
+        """Read the file, or what an earlier reading of the same bytes has kept."""
+        cache = self.known.cache
+        if cache is None:
+            return self._parse(path, digest)
+        sha256 = digest or hash_file(path)
+        reading = [Path(self._name(path)).suffix, self.request.rate_hz, self.request.profile]
+        key = name_entry(sha256, json.dumps(reading), software_revision())
+        recording = cache.find(key)
+        if recording is None:
+            recording = self._parse(path, sha256)
+            cache.keep(key, recording)
+        return recording
+
+    def _parse(self, path: Path, sha256: str) -> Recording:
+        asked = self.request
+        profile = parse_profile(asked.profile) if asked.profile else None
+        with path.open("rb") as file:
+            return read_recording(
+                file, file_name=self._name(path), rate_hz=asked.rate_hz, sha256=sha256, profile=profile
+            )
+
+    def _name(self, path: Path) -> str:
+        return self.request.file_name if path is self.log else path.name
+
+
+def read_ahead(log: Path, request: ReportRequest, known: KnownLogs, on_stage: OnStage) -> KnownLogs:
+    """Read a device's own file while :mod:`app.roads.analyse` is being loaded; what is known then holds it.
+
+    Where that is loaded already, or the file may be something else than a recording of samples, it is left
+    for later.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        As :func:`fusion.readers.read_recording`.
+    """
+    if "app.roads.analyse" in sys.modules or request.source == "angles" or not _is_of_device(log):
+        return known
+    on_stage("reading", 0.0)
+    with _switching_often(), ThreadPoolExecutor(1) as beside:
+        loading = beside.submit(importlib.import_module, "app.roads.analyse")
+        recording = Logs(log, request, known).read()
+        loading.result()
+    return replace(known, recording=recording)
+
+
+def _is_of_device(log: Path) -> bool:
+    with log.open("rb") as file:
+        return holds_device_format(file)
+
+
+@contextmanager
+def _switching_often() -> Iterator[None]:
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)

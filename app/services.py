@@ -1,0 +1,213 @@
+"""What every route works with, put together once in :mod:`app.main`."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, cast
+
+import anyio
+import anyio.to_thread
+from fastapi import Depends, Request
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
+from app.jobs.batches import BatchStore
+from app.jobs.children.inspecting import Inspector
+from app.jobs.database.connect import check_writable
+from app.jobs.idempotency import AnswerStore
+from app.jobs.queue import WayIn
+from app.jobs.recordings import RecordingStore, UploadStore
+from app.jobs.side_files import SideWriter
+from app.jobs.store import JobStore
+from app.jobs.webhooks import WebhookStore
+from app.report.words.wording import Language
+from app.settings import Settings
+from app.storage.decoded import DecodedCache
+from app.storage.incoming import Incoming, Turns
+from app.storage.open import open_storage
+from app.storage.store import Storage, check_folder, name_once
+
+# Whether an upload would be taken now: each thing that it needs, asked for by itself and within a limit.
+
+
+ANSWER_S = 3.0
+"""Less than the 4 s after which the container's health check gives up."""
+LOCK_S = 2
+KEPT_S = 1.0
+GOOD = "ok"
+
+
+@dataclass(slots=True)
+class Readiness:
+    """Makes the checks, and keeps what they found for a second: anybody may ask, and often.
+
+    A check that hangs (a disk or a network that never answers) occupies one thread and is not made again
+    before it ends; meanwhile its answer is the code that it stands for.
+    """
+
+    store: JobStore
+    storage: Storage
+    settings: Settings
+    _found: Mapping[str, str] = field(default_factory=dict)
+    _made_at_s: float = -KEPT_S
+    _busy: set[str] = field(default_factory=set)
+    _turn: anyio.Lock = field(default_factory=anyio.Lock)
+
+    async def check(self) -> Mapping[str, str]:
+        """Give each check by its name, with ``ok`` or the code of what is wrong."""
+        async with self._turn:
+            if time.monotonic() - self._made_at_s >= KEPT_S:
+                self._found = await self._ask_all()
+                self._made_at_s = time.monotonic()
+            return self._found
+
+    async def _ask_all(self) -> Mapping[str, str]:
+        checks = self._list_checks()
+        found = {name: trouble.code for name, (_, trouble) in checks.items()}
+        async with anyio.create_task_group() as tasks:
+            for name, (check, trouble) in checks.items():
+                tasks.start_soon(self._ask, found, name, check, trouble)
+        return found
+
+    def _list_checks(self) -> Mapping[str, tuple[Callable[[], None], type[AppError]]]:
+        """Give each check with what it means that it fails without a code, or does not end."""
+        settings = self.settings
+        return {
+            "folder": (lambda: check_folder(settings.data_dir), FolderUnusable),
+            "disk": (lambda: self.storage.check_space(0, settings.min_free_bytes), DiskFull),
+            "database": (lambda: check_writable(settings.database_url, LOCK_S), DatabaseAway),
+            "store": (self.storage.prepare, StoreAway),
+            "queue": (self._check_queue, DatabaseAway),
+        }
+
+    async def _ask(
+        self, found: dict[str, str], name: str, check: Callable[[], None], trouble: type[AppError]
+    ) -> None:
+        if name in self._busy:
+            return
+        self._busy.add(name)
+        with anyio.move_on_after(ANSWER_S):
+            found[name] = await anyio.to_thread.run_sync(
+                self._make, name, check, trouble, abandon_on_cancel=True, limiter=anyio.CapacityLimiter(1)
+            )
+
+    def _make(self, name: str, check: Callable[[], None], trouble: type[AppError]) -> str:
+        try:
+            check()
+        except AppError as refusal:
+            return refusal.code
+        except (OSError, SQLAlchemyError):
+            return trouble.code
+        finally:
+            self._busy.discard(name)
+        return GOOD
+
+    def _check_queue(self) -> None:
+        if self.store.count_waiting() >= self.settings.max_queued:
+            raise Busy
+
+
+LANGUAGE_COOKIE = "acromion_lang"
+
+
+@dataclass(slots=True)
+class Quarantine:
+    """What lay among the recordings and is not known, as it was last looked up."""
+
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """The database, the folders and the settings of this server."""
+
+    store: JobStore
+    storage: Storage
+    settings: Settings
+    recordings: RecordingStore
+    uploads: UploadStore
+    incoming: Incoming
+    inspector: Inspector
+    batches: BatchStore
+    answers: AnswerStore
+    webhooks: WebhookStore
+    turns: Turns
+    side_files: SideWriter
+    quarantine: Quarantine
+    cache: DecodedCache
+    readiness: Readiness
+
+
+def open_services(settings: Settings) -> Services:
+    """Open database and folders."""
+    storage = open_storage(settings)
+    storage.prepare()
+    store = JobStore(settings.database_url)
+    store.check_belongs(storage.identify())
+    rows = (store.engine, store.reader)
+    incoming = Incoming(settings.data_dir / "incoming")
+    inspector = Inspector(settings, settings.data_dir / "inspections")
+    incoming.prepare()
+    inspector.prepare()
+    return Services(
+        store=store,
+        storage=storage,
+        settings=settings,
+        recordings=RecordingStore(*rows),
+        uploads=UploadStore(*rows),
+        incoming=incoming,
+        inspector=inspector,
+        batches=BatchStore(*rows),
+        answers=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
+        webhooks=WebhookStore(*rows),
+        turns=Turns(settings.max_uploads_at_once),
+        side_files=SideWriter(*rows, storage),
+        quarantine=Quarantine(),
+        cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
+        readiness=Readiness(store, storage, settings),
+    )
+
+
+def find_services(request: Request) -> Services:
+    """Give the services of the application that answers."""
+    return cast("Services", request.app.state.services)
+
+
+def choose_language(request: Request) -> Language:
+    """Choose French or English: ``?lang=``, else the choice made on the page, else the browser's wish."""
+    chosen = request.query_params.get("lang") or request.cookies.get(LANGUAGE_COOKIE)
+    if chosen in ("en", "fr"):
+        return "fr" if chosen == "fr" else "en"
+    return _prefer(request.headers.get("accept-language", ""))
+
+
+def _prefer(header: str) -> Language:
+    """Read ``Accept-Language`` (RFC 9110, 12.5.4); English where neither is asked for."""
+    weights = {"en": 0.0, "fr": 0.0}
+    for part in header.split(","):
+        tag, _, parameters = part.strip().partition(";")
+        language = tag.strip().lower().partition("-")[0]
+        if language in weights:
+            weights[language] = max(weights[language], _read_weight(parameters))
+    return "fr" if weights["fr"] > weights["en"] else "en"
+
+
+def _read_weight(parameters: str) -> float:
+    name, _, value = parameters.strip().partition("=")
+    try:
+        return float(value) if name.strip() == "q" else 1.0
+    except ValueError:
+        return 0.0
+
+
+UsedServices = Annotated[Services, Depends(find_services)]
+UsedLanguage = Annotated[Language, Depends(choose_language)]
+
+
+def tell_way_in(request: Request) -> WayIn:
+    """Tell a person at the page (the browser says so, and the guard has checked it) from a script."""
+    from_page = request.headers.get("origin") or request.headers.get("sec-fetch-site") == "same-origin"
+    return "web" if from_page else "api"
+
+
+UsedWayIn = Annotated[WayIn, Depends(tell_way_in)]

@@ -1,0 +1,1 @@
+"""Where recordings and results are kept: a folder or a bucket."""

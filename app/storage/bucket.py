@@ -1,0 +1,271 @@
+"""Recordings and reports as objects in a bucket (S3), read and written by any number of machines.
+
+    recordings/<recording>.json              its side file
+    recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
+    analyses/<analysis>/<attempt>/<file>     put before the row that says that the attempt counts
+
+No conditional put is relied on (not every S3 server has it): names are random, and rows decide. The folder of
+this machine holds the work in hand and nothing that may not be lost.
+"""
+
+import hashlib
+import secrets
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import obstore
+from obstore.exceptions import BaseError
+from obstore.store import S3Store
+
+from app.errors import StoreAway
+from app.settings import Settings
+from app.storage.folder import FolderStorage
+from app.storage.store import (
+    COPY_BYTES,
+    Fetched,
+    Mark,
+    StoredRecording,
+    Verdicts,
+    check_free,
+    name_full_disk,
+    name_recording,
+    name_result,
+    name_side,
+    read_mark,
+    too_large,
+)
+
+if TYPE_CHECKING:
+    from obstore import ObjectMeta
+    from obstore.store import RetryConfig
+
+PART_BYTES = 8 << 20
+PATIENCE: "RetryConfig" = {"max_retries": 4, "retry_timeout": timedelta(seconds=20)}
+
+
+def open_bucket(settings: Settings) -> "BucketStorage":
+    """Open ``s3://bucket``; endpoint, region and keys come from the usual ``AWS_*`` variables."""
+    return BucketStorage(settings.data_dir, S3Store.from_url(settings.object_store, retry_config=PATIENCE))
+
+
+class BucketUpload:
+    """Bytes on their way into a bucket: sent on as they come, in parts, and hashed."""
+
+    def __init__(self, bucket: S3Store, recording_id: str, max_bytes: int) -> None:
+        self._bucket, self._id, self._max_bytes = bucket, recording_id, max_bytes
+        self._sha256 = hashlib.sha256()
+        self._writer = obstore.open_writer(bucket, name_recording(recording_id), buffer_size=PART_BYTES)
+        self.size_bytes = 0
+
+    def write(self, chunk: bytes) -> None:
+        """Take the next bytes.
+
+        Raises
+        ------
+        FileTooLarge, StoreAway
+        """
+        self.size_bytes += len(chunk)
+        if self.size_bytes > self._max_bytes:
+            raise too_large(self.size_bytes, self._max_bytes)
+        self._sha256.update(chunk)
+        with name_store_trouble():
+            self._writer.write(chunk)
+
+    def keep(self) -> StoredRecording:
+        """End the put; from then on the recording can be read, and by all."""
+        with name_store_trouble():
+            self._writer.close()
+            if obstore.head(self._bucket, name_recording(self._id))["size"] != self.size_bytes:
+                raise StoreAway
+        return StoredRecording(self._id, self._sha256.hexdigest(), self.size_bytes)
+
+    def discard(self) -> None:
+        """Send no more. Parts of a put that never ends show nowhere; a rule of the bucket removes them."""
+
+
+@dataclass(frozen=True, slots=True)
+class BucketStorage:
+    """A bucket, and a folder of this machine for the work in hand."""
+
+    root: Path
+    bucket: S3Store
+    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+
+    @property
+    def is_near(self) -> bool:
+        """Each reading is a copy."""
+        return False
+
+    def prepare(self) -> None:
+        """Make the folders of this machine, and see that the bucket answers."""
+        FolderStorage(self.root).prepare()
+        (self.root / "fetched").mkdir(exist_ok=True, mode=0o700)
+        with name_store_trouble():
+            next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
+
+    def identify(self) -> str:
+        """Give the name of this bucket's contents, written in it once for all."""
+        with name_store_trouble():
+            with suppress(FileNotFoundError):
+                return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
+            obstore.put(self.bucket, "store.id", f"bucket-{secrets.token_hex(8)}".encode())
+            return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
+
+    def open_upload(self, max_bytes: int) -> BucketUpload:
+        """Start taking a recording under a new name."""
+        return BucketUpload(self.bucket, f"rec_{secrets.token_hex(8)}", max_bytes)
+
+    def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
+        """Put a file of this machine as a recording; the caller removes the file after the commit."""
+        stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
+        self.put(path, name_recording(stored.id))
+        return stored
+
+    def fetch(self, name: str) -> Fetched:
+        """Copy an object to this machine, whatever it holds."""
+        into = self.root / "fetched" / secrets.token_hex(8)
+        try:
+            mark = self._copy(name, into)
+            return Fetched(into, mark, read_mark(into))
+        except BaseException:
+            self.give_back(into)
+            raise
+
+    def find_mark(self, name: str) -> Mark | None:
+        """Give size and ETag of an object; None where there is none."""
+        with name_store_trouble(), suppress(FileNotFoundError):
+            return _read_mark(obstore.head(self.bucket, name))
+        return None
+
+    def drop_recording(self, recording_id: str) -> None:
+        """Remove a recording, then its side file; no harm when they are gone."""
+        self._delete([name_recording(recording_id)])
+        self._delete([name_side(recording_id), *self._list(f"quarantine/{recording_id}.")])
+
+    def put(self, path: Path, name: str) -> None:
+        """Put a file of this machine under a name."""
+        with name_store_trouble(), path.open("rb") as file:
+            obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
+
+    def open_attempt(self, analysis_id: str, token: str) -> Path:
+        """Make an empty folder on this machine for the files of one attempt."""
+        return FolderStorage(self.root).open_attempt(analysis_id, token)
+
+    def keep_attempt(self, analysis_id: str, token: str) -> None:
+        """Put the attempt's files, and keep no copy here; a second time there is nothing left to put."""
+        folder = FolderStorage(self.root).attempt(analysis_id, token)
+        for path in sorted(folder.glob("*")):
+            self.put(path, name_result(analysis_id, token, path.name))
+        shutil.rmtree(folder.parent, ignore_errors=True)
+
+    def drop_attempt(self, analysis_id: str, token: str) -> None:
+        """Remove what an attempt that does not count has left, here and in the bucket."""
+        FolderStorage(self.root).drop_attempt(analysis_id, token)
+        self._delete(self._list(f"analyses/{analysis_id}/{token}/"))
+
+    def drop_analysis(self, analysis_id: str) -> None:
+        """Remove every file of an analysis."""
+        FolderStorage(self.root).drop_analysis(analysis_id)
+        self._delete(self._list(f"analyses/{analysis_id}/"))
+
+    def give_back(self, path: Path) -> None:
+        """Remove the copy."""
+        path.unlink(missing_ok=True)
+
+    def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:  # noqa: ARG002
+        """Refuse when this machine has no room for its work; the recording itself goes to the bucket.
+
+        Raises
+        ------
+        DiskFull
+        """
+        check_free(self.root, min_free_bytes)
+
+    def list_names(self) -> Iterator[str]:
+        """Name every recording and every result that is kept."""
+        with name_store_trouble():
+            for kind in ("recordings", "analyses"):
+                for objects in obstore.list(self.bucket, kind):
+                    yield from (found["path"] for found in objects)
+
+    def list_recordings(self) -> frozenset[str]:
+        """Name everything that lies among the recordings, side files too."""
+        return frozenset(name.removeprefix("recordings/") for name in self._list("recordings/"))
+
+    def write_small(self, name: str, content: bytes) -> None:
+        """Put a small object."""
+        with name_store_trouble():
+            obstore.put(self.bucket, name, content)
+
+    def read_small(self, name: str) -> bytes | None:
+        """Get a small object; None where there is none."""
+        with name_store_trouble(), suppress(FileNotFoundError):
+            return bytes(obstore.get(self.bucket, name).bytes())
+        return None
+
+    def set_aside(self, name: str) -> bool:  # noqa: ARG002
+        """Leave it in place: another machine may be about to write its row (``acromion verify`` names it)."""
+        return False
+
+    def take_back(self, name: str) -> bool:  # noqa: ARG002
+        """Nothing to do: no recording is ever moved out of a bucket's place."""
+        return False
+
+    def list_quarantine(self) -> tuple[str, ...]:
+        """Name what lies in quarantine, in the bucket and on this machine."""
+        kept = (name.removeprefix("quarantine/") for name in self._list("quarantine/"))
+        return (*kept, *FolderStorage(self.root).list_quarantine())
+
+    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+        """Give the folders of attempts on this machine: (analysis, token)."""
+        return FolderStorage(self.root).list_attempts()
+
+    def drop_temporary(self, min_age_s: float) -> int:
+        """Remove temporary files and old copies of this machine."""
+        newest_s = time.time() - min_age_s
+        copies = [path for path in (self.root / "fetched").iterdir() if path.stat().st_mtime <= newest_s]
+        for path in copies:
+            path.unlink(missing_ok=True)
+        return len(copies) + FolderStorage(self.root).drop_temporary(min_age_s)
+
+    def _copy(self, name: str, into: Path) -> Mark:
+        with name_store_trouble(), name_full_disk():
+            found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
+            with into.open("wb") as file:
+                for chunk in found.stream(min_chunk_size=COPY_BYTES):
+                    file.write(chunk)
+        return _read_mark(found.meta)
+
+    def _list(self, prefix: str) -> list[str]:
+        with name_store_trouble():
+            return [found["path"] for page in obstore.list(self.bucket, prefix) for found in page]
+
+    def _delete(self, names: list[str]) -> None:
+        with name_store_trouble(), suppress(FileNotFoundError):
+            obstore.delete(self.bucket, names)
+
+
+def _read_mark(found: "ObjectMeta") -> Mark:
+    """Give size and ETag; what has no ETag gets another mark each time, so that it is always compared."""
+    return found["size"], found["e_tag"] or secrets.token_hex(8)
+
+
+@contextmanager
+def name_store_trouble() -> Iterator[None]:
+    """Turn a store that does not answer into a refusal with a code."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise
+    except BaseError as error:
+        raise StoreAway from error
+    except OSError as error:
+        if error.errno is None:  # obstore's writers say it so; the system's own errors have a number
+            raise StoreAway from error
+        raise

@@ -1,0 +1,208 @@
+"""The bytes of uploads that may be broken off and gone on with (tus): one growing file for each.
+
+    root/incoming/<upload>
+    root/incoming/<upload>.tail     the file's last bytes, sent ahead to tell when the recording ends
+
+Nothing here is a recording. The row of the upload says how many of the bytes count: what stands behind them
+was written but never acknowledged, and is cut off before more is taken.
+"""
+
+import hashlib
+import os
+import re
+import secrets
+import threading
+import time
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from app.errors import TooMany
+from app.storage.store import hash_file, name_full_disk, sync_folder
+
+TAIL_SUFFIX = ".tail"
+"""The last bytes of a file lie beside its first ones, in a file of this ending."""
+_OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
+
+
+class GrowingFile:
+    """The file of one upload, open at the place where the next byte goes."""
+
+    def __init__(self, path: Path, offset_bytes: int) -> None:
+        with name_full_disk():
+            is_new = not path.exists()
+            self._file: IO[bytes] = path.open("r+b" if not is_new else "xb")
+            self._file.truncate(offset_bytes)
+            self._file.seek(offset_bytes)
+        self._folder = path.parent if is_new else None
+        self.offset_bytes = offset_bytes
+
+    def write(self, chunk: bytes) -> None:
+        """Take the next bytes.
+
+        Raises
+        ------
+        DiskFull
+        """
+        with name_full_disk():
+            self._file.write(chunk)
+        self.offset_bytes += len(chunk)
+
+    def flush(self) -> int:
+        """Hand every byte taken so far to the system; gives where the file then ends."""
+        with name_full_disk():
+            self._file.flush()
+        return self.offset_bytes
+
+    def sync(self) -> None:
+        """Make every byte durable that was flushed; more may be written meanwhile."""
+        with name_full_disk():
+            os.fsync(self._file.fileno())
+            if self._folder is not None:
+                sync_folder(self._folder)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+
+@dataclass(slots=True)
+class Turns:
+    """How many uploads are taken at once: each costs memory while its bytes come. For one thread."""
+
+    most: int
+    taken: int = 0
+
+    @contextmanager
+    def take(self) -> Iterator[None]:
+        """Be one of them until the end of the block.
+
+        Raises
+        ------
+        TooMany
+        """
+        if self.taken >= self.most:
+            raise TooMany(max=self.most)
+        self.taken += 1
+        try:
+            yield
+        finally:
+            self.taken -= 1
+
+
+@dataclass(slots=True)
+class _Running:
+    """The hash of an upload's first bytes, so that a finished one need not be read again."""
+
+    sha256: "hashlib._Hash"
+    offset_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Incoming:
+    """The folder of growing files, and who writes to which just now."""
+
+    folder: Path
+    _busy: set[str] = field(default_factory=set)
+    _hashes: dict[str, _Running] = field(default_factory=dict)
+    _guard: threading.Lock = field(default_factory=threading.Lock)
+
+    def prepare(self) -> None:
+        """Make the folder."""
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def path(self, upload_id: str) -> Path:
+        """Where the bytes of an upload are."""
+        return self.folder / upload_id
+
+    def measure(self, upload_id: str) -> int:
+        """Say how many bytes of an upload are on the disk."""
+        try:
+            return self.path(upload_id).stat().st_size
+        except FileNotFoundError:
+            return 0
+
+    def take(self, upload_id: str) -> bool:
+        """Become the one writer of an upload; False while another is."""
+        with self._guard:
+            is_free = upload_id not in self._busy
+            self._busy.add(upload_id)
+            return is_free
+
+    def let_go(self, upload_id: str) -> None:
+        """Let another write."""
+        with self._guard:
+            self._busy.discard(upload_id)
+
+    def follow(self, upload_id: str, offset_bytes: int, chunk: bytes) -> None:
+        """Hash bytes that begin at an offset, where the hash of all before is known."""
+        running = self._hashes.get(upload_id)
+        if offset_bytes == 0:
+            running = self._hashes[upload_id] = _Running(hashlib.sha256(), 0)
+        if running is None:
+            return
+        if running.offset_bytes != offset_bytes:  # bytes that did not count were hashed
+            del self._hashes[upload_id]
+            return
+        running.sha256.update(chunk)
+        running.offset_bytes += len(chunk)
+
+    def hash(self, upload_id: str, size_bytes: int) -> str:
+        """Give the SHA-256 of a whole upload; read again only when the server was restarted meanwhile."""
+        running = self._hashes.get(upload_id)
+        if running is not None and running.offset_bytes == size_bytes:
+            return running.sha256.hexdigest()
+        return hash_file(self.path(upload_id))
+
+    def keep_tail(self, upload_id: str, tail: bytes) -> None:
+        """Keep the last bytes of a file whose upload is under way; whoever reads them reads them whole.
+
+        Raises
+        ------
+        DiskFull
+        """
+        part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
+        try:
+            with name_full_disk():
+                part.write_bytes(tail)
+                part.replace(self._tail_path(upload_id))
+        finally:
+            part.unlink(missing_ok=True)
+
+    def read_tail(self, upload_id: str) -> bytes | None:
+        """Give the last bytes of a file, None where they were not sent ahead."""
+        try:
+            return self._tail_path(upload_id).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def forget_tail(self, upload_id: str) -> None:
+        """Remove the last bytes that were sent ahead."""
+        self._tail_path(upload_id).unlink(missing_ok=True)
+
+    def _tail_path(self, upload_id: str) -> Path:
+        return self.folder / f"{upload_id}{TAIL_SUFFIX}"
+
+    def forget(self, upload_id: str) -> None:
+        """Remove the bytes of an upload."""
+        self._hashes.pop(upload_id, None)
+        self.path(upload_id).unlink(missing_ok=True)
+        self.forget_tail(upload_id)
+
+    def sweep(self, growing: Collection[str], known: Collection[str], min_age_s: float) -> int:
+        """Remove the files of known uploads that have ended, and old ones of unknown uploads.
+
+        A stranger's file is left alone. Returns how many were removed.
+        """
+        newest_s = time.time() - min_age_s
+        stale = [
+            path
+            for path in self.folder.iterdir()
+            if (found := _OWN_NAME.fullmatch(path.name)) and found[1] not in growing and path.is_file()
+            if found[1] in known or path.stat().st_mtime <= newest_s
+        ]
+        for path in stale:
+            path.unlink(missing_ok=True)
+        return len(stale)

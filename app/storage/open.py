@@ -1,0 +1,35 @@
+"""Which store the settings name, and what is loaded only for many machines."""
+
+import importlib
+from types import ModuleType
+
+from app.errors import NotInstalled
+from app.settings import Settings
+from app.storage.folder import FolderStorage
+from app.storage.store import Storage
+
+
+def open_storage(settings: Settings) -> Storage:
+    """Open the folder or the bucket.
+
+    Raises
+    ------
+    NotInstalled, StoreAway
+    """
+    if not settings.object_store:
+        return FolderStorage(settings.data_dir)
+    storage: Storage = load_extra("app.storage.bucket").open_bucket(settings)
+    return storage
+
+
+def load_extra(module: str) -> ModuleType:
+    """Load a module of ours whose libraries are only in the extra ``many``.
+
+    Raises
+    ------
+    NotInstalled
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise NotInstalled(name=error.name or "") from error

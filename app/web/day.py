@@ -1,0 +1,202 @@
+"""The day of one analysis: its curve in pieces, how still a window is, the diary, and another analysis."""
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from itertools import zip_longest
+from typing import Annotated, Any, TypeVar, get_args
+
+import numpy as np
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse, RedirectResponse
+from starlette.status import HTTP_303_SEE_OTHER
+
+from app.api.files import borrow_file
+from app.errors import BadParameter, NoSuchFile
+from app.jobs.job import Job, JobState
+from app.report.words.subject import MAX_TEXT
+from app.request import SUBJECT_ALLOWED, ReportRequest, check_subject, list_window_counts
+from app.services import Services, UsedServices
+from app.storage.day_file import NAME, DayFile, open_day
+from app.web.day_views import DayClock, place_rows
+from app.web.forms import Form, first, read_body, read_form
+from app.web.rendering import find_base
+from fusion.conventions import Pose, Side
+from fusion.diary import DiaryEntry, read_diary
+from fusion.errors import UnusableCalibration
+from fusion.pose.rules import rules_for, score_still_period
+
+# What a person corrects on the page of an analysis: whose arm, which pose and window, what the day held.
+
+
+COLUMNS = ("start", "end", "kind", "label")
+BOM = "\ufeff"
+
+T = TypeVar("T", bound=str)
+
+
+def correct_request(before: ReportRequest, form: Form, clock: DayClock) -> ReportRequest:
+    """Give the request of the next analysis.
+
+    Raises
+    ------
+    BadParameter, fusion.errors.UnusableDiary, fusion.errors.UnusableCalibration
+    """
+    pose = _choose_pose(first(form, "pose"))
+    windows = tuple(_read_windows(form, clock))
+    if len(windows) not in list_window_counts(pose):
+        counts = "|".join(map(str, list_window_counts(pose)))
+        raise BadParameter(name="calibration", value=str(len(windows)), allowed=f"{pose}: {counts}")
+    diary = read_rows(form)
+    place_rows(diary, clock)  # so that a row that cannot be placed is told at once
+    return replace(
+        before,
+        subject=_read_subject(first(form, "subject")),
+        side=_choose_side(first(form, "side")),
+        pose=pose,
+        calibration_windows_s=windows,
+        diary=diary,
+        reason=first(form, "reason").strip()[:MAX_TEXT],
+    )
+
+
+def read_rows(form: Form) -> tuple[DiaryEntry, ...]:
+    """Give the periods of the form; rows without a time are left aside.
+
+    Raises
+    ------
+    fusion.errors.UnusableDiary
+        With the row as ``line``, counted from 1 with the heading.
+    """
+    rows = [
+        row for row in zip_longest(*(form.get(name, []) for name in COLUMNS), fillvalue="") if row[0].strip()
+    ]
+    return read_diary(write_csv(rows)) if rows else ()
+
+
+def write_csv(rows: list[tuple[str, ...]], *, bom: str = "") -> bytes:
+    """Write rows of start, end, kind, label as a diary that we read again."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, delimiter=";")
+    writer.writerows([COLUMNS, *rows])
+    return (bom + text.getvalue()).encode()
+
+
+def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
+    """Give the windows that were typed; an empty one is left to the proposal."""
+    starts, ends = form.get("window_start", []), form.get("window_end", [])
+    for start, end in zip_longest(starts, ends, fillvalue=""):
+        if start.strip() or end.strip():
+            if not (start.strip() and end.strip()):
+                told = " – ".join(moment.strip() or "?" for moment in (start, end))
+                raise BadParameter(name="calibration", value=told[:60], allowed=clock.tell_bounds())
+            yield _check_order(*(clock.read(moment.strip(), "calibration") for moment in (start, end)))
+
+
+def _check_order(start_s: float, end_s: float) -> tuple[float, float]:
+    if end_s <= start_s:
+        raise UnusableCalibration(why="end first", start_s=start_s, end_s=end_s)
+    return start_s, end_s
+
+
+def _read_subject(text: str) -> str:
+    try:
+        return check_subject(text)
+    except ValueError:
+        raise BadParameter(name="subject", value=text[:60], allowed=SUBJECT_ALLOWED) from None
+
+
+def _choose_pose(text: str) -> Pose:
+    poses: tuple[Pose, ...] = get_args(Pose)
+    return _find(poses, text, "pose")
+
+
+def _choose_side(text: str) -> Side | None:
+    sides: tuple[Side, ...] = get_args(Side)
+    return _find(sides, text, "side") if text else None
+
+
+def _find(allowed: tuple[T, ...], text: str, name: str) -> T:
+    for choice in allowed:
+        if choice == text:
+            return choice
+    raise BadParameter(name=name, value=text[:60], allowed=", ".join(allowed))
+
+
+MOST_POINTS = 4000
+
+router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
+Second = Annotated[float, Query(ge=0, le=1e8)]
+
+
+@router.get("/curve")
+def curve(
+    analysis_id: str,
+    services: UsedServices,
+    from_s: Second,
+    to_s: Second,
+    points: Annotated[int, Query(ge=1, le=MOST_POINTS)] = 1200,
+) -> Response:
+    """Give the lowest and highest angle in each of about ``points`` pieces of a stretch."""
+    day = find_day(services, services.store.get(analysis_id))
+    stretches = [asdict(stretch) for stretch in day.cut(from_s, to_s, points)]
+    return JSONResponse({"stretches": stretches})
+
+
+@router.get("/stillness")
+def stillness(analysis_id: str, services: UsedServices, start_s: Second, end_s: Second) -> dict[str, Any]:
+    """Say how still the arm was in a window, as the calibration scores it: 0 to 1, or null in a hole."""
+    day = find_day(services, services.store.get(analysis_id))
+    quiet = day.measure_quiet(start_s, end_s)
+    if quiet is None:
+        return {"score": None}
+    gravity_g, sd_g = quiet
+    score = score_still_period(end_s - start_s, sd_g, np.asarray(gravity_g), rules_for(day.facts["device"]))
+    return {"score": round(score, 3)}
+
+
+@router.post("/again")
+async def analyse_again(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Analyse the recording once more, as corrected on the page; the earlier analysis stays as it is."""
+    form = await read_form(request)
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    clock = DayClock.of(find_day(services, job).facts)
+    corrected = correct_request(job.request, form, clock)
+    recording = (job.recording_id, job.sha256)
+    again = await run_in_threadpool(services.store.add_analysis, recording, corrected, "web")
+    address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
+    return RedirectResponse(address, HTTP_303_SEE_OTHER)
+
+
+@router.post("/diary")
+async def import_diary(analysis_id: str, request: Request, services: UsedServices) -> list[dict[str, Any]]:
+    """Read a diary as CSV and give its rows as the form shows them; nothing is changed."""
+    body = await read_body(request)
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    return place_rows(read_diary(body), DayClock.of(find_day(services, job).facts))
+
+
+@router.post("/diary.csv")
+async def export_diary(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Give the rows of the form as a diary, for another recording or another program."""
+    form = await read_form(request)
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    rows = place_rows(read_rows(form), DayClock.of(find_day(services, job).facts))
+    body = write_csv([tuple(row[name] for name in COLUMNS) for row in rows], bom=BOM)
+    headers = {"Content-Disposition": 'attachment; filename="diary.csv"'}
+    return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
+
+
+def find_day(services: Services, job: Job) -> DayFile:
+    """Open the day of a finished analysis.
+
+    Raises
+    ------
+    NoSuchFile, ResultDamaged
+    """
+    if job.state is not JobState.SUCCEEDED:
+        raise NoSuchFile(name=NAME)
+    with borrow_file(services, job, NAME) as path:
+        return open_day(path)

@@ -1,0 +1,241 @@
+"""Both arms of one shift side by side, and the arm beside the trunk (EXPOSURE.md A9).
+
+The two recordings are put on one time axis by their clocks and an offset that the person may correct; only
+time in which both are valid is compared. Angles pass the metric filter first and are read on a 20 Hz grid.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from fusion.elevation import Elevation
+from fusion.errors import TooShort
+from fusion.exposure.bins import CELLS_PER_DEG, THRESHOLDS_DEG
+from fusion.exposure.intervals import DrawnDistribution, sum_below
+from fusion.exposure.metric_filter import MetricAngle, filter_elevation
+from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks, find_interval, name_intervals
+from fusion.exposure.types import Interval
+
+# How far the figures of two arms could lie from those read off: ranges as those of a day (CONTRACT.md §5).
+#
+# 200 draws of the 5-minute blocks of the time both arms share, the same blocks for both, for it is one day;
+# each arm with an error of its own angle, for each has a sensor and a pose of its own.
+
+
+BLOCK_S = 300.0
+PERCENTS = (10, 50, 90, 99)
+RIGHT_SEED = 1
+TOP_DEG = 180
+
+FloatVector = NDArray[np.float64]
+IntVector = NDArray[np.int64]
+
+
+def draw_pair(
+    time_s: FloatVector, left_deg: FloatVector, right_deg: FloatVector, sigmas_deg: tuple[float, float]
+) -> dict[str, Interval]:
+    """Give the ranges of the figures of both arms by name: ``left_elevation_p50_deg``, for example.
+
+    Parameters
+    ----------
+    time_s, left_deg, right_deg
+        Shape (n,): the points at which both are analysed.
+    sigmas_deg
+        Standard deviation of the constant error of the left and of the right angle.
+    """
+    block_of: IntVector = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1].astype(np.int64)
+    draws = draw_blocks(np.bincount(block_of), sigmas_deg[0])
+    other = replace(draws, error_deg=_draw_other_errors(sigmas_deg[1]))
+    left, right = _distribute(left_deg, block_of, draws), _distribute(right_deg, block_of, other)
+    figures = {**_name_arm("left", left), **_name_arm("right", right)}
+    ratios = {
+        f"right_to_left_{end}": _divide_draws(figures[f"right_{name}"], figures[f"left_{name}"])
+        for end, name in (("time_above_60", "time_above_60_percent"), ("elevation_p50", "elevation_p50_deg"))
+    }
+    both = 100.0 * _draw_both(block_of, (left_deg, right_deg), (draws, other))
+    drawn = {**figures, "both_above_60_percent": both, **ratios}
+    return name_intervals({name: find_interval(values) for name, values in drawn.items()})
+
+
+def _draw_other_errors(sigma_deg: float) -> FloatVector:
+    """Give the same quantiles as those of the first arm, in an order that knows nothing of them."""
+    quantiles: FloatVector = sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
+    return np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(quantiles)
+
+
+def _distribute(angle_deg: FloatVector, block_of: IntVector, draws: Resampling) -> DrawnDistribution:
+    cells = TOP_DEG * CELLS_PER_DEG
+    cell = np.minimum((angle_deg * CELLS_PER_DEG).astype(np.int64), cells - 1)
+    counts = np.bincount(block_of * cells + cell, minlength=(int(block_of[-1]) + 1) * cells)
+    return sum_below(counts.reshape(-1, cells), draws)
+
+
+def _name_arm(side: str, arm: DrawnDistribution) -> dict[str, FloatVector]:
+    above = 100.0 * (1.0 - arm.find_shares(np.array(THRESHOLDS_DEG, np.float64)))
+    angles_deg = arm.find_percentiles(PERCENTS)
+    return {
+        **{f"{side}_time_above_{c:g}_percent": above[:, k] for k, c in enumerate(THRESHOLDS_DEG)},
+        **{f"{side}_elevation_p{p}_deg": angles_deg[:, k] for k, p in enumerate(PERCENTS)},
+    }
+
+
+def _draw_both(
+    block_of: IntVector, angles_deg: tuple[FloatVector, FloatVector], draws: tuple[Resampling, Resampling]
+) -> FloatVector:
+    """Give the share of each draw in which both are at or above 60 deg at once, each read with its error."""
+    lasted = np.bincount(block_of)
+    shares = np.empty(DRAWS)
+    for k, times in enumerate(draws[0].times):
+        first, second = (
+            angle >= 60.0 - drawn.error_deg[k] for angle, drawn in zip(angles_deg, draws, strict=True)
+        )
+        raised = np.bincount(block_of[first & second], minlength=len(lasted))
+        shares[k] = (times * raised).sum() / (times * lasted).sum()
+    return shares
+
+
+def _divide_draws(right: FloatVector, left: FloatVector) -> FloatVector:
+    """Give NaN where the left arm has none."""
+    ratios = np.full(len(left), np.nan)
+    np.divide(right, left, out=ratios, where=left > 0)
+    return ratios
+
+
+GRID_HZ = 20.0
+
+
+TrunkLimit = Literal["no trunk sensor", "sagittal plane only"]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmShare:
+    """One arm in the time in which both were valid."""
+
+    percentiles_deg: dict[int, float]
+    percent_above: dict[int, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PairedArms:
+    """Both arms over the ``shared_s`` seconds in which both were valid.
+
+    ``both_above_60_percent`` is the share with both at or above 60 deg at once; ``ratio_above_60`` the right
+    arm's time above 60 deg to the left's, and ``ratio_p50`` of their medians; None where the left has none.
+    """
+
+    shared_s: float
+    left: ArmShare
+    right: ArmShare
+    both_above_60_percent: float
+    ratio_above_60: float | None
+    ratio_p50: float | None
+    intervals: dict[str, Interval] = field(default_factory=dict)
+    """By name (:func:`fusion.arms.draw_pair`); empty where the error of an angle is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrunkRelative:
+    """Elevation of the arm less the inclination of the trunk, deg.
+
+    ``limit`` is a key for the wording: the difference of two angles from the vertical is the angle between
+    arm and trunk only while both move in the sagittal plane (Schall et al. 2016 found 12.1 deg RMS against
+    optical measurement); without a trunk sensor nothing is computed.
+    """
+
+    limit: TrunkLimit
+    shared_s: float = 0.0
+    percentiles_deg: dict[int, float] | None = None
+
+
+def pair_arms(
+    left: Elevation,
+    right: Elevation,
+    offset_s: float = 0.0,
+    sigmas_deg: tuple[float, float] | None = None,
+) -> PairedArms:
+    """Set two arms side by side.
+
+    Parameters
+    ----------
+    left, right
+        Before the metric filter; what a diary leaves out must not be valid.
+    offset_s
+        When the right recording's first sample was taken, seconds after the left's (negative: before).
+    sigmas_deg
+        Standard deviation of the constant error of the left and of the right angle; None: no ranges.
+
+    Raises
+    ------
+    TooShort
+        When there is no time in which both are valid.
+    """
+    time_s, a, b = _share_grid(left, right, offset_s)
+    shared_s = len(a) / GRID_HZ
+    both = 100.0 * float(np.mean((a >= 60.0) & (b >= 60.0)))
+    left_share, right_share = _describe(a), _describe(b)
+    return PairedArms(
+        shared_s,
+        left_share,
+        right_share,
+        both,
+        _divide(right_share.percent_above[60], left_share.percent_above[60]),
+        _divide(right_share.percentiles_deg[50], left_share.percentiles_deg[50]),
+        draw_pair(time_s, a, b, sigmas_deg) if sigmas_deg else {},
+    )
+
+
+def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0.0) -> TrunkRelative:
+    """Give the arm's elevation less the trunk's inclination; without a trunk sensor, only what is missing.
+
+    ``trunk`` is an elevation too: 0 upright, as calibrated standing.
+
+    Raises
+    ------
+    TooShort
+        When there is no time in which both are valid.
+    """
+    if trunk is None:
+        return TrunkRelative("no trunk sensor")
+    _, a, b = _share_grid(arm, trunk, offset_s)
+    return TrunkRelative("sagittal plane only", len(a) / GRID_HZ, _find_percentiles(a - b))
+
+
+def _share_grid(
+    first: Elevation, second: Elevation, offset_s: float
+) -> tuple[FloatVector, FloatVector, FloatVector]:
+    """Give the points at which both are valid, on the first one's clock, and both angles, shapes (n,)."""
+    runs, others = ([filter_elevation(s) for s in arm.segments if len(s)] for arm in (first, second))
+    end_s = max((run.start_us / 1e6 + len(run) / run.rate_hz for run in runs), default=0.0)
+    time_s = np.arange(int(end_s * GRID_HZ)) / GRID_HZ
+    a, b = _read_at(runs, time_s), _read_at(others, time_s - offset_s)
+    known = np.isfinite(a) & np.isfinite(b)
+    if not known.any():
+        raise TooShort(s=0.0)
+    return time_s[known], a[known], b[known]
+
+
+def _read_at(runs: list[MetricAngle], time_s: FloatVector) -> FloatVector:
+    """Read at each time the angle of the row whose period holds it; NaN where none is valid."""
+    angle_deg = np.full(len(time_s), np.nan)
+    for run in runs:
+        rows = np.floor((time_s - run.start_us / 1e6) * run.rate_hz + 1e-6).astype(np.int64)
+        inside = (rows >= 0) & (rows < len(run))
+        rows = rows[inside]
+        angle_deg[inside] = np.where(run.valid[rows], run.elevation_deg[rows], np.nan)
+    return angle_deg
+
+
+def _describe(angle_deg: FloatVector) -> ArmShare:
+    above = {c: 100.0 * float(np.mean(angle_deg >= c)) for c in THRESHOLDS_DEG}
+    return ArmShare(_find_percentiles(angle_deg), above)
+
+
+def _find_percentiles(values: FloatVector) -> dict[int, float]:
+    return {p: float(value) for p, value in zip(PERCENTS, np.percentile(values, PERCENTS), strict=True)}
+
+
+def _divide(right: float, left: float) -> float | None:
+    return right / left if left > 0.0 else None

@@ -1,0 +1,1 @@
+"""Is what was read believable? Stopped channels, scale, axes, clipping."""

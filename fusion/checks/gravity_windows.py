@@ -1,0 +1,380 @@
+"""Does gravity, carried along the gyroscope for eight seconds, stay where it was: the evidence for its axes.
+
+Within a window the acceleration of every row is turned into the frame of the first row by what the gyroscope
+says. There the mean of the second half must be that of the first: gravity stands still, and an arm's own
+acceleration averages to its change of speed, a few hundredths of g over four seconds. What is missing is the
+evidence for unit, sign, order and scale of the gyroscope's axes. Unlike moments picked because they look
+still, whole windows are not drawn to the turning points of a swing, where the arm's own acceleration would
+pass for a scale error of 10 %.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, sin, sqrt
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.numba_kernels import kernel
+from fusion.recording import Segment
+
+# Short looks, spread over a recording: how still it is, and what its sensors read then.
+
+
+PROBED_BLOCKS = 150
+BLOCK_S = 8.0
+STILL_S = 0.05
+OFFSET_S = 0.5
+STILL_G, STILL_DPS = 0.015, 3.0
+RESTING_PART = 0.02
+"""The gyroscope rests where it scatters by less than this part of its liveliest stretch."""
+
+
+def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
+    """Blocks of 8 s spread over the recording: all of a short one, 150 of a long one."""
+    blocks = []
+    for segment in segments:
+        n = max(8, round(BLOCK_S * segment.rate_hz))
+        blocks += [(segment, first, min(first + n, len(segment))) for first in range(0, len(segment), n)]
+    stride = max(1, -(-len(blocks) // PROBED_BLOCKS))
+    return blocks[::stride]
+
+
+def moving_mean(segment: Segment, first: int, stop: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
+    width = max(3, round(STILL_S * segment.rate_hz))
+    if stop - first <= width:
+        return np.empty((0, 3)), np.empty(0)
+    return slide_mean(segment.acc_g[first:stop], width)
+
+
+@njit(cache=True, nogil=True)
+def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean over ``width`` rows from each row on, and the largest of its three standard deviations."""
+    n = len(acc_g) - width + 1
+    means, scatter = np.empty((n, 3)), np.zeros(n)
+    for axis in range(3):
+        total = squares = 0.0
+        for k in range(len(acc_g)):
+            total += acc_g[k, axis]
+            squares += np.float64(acc_g[k, axis]) ** 2
+            first = k - width + 1
+            if first < 0:
+                continue
+            means[first, axis] = total / width
+            variance = squares / width - means[first, axis] ** 2
+            scatter[first] = max(scatter[first], variance)
+            total -= acc_g[first, axis]
+            squares -= np.float64(acc_g[first, axis]) ** 2
+    return means, np.sqrt(scatter)
+
+
+def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
+    """Mean acceleration of each half second in which neither sensor moves, shape (n, 3).
+
+    A channel that keeps one value measures nothing (a hole filled with zeros, an axis that stuck), unless
+    most of the rests look so: then the readings are that coarse.
+    """
+    rests, flat = [np.zeros((0, 3))], [np.zeros(0, np.bool_)]
+    for segment, first, stop in probe_blocks(segments):
+        width = max(5, round(OFFSET_S * segment.rate_hz))
+        acc_g, acc_sd, acc_flat = _measure_stretches(segment.acc_g[first:stop], width)
+        _, gyr_sd, gyr_flat = _measure_stretches(segment.gyr_dps[first:stop], width)
+        is_still = (acc_sd < STILL_G) & (gyr_sd < STILL_DPS)
+        rests.append(acc_g[is_still])
+        flat.append((acc_flat | gyr_flat)[is_still])
+    found, is_flat = np.concatenate(rests), np.concatenate(flat)
+    return found if 2 * is_flat.sum() > len(found) else found[~is_flat]
+
+
+def _measure_stretches(
+    samples: NDArray[np.float32], width: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Mean (m, 3) of each ``width`` rows, their largest standard deviation, and whether any is 0 (m,)."""
+    count = len(samples) // width
+    means, scatter = np.zeros((count, 3)), np.zeros((count, 3))
+    reduce_stretches(samples, width, means, scatter)
+    return means, scatter.max(axis=1, initial=0.0), (scatter == 0.0).any(axis=1)
+
+
+@njit(cache=True, nogil=True)
+def reduce_stretches(samples, width, means, scatter):  # type: ignore[no-untyped-def]
+    """Fill in mean and standard deviation of each ``width`` rows."""
+    for k in range(len(means)):
+        for axis in range(3):
+            first = samples[k * width, axis]  # deviations from it are exactly 0 where nothing changes
+            for row in range(k * width, (k + 1) * width):
+                means[k, axis] += (samples[row, axis] - first) / width
+            for row in range(k * width, (k + 1) * width):
+                scatter[k, axis] += (samples[row, axis] - first - means[k, axis]) ** 2 / width
+            scatter[k, axis] = np.sqrt(scatter[k, axis])
+            means[k, axis] += first
+
+
+def tell_directions(unit: NDArray[np.float64], near_deg: float) -> NDArray[np.intp]:
+    """Number the directions: each moment belongs to the first, in order of time, that is near it."""
+    number, found = np.full(len(unit), -1, dtype=np.intp), 0
+    left = np.arange(len(unit))
+    while len(left):
+        near = unit[left] @ unit[left[0]] > np.cos(np.radians(near_deg))
+        near[0] = True
+        number[left[near]] = found
+        left, found = left[~near], found + 1
+    return number
+
+
+def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
+    """What the gyroscope reads at rest, shape (3,), in its own unit; zeros where it never rests."""
+    means = list[NDArray[np.float64]]()
+    scatters, spread = list[float](), list[float]()
+    for segment, first, stop in probe_blocks(segments):
+        rows = segment.gyr_dps[first:stop]
+        mean, scatter, _ = _measure_stretches(rows, max(5, round(OFFSET_S * segment.rate_hz)))
+        means.extend(mean)
+        scatters.extend(scatter)
+        spread.append(_measure_stretches(rows, len(rows))[1].max())
+    is_still = np.array(scatters) <= RESTING_PART * max(spread, default=0.0)
+    return np.median(np.array(means)[is_still], axis=0) if is_still.any() else np.zeros(3)
+
+
+Table = NDArray[np.float64]
+WINDOW_S = 8.0
+SHORTEST_S = 0.8
+"""Of a segment shorter than a window, the whole is one if it lasts so long."""
+ROW_S = 0.02
+MOST_WINDOWS = 150
+LIKELY_GAIN, LIKELY_DRIFT_DPS, LIKELY_OFFSET_G = 1.0, 15.0, 0.04
+"""How far a fit may stray from where it began (a gain, as a share of it), one standard deviation."""
+LEAST_SPREAD_G = 0.005
+RADIANS = np.pi / 180.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GravityWindows:
+    """Rows of about 20 ms of all windows, one after the other.
+
+    ``acc_g`` (m, 3); ``turn`` (m, 3): the gyroscope's reading times the period, from each row to the next, in
+    rad if it reads deg/s; ``first`` (n + 1,): where the windows begin; ``period_s`` (n,); ``start_s`` (n,):
+    when they begin, from the first sample of the recording.
+    """
+
+    acc_g: Table
+    turn: Table
+    first: NDArray[np.int64]
+    period_s: Table
+    start_s: Table
+
+    def __len__(self) -> int:
+        return len(self.period_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroModel:
+    """True rate = ``gain`` (3, 3) @ reading + ``drift_dps``; true acceleration = reading - ``offset_g``."""
+
+    gain: Table
+    drift_dps: Table
+    offset_g: Table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroFit:
+    """A fitted model, its free values less where they began, (p,), and their standard errors."""
+
+    model: GyroModel
+    values: Table
+    errors: Table
+
+
+def cut_windows(
+    segments: Sequence[Segment], cut_off: float = np.inf, most: int = MOST_WINDOWS
+) -> GravityWindows:
+    """Windows of 8 s, each half over the one before, spread over the recording.
+
+    Those in which the gyroscope reads ``cut_off`` or more are left out, and those in which a channel stuck:
+    what was cut off, or stood still while the arm turned, passes for a scale or for columns mixed up.
+    """
+    places = []
+    for segment in segments:
+        rows = min(round(WINDOW_S * segment.rate_hz), len(segment))
+        if rows >= max(8, SHORTEST_S * segment.rate_hz):
+            places += [(segment, first, rows) for first in range(0, len(segment) - rows + 1, rows // 2)]
+    if np.isfinite(cut_off):
+        places = [place for place in places if _find_size(*place) < cut_off]
+    chosen = places[:: max(1, -(-len(places) // most))]
+    stuck = _tell_stuck(chosen)
+    chosen = [place for place, is_stuck in zip(chosen, stuck, strict=True) if not is_stuck]
+    cut = [_cut_window(*place) for place in chosen]
+    if not cut:
+        return GravityWindows(
+            np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros(0), np.zeros(0)
+        )
+    acc, turn, period_s = zip(*cut, strict=True)
+    first = np.concatenate([[0], np.cumsum([len(part) for part in acc])]).astype(np.int64)
+    start_s = np.array([segment.start_s + row / segment.rate_hz for segment, row, _ in chosen])
+    return GravityWindows(np.concatenate(acc), np.concatenate(turn), first, np.array(period_s), start_s)
+
+
+def _find_size(segment: Segment, first: int, rows: int) -> float:
+    return float(np.abs(segment.gyr_dps[first : first + rows]).max())
+
+
+def _tell_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]:
+    """Which windows hold a channel that keeps one value all along, shape (n,), if elsewhere it does not.
+
+    One that never changes is dead, and told of elsewhere (fusion.checks.faults).
+    """
+    flat = np.array([_tell_flat(*place) for place in places], np.bool_).reshape(-1, 6)
+    return np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
+
+
+def _tell_flat(segment: Segment, first: int, rows: int) -> NDArray[np.bool_]:
+    sensors = (segment.acc_g[first : first + rows], segment.gyr_dps[first : first + rows])
+    return np.concatenate([(values == values[0]).all(axis=0) for values in sensors])
+
+
+def _cut_window(segment: Segment, first: int, rows: int) -> tuple[Table, Table, float]:
+    """Means of 20 ms; the rate between two rows is a straight line."""
+    width = max(1, round(ROW_S * segment.rate_hz))
+    count = rows // width // 2 * 2
+    sensors = (segment.acc_g, segment.gyr_dps)
+    acc_g, gyr_dps = (
+        samples[first : first + count * width].reshape(count, width, 3).mean(axis=1, dtype=np.float64)
+        for samples in sensors
+    )
+    period_s = width / segment.rate_hz
+    turn = np.zeros_like(gyr_dps)
+    turn[:-1] = (gyr_dps[:-1] + gyr_dps[1:]) * (0.5 * period_s * RADIANS)
+    return acc_g, turn, period_s
+
+
+def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> GravityWindows:
+    """Some of the windows."""
+    lengths = np.diff(windows.first)[numbers]
+    rows = np.concatenate(
+        [np.arange(windows.first[k], windows.first[k + 1]) for k in numbers] or [np.zeros(0, np.int64)]
+    )
+    first = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    periods_s, start_s = windows.period_s[numbers], windows.start_s[numbers]
+    return GravityWindows(windows.acc_g[rows], windows.turn[rows], first, periods_s, start_s)
+
+
+def measure_miss(windows: GravityWindows, model: GyroModel) -> Table:
+    """How far, in g, gravity of the second half is from that of the first, shape (n,)."""
+    miss, _ = _carry(windows, model, has_slope=False)
+    return np.asarray(np.linalg.norm(miss, axis=1))
+
+
+def fit_model(
+    windows: GravityWindows, start: GyroModel, shape: Table, factor: float = 1.0, rounds: int = 8
+) -> GyroFit:
+    """Gauss-Newton with Cauchy weights from ``start`` along the columns of ``shape``, (15, p).
+
+    Rows of the shape: the gain row by row in units of ``factor``, the drift in units of 100 deg/s, and the
+    offset of the accelerometer in g. Without the last, an offset of 0.04 g passes for a scale error of 5 %.
+    """
+    origin = np.concatenate([start.gain.ravel(), start.drift_dps / 100.0, start.offset_g])
+    basis = shape * np.repeat([factor, 1.0], (9, 6))[:, None]
+    likely = np.select(
+        [shape[:9].any(axis=0), shape[9:12].any(axis=0)],
+        [LIKELY_GAIN, LIKELY_DRIFT_DPS / 100.0],
+        LIKELY_OFFSET_G,
+    )
+    prior = np.diag(1.0 / likely**2)
+    values, normal = np.zeros(basis.shape[1]), prior
+    for _ in range(rounds):
+        miss, slope = _carry(windows, _unpack(origin + basis @ values), has_slope=True)
+        slope = slope @ basis
+        square = (miss**2).sum(axis=1)
+        spread = max(float(np.median(square)) / 1.4, LEAST_SPREAD_G**2)
+        weight = 1.0 / (spread * (1.0 + square / (5.7 * spread)))
+        normal = np.einsum("w,wij,wik->jk", weight, slope, slope, optimize=True) + prior
+        wrong = np.einsum("w,wij,wi->j", weight, slope, miss, optimize=True) + prior @ values
+        step = np.linalg.solve(normal, wrong)
+        values = values - step
+        if np.abs(step).max() < 1e-4:
+            break
+    errors = np.sqrt(2.0 * np.diag(np.linalg.inv(normal)))  # windows lie half over each other
+    return GyroFit(_unpack(origin + basis @ values), values, errors)
+
+
+def _unpack(numbers: Table) -> GyroModel:
+    return GyroModel(numbers[:9].reshape(3, 3), numbers[9:12] * 100.0, numbers[12:])
+
+
+def _carry(windows: GravityWindows, model: GyroModel, *, has_slope: bool) -> tuple[Table, Table]:
+    """Misses (n, 3) and, if asked for, their slopes (n, 3, 15)."""
+    miss = np.zeros((len(windows), 3))
+    slope = np.zeros((len(windows) if has_slope else 0, 3, 15))
+    drift = model.drift_dps * RADIANS
+    gain = np.ascontiguousarray(model.gain, dtype=np.float64)
+    acc_g = windows.acc_g - model.offset_g
+    room = (np.empty((3, 3)), np.empty((3, 12)))
+    _carry_windows(acc_g, windows.turn, windows.first, windows.period_s, gain, drift, room, miss, slope)
+    slope[:, :, 9:12] *= 100.0 * RADIANS
+    return miss, slope
+
+
+@kernel
+def _carry_windows(  # noqa: C901, PLR0913, PLR0917 (a kernel takes plain arrays, and loops are cheap)
+    acc: Any, turn: Any, first: Any, period: Any, gain: Any, drift: Any, room: Any, miss: Any, slope: Any
+) -> None:  # pragma: no cover
+    """Sum the accelerations in the frame of the first row, minus in the first half, plus in the second.
+
+    ``frame`` takes vectors of the present row to the first; ``lean`` (3, 12) is the turn of that frame for
+    each unit of gain and drift. Exact sine and cosine: a unit may be wrong by a factor of thousands.
+    """
+    frame, lean = room
+    for w in range(len(period)):
+        for i in range(3):
+            for j in range(3):
+                frame[i, j] = 1.0 if i == j else 0.0
+            for q in range(12):
+                lean[i, q] = 0.0
+        half = (first[w + 1] - first[w]) // 2
+        for row in range(first[w], first[w + 1]):
+            part = (1.0 if row >= first[w] + half else -1.0) / half
+            a = acc[row]
+            x = part * (frame[0, 0] * a[0] + frame[0, 1] * a[1] + frame[0, 2] * a[2])
+            y = part * (frame[1, 0] * a[0] + frame[1, 1] * a[1] + frame[1, 2] * a[2])
+            z = part * (frame[2, 0] * a[0] + frame[2, 1] * a[1] + frame[2, 2] * a[2])
+            miss[w, 0] += x
+            miss[w, 1] += y
+            miss[w, 2] += z
+            if len(slope):
+                for q in range(12):
+                    slope[w, 0, q] += lean[1, q] * z - lean[2, q] * y
+                    slope[w, 1, q] += lean[2, q] * x - lean[0, q] * z
+                    slope[w, 2, q] += lean[0, q] * y - lean[1, q] * x
+                for i in range(3):
+                    for j in range(3):
+                        slope[w, i, 12 + j] -= part * frame[i, j]
+            _turn_frame(frame, lean, turn[row], gain, drift, period[w], len(slope) > 0)
+
+
+@kernel
+def _turn_frame(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    frame: Any, lean: Any, turn: Any, gain: Any, drift: Any, period_s: float, has_slope: Any
+) -> None:  # pragma: no cover
+    """One row on: ``frame @ exp([turn]x)`` (Rodrigues)."""
+    x = gain[0, 0] * turn[0] + gain[0, 1] * turn[1] + gain[0, 2] * turn[2] + drift[0] * period_s
+    y = gain[1, 0] * turn[0] + gain[1, 1] * turn[1] + gain[1, 2] * turn[2] + drift[1] * period_s
+    z = gain[2, 0] * turn[0] + gain[2, 1] * turn[1] + gain[2, 2] * turn[2] + drift[2] * period_s
+    square = x * x + y * y + z * z
+    angle = sqrt(square)
+    sine = sin(angle) / angle if angle > 1e-9 else 1.0
+    cosine = (1.0 - cos(angle)) / square if angle > 1e-4 else 0.5
+    for i in range(3):
+        u, v, w = frame[i, 0], frame[i, 1], frame[i, 2]
+        # u x turn, and once more
+        p, q, r = v * z - w * y, w * x - u * z, u * y - v * x
+        frame[i, 0] = u + sine * p + cosine * (q * z - r * y)
+        frame[i, 1] = v + sine * q + cosine * (r * x - p * z)
+        frame[i, 2] = w + sine * r + cosine * (p * y - q * x)
+        if has_slope:
+            for j in range(3):
+                for k in range(3):
+                    lean[i, 3 * j + k] += frame[i, j] * turn[k]
+                lean[i, 9 + j] += frame[i, j] * period_s

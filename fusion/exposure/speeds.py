@@ -1,0 +1,417 @@
+"""Four speeds of the upper arm, deg/s (EXPOSURE.md A3). They are not interchangeable.
+
+- ``inclination``: change of elevation. Blind to axial rotation, turning round and circumduction.
+- ``generalised``: speed of the vertical on the unit sphere, seen from the sensor (Hansson 2001).
+- ``generalised_accelerometer``: the same from low-passed acceleration alone on a 20 Hz grid; the kind for
+  which the level of 60 deg/s was proposed (Arvidsson 2021).
+- ``gyroscope``: magnitude of the angular rate less its offset, axis by axis behind the metric filter.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.elevation import ElevationSegment
+from fusion.exposure.bins import find_percentile_cells
+from fusion.exposure.metric_filter import PADDING_ROWS, MetricAngle, design_filter
+from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
+from fusion.exposure.rows import EvenRun, IntArray, find_part_rows, find_runs
+from fusion.exposure.types import Frequency, Interval, Velocity
+from fusion.orientation.on_demand import VerticalOnDemand
+from fusion.recording import MICROSECONDS, BoolArray, Segment
+
+# The metric filter on vectors, in overlapping blocks, so that memory does not grow with the recording.
+
+
+BLOCK_ROWS = 32_768
+MARGIN_S = 2.0  # what a cut does to the filter at 5 Hz has died down to 1e-19 after 2 s
+
+
+def filter_blocks(
+    vectors: NDArray[np.float32] | VerticalOnDemand, rate_hz: float
+) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Give the filtered vectors, shape (n, 3), as blocks (first row, vectors).
+
+    Each block but the first begins with the last row of the one before, so that steps can be taken inside
+    blocks. The sum over blocks is that of filtering the whole.
+    """
+    section = design_filter(rate_hz)
+    margin = round(MARGIN_S * rate_hz)
+    for first in range(0, max(len(vectors) - 1, 1), BLOCK_ROWS):
+        stop = min(first + BLOCK_ROWS + 1, len(vectors))
+        around = slice(max(first - margin, 0), stop + margin)
+        filtered = filter_vectors(vectors[around], section)
+        yield first, filtered[first - around.start : stop - around.start]
+
+
+def filter_vectors(vectors: NDArray[np.float32], section: tuple[float, ...]) -> NDArray[np.float64]:
+    """Low-pass vectors, shape (n, 3), without delay."""
+    padding = min(PADDING_ROWS, len(vectors) - 1)
+    padded = np.empty((len(vectors) + 2 * padding, 3))
+    _filter_padded_vectors(vectors, padding, section, padded)
+    return padded[padding : padding + len(vectors)]
+
+
+@njit(cache=True, nogil=True)
+def _filter_padded_vectors(vectors, padding, section, padded):  # type: ignore[no-untyped-def]
+    """Write the odd extension into ``padded`` and filter it there, forth and back."""
+    n = len(vectors)
+    for c in range(3):
+        for i in range(n):
+            padded[padding + i, c] = vectors[i, c]
+        for i in range(1, padding + 1):
+            padded[padding - i, c] = 2.0 * vectors[0, c] - vectors[i, c]
+            padded[padding + n - 1 + i, c] = 2.0 * vectors[n - 1, c] - vectors[n - 1 - i, c]
+    _pass_vectors_in_place(padded, section)
+    _pass_vectors_in_place(padded[::-1], section)
+
+
+@njit(cache=True, nogil=True)
+def _pass_vectors_in_place(v, section):  # type: ignore[no-untyped-def]
+    """One pass in direct form I; the three axes side by side, for each waits on its own last row only."""
+    b0, b1, b2, a1, a2 = section
+    px, py, pz = v[0, 0], v[0, 1], v[0, 2]  # what came in: the row before, and the one before that
+    qx, qy, qz = px, py, pz
+    fx, fy, fz = px, py, pz  # what went out
+    gx, gy, gz = px, py, pz
+    for i in range(len(v)):
+        x, y, z = v[i, 0], v[i, 1], v[i, 2]
+        tx = b0 * x + b1 * px + b2 * qx - a2 * gx
+        ty = b0 * y + b1 * py + b2 * qy - a2 * gy
+        tz = b0 * z + b1 * pz + b2 * qz - a2 * gz
+        qx, qy, qz, px, py, pz = px, py, pz, x, y, z
+        gx, gy, gz = fx, fy, fz
+        fx, fy, fz = tx - a1 * fx, ty - a1 * fy, tz - a1 * fz
+        v[i, 0], v[i, 1], v[i, 2] = fx, fy, fz
+
+
+# How fast the arm goes to and fro: mean power frequency and zero-crossings of its speed (EXPOSURE.md A5).
+#
+# Both of the signed derivative of elevation; that of elevation itself would differ strongly (0.24 against
+# 0.99 Hz for the same two-tone movement), so the name says which.
+
+
+GRID_HZ = 20.0
+WINDOW_STEPS = 1200  # a minute
+HIGHEST_HZ = 5.0
+DEAD_BAND_DPS = 10.0
+
+FloatVector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrequencyTally:
+    """``sums``, shape (2,): MPF times seconds, and seconds with an MPF; filled in place.
+
+    Of each 5-minute block: ``crossings``, shape (b,), and ``moments``, shape (b, 2), what
+    :func:`find_power_moments` gives for the windows whose middle lies in it.
+    """
+
+    edges_us: IntArray
+    crossings: FloatVector = field(init=False)
+    moments: FloatVector = field(init=False)
+    sums: FloatVector = field(default_factory=lambda: np.zeros(2))
+
+    def __post_init__(self) -> None:
+        blocks = len(self.edges_us) - 1
+        object.__setattr__(self, "crossings", np.zeros(blocks))
+        object.__setattr__(self, "moments", np.zeros((blocks, 2)))
+
+    def add(self, angle: MetricAngle) -> None:
+        """Count a segment."""
+        rows = find_part_rows(angle, self.edges_us)
+        count_crossings(angle.elevation_deg, angle.valid, angle.rate_hz, rows, self.crossings)
+        for first, stop in find_runs(angle.valid):
+            moments = find_power_moments(angle.elevation_deg[first:stop], angle.rate_hz)
+            frequency_hz = divide_moments(moments)
+            if frequency_hz is not None:
+                seconds = (stop - first) / angle.rate_hz
+                self.sums[:] += (frequency_hz * seconds, seconds)
+                np.add.at(self.moments, self._find_blocks(angle, first, len(moments)), moments)
+
+    def _find_blocks(self, angle: MetricAngle, first: int, windows: int) -> IntArray:
+        """Give the block of the middle of each window; windows overlap by half."""
+        middles_s = first / angle.rate_hz + (np.arange(windows) + 1) * (WINDOW_STEPS / 2 / GRID_HZ)
+        middles_us = angle.start_us + middles_s * MICROSECONDS
+        blocks = np.searchsorted(self.edges_us, middles_us, side="right") - 1
+        return np.asarray(np.clip(blocks, 0, len(self.moments) - 1), np.int64)
+
+    def summarise(self, analysed_s: float) -> Frequency:
+        """Give the mean over the unbroken runs of a minute or more, and crossings per hour."""
+        weighted, seconds = (float(value) for value in self.sums)
+        crossings = float(self.crossings.sum())
+        return Frequency(weighted / seconds if seconds else None, crossings * 3600.0 / analysed_s)
+
+    def name_intervals(
+        self, frequency: Frequency, draws: Resampling, block_s: FloatVector
+    ) -> dict[str, Interval]:
+        """Give the intervals: of the sampling of the day, for no constant error changes a speed."""
+        drawn_per_h = draws.sum(self.crossings) * 3600.0 / draws.sum(block_s)
+        drawn = draws.sum(self.moments)
+        power = np.where(drawn[:, 1] > 0, drawn[:, 1], np.nan)
+        coarse_hz = divide_moments(self.moments) or 0.0
+        return name_intervals(
+            {
+                "inclination_velocity_mpf_hz": scale_interval(
+                    frequency.mean_power_hz, drawn[:, 0] / power, coarse_hz
+                ),
+                "inclination_velocity_zero_crossings_per_h": find_interval(drawn_per_h),
+            }
+        )
+
+
+def find_mean_power_frequency(angle_deg: FloatVector, rate_hz: float) -> float | None:
+    """Give sum(f P) / sum(P) of the speed of inclination; None under a minute or without movement."""
+    return divide_moments(find_power_moments(angle_deg, rate_hz))
+
+
+def divide_moments(moments: FloatVector) -> float | None:
+    """Give the mean power frequency of all windows, shape (w, 2); None without power."""
+    weighted, power = moments.sum(axis=0)
+    return float(weighted / power) if power > 0.0 else None
+
+
+def find_power_moments(angle_deg: FloatVector, rate_hz: float) -> FloatVector:
+    """Give sum(f P) and sum(P) of each window of the speed of inclination, 0 to 5 Hz, shape (w, 2).
+
+    Welch: Hann windows of 60 s that overlap by half, each less its mean, of the speed on a 20 Hz grid; what
+    the difference between grid points takes off high frequencies is put back. Under a minute: no window.
+    """
+    steps = int(len(angle_deg) * GRID_HZ / rate_hz)
+    if rate_hz < GRID_HZ or steps <= WINDOW_STEPS:
+        return np.zeros((0, 2))
+    speeds_dps = np.diff(_take_grid(angle_deg, rate_hz / GRID_HZ, steps)) * GRID_HZ
+    windows = np.lib.stride_tricks.sliding_window_view(speeds_dps, WINDOW_STEPS)[:: WINDOW_STEPS // 2]
+    frequencies_hz = np.fft.rfftfreq(WINDOW_STEPS, 1 / GRID_HZ)
+    wanted = (frequencies_hz > 0) & (frequencies_hz <= HIGHEST_HZ)
+    put_back = np.where(wanted, 1.0 / np.sinc(frequencies_hz / GRID_HZ) ** 2, 0.0)
+    return _sum_spectra(windows, np.stack([frequencies_hz * put_back, put_back], axis=1))
+
+
+def _sum_spectra(windows: FloatVector, weights: FloatVector) -> FloatVector:
+    """Sum each window's power spectrum with weights, (601, 2): shape (w, 2); a few windows at a time."""
+    hann = np.hanning(WINDOW_STEPS + 1)[:-1]
+    sums = np.empty((len(windows), 2))
+    for first in range(0, len(windows), 64):
+        part = windows[first : first + 64]
+        spectra = np.fft.rfft((part - part.mean(axis=1, keepdims=True)) * hann)
+        power = spectra.real**2 + spectra.imag**2
+        for column in range(2):  # not by BLAS, whose sums differ between machines
+            sums[first : first + 64, column] = (power * weights[:, column]).sum(axis=1)
+    return sums
+
+
+@njit(cache=True, nogil=True)
+def _take_grid(angle_deg, rows_per_step, steps):  # type: ignore[no-untyped-def]
+    """Take every so many rows, linearly between them."""
+    grid = np.empty(steps)
+    for k in range(steps):
+        row = min(int(k * rows_per_step), max(len(angle_deg) - 2, 0))
+        following = min(row + 1, len(angle_deg) - 1)
+        share = k * rows_per_step - row
+        grid[k] = angle_deg[row] + share * (angle_deg[following] - angle_deg[row])
+    return grid
+
+
+@njit(cache=True, nogil=True)
+def count_crossings(angle_deg, valid, rate_hz, part_rows, counts):  # type: ignore[no-untyped-def]
+    """Count, in each part, the changes of direction: from faster than the dead band one way to the other."""
+    part, direction = 0, 0
+    for i in range(1, len(angle_deg)):
+        if not (valid[i] and valid[i - 1]):
+            direction = 0
+            continue
+        speed_dps = (angle_deg[i] - angle_deg[i - 1]) * rate_hz
+        way = 1 if speed_dps > DEAD_BAND_DPS else (-1 if speed_dps < -DEAD_BAND_DPS else 0)
+        if way != 0:
+            if way == -direction:
+                while i >= part_rows[part + 1]:
+                    part += 1
+                counts[part] += 1
+            direction = way
+
+
+CELL_DPS = 0.01
+CELLS = 400_000
+PERCENTS = (10, 50, 90, 99)
+
+WIDENING = 1.02
+DEG_PER_HALF_RAD = 360.0 / np.pi
+
+
+def _widen_cells() -> NDArray[np.int32]:
+    """Give the coarse cell of each cell: the first is its own, the others widen by 2 %."""
+    cells = np.arange(1, CELLS + 1)
+    coarse = 1 + np.floor(np.log(cells) / np.log(WIDENING))
+    return np.concatenate([[0], coarse]).astype(np.int32)
+
+
+COARSE_OF_CELL = _widen_cells()
+COARSE_CELLS = int(COARSE_OF_CELL[-1]) + 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpeedTally:
+    """Seconds in each 0.01 deg/s cell, filled in place; the first cell holds speeds of exactly nought.
+
+    ``edges_us`` are 5-minute blocks; ``block_s``, shape (b, 654), holds the same seconds once more, for each
+    block and in cells that widen by 2 %; ``way_deg``, shape (b,), is the way turned. Speeds past
+    4000 deg/s share the last cell.
+    """
+
+    edges_us: IntArray = field(default_factory=lambda: np.array([0, 1 << 62], np.int64))
+    cell_s: FloatVector = field(default_factory=lambda: np.zeros(CELLS + 1))
+    block_s: NDArray[np.float64] = field(init=False)
+    way_deg: FloatVector = field(init=False)
+
+    def __post_init__(self) -> None:
+        blocks = len(self.edges_us) - 1
+        object.__setattr__(self, "block_s", np.zeros((blocks, COARSE_CELLS)))
+        object.__setattr__(self, "way_deg", np.zeros(blocks))
+
+    def add(self, run: EvenRun, first: int, speeds_dps: FloatVector, rate_hz: float) -> None:
+        """Count speeds, NaN where there is none, of a run's rows from ``first`` on at a rate of their own."""
+        start_us = run.start_us + round(first * MICROSECONDS / run.rate_hz)
+        step_us = MICROSECONDS / rate_hz
+        cells = (self.cell_s, self.block_s, self.way_deg)
+        _tally_speeds(speeds_dps, 1.0 / rate_hz, (start_us, step_us, self.edges_us, COARSE_OF_CELL), cells)
+
+    def add_inclination(self, angle: MetricAngle) -> None:
+        """Count a segment's change of elevation."""
+        for first in range(0, max(len(angle) - 1, 1), BLOCK_ROWS):
+            rows = slice(first, first + BLOCK_ROWS + 1)
+            speeds_dps = measure_inclination(angle.elevation_deg[rows], angle.valid[rows], angle.rate_hz)
+            self.add(angle, first, speeds_dps[1:], angle.rate_hz)
+
+    def add_accelerometer(self, segment: Segment, valid: BoolArray) -> None:
+        """Count how fast a segment's low-passed acceleration turns, on a 20 Hz grid."""
+        rows_per_step = segment.rate_hz / GRID_HZ
+        grid_g = np.zeros((int((len(segment) - 1) / rows_per_step) + 1, 3))
+        for first, acc_g in filter_blocks(segment.acc_g, segment.rate_hz):
+            _fill_grid(acc_g, first, rows_per_step, grid_g)
+        steps = _find_valid_steps(valid, rows_per_step, len(grid_g))
+        self.add(segment, 0, measure_turns(grid_g, steps, GRID_HZ), GRID_HZ)
+
+    def add_gyroscope(self, segment: Segment, bias_dps: NDArray[np.float64], valid: BoolArray) -> None:
+        """Count the magnitude of the filtered angular rate less its offset."""
+        for first, gyr_dps in filter_blocks(segment.gyr_dps, segment.rate_hz):
+            fresh = slice(1 if first else 0, None)  # a block repeats the last row of the one before
+            rows = valid[first : first + len(gyr_dps)]
+            speeds_dps = measure_magnitude(gyr_dps[fresh], bias_dps, rows[fresh])
+            self.add(segment, first, speeds_dps, segment.rate_hz)
+
+    def summarise(self) -> Velocity | None:
+        """Give percentiles and mean, None where no speed was counted."""
+        total_s = float(self.cell_s.sum())
+        if total_s == 0.0:
+            return None
+        places = find_percentile_cells(self.cell_s[np.newaxis], np.array(PERCENTS, np.float64))[0]
+        speeds_dps = np.maximum(places - 1.0, 0.0) * CELL_DPS
+        p10, p50, p90, p99 = (float(speed) for speed in speeds_dps)
+        return Velocity(p10, p50, p90, p99, float(self.way_deg.sum()) / total_s)
+
+
+def measure_generalised(segment: ElevationSegment, valid: BoolArray) -> Iterator[tuple[int, FloatVector]]:
+    """Give how fast a segment's filtered, renormalised vertical moves: (first row, speeds) block by block.
+
+    The speed of a row is that of the step to it; NaN where there is none.
+    """
+    if segment.vertical is None:
+        return
+    for first, vertical in filter_blocks(segment.vertical, segment.rate_hz):
+        speeds_dps = measure_turns(vertical, valid[first : first + len(vertical)], segment.rate_hz)
+        yield (first + 1, speeds_dps[1:]) if first else (0, speeds_dps)
+
+
+@njit(cache=True, nogil=True)
+def _tally_speeds(speeds_dps, period_s, where, cells):  # type: ignore[no-untyped-def]
+    """Add each step's speed to its cell, and to that of its 5-minute block."""
+    start_us, step_us, edges_us, coarse_of_cell = where
+    cell_s, block_s, way_deg = cells
+    block = max(np.searchsorted(edges_us, start_us, side="right") - 1, 0)
+    last = len(block_s) - 1
+    next_row = (edges_us[block + 1] - start_us) / step_us
+    for i in range(len(speeds_dps)):
+        speed_dps = speeds_dps[i]
+        while i >= next_row and block < last:
+            block += 1
+            next_row = (edges_us[block + 1] - start_us) / step_us
+        if speed_dps >= 0.0:  # not NaN
+            cell = 0 if speed_dps == 0.0 else 1 + min(int(speed_dps / CELL_DPS), CELLS - 1)
+            cell_s[cell] += period_s
+            block_s[block, coarse_of_cell[cell]] += period_s
+            way_deg[block] += speed_dps * period_s
+
+
+@njit(cache=True, nogil=True)
+def measure_inclination(angle_deg, valid, rate_hz):  # type: ignore[no-untyped-def]
+    """Give the speed of each step between successive valid rows, NaN for the others."""
+    speeds_dps = np.full(len(angle_deg), np.nan)
+    for i in range(1, len(angle_deg)):
+        if valid[i] and valid[i - 1]:
+            speeds_dps[i] = abs(angle_deg[i] - angle_deg[i - 1]) * rate_hz
+    return speeds_dps
+
+
+@njit(cache=True, nogil=True)
+def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
+    """Give the angle between the directions of successive valid rows, from the chord of the unit sphere."""
+    speeds_dps = np.full(len(vectors), np.nan)
+    bx, by, bz, before = 0.0, 0.0, 0.0, False
+    for i in range(len(vectors)):
+        x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        here = valid[i] and length > 1e-9
+        if here:
+            scale = 1.0 / length
+            x, y, z = x * scale, y * scale, z * scale
+        if here and before:
+            half = 0.5 * np.sqrt((x - bx) ** 2 + (y - by) ** 2 + (z - bz) ** 2)
+            if half < 0.01:  # the series of the arcsine: within 1e-13 of it, and much faster
+                half *= 1.0 + half * half * (1.0 / 6.0 + half * half * 0.075)
+            else:
+                half = np.arcsin(min(half, 1.0))
+            speeds_dps[i] = half * rate_hz * DEG_PER_HALF_RAD
+        bx, by, bz, before = x, y, z, here
+    return speeds_dps
+
+
+@njit(cache=True, nogil=True)
+def measure_magnitude(rates_dps, bias_dps, valid):  # type: ignore[no-untyped-def]
+    """Give the length of each valid row's vector less the offset."""
+    speeds_dps = np.full(len(rates_dps), np.nan)
+    for i in range(len(rates_dps)):
+        if valid[i]:
+            x = rates_dps[i, 0] - bias_dps[0]
+            y = rates_dps[i, 1] - bias_dps[1]
+            z = rates_dps[i, 2] - bias_dps[2]
+            speeds_dps[i] = np.sqrt(x * x + y * y + z * z)
+    return speeds_dps
+
+
+@njit(cache=True, nogil=True)
+def _fill_grid(vectors, first, rows_per_step, grid):  # type: ignore[no-untyped-def]
+    """Take the grid points that lie in this block, linearly between its rows."""
+    stop = first + len(vectors) - 1
+    for k in range(int(np.ceil(first / rows_per_step)), len(grid)):
+        place = k * rows_per_step - first
+        if place > stop - first:
+            break
+        row = min(int(place), max(len(vectors) - 2, 0))
+        following = min(row + 1, len(vectors) - 1)
+        for c in range(3):
+            grid[k, c] = vectors[row, c] + (place - row) * (vectors[following, c] - vectors[row, c])
+
+
+@njit(cache=True, nogil=True)
+def _find_valid_steps(valid, rows_per_step, steps):  # type: ignore[no-untyped-def]
+    """A grid point is valid where every row since the grid point before, and the row after it, is."""
+    valid_steps = np.ones(steps, np.bool_)
+    for k in range(steps):
+        first = int((k - 1) * rows_per_step) if k else 0
+        for i in range(first, min(int(np.ceil(k * rows_per_step)) + 1, len(valid))):
+            valid_steps[k] &= valid[i]
+    return valid_steps

@@ -1,0 +1,1 @@
+"""The .cwa file of an Axivity AX6: blocks and their clock."""

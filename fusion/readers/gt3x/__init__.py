@@ -1,0 +1,1 @@
+"""The .gt3x file of an ActiGraph: container, log records, schema, clock."""

@@ -1,0 +1,563 @@
+"""ActiGraph GT9X Link `.gt3x` with IMU records.
+
+Sources: actigraph/GT3X-File-Format (records, schema); the time rule was measured against ActiLife 6.13.3.
+Compared to ActiLife: all n rows of a second are kept, at T + k/n, and lie on one even grid over unbroken
+seconds; ActiLife resamples every second to exactly 100 rows. Nothing is filled where records are missing.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta, timezone
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
+from fusion.readers import archives as gt3x_archive
+from fusion.readers.gt3x import log as gt3x_events
+from fusion.readers.gt3x.clock import LONGEST_GAP_S, Run, Seconds, Timeline, order_seconds
+from fusion.readers.gt3x.log import (
+    ACTIVITY,
+    ACTIVITY2,
+    BATTERY,
+    EVENT,
+    METADATA,
+    SCHEMA,
+    SENSOR_DATA,
+    TALLY_PLACES,
+    DeviceEvents,
+    ScannedPiece,
+    ScanTally,
+    scan_pieces,
+    summarise_tally,
+)
+from fusion.readers.gt3x.schema import RowDecoder, make_decoder, parse_schema
+from fusion.readers.samples import SampleColumns
+from fusion.readers.source import Source
+from fusion.readers.timebase.clock import LARGEST_DRIFT, find_zone, follow_zone, hash_serial, trust_clock
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_gaps, flag_spans
+
+# info.txt and the METADATA records of a `.gt3x`: what the device says about itself.
+
+
+TICKS_PER_SECOND = 10_000_000
+TICKS_AT_UNIX_EPOCH = 621_355_968_000_000_000
+CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+MAX_VALUE_CHARACTERS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceText:
+    """The lines of info.txt. Values are text, stripped of control characters and cut at 200 characters."""
+
+    values: dict[str, str] = field(default_factory=dict)
+    encoding: str = "utf-8"
+
+    def number(self, key: str) -> float | None:
+        """A number with decimal point or comma, or None: `8,0` and `100 Hz` are understood."""
+        found = re.match(r"\s*([-+]?\d+(?:[.,]\d+)?)", self.values.get(key, ""))
+        return float(found.group(1).replace(",", ".")) if found else None
+
+    def unix_s(self, key: str) -> float | None:
+        """A .NET tick count as Unix seconds of the device's own clock; None for 0 and nonsense."""
+        text = self.values.get(key, "")
+        if not re.fullmatch(r"\d{1,19}", text) or int(text) == 0:
+            return None
+        return (int(text) - TICKS_AT_UNIX_EPOCH) / TICKS_PER_SECOND
+
+    @property
+    def serial_hash(self) -> str | None:
+        """SHA-256 of the serial, first 12 hexadecimal digits: tells devices apart, names none."""
+        return hash_serial(self.values.get("Serial Number", ""))
+
+    @property
+    def offset_s(self) -> int | None:
+        """Seconds east of UTC."""
+        return parse_offset_s(self.values.get("TimeZone", ""))
+
+
+def parse_device_text(content: bytes) -> DeviceText:
+    """Read `Key: value` lines: CRLF or LF, with or without a byte order mark, UTF-8 or else Windows-1252."""
+    try:
+        text, encoding = content.decode("utf-8-sig"), "utf-8"
+    except UnicodeDecodeError:
+        text, encoding = content.decode("cp1252", errors="replace"), "cp1252"
+    values: dict[str, str] = {}
+    for line in text.splitlines():
+        key, separator, value = line.partition(":")
+        if separator:
+            values.setdefault(key.strip(), CONTROL.sub("", value).strip()[:MAX_VALUE_CHARACTERS])
+    return DeviceText(values, encoding)
+
+
+def parse_offset_s(text: str) -> int | None:
+    """Seconds east of UTC from `-05:00:00` or `02:00:00`; None where it is no offset."""
+    found = re.fullmatch(r"([-+]?)(\d{1,2}):(\d{2})(?::(\d{2}))?", text.strip())
+    if found is None:
+        return None
+    sign, hours, minutes, seconds = found.groups()
+    offset_s = int(hours) * 3600 + int(minutes) * 60 + int(seconds or 0)
+    if offset_s > 14 * 3600:
+        return None
+    return -offset_s if sign == "-" else offset_s
+
+
+def name_offset(offset_s: int) -> str:
+    """`UTC-05:00`."""
+    sign = "-" if offset_s < 0 else "+"
+    hours, minutes = divmod(abs(offset_s) // 60, 60)
+    return f"UTC{sign}{hours:02d}:{minutes:02d}"
+
+
+def tell_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> datetime:
+    """Give the device's clock at the first sample.
+
+    ActiLife encodes local wall-clock time as if it were UTC; CentrePoint files (`UsedUtc`) count UTC.
+    The wall-clock reading is never shifted; the offset is attached where the file tells it.
+    """
+    moment = datetime.fromtimestamp(first_unix_s, UTC)
+    if offset_s is None:
+        return moment if counts_utc else moment.replace(tzinfo=None)
+    zone = timezone(timedelta(seconds=offset_s))
+    return moment.astimezone(zone) if counts_utc else moment.replace(tzinfo=zone)
+
+
+# The primary accelerometer of a `.gt3x`, read now and then to check the IMU and the header against it.
+
+
+PROBED_EVERY_S = 16
+"""One second in sixteen is enough evidence and costs nothing."""
+DEFAULT_SCALE = 256.0
+ROW_BYTES = 6
+STILL_G = 0.02
+FEWEST_STILL = 2
+LARGEST_DIFFERENCE_G = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrimarySecond:
+    """One second of ACTIVITY2: its stamp, rows, mean in counts, shape (3,), and largest scatter in counts."""
+
+    unix_s: int
+    rows: int
+    mean: NDArray[np.float64]
+    scatter: float
+
+
+@dataclass(slots=True)
+class PrimarySeconds:
+    """The seconds that were looked at."""
+
+    seen: list[PrimarySecond] = field(default_factory=list)
+
+    def note(self, unix_s: int, payload: bytes) -> None:
+        """Take the payload of an ACTIVITY2 record: little-endian int16, x y z."""
+        rows = len(payload) // ROW_BYTES
+        counts = np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3).astype(np.float64)
+        scatter = float(counts.std(axis=0).max())
+        self.seen.append(PrimarySecond(unix_s, rows, counts.mean(axis=0), scatter))
+
+
+def measure_bias_g(
+    seen: Sequence[PrimarySecond], text: DeviceText, timeline: Timeline, columns: SampleColumns
+) -> float | None:
+    """How far the two accelerometers are apart at rest, median over still seconds; None without any.
+
+    Both share one frame (measured on a Link: apart by 0.04 g in every pose).
+    """
+    scale = text.number("Acceleration Scale") or DEFAULT_SCALE
+    seconds = timeline.seconds
+    places = {int(unix_s): k for k, unix_s in enumerate(seconds.unix_s)}
+    apart = []
+    for second in seen:
+        if second.unix_s not in places or second.scatter > STILL_G * scale:
+            continue
+        k = places[second.unix_s]
+        rows = columns.acc[seconds.first_row[k] : seconds.first_row[k] + seconds.n_rows[k]].astype(np.float64)
+        if rows.std(axis=0).max() <= STILL_G:
+            apart.append(float(np.linalg.norm(rows.mean(axis=0) - second.mean / scale)))
+    return float(np.median(apart)) if len(apart) >= FEWEST_STILL else None
+
+
+def contradicts_header(seen: Sequence[PrimarySecond], header_rate_hz: float | None) -> bool:
+    """Whether the header's rate is absent, zero, or not that of the primary accelerometer it speaks of."""
+    if not header_rate_hz:
+        return True
+    rows = float(np.median([second.rows for second in seen])) if seen else header_rate_hz
+    return abs(rows - header_rate_hz) > 0.05 * header_rate_hz
+
+
+# What a `.gt3x` gives reason to say: from its records, its info.txt and its clock.
+
+
+EARLY_END_S = 60.0
+LOW_BATTERY_MV = 3600
+"""A lithium cell under this is about to switch the device off."""
+IMU_RATE_HZ = 100.0
+TURNED_SERIAL, TURNED_FIRMWARE = "MOS", "1.6.0"
+"""ActiGraph documents axes turned by 90 degrees in the ACTIVITY records of these; see docs/decisions."""
+
+
+class GatheredLog(Protocol):
+    """What this module needs of a decoded log."""
+
+    columns: SampleColumns
+    events: DeviceEvents
+    n_undecoded: int
+
+    @property
+    def scan(self) -> ScanTally:
+        """What the scan met."""
+
+    @property
+    def primary_seconds(self) -> Sequence[PrimarySecond]:
+        """Seconds of the primary accelerometer that were looked at."""
+
+
+def flag_file(
+    text: DeviceText, log: GatheredLog, timeline: Timeline, segments: Sequence[Segment]
+) -> tuple[QualityFlag, ...]:
+    """Caveats that come from the records and from info.txt."""
+    counts = {
+        "W-ROWS-DROPPED": log.n_undecoded,
+        "W-RESETS": int(text.number("Unexpected Resets") or 0),
+        "W-ENCODING": int(text.encoding != "utf-8"),
+        "W-TZ": int(_is_zone_unclear(text, counts_utc=log.events.counts_utc)),
+        "W-EARLY-END": int(_ended_early_s(text, timeline) > EARLY_END_S),
+        "W-BATTERY": int(0 < log.events.battery_mv < LOW_BATTERY_MV),
+        "W-FIRMWARE": int(_has_turned_axes(text)),
+    }
+    flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count > 0)
+    return flag_damage(log.scan, timeline) + flags + flag_rates(text, log, timeline, segments)
+
+
+def flag_damage(scan: ScanTally, timeline: Timeline) -> tuple[QualityFlag, ...]:
+    """Records that do not verify, with the place of the first and the last, and a tail that is cut off."""
+    places = [timeline.place_s(unix_s) for unix_s in (scan.first_damage_unix_s, scan.last_damage_unix_s)]
+    first_s, last_s = (float(min(max(0, place), timeline.runs[-1].end_s)) for place in places)
+    flags = tuple(
+        QualityFlag(code, count, 0.0, first_s, last_s)
+        for code, count in (("W-CHECKSUM", scan.bad_checksums), ("W-RESYNC", scan.resyncs))
+        if count
+    )
+    if scan.tail_bytes:
+        end_s = float(timeline.runs[-1].end_s)
+        flags += (QualityFlag("W-TRUNC-TAIL", 1, 0.0, end_s, end_s, {"n": scan.tail_bytes}),)
+    return flags
+
+
+def flag_rates(
+    text: DeviceText, log: GatheredLog, timeline: Timeline, segments: Sequence[Segment]
+) -> tuple[QualityFlag, ...]:
+    """Where header, nominal rate and the two accelerometers contradict each other."""
+    seen = log.primary_seconds
+    rate_hz = round(max(segments, key=len).rate_hz, 3)
+    flags: tuple[QualityFlag, ...] = ()
+    if contradicts_header(seen, text.number("Sample Rate")):
+        flags += (QualityFlag("W-RATE", facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
+    if abs(rate_hz / IMU_RATE_HZ - 1.0) > LARGEST_DRIFT:
+        flags += (QualityFlag("W-DRIFT", facts={"nominal_hz": IMU_RATE_HZ, "rate_hz": rate_hz}),)
+    bias_g = measure_bias_g(seen, text, timeline, log.columns)
+    if bias_g is not None and bias_g > LARGEST_DIFFERENCE_G:
+        flags += (QualityFlag("W-BIAS", facts={"g": round(bias_g, 3)}),)
+    return flags
+
+
+def _is_zone_unclear(text: DeviceText, *, counts_utc: bool) -> bool:
+    """Whether a zone is written that nobody understands, or UTC is counted with no zone told."""
+    return text.offset_s is None and ("TimeZone" in text.values or counts_utc)
+
+
+def _ended_early_s(text: DeviceText, timeline: Timeline) -> float:
+    planned_s = text.unix_s("Stop Date")
+    return 0.0 if planned_s is None else planned_s - float(timeline.seconds.unix_s[-1] + 1)
+
+
+def _has_turned_axes(text: DeviceText) -> bool:
+    serial, firmware = text.values.get("Serial Number", ""), text.values.get("Firmware", "")
+    return serial.startswith(TURNED_SERIAL) and firmware == TURNED_FIRMWARE
+
+
+WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
+MAX_DAMAGED_PERCENT = 5.0
+MAX_HELD_RECORDS = 512
+"""Samples that come before their schema wait for it; more than that is no late schema but a missing one."""
+
+
+def recognise(source: Source) -> bool:
+    """Whether the bytes are a zip."""
+    return gt3x_archive.is_archive(source.file, source.head)
+
+
+def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the log tells its rate)
+    """Read the IMU of a GT9X Link.
+
+    Raises
+    ------
+    fusion.errors.UnreadableFile
+        The archive is cut, corrupt or unsafe, parts are missing, there is no gyroscope, or more than 5 % of
+        the records are damaged.
+    TooShort
+        No second of samples.
+    """
+    with gt3x_archive.open_archive(source) as archive:
+        gt3x_archive.check_parts(archive)
+        text = parse_device_text(gt3x_archive.read_text(archive, "info.txt"))
+        member = archive.getinfo("log.bin")
+        told = replace(source, size_bytes=member.header_offset + member.compress_size)
+        log = decode_log(gt3x_archive.read_member(archive, "log.bin"), member.file_size, told)
+    log.refuse_unusable()
+    timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
+    return build_recording(text, log, timeline)
+
+
+@dataclass(slots=True)
+class DeviceLog:
+    """What log.bin holds, gathered piece by piece."""
+
+    columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
+    events: DeviceEvents = field(default_factory=DeviceEvents)
+    tally: NDArray[np.int64] = field(default_factory=lambda: np.zeros(TALLY_PLACES, np.int64))
+    placed: list[tuple[int, int, int, int]] = field(default_factory=list)
+    decoder: RowDecoder | None = None
+    labels: set[str] = field(default_factory=set)
+    n_bytes: int = 0
+    n_schemas: int = 0
+    n_undecoded: int = 0
+    held: list[tuple[int, bytes]] = field(default_factory=list)
+    primary: PrimarySeconds = field(default_factory=PrimarySeconds)
+
+    @property
+    def scan(self) -> ScanTally:
+        """What the scan met."""
+        return summarise_tally(self.tally)
+
+    @property
+    def primary_seconds(self) -> Sequence[PrimarySecond]:
+        """Seconds of the primary accelerometer that were looked at."""
+        return self.primary.seen
+
+    def seconds(self) -> Seconds:
+        """The decoded SENSOR_DATA records in the order of the file."""
+        return Seconds(*np.array(self.placed, np.int64).reshape(-1, 4).T)
+
+    def refuse_unusable(self) -> None:
+        """Raise where no sample can be trusted."""
+        scan = self.scan
+        damaged_percent = 100.0 * scan.damaged_bytes / max(1, self.n_bytes)
+        if damaged_percent > MAX_DAMAGED_PERCENT:
+            clock = datetime.fromtimestamp(scan.first_damage_unix_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
+            raise DamagedFile(p=round(damaged_percent, 1), clock=clock)
+        if self.placed:
+            return
+        if self.n_undecoded:
+            raise UnknownColumns(list=", ".join(sorted(self.labels)) or "SENSOR_SCHEMA")
+        if scan.records == 0:
+            raise TooShort(s=0.0)
+        raise NoGyroscope(cure="GT9X")
+
+
+def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> DeviceLog:
+    """Scan and decode log.bin in one pass over its pieces.
+
+    ``size_bytes``: how long it says it is; the room that samples will take is foreseen from that.
+    ``source``: the file up to the end of log.bin, where too many rows are to be refused.
+    """
+    log = DeviceLog(SampleColumns(source, has_stamps=False))
+    to_come = size_bytes
+    for piece in scan_pieces(_count_bytes(pieces, log), log.tally):
+        records = _watched_records(piece)
+        schemas = np.flatnonzero(records[:, 0] == SCHEMA)
+        for part in np.split(records, schemas):  # each but the first begins with a schema
+            _take_records(log, piece.buffer, part)
+        if log.columns.rows and to_come:
+            log.columns.foresee(len(piece.buffer), to_come)
+            to_come = 0
+    log.columns.trim()
+    return log
+
+
+def _count_bytes(pieces: Iterable[bytes], log: DeviceLog) -> Iterator[bytes]:
+    for piece in pieces:
+        log.n_bytes += len(piece)
+        yield piece
+
+
+def _watched_records(piece: ScannedPiece) -> NDArray[np.int64]:
+    kinds, sizes = piece.records[:, 0], piece.records[:, 3]
+    is_watched = np.isin(kinds, WATCHED)
+    # of the primary accelerometer its one-byte dock events are read, and a second now and then
+    is_activity = ((kinds == ACTIVITY) | (kinds == ACTIVITY2)) & (sizes != 1)
+    is_probed = (kinds == ACTIVITY2) & (sizes >= ROW_BYTES) & (piece.records[:, 1] % PROBED_EVERY_S == 0)
+    return np.asarray(piece.records[is_watched & (~is_activity | is_probed)])
+
+
+def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
+    """Take records of which only the first may be a schema: then all samples are of one schema."""
+    is_sample = records[:, 0] == SENSOR_DATA
+    for kind, unix_s, first, size in records[~is_sample].tolist():
+        payload = buffer[first : first + size].tobytes()
+        if kind == SCHEMA:
+            _take_schema(log, payload)
+        elif size > 1 and kind == ACTIVITY2:
+            log.primary.note(unix_s, payload)
+        else:
+            log.events.note(kind, unix_s, payload)
+    if log.decoder is None:
+        _hold_samples(log, buffer, records[is_sample])
+    else:
+        _take_samples(log, log.decoder, buffer, records[is_sample])
+
+
+def _take_schema(log: DeviceLog, payload: bytes) -> None:
+    schema = parse_schema(payload)
+    if schema is None or (log.decoder is not None and log.decoder.schema == schema):
+        return
+    log.labels |= {column.label for column in schema.columns if column.label}
+    log.decoder = make_decoder(schema)
+    log.n_schemas += 1
+    waiting, log.held = log.held, []
+    if log.decoder is not None:
+        log.n_undecoded -= len(waiting)
+        for unix_s, rows in waiting:
+            record = np.array([[SENSOR_DATA, unix_s, 0, len(rows)]])
+            _take_samples(log, log.decoder, np.frombuffer(rows, np.uint8), record)
+
+
+def _hold_samples(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np.int64]) -> None:
+    """Keep samples that came before the first schema."""
+    log.n_undecoded += len(records)
+    if log.n_schemas == 0:
+        for _, unix_s, first, size in records[: MAX_HELD_RECORDS - len(log.held)].tolist():
+            log.held.append((unix_s, buffer[first : first + size].tobytes()))
+
+
+def _take_samples(
+    log: DeviceLog, decoder: RowDecoder, buffer: NDArray[np.uint8], records: NDArray[np.int64]
+) -> None:
+    """Decode the records that are of the decoder's schema and hold whole rows."""
+    firsts, sizes = records[:, 2], records[:, 3]
+    n_rows, odd_bytes = np.divmod(sizes - 2, decoder.schema.row_bytes)
+    fits = (sizes >= 2) & (n_rows > 0) & (odd_bytes == 0)
+    fits[fits] = decoder.find_own(buffer, firsts[fits])
+    log.n_undecoded += int(np.count_nonzero(~fits))
+    unix_s, firsts, n_rows = records[fits, 1], firsts[fits], n_rows[fits]
+    columns = log.columns
+    stops = columns.rows + np.cumsum(n_rows)
+    total = int(n_rows.sum())
+    columns.make_room(total)
+    rows = slice(columns.rows, columns.rows + total)
+    decoder.decode(buffer, firsts + 2, n_rows, (columns.acc[rows], columns.gyr[rows]))
+    places = zip(unix_s.tolist(), (stops - n_rows).tolist(), n_rows.tolist(), strict=True)
+    log.placed += [(*place, log.n_schemas) for place in places]
+    columns.rows += total
+
+
+def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Recording:
+    """Put segments, exclusions and caveats together."""
+    segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
+    excluded, asides = find_exclusions(log, timeline)
+    duration_us = max([segments[-1].end_us, *(span.end_us for span in excluded)])
+    told, changes = _tell_clock(text, log, timeline)
+    start, unset = trust_clock(told)
+    decoder = log.decoder
+    return Recording(
+        device="gt9x",
+        sha256="",
+        start=start,
+        time_zone=None if text.offset_s is None else name_offset(text.offset_s),
+        duration_us=duration_us,
+        segments=segments,
+        excluded=excluded,
+        flags=(
+            *flag_file(text, log, timeline, segments),
+            *timeline.flags,
+            *changes,
+            *asides,
+            *unset,
+            *flag_spans("W-SLEEP", [span for span in excluded if span.reason == "asleep"]),
+            *flag_spans("W-DOCKED", [span for span in excluded if span.reason == "docked"]),
+            *flag_gaps(segments, duration_us, excluded),
+        ),
+        understood=_describe(text, log, timeline),
+        serial_hash=text.serial_hash,
+        acc_range_g=_full_scale(decoder, 0),
+        gyr_range_dps=_full_scale(decoder, 3),
+    )
+
+
+def _tell_clock(
+    text: DeviceText, log: DeviceLog, timeline: Timeline
+) -> tuple[datetime, tuple[QualityFlag, ...]]:
+    """The clock at the first sample; where the file counts UTC and names its zone, that zone is followed."""
+    first_unix_s = int(timeline.seconds.unix_s[0])
+    zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
+    if zone is None:
+        return tell_start(first_unix_s, text.offset_s, counts_utc=log.events.counts_utc), ()
+    followed = follow_zone(first_unix_s, timeline.runs[-1].end_s, zone)
+    return followed.start, followed.flags
+
+
+def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment:
+    first_rows = seconds.first_row[run.first : run.stop]
+    stop_rows = first_rows + seconds.n_rows[run.first : run.stop]
+    n_rows = int(seconds.n_rows[run.first : run.stop].sum())
+    if stop_rows[-1] - first_rows[0] == n_rows:
+        acc = columns.acc[first_rows[0] : stop_rows[-1]]
+        gyr = columns.gyr[first_rows[0] : stop_rows[-1]]
+    else:
+        kept = np.concatenate([np.arange(a, b) for a, b in zip(first_rows, stop_rows, strict=True)])
+        acc, gyr = columns.acc[kept], columns.gyr[kept]
+    return Segment(run.start_s * MICROSECONDS, n_rows / (run.stop - run.first), acc, gyr)
+
+
+def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...], tuple[QualityFlag, ...]]:
+    """Idle sleep where nothing was measured, and seconds in the dock, from the first sample on.
+
+    Also returns what is only said: sleep before the first sample, and a stamp more than a day past the last
+    one, which is not believed.
+    """
+    covered = [(run.start_s, run.end_s) for run in timeline.runs]
+    end_s = max(covered[-1][1], timeline.place_s(log.scan.last_unix_s))
+    asides: tuple[QualityFlag, ...] = ()
+    if end_s - covered[-1][1] > LONGEST_GAP_S:
+        end_s = covered[-1][1]
+        asides += (QualityFlag("W-CLOCK-FWD", 1, 0.0, float(end_s), float(end_s)),)
+    docked = gt3x_events.merge_seconds(
+        second for second in map(timeline.place_s, log.events.docked_s) if 0 <= second < end_s
+    )
+    asleep: list[tuple[int, int]] = []
+    for start_unix_s, end_unix_s in gt3x_events.pair_sleep(log.events.sleep, log.scan.last_unix_s):
+        early_s = -timeline.place_s(start_unix_s)
+        if 0 < early_s <= LONGEST_GAP_S:
+            asides += (QualityFlag("W-SLEEP", 1, float(early_s)),)
+        start_s = max(0, -early_s)
+        stop_s = min(end_s, timeline.place_s(end_unix_s))
+        asleep += gt3x_events.cut_out(start_s, stop_s, sorted([*covered, *docked]))
+    spans = gt3x_events.make_spans(docked, "docked") + gt3x_events.make_spans(asleep, "asleep")
+    return spans, asides
+
+
+def _full_scale(decoder: RowDecoder | None, channel: int) -> float | None:
+    channels = decoder.schema.channels() if decoder else None
+    return float(2 ** (channels[channel].bit_size - 1) / channels[channel].divisor) if channels else None
+
+
+def _describe(text: DeviceText, log: DeviceLog, timeline: Timeline) -> dict[str, str]:
+    counts = timeline.seconds.n_rows
+    usual = ", ".join(f"{n} x {k}" for n, k in zip(*np.unique(counts, return_counts=True), strict=True))
+    steps = [second.start_s - first.end_s for first, second in pairwise(timeline.runs)]
+    return {
+        "layout": "ActiGraph GT9X Link .gt3x",
+        "columns": ", ".join(sorted(log.labels)),
+        "units": "g, deg/s",
+        "rows_per_second": usual[:200],
+        "samples": str(int(counts.sum())),
+        "records": str(log.scan.records),
+        "missing_seconds": str(sum(steps)),
+        "firmware": text.values.get("Firmware", ""),
+        "clock": "UTC" if log.events.counts_utc else "local",
+    }

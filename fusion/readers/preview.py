@@ -1,0 +1,377 @@
+"""What the first bytes of a recording tell while the rest is still on its way."""
+
+import io
+import re
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.checks.axes import judge_frame, measure_scale
+from fusion.checks.gravity_windows import GravityWindows, GyroModel, find_gyro_offset_dps, measure_miss
+from fusion.checks.physics import cut_whole_windows, find_rest_g, name_axes
+from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
+from fusion.readers import read_recording
+from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
+from fusion.readers.cwa import read as cwa
+from fusion.readers.cwa.read import HEADER_BYTES, parse_header
+from fusion.readers.gt3x import read as gt3x
+from fusion.readers.gt3x.clock import order_seconds
+from fusion.readers.gt3x.read import DeviceText, name_offset, parse_device_text, tell_start
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, find_missing
+
+# Figures that tell the maker of a logger whether axes, scales and clock of a recording are right.
+
+
+Table = NDArray[np.float64]
+WIDEST_MARGIN = 0.1
+
+
+def measure_sanity(recording: Recording) -> dict[str, object]:
+    """1 g at rest, and the gyroscope's axes and scale, as the data show them.
+
+    ``rest_g``: length of the acceleration at still moments, None without any. ``turns``: windows of 8 s in
+    which gravity turned enough to tell something. ``handedness``: +1 wholly right-handed, -1 wholly
+    left-handed, from how well the angular rate and its opposite explain the turns. ``axes``: the readings
+    that explain them as rates about x, y and z, "+x +y +z" where all is right. ``gyro_scale``: the factor on
+    the rates that explains them best, 1 where it is right, give or take ``gyro_scale_margin`` (twice its
+    standard error); ``gyro_scale_axes`` the same for each axis, None where its margin is over 10 %. What
+    rests on turns is None where there are too few. The recording is taken as it came through
+    :mod:`fusion.checks.physics`: what was corrected there is among the warnings.
+    """
+    rest_g, is_still = find_rest_g(recording.segments)
+    offset_dps = find_gyro_offset_dps(recording.segments)
+    return {
+        "rest_g": round(rest_g, 4) if is_still else None,
+        "gyro_offset_dps": [round(float(value), 3) for value in offset_dps],
+        **_measure_turns(recording, offset_dps),
+    }
+
+
+def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]:
+    windows, _ = cut_whole_windows(recording.segments)
+    evidence = judge_frame(windows, offset_dps, (1.0,))
+    if evidence is None:
+        none = (
+            "handedness",
+            "axes",
+            "gyro_scale",
+            "gyro_scale_margin",
+            "gyro_scale_axes",
+            "unexplained_percent",
+        )
+        return {"turns": 0, **dict.fromkeys(none)}
+    scale = measure_scale(windows, evidence.as_read, 1.0)
+    margins = 2.0 * scale.axes_errors
+    return {
+        "turns": evidence.lively,
+        "handedness": round(_score_handedness(windows, evidence.as_read.model), 3),
+        "axes": None if evidence.is_doubtful else name_axes(evidence.chosen.turn),
+        "gyro_scale": round(scale.overall, 3),
+        "gyro_scale_margin": round(2.0 * scale.error, 3),
+        "gyro_scale_axes": [
+            round(float(k), 3) if margin < WIDEST_MARGIN else None
+            for k, margin in zip(scale.axes, margins, strict=True)
+        ],
+        "unexplained_percent": round(100.0 * evidence.as_read.score, 2),
+    }
+
+
+def _score_handedness(windows: GravityWindows, model: GyroModel) -> float:
+    turned = GyroModel(-model.gain, -model.drift_dps, model.offset_g)
+    right, left = (float((measure_miss(windows, one) ** 2).sum()) for one in (model, turned))
+    return (left - right) / max(left + right, 1e-12)
+
+
+# What `acromion inspect` tells: what the reader took the file for, and what is wrong with it.
+
+
+LISTED_GAPS = 100
+"""The longest ones; the count is always given in full."""
+
+
+def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> dict[str, object]:
+    """A JSON-ready description of a recording, for the person and for the maker of a logger.
+
+    ``recorded_s`` = ``present_s`` + ``missing_s``, to the microsecond; ``gaps`` are all holes, those of up
+    to 50 ms too; ``samples`` are those that were measured; ``excluded`` names time that the device itself
+    says it did not measure, or not on the arm.
+
+    ``left_out``: what an analysis will exclude; that is not missing, here as there.
+    """
+    holes = find_missing(recording.segments, recording.duration_us, (*recording.excluded, *left_out))
+    gaps = sorted(holes, key=lambda gap: -gap.duration_us)
+    bridged_rows = sum(stop - first for s in recording.segments for first, stop in s.bridged)
+    missing_us = sum(gap.duration_us for gap in gaps)
+    return {
+        "device": recording.device,
+        "sha256": recording.sha256,
+        "serial_hash": recording.serial_hash,
+        "start": recording.start.isoformat() if recording.start else None,
+        "time_zone": recording.time_zone,
+        "recorded_s": recording.duration_us / MICROSECONDS,
+        "present_s": (recording.duration_us - missing_us) / MICROSECONDS,
+        "missing_s": missing_us / MICROSECONDS,
+        "rate_hz": round(recording.rate_hz, 4),
+        "nominal_rate_hz": _number(recording.understood.get("nominal_rate_hz")),
+        "jitter_us": _number(recording.understood.get("jitter_us")),
+        "samples": sum(len(segment) for segment in recording.segments) - bridged_rows,
+        "segments": len(recording.segments),
+        "gap_count": len(gaps),
+        "gaps": [_describe_span(gap) for gap in gaps[:LISTED_GAPS]],
+        "excluded": [{**_describe_span(span), "reason": span.reason} for span in recording.excluded],
+        "bridged_rows": bridged_rows,
+        "counter_wraps": sum(flag.count for flag in recording.flags if flag.code == "W-WRAP"),
+        "sanity": measure_sanity(recording),
+        "acc_range_g": recording.acc_range_g,
+        "gyr_range_dps": recording.gyr_range_dps,
+        "understood": dict(recording.understood),
+        "warnings": [_describe_flag(flag) for flag in recording.flags],
+    }
+
+
+def _number(text: str | None) -> float | None:
+    return float(text) if text else None
+
+
+def _describe_span(span: Span) -> dict[str, object]:
+    return {"start_s": span.start_us / MICROSECONDS, "length_s": span.duration_us / MICROSECONDS}
+
+
+def _describe_flag(flag: QualityFlag) -> dict[str, object]:
+    return {
+        "code": flag.code,
+        "count": flag.count,
+        "seconds": flag.seconds,
+        "first_s": flag.first_s,
+        "last_s": flag.last_s,
+        "facts": dict(flag.facts),
+    }
+
+
+MAX_UNPACKED_BYTES = 8 << 20
+LONGEST_RECORDING = timedelta(days=366)
+_STAMPED = {"calendar", "number since 1970"}
+_LONGEST_COUNT_US = 1 << 32  # a count of 32 bits, the usual one, begins anew after 72 minutes
+_CLOCK_DOUBTS = {"W-CLOCK-BACK", "W-CLOCK-FWD", "W-CLOCK-UNSET"}
+_GZIP_WINDOW = 16 + zlib.MAX_WBITS
+_LOCAL_HEADER = struct.Struct("<4s5H3I2H")  # APPNOTE 4.3.7: one before each member of a zip
+_DEVICE_TEXT = re.compile(rb"PK\x03\x04.{22}\x08\x00..info\.txt", re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class HeadFacts:
+    """What could be told so far; None: not yet."""
+
+    device: str | None = None
+    rate_hz: float | None = None
+    start: datetime | None = None
+    end: datetime | None = None
+    time_zone: str | None = None
+    serial_hash: str | None = None
+
+
+def inspect_head(
+    head: bytes, file_name: str = "", rate_hz: float | None = None, tail: bytes | None = None
+) -> HeadFacts:
+    """Say what the first bytes of a file show and, with its last bytes, when the recording ends.
+
+    ``tail``: the last bytes of the file, none of which is in ``head``; empty where the head is the whole
+    file, None where they are not known. Whatever a tail holds, it only ever adds or leaves out the end and,
+    for a `.gt3x`, what info.txt says; it refuses nothing.
+
+    Raises
+    ------
+    UnknownFormat
+        The file is something else than a recording; that it is cut is no reason.
+    """
+    if head.startswith(ZIP_MAGIC):
+        return _inspect_zip(head, rate_hz, tail or b"")
+    if cwa.is_cwa(head):
+        return _inspect_cwa(head, tail)
+    if head.startswith(GZIP_MAGIC):  # the tail of a packed table cannot be unpacked by itself
+        return _inspect_text(_inflate(head), file_name.removesuffix(".gz"), rate_hz)
+    return _inspect_text(head, file_name, rate_hz, tail)
+
+
+def _inspect_text(head: bytes, file_name: str, rate_hz: float | None, tail: bytes | None = None) -> HeadFacts:
+    """Read the whole lines as if they were the file."""
+    lines = head[: head.rfind(b"\n") + 1]
+    try:
+        recording = _read_lines(lines, file_name, rate_hz)
+    except (EmptyFile, NoGyroscope):
+        return HeadFacts()
+    except UnknownFormat:
+        raise
+    except FusionError:  # too short, dead, without time: the rest may tell otherwise
+        return HeadFacts()
+    if any(flag.code == "W-REVERSED" for flag in recording.flags):
+        return replace(_tell(recording), start=None)  # it begins where the file ends
+    end = None if tail is None else _find_last_row(recording, (lines, tail), file_name, rate_hz)
+    return replace(_tell(recording), end=end)
+
+
+def _find_last_row(
+    first: Recording, ends: tuple[bytes, bytes], file_name: str, rate_hz: float | None
+) -> datetime | None:
+    """Read the first lines and the last as if they were the file: it ends where the file ends.
+
+    ``first`` is what was read of the first lines alone. A bare count may have begun anew in between, unseen:
+    it tells an end only where it goes further than a count of 32 bits of microseconds can.
+    """
+    lines, tail = ends
+    if not tail:
+        return _find_end(first)
+    with suppress(FusionError):
+        both = _read_lines(lines + _keep_whole_lines(tail), file_name, rate_hz)
+        time = both.understood.get("time")
+        least_us = first.duration_us if time in _STAMPED else max(first.duration_us, _LONGEST_COUNT_US)
+        if time in (*_STAMPED, "number") and both.start == first.start and both.duration_us > least_us:
+            return _find_end(both)
+    return None
+
+
+def _read_lines(lines: bytes, file_name: str, rate_hz: float | None) -> Recording:
+    return read_recording(io.BytesIO(lines), file_name=file_name, rate_hz=rate_hz, sha256="-")
+
+
+def _keep_whole_lines(tail: bytes) -> bytes:
+    """Leave out the first line, whose beginning is not in the tail, and a last one that was broken off."""
+    return tail[tail.find(b"\n") + 1 : tail.rfind(b"\n") + 1]
+
+
+def _find_end(recording: Recording) -> datetime | None:
+    """Give the device's clock at the end, where the recording is as long as one can be."""
+    lasted = timedelta(microseconds=recording.duration_us)
+    return recording.start + lasted if recording.start and lasted <= LONGEST_RECORDING else None
+
+
+def _inspect_zip(head: bytes, rate_hz: float | None, tail: bytes) -> HeadFacts:
+    members = dict(_list_members(head))
+    if {"info.txt", "log.bin"} & set(members):
+        return _inspect_gt3x(members, _find_device_text(tail))
+    packed = next((name for name in members if name.lower().endswith((".csv", ".txt"))), None)
+    return _inspect_text(members[packed], packed, rate_hz) if packed else HeadFacts()
+
+
+def _inspect_cwa(head: bytes, tail: bytes | None) -> HeadFacts:
+    """Read the blocks that came; a gyroscope that is off in the first of them is off in all."""
+    try:
+        first = _read_blocks(head, b"")
+    except NoGyroscope:
+        raise
+    except FusionError:
+        return HeadFacts(device="ax6")
+    end = None
+    if tail is not None:
+        with suppress(FusionError):
+            end = _find_last_block(first, _read_blocks(head, tail) if tail else first)
+    return replace(_tell(first), end=end)
+
+
+def _find_last_block(first: Recording, both: Recording) -> datetime | None:
+    """Give the end of what begins with the head and ends with the tail, where one clock runs through both."""
+    is_one_clock = _CLOCK_DOUBTS.isdisjoint(flag.code for flag in both.flags)
+    goes_on = both is first or both.duration_us > first.duration_us
+    return _find_end(both) if is_one_clock and goes_on and both.start == first.start else None
+
+
+def _read_blocks(head: bytes, tail: bytes) -> Recording:
+    log = cwa.decode_log([head[HEADER_BYTES:], tail])
+    if not log.columns.rows:
+        log.refuse_unusable()
+    return cwa.build_recording(parse_header(head), log)
+
+
+def _find_device_text(tail: bytes) -> bytes:
+    """Unpack info.txt where the tail of a `.gt3x` holds it from its beginning; else nothing."""
+    last = max(_DEVICE_TEXT.finditer(tail), key=re.Match.start, default=None)
+    return next(_list_members(tail[last.start() :]))[1] if last else b""
+
+
+def _inspect_gt3x(members: dict[str, bytes], last_text: bytes) -> HeadFacts:
+    """Read the log as far as it came (info.txt may be the last member); else what info.txt says."""
+    text = parse_device_text((last_text or members.get("info.txt", b""))[:MAX_TEXT_BYTES])
+    with suppress(FusionError):
+        log = gt3x.decode_log([members.get("log.bin", b"")])
+        log.refuse_unusable()
+        timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
+        recording = gt3x.build_recording(text, log, timeline)
+        # whether info.txt counts UTC where the log does is not known
+        end = None if log.events.counts_utc else _tell_end(text, recording.start, recording.duration_us)
+        return replace(_tell(recording), end=end)
+    return _tell_device(text) if text.values else HeadFacts()
+
+
+def _tell_device(text: DeviceText) -> HeadFacts:
+    start = _tell_moment(text, "Start Date")
+    zone = None if text.offset_s is None else name_offset(text.offset_s)
+    return HeadFacts("gt9x", None, start, _tell_end(text, start, 0), zone, text.serial_hash)
+
+
+def _tell_end(text: DeviceText, start: datetime | None, least_us: int) -> datetime | None:
+    """Give the last sample time of info.txt; None where it is before what was read, or absurd."""
+    end = _tell_moment(text, "Last Sample Time")
+    if start is None or end is None:
+        return None
+    return end if timedelta(microseconds=least_us) <= end - start <= LONGEST_RECORDING else None
+
+
+def _tell_moment(text: DeviceText, key: str) -> datetime | None:
+    """Read a line of info.txt on the device's clock; None where it is no time of the calendar."""
+    unix_s = text.unix_s(key)
+    if unix_s is None:
+        return None
+    try:
+        return tell_start(int(unix_s), text.offset_s, counts_utc=False)
+    except (OverflowError, ValueError):
+        return None
+
+
+def _tell(recording: Recording) -> HeadFacts:
+    return HeadFacts(
+        recording.device,
+        round(recording.rate_hz, 4),
+        recording.start,
+        None,
+        recording.time_zone,
+        recording.serial_hash,
+    )
+
+
+def _list_members(head: bytes) -> Iterator[tuple[str, bytes]]:
+    """Unpack the members that the head holds, the last one as far as it came."""
+    at = 0
+    while head[at : at + 4] == ZIP_MAGIC and at + _LOCAL_HEADER.size <= len(head):
+        _, _, flags, method, _, _, _, packed, _, name_bytes, extra_bytes = _LOCAL_HEADER.unpack_from(head, at)
+        name_at = at + _LOCAL_HEADER.size
+        first = name_at + name_bytes + extra_bytes
+        name = head[name_at : name_at + name_bytes].decode("utf-8", "replace")
+        sizes_follow = bool(flags & 0x8)  # then only the packed stream itself says where it ends
+        body = head[first:] if sizes_follow else head[first : first + packed]
+        content, used = _unpack(body, method)
+        yield name, content
+        at = first + (used + (16 if sizes_follow else 0))
+
+
+def _unpack(body: bytes, method: int) -> tuple[bytes, int]:
+    if method == 0:
+        return body, len(body)
+    unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        content = unpacker.decompress(body, MAX_UNPACKED_BYTES)
+    except zlib.error:  # the whole file will be judged when it is here
+        return b"", len(body)
+    return content, len(body) - len(unpacker.unused_data)
+
+
+def _inflate(body: bytes) -> bytes:
+    try:
+        return zlib.decompressobj(_GZIP_WINDOW).decompress(body, MAX_UNPACKED_BYTES)
+    except zlib.error:
+        return b""

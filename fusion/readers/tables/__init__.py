@@ -1,0 +1,1 @@
+"""Tables of samples: CSV, Parquet and register dumps; their layout, columns and dates."""

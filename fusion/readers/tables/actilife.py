@@ -1,0 +1,159 @@
+"""ActiLife "-IMU.csv": ten header lines, then one row for each hundredth of a second.
+
+Header facts: GT9X exports of ActiLife 6.12 to 6.13.4, with and without the Timestamp column, and a copy that
+Excel saved again (every header line then ends in commas).
+Compared to ActiLife: nothing. ActiLife has already resampled each second to exactly 100 rows, and carries the
+last value forward where records were missing; such runs of equal rows are taken as missing.
+"""
+
+import re
+from datetime import datetime
+
+import numpy as np
+
+from fusion.errors import EpochFile, NoGyroscope, TooShort, UnknownColumns
+from fusion.readers.gt3x.read import parse_offset_s
+from fusion.readers.source import Source
+from fusion.readers.tables.careful_path import CALENDAR_TIME, COUNTER, IGNORED, STAMP
+from fusion.readers.tables.columns import choose_vector
+from fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, find_form, flag_text, read_layout
+from fusion.readers.tables.plan import judge_clock, settle_stamps, tell_clock
+from fusion.readers.tables.rows import TablePlan, read_table
+from fusion.readers.timebase.clock import LARGEST_DRIFT, hash_serial
+from fusion.readers.timebase.grid import Grid
+from fusion.readers.timebase.segments import cut_counted, cut_stamped
+from fusion.recording import MICROSECONDS, QualityFlag, Recording
+
+FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
+DEVICE_RANGES = (16.0, 2000.0)
+DATE_ORDERS = {"m": "%m %d %Y", "d": "%d %m %Y", "y": "%Y %m %d"}
+
+
+def recognise(source: Source) -> bool:
+    """Whether the first line is ActiLife's."""
+    head = decode_head(source, find_form(source.head))
+    return bool(FIRST_LINE.match(head[:400]))
+
+
+def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the header tells it)
+    """Read an ActiLife IMU export.
+
+    Raises
+    ------
+    EpochFile, NoGyroscope, UnknownColumns
+        An export of another kind.
+    fusion.errors.UnreadableRows, fusion.errors.CutByExcel, fusion.errors.AmbiguousDecimal
+        The table is damaged.
+    """
+    form = find_form(source.head)
+    head = decode_head(source, form)
+    header = parse_header(head)
+    layout = read_layout(source, form)
+    _refuse_other_exports(header, layout, head)
+    assert layout is not None
+    plan = _plan_table(layout)
+    rows = read_table(source, form, layout, plan)
+    if rows.columns.rows == 0:
+        raise TooShort(s=0.0)
+    if plan.stamp_kind == CALENDAR_TIME:
+        changes = settle_stamps(rows, layout, plan)
+        clock = tell_clock(layout, plan, int(rows.columns.stamps[0]))
+        grid = cut_stamped(rows.columns)
+        changes += _flag_rate(header, grid)
+    else:
+        clock, changes = judge_clock(parse_start(header)), ()
+        grid = cut_counted(rows.columns, header_rate_hz(header))
+    flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, form, layout))
+    return Recording(
+        device="gt9x",
+        sha256="",
+        start=clock.start,
+        time_zone=clock.time_zone,
+        duration_us=grid.duration_us,
+        segments=grid.segments,
+        flags=(*flags, *clock.flags),
+        understood=_describe(header, layout, rows.columns.rows),
+        serial_hash=hash_serial(header.get("Serial Number", "")),
+        acc_range_g=DEVICE_RANGES[0],
+        gyr_range_dps=DEVICE_RANGES[1],
+    )
+
+
+def parse_header(head: str) -> dict[str, str]:
+    """The ten lines before the table; the first under the key "" ."""
+    lines = [line.rstrip("\r").strip(',;\t "') for line in head.split("\n")[:12]]
+    values = {"": lines[0]}
+    for line in lines[1:]:
+        found = re.match(r"(Serial Number|Start Time|Start Date|Epoch Period \(hh:mm:ss\)):?\s+(.*)", line)
+        if found:
+            values[found.group(1).split(" (")[0]] = found.group(2)
+    return values
+
+
+def header_rate_hz(header: dict[str, str]) -> float:
+    """`at 100 Hz` of the first line; ActiLife's IMU exports are resampled to exactly that."""
+    found = re.search(r"at (\d{1,4}) Hz", header[""])
+    return float(found.group(1)) if found else 100.0
+
+
+def _flag_rate(header: dict[str, str], grid: Grid) -> tuple[QualityFlag, ...]:
+    """Say that the rows come at another rate than the header's (W-DRIFT)."""
+    nominal_hz, true_hz = header_rate_hz(header), MICROSECONDS / grid.period_us
+    if abs(true_hz - nominal_hz) <= LARGEST_DRIFT * nominal_hz:
+        return ()
+    return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
+
+
+def parse_start(header: dict[str, str]) -> datetime | None:
+    """Start Date and Time by the date format that the first line names; None where they contradict it."""
+    order = re.search(r"date format (\w)", header[""])
+    parts = re.findall(r"\d+", header.get("Start Date", ""))
+    if order is None or len(parts) != 3:
+        return None
+    pattern = DATE_ORDERS.get(order.group(1).lower(), "%Y %m %d")
+    try:
+        return datetime.strptime(  # noqa: DTZ007 (the header tells no zone)
+            f"{' '.join(parts)} {header.get('Start Time', '')}", f"{pattern} %H:%M:%S"
+        )
+    except ValueError:
+        return None
+
+
+def _refuse_other_exports(header: dict[str, str], layout: TextLayout | None, head: str) -> None:
+    epoch_s = parse_offset_s(header.get("Epoch Period", "")) or 0
+    if epoch_s > 0:
+        raise EpochFile(sec=epoch_s)
+    if layout is not None and choose_vector(layout.columns, "gyr") and choose_vector(layout.columns, "acc"):
+        return
+    if "Accelerometer X" in head and "Gyroscope" not in head:
+        raise NoGyroscope(cure="GT9X")
+    if "Accelerometer X" in head and layout is None:
+        raise TooShort(s=0.0)
+    raise UnknownColumns(list=", ".join(c.name for c in layout.columns)[:200] if layout else "-")
+
+
+def _plan_table(layout: TextLayout) -> TablePlan:
+    targets = [IGNORED] * layout.n_columns
+    for first, channel in ((1, "acc"), (4, "gyr")):
+        places = choose_vector(layout.columns, "acc" if channel == "acc" else "gyr")
+        for axis, place in enumerate(places or ()):
+            targets[place] = first + axis
+    stamps = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
+    if stamps and all(CALENDAR.fullmatch(row[stamps[0]]) for row in layout.sample_rows[:5]):
+        targets[stamps[0]] = STAMP
+        return TablePlan(tuple(targets), CALENDAR_TIME)
+    return TablePlan(tuple(targets), COUNTER)
+
+
+def _describe(header: dict[str, str], layout: TextLayout, n_rows: int) -> dict[str, str]:
+    version = re.search(r"ActiLife v([\d.]+)", header[""])
+    return {
+        "layout": "ActiLife IMU CSV",
+        "columns": ", ".join(column.name for column in layout.columns),
+        "units": "g, deg/s",
+        "nominal_rate_hz": f"{header_rate_hz(header):g}",
+        "samples": str(int(np.int64(n_rows))),
+        "software": version.group(1) if version else "",
+        "clock": "local",
+        "time": "calendar" if any(column.channel == "time" for column in layout.columns) else "row number",
+    }

@@ -1,0 +1,349 @@
+"""The careful reading of one line of a table: any number of digits, exponents, quotes, padding, damage."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.numba_kernels import inner_making_arrays
+
+# The hot path of every text layout, in the small: one field of bytes to a number, without a string between.
+#
+# A number is read as an integer mantissa and a power of ten: correctly rounded for up to 15 digits, and
+# within one unit in the last place of a double beyond, which is far below float32. Every piece ends with a
+# newline, at which all loops stop, so none needs a bounds check.
+
+
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+
+NEWLINE, RETURN, SPACE, QUOTE, PLUS, MINUS, ZERO, NINE = 10, 13, 32, 34, 43, 45, 48, 57
+NUMBER, MISSING, UNREADABLE = 0, 1, 2
+LONGEST_MANTISSA = 18
+FOUR_DIGITS = 10_000
+
+POWERS = 10.0 ** np.arange(0, 320).clip(0, 308)
+WHOLE_POWERS = 10 ** np.arange(0, 19, dtype=np.int64)
+LARGEST_WHOLE = np.int64(9_000_000_000_000_000_000) // WHOLE_POWERS
+
+
+@inner_making_arrays
+def is_end(byte: int, delimiter: int) -> bool:
+    """Whether a field ends here."""
+    return byte == delimiter or byte == NEWLINE or byte == RETURN  # noqa: PLR1714 (bare compares in the kernel)
+
+
+@inner_making_arrays
+def skip_field(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
+    """Go to the end of the field."""
+    while not is_end(buffer[at], delimiter):
+        at += 1
+    return at
+
+
+@inner_making_arrays
+def skip_spaces(buffer: NDArray[np.uint8], at: int) -> int:
+    """Go over spaces."""
+    while buffer[at] == SPACE:
+        at += 1
+    return at
+
+
+@inner_making_arrays
+def skip_padding(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
+    """Go over spaces and quotes."""
+    while (buffer[at] == SPACE and delimiter != SPACE) or buffer[at] == QUOTE:
+        at += 1
+    return at
+
+
+@inner_making_arrays
+def take_digits(buffer: NDArray[np.uint8], at: int, mantissa: int) -> tuple[int, int]:
+    """Append the digits at ``at`` to the mantissa; return where they end and the new mantissa."""
+    digit = np.int64(buffer[at]) - ZERO
+    while 0 <= digit <= 9:
+        mantissa = mantissa * 10 + digit
+        at += 1
+        digit = np.int64(buffer[at]) - ZERO
+    return at, mantissa
+
+
+@inner_making_arrays
+def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int) -> tuple[int, int]:
+    """Mantissa and exponent of more digits than an int64 holds: the first 18 count."""
+    mantissa = np.int64(0)
+    exponent = 0
+    digits = 0
+    is_fraction = False
+    for k in range(at, stop):
+        if buffer[k] == decimal:
+            is_fraction = True
+            continue
+        if digits < LONGEST_MANTISSA:
+            mantissa = mantissa * 10 + (np.int64(buffer[k]) - ZERO)
+            digits += int(mantissa != 0)
+            exponent -= int(is_fraction)
+        else:
+            exponent += int(not is_fraction)
+    return mantissa, exponent
+
+
+@inner_making_arrays
+def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
+    """Read `e-05`; return (where it began, 0) where no digit follows."""
+    start = at
+    at += 1
+    is_negative = buffer[at] == MINUS
+    if is_negative or buffer[at] == PLUS:
+        at += 1
+    end, exponent = take_digits(buffer, at, np.int64(0))
+    if end == at or end - at > 4:
+        return start, 0
+    return end, -exponent if is_negative else exponent
+
+
+@inner_making_arrays
+def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
+    """Tell a value that is absent (empty, `-`, nan, inf, null, NA) from an unreadable one."""
+    while at < end and (buffer[at] == PLUS or buffer[at] == MINUS or buffer[at] == SPACE):
+        at += 1
+    while end > at and (buffer[end - 1] == SPACE or buffer[end - 1] == QUOTE):
+        end -= 1
+    if at == end:
+        return MISSING
+    first = buffer[at] | 32
+    last = buffer[end - 1] | 32
+    if end - at == 2 and first == 110 and last == 97:  # na
+        return MISSING
+    if end - at == 3 and ((first == 110 and last == 110) or (first == 105 and last == 102)):  # nan, inf
+        return MISSING
+    if end - at == 4 and first == 110 and last == 108:  # null
+        return MISSING
+    return UNREADABLE
+
+
+@inner_making_arrays
+def take_number(
+    buffer: NDArray[np.uint8], at: int, delimiter: int, decimal: int
+) -> tuple[int, int, int, int]:
+    """Read one field; return where it ends, mantissa, power of ten, and what it is."""
+    at = skip_padding(buffer, at, delimiter)
+    start = at
+    is_negative = buffer[at] == MINUS
+    if is_negative or buffer[at] == PLUS:
+        at += 1
+    first_digit = at
+    at, mantissa = take_digits(buffer, at, np.int64(0))
+    digits = at - first_digit
+    exponent = 0
+    if buffer[at] == decimal:
+        point = at + 1
+        at, mantissa = take_digits(buffer, point, mantissa)
+        exponent = point - at
+        digits -= exponent
+    if digits > LONGEST_MANTISSA:
+        mantissa, exponent = take_long_digits(buffer, first_digit, at, decimal)
+    if digits > 0 and (buffer[at] | 32) == 101:
+        at, power = take_exponent(buffer, at)
+        exponent += power
+    after = skip_padding(buffer, at, delimiter)
+    if digits > 0 and is_end(buffer[after], delimiter):
+        return after, -mantissa if is_negative else mantissa, exponent, NUMBER
+    end = skip_field(buffer, after, delimiter)
+    return end, np.int64(0), 0, classify_word(buffer, start, end)
+
+
+@inner_making_arrays
+def scale_decimal(mantissa: int, exponent: int) -> float:
+    """Mantissa times a power of ten."""
+    if exponent < 0:
+        return mantissa / POWERS[min(-exponent, 308)]
+    return mantissa * POWERS[min(exponent, 308)]
+
+
+@inner_making_arrays
+def scale_stamp(mantissa: int, exponent: int) -> int:
+    """Mantissa times a power of ten, as a whole number rounded to the nearest."""
+    if 0 <= exponent <= 18 and abs(mantissa) <= LARGEST_WHOLE[exponent]:
+        return mantissa * WHOLE_POWERS[exponent]
+    if -18 <= exponent < 0:
+        unit = WHOLE_POWERS[-exponent]
+        return (mantissa + unit // 2) // unit
+    value = scale_decimal(mantissa, exponent)
+    return np.int64(value) if abs(value) < 9e18 else np.int64(0)
+
+
+@inner_making_arrays
+def count_days(year: int, month: int, day: int) -> int:
+    """Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, days_from_civil)."""
+    year -= int(month <= 2)
+    era = year // 400
+    year_of_era = year - era * 400
+    day_of_year = (153 * (month + (-3 if month > 2 else 9)) + 2) // 5 + day - 1
+    return era * 146_097 + year_of_era * 365 + year_of_era // 4 - year_of_era // 100 + day_of_year - 719_468
+
+
+@inner_making_arrays
+def take_calendar(buffer: NDArray[np.uint8], at: int, delimiter: int) -> tuple[int, int, int]:
+    """Read `2019-02-14T08:58:00.0100000`; return where it ends, microseconds since 1970, what it is."""
+    at = skip_padding(buffer, at, delimiter)
+    start = at
+    date, clock = np.int64(0), np.int64(0)  # three numbers of up to four digits each
+    for k in range(6):
+        end, part = take_digits(buffer, at, np.int64(0))
+        if end == at or end - at > 4:
+            end = skip_field(buffer, at, delimiter)
+            return end, np.int64(0), classify_word(buffer, start, end)
+        if k < 3:
+            date = date * FOUR_DIGITS + part
+        else:
+            clock = clock * FOUR_DIGITS + part
+        at = end + int(k < 5 and not is_end(buffer[end], delimiter))
+    fraction_us = np.int64(0)
+    if buffer[at] == 46 or (buffer[at] == 44 and delimiter != 44):
+        end, digits = take_digits(buffer, at + 1, np.int64(0))
+        fraction_us = scale_stamp(digits, 6 - (end - at - 1))
+        at = end
+    at = skip_padding(buffer, at, delimiter)
+    if buffer[at] == 90:  # Z
+        at += 1
+    year, month, day = date // FOUR_DIGITS**2, date // FOUR_DIGITS % FOUR_DIGITS, date % FOUR_DIGITS
+    hour, minute, second = clock // FOUR_DIGITS**2, clock // FOUR_DIGITS % FOUR_DIGITS, clock % FOUR_DIGITS
+    is_sane = 1 <= month <= 12 and 1 <= day <= 31 and hour < 24 and minute < 60 and second < 61
+    seconds = count_days(year, month, day) * 86_400 + hour * 3600 + minute * 60 + second
+    kind = NUMBER if is_sane and is_end(buffer[at], delimiter) else UNREADABLE
+    return skip_field(buffer, at, delimiter), seconds * 1_000_000 + fraction_us, kind
+
+
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+
+IGNORED, STAMP = -1, 0
+LARGEST_VALUE = 1e9
+"""No sensor writes more in any unit: the line was damaged."""
+COUNTER, NUMERIC_TIME, CALENDAR_TIME = 0, 1, 2
+"""Where the stamps come from: the row's number, a number in some unit, a date with a time."""
+LINES, BLANKS, BAD, ABSENT, HEADERS, FIRST_BAD_LINE, LAST_BAD_LINE, SAMPLES = range(8)
+"""Places in the tally: lines; blank ones; unreadable ones; rows with a value that is absent; repeated
+headers; where the first and last unreadable line stood; rows that were meant to be there."""
+TALLY_PLACES = 8
+PAUSE = 1 << 32
+"""Added to the row number at a blank line or a new header where the layout has no time: a break of unknown
+length."""
+Rules = tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+"""Header line; target of each column (-1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate);
+column of each target, -1 for none; delimiter, decimal mark, kind of stamp, power of ten from stamps to
+microseconds; factor of each target."""
+Values = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
+"""Acceleration, angular rate, stamps."""
+
+
+@inner_making_arrays
+def take_stamp(
+    buffer: NDArray[np.uint8], at: int, signs: NDArray[np.int64], stamps: NDArray[np.int64]
+) -> tuple[int, int]:
+    """Read the stamp column into ``stamps[0]``; return where it ends and what it is."""
+    if signs[2] == CALENDAR_TIME:
+        at, stamps[0], kind = take_calendar(buffer, at, signs[0])
+        return at, kind
+    at, mantissa, exponent, kind = take_number(buffer, at, signs[0], signs[1])
+    stamps[0] = scale_stamp(mantissa, exponent + signs[3])
+    return at, kind
+
+
+@inner_making_arrays
+def take_row(
+    buffer: NDArray[np.uint8],
+    at: int,
+    columns: tuple[NDArray[np.int64], NDArray[np.int64]],
+    fields: NDArray[np.float64],
+    stamps: NDArray[np.int64],
+) -> tuple[int, int]:
+    """Read one line into ``fields`` and ``stamps[0]``; return its end and the worst of its fields.
+
+    ``columns``: targets and signs, as in ``Rules``.
+    """
+    targets, signs = columns
+    delimiter, decimal = signs[0], signs[1]
+    worst = NUMBER
+    for column in range(len(targets)):
+        if column > 0:
+            if buffer[at] != delimiter:
+                return at, UNREADABLE
+            at += 1
+        if delimiter == SPACE:
+            at = skip_spaces(buffer, at)
+        target = targets[column]
+        if target > STAMP:
+            at, mantissa, exponent, kind = take_number(buffer, at, delimiter, decimal)
+            fields[target] = scale_decimal(mantissa, exponent)
+            worst = max(worst, kind if abs(fields[target]) < LARGEST_VALUE else UNREADABLE)
+        elif target == STAMP:
+            at, kind = take_stamp(buffer, at, signs, stamps)
+            worst = max(worst, kind)
+        else:
+            at = skip_field(buffer, at, delimiter)
+    return close_line(buffer, at, delimiter, worst)
+
+
+@inner_making_arrays
+def keep_row(
+    fields: NDArray[np.float64],
+    scales: NDArray[np.float64],
+    acc: NDArray[np.float32],
+    gyr: NDArray[np.float32],
+    row: int,
+) -> None:
+    """Scale the fields of a line into its row."""
+    for axis in range(3):
+        acc[row, axis] = fields[1 + axis] * scales[1 + axis]
+        gyr[row, axis] = fields[4 + axis] * scales[4 + axis]
+
+
+@inner_making_arrays
+def close_line(buffer: NDArray[np.uint8], at: int, delimiter: int, worst: int) -> tuple[int, int]:
+    """Go to the line's end; further fields are unreadable unless they are empty."""
+    while buffer[at] == delimiter or buffer[at] == SPACE or buffer[at] == RETURN:
+        at += 1
+    if buffer[at] != NEWLINE:
+        worst = UNREADABLE
+        while buffer[at] != NEWLINE:
+            at += 1
+    return at, worst
+
+
+@inner_making_arrays
+def is_blank(buffer: NDArray[np.uint8], at: int, delimiter: int) -> bool:
+    """Whether nothing but padding stands on the line."""
+    while buffer[at] == SPACE or buffer[at] == RETURN or buffer[at] == delimiter or buffer[at] == QUOTE:
+        at += 1
+    return buffer[at] == NEWLINE
+
+
+@inner_making_arrays
+def starts_with(buffer: NDArray[np.uint8], at: int, word: NDArray[np.uint8]) -> bool:
+    """Whether the line begins with ``word``, which must hold no newline."""
+    for k in range(len(word)):
+        if buffer[at + k] != word[k]:
+            return False
+    return len(word) > 0
+
+
+@inner_making_arrays
+def note_loss(kind: int, tally: NDArray[np.int64]) -> None:
+    """Count a row that was not kept."""
+    if kind == MISSING:
+        tally[ABSENT] += 1
+        return
+    tally[BAD] += 1
+    tally[LAST_BAD_LINE] = tally[LINES]
+    if tally[FIRST_BAD_LINE] == 0:
+        tally[FIRST_BAD_LINE] = tally[LINES]
+
+
+@inner_making_arrays
+def next_line(buffer: NDArray[np.uint8], at: int) -> int:
+    """First byte after the line's end."""
+    while buffer[at] != NEWLINE:
+        at += 1
+    return at + 1

@@ -1,0 +1,420 @@
+"""The plain path through a table: lines of exactly the usual fields, numbers of up to 16 characters.
+
+It works column by column on runs of lines whose field ends are known, so that each loop is short and its
+branches are foreseen. It either reads a line exactly as :mod:`fusion.readers.tables.careful_path` would, or
+leaves it to that.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
+from fusion.readers.tables.careful_path import (
+    CALENDAR_TIME,
+    COUNTER,
+    LARGEST_VALUE,
+    MINUS,
+    NINE,
+    NUMBER,
+    POWERS,
+    SPACE,
+    STAMP,
+    WHOLE_POWERS,
+    ZERO,
+    Rules,
+    Values,
+    scale_stamp,
+    take_calendar,
+)
+from fusion.readers.tables.machine_words import (
+    ALL_BITS,
+    BYTE_PLACES,
+    EVERY_BYTE,
+    LAST_BYTE,
+    MINUS_BYTE,
+    NEWLINE,
+    NOT_PLAIN,
+    ONE,
+    RETURN,
+    SHIFT_BITS,
+    THREE,
+    WORD_DIGITS,
+    ZERO_WORD,
+    ZEROS,
+    count_bits,
+    find_others,
+    fold_digits,
+    load_word,
+    lowest_bit,
+    match_byte,
+    take_plain,
+)
+
+# Where fields and lines end, 64 bytes at a time.
+
+
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return, call-arg, misc"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+
+Marks = NDArray[np.int32]
+"""Places in the buffer, or in another array of places."""
+WORD_BYTES = 64
+EIGHT_MARKS = 8
+SPARE_MARKS = 16
+"""Room that must be left behind the last mark."""
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def write_marks(marks: Marks, found: int, base: int, word: int) -> None:
+    """Write the places of the bits that are set, eight at a time: what is too much is written over later."""
+    at = np.uintp(found)
+    while word != ZERO_WORD:
+        for k in range(EIGHT_MARKS):
+            marks[at + np.uintp(k)] = base + np.int64(lowest_bit(word))
+            word &= word - ONE
+        at += np.uintp(EIGHT_MARKS)
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def write_ends(ends: Marks, lines: int, found: int, word: int, newlines: int) -> int:
+    """Write which of the marks in ``word`` are ends of lines; return the new number of lines."""
+    while newlines != ZERO_WORD:
+        rest = newlines & (newlines - ONE)
+        before = word & ((newlines ^ rest) - ONE)
+        lines += 1
+        ends[np.uintp(lines)] = found + np.int64(count_bits(before))
+        newlines = rest
+    return lines
+
+
+@inner_making_arrays
+def find_marks(
+    buffer: NDArray[np.uint8], span: tuple[int, int], delimiter: int, marks: Marks, ends: Marks
+) -> tuple[int, int]:
+    """Find the ends of fields and lines in ``buffer[span[0]:span[1]]``, which ends with a newline.
+
+    ``marks`` receives the byte before the span and all delimiters and newlines in it; ``ends`` receives the
+    places in ``marks`` of the first and of all newlines. Both need ``SPARE_MARKS`` more room than there are
+    bytes. Returns how many lines there are and how many bytes end each, 1 or 2 (CRLF); no lines where both
+    kinds stand, or a return elsewhere.
+    """
+    first, stop = span
+    marks[0], ends[0] = first - 1, 0
+    found, lines, returns, pairs = np.int64(1), np.int64(0), np.int64(0), np.int64(0)
+    carried = ZERO_WORD
+    for base in range(first, stop, WORD_BYTES):
+        kept = ~ZERO_WORD
+        if stop - base < WORD_BYTES:
+            kept = (ONE << np.uint64(stop - base)) - ONE
+        newlines = match_byte(buffer, base, NEWLINE) & kept
+        word = newlines | (match_byte(buffer, base, delimiter) & kept)
+        back = match_byte(buffer, base, RETURN) & kept
+        write_marks(marks, found, base, word)
+        lines = write_ends(ends, lines, found, word, newlines)
+        found += np.int64(count_bits(word))
+        returns += np.int64(count_bits(back))
+        pairs += np.int64(count_bits(newlines & ((back << ONE) | carried)))
+        carried = back >> SHIFT_BITS
+    if returns == 0:
+        return lines, 1
+    return (lines, 2) if returns == pairs == lines else (0, 0)
+
+
+# Many numbers of one column at a time: the same steps for all, so that the compiler puts them side by side.
+#
+# Most columns keep to one number of decimals. Where it is foreseen, a number of at most eight digits needs
+# no search for its decimal mark: the decimals and the digits before the mark are each loaded to where they
+# belong in one word. The words of a block are gathered first, then folded without a branch between; a block
+# that holds any other form is left to :func:`fusion.readers.tables.machine_words.take_plain`.
+
+
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return, call-arg, operator"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+
+BLOCK_ROWS = 256
+WORDS_OF_A_FIELD = 4
+MOST_DECIMALS = WORD_DIGITS - 1
+SHIFT_OF_ALL = np.uint64(72)
+"""Bits of the longest form, nine characters."""
+Words = NDArray[np.uint64]
+"""Shape (4, block): the first bytes of each field, its last eight, those before its decimals, its length."""
+
+
+@kernel_making_arrays
+def gather_words(
+    buffer: NDArray[np.uint8], fields: Marks, step: tuple[int, int], decimals: int, words: Words
+) -> None:
+    """Load the words of as many fields as there is room for.
+
+    ``step``: marks from a row to the next, and bytes between the field and the mark after it.
+    """
+    stride, tail = step
+    lead, late, whole, length = words[0], words[1], words[2], words[3]
+    at = np.uintp(0)
+    for row in range(len(lead)):
+        first = np.int64(fields[at]) + 1
+        stop = np.int64(fields[at + np.uintp(1)]) - tail
+        lead[row] = load_word(buffer, first)
+        late[row] = load_word(buffer, stop - 8)
+        whole[row] = load_word(buffer, stop - 9 - decimals)
+        length[row] = stop - first
+        at += np.uintp(stride)
+
+
+@kernel_making_arrays
+def fold_words(
+    words: Words, decimals: int, form: tuple[int, float, float], values: NDArray[np.float64]
+) -> bool:
+    """Turn gathered words into numbers; False, and numbers that mean nothing, where one has another form.
+
+    ``form``: the decimal mark as of :func:`fusion.readers.tables.fast_path.spread_mark`, the power of ten
+    that the decimals stand for, and the factor to be applied.
+    """
+    dots, power, factor = form
+    lead, late, whole, length = words[0], words[1], words[2], words[3]
+    shift = np.uint64(8 * decimals)
+    fraction = ~(ALL_BITS >> shift)
+    mark_at = BYTE_PLACES - shift
+    shortest, spread = np.uint64(decimals + 2), np.uint64(MOST_DECIMALS - decimals)
+    others = ZERO_WORD
+    for row in range(len(values)):
+        minus = np.uint64(np.int64(lead[row] & LAST_BYTE == MINUS_BYTE))
+        digits = length[row] - minus
+        end = late[row] ^ ZEROS
+        word = ((whole[row] ^ ZEROS) >> shift) | (end & fraction)
+        word &= ALL_BITS << ((SHIFT_OF_ALL - (digits << THREE)) & SHIFT_BITS)
+        others |= find_others(word) | (((end ^ dots) >> mark_at) & LAST_BYTE)
+        others |= np.uint64(np.int64(digits - shortest > spread))
+        mantissa = fold_digits(word)
+        values[row] = ((mantissa ^ -np.int64(minus)) + np.int64(minus)) / power * factor
+    return others == ZERO_WORD
+
+
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return, call-arg"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+
+POINT = 46
+BYTE, SPACE_BYTE = np.uint64(255), np.uint64(SPACE)
+MINUTE_BYTES = 17
+"""Of `2019-02-14T08:58:`, what all stamps of a minute begin with."""
+MARKS_OF_A_MINUTE = 1 << 4 | 1 << 7 | 1 << 10 | 1 << 13 | 1 << 16
+"""A bit for each of them that is no digit."""
+LONGEST_SECOND = 61
+
+
+@kernel_making_arrays
+def spread_mark(decimal: int) -> int:
+    """The decimal mark as :func:`fusion.readers.tables.machine_words.take_plain` wants it."""
+    return np.uint64(decimal ^ ZERO) * EVERY_BYTE
+
+
+@inner_making_arrays
+def count_regular(ends: Marks, n_columns: int, most: int) -> int:
+    """How many lines from here on have exactly ``n_columns`` fields."""
+    rows = 0
+    while rows < most and ends[rows + 1] - ends[rows] == n_columns:
+        rows += 1
+    return rows
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def skip_padding(buffer: NDArray[np.uint8], at: int) -> int:
+    """Go over spaces before a number."""
+    while load_word(buffer, at) & BYTE == SPACE_BYTE:
+        at += 1
+    return at
+
+
+@inner_making_arrays
+def take_each(
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    form: tuple[int, float],
+    values: NDArray[np.float32],
+) -> int:
+    """Read a column of numbers one by one; return how many, up to the first that is not plain or too large.
+
+    ``step``: marks from a row to the next, and bytes between the field and the mark after it; ``form``:
+    decimal mark as of :func:`spread_mark`, factor.
+    """
+    stride, tail = step
+    dots, factor = form
+    for row in range(len(values)):
+        first = skip_padding(buffer, np.int64(fields[row * stride]) + 1)
+        mantissa, decimals = take_plain(buffer, first, np.int64(fields[row * stride + 1]) - tail, dots)
+        value = mantissa / POWERS[decimals]
+        if decimals == NOT_PLAIN or abs(value) >= LARGEST_VALUE:
+            return row
+        values[row] = value * factor
+    return len(values)
+
+
+@inner_making_arrays
+def take_values(
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    form: tuple[int, float],
+    values: NDArray[np.float32],
+) -> int:
+    """Read a column of numbers as :func:`take_each`, in blocks that keep to the decimals of the first."""
+    if len(values) == 0:
+        return 0
+    dots, factor = form
+    words, folded = np.empty((WORDS_OF_A_FIELD, BLOCK_ROWS), np.uint64), np.empty(BLOCK_ROWS)
+    _, usual = take_plain(buffer, np.int64(fields[0]) + 1, np.int64(fields[1]) - step[1], dots)
+    for first in range(0, len(values), BLOCK_ROWS):
+        block = values[first : first + BLOCK_ROWS]
+        places = fields[first * step[0] :]
+        if 1 <= usual <= MOST_DECIMALS and len(block) == BLOCK_ROWS:
+            gather_words(buffer, places, step, usual, words)
+            if fold_words(words, usual, (dots, POWERS[usual], factor), folded):
+                for row in range(BLOCK_ROWS):
+                    block[row] = folded[row]
+                continue
+        taken = take_each(buffer, places, step, form, block)
+        if taken < len(block):
+            return first + taken
+    return len(values)
+
+
+@kernel_making_arrays
+def take_stamps(
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    form: tuple[int, int],
+    stamps: NDArray[np.int64],
+) -> int:
+    """Read a column of numbers that are times; ``form``: decimal mark, power of ten to microseconds."""
+    stride, tail = step
+    dots, exponent = form
+    for row in range(len(stamps)):
+        first = skip_padding(buffer, np.int64(fields[row * stride]) + 1)
+        stop = np.int64(fields[row * stride + 1]) - tail
+        mantissa, decimals = take_plain(buffer, first, stop, dots)
+        if decimals == NOT_PLAIN:
+            return row
+        stamps[row] = scale_stamp(mantissa, exponent - decimals)
+    return len(stamps)
+
+
+@inner_making_arrays
+def is_minute(buffer: NDArray[np.uint8], at: int) -> bool:
+    """Whether `2019-02-14T08:58:` stands here: digits, with one other byte after each number."""
+    for k in range(MINUTE_BYTES):
+        is_digit = ZERO <= buffer[at + k] <= NINE
+        if is_digit == bool(MARKS_OF_A_MINUTE >> k & 1):
+            return False
+    return True
+
+
+@inner_making_arrays
+def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
+    """Read `08.0100000` between ``at`` and ``stop`` as microseconds; -1 for any other form."""
+    if stop < at + 2 or buffer[at] == MINUS or (stop > at + 2 and buffer[at + 2] != POINT):
+        return -1
+    mantissa, decimals = take_plain(buffer, at, stop, spread_mark(POINT))
+    if decimals == NOT_PLAIN or mantissa >= LONGEST_SECOND * WHOLE_POWERS[decimals]:
+        return -1
+    return scale_stamp(mantissa, 6 - decimals)
+
+
+@kernel_making_arrays
+def take_calendars(
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    delimiter: int,
+    stamps: NDArray[np.int64],
+) -> int:
+    """Read a column of dates with times; where the minute is that of the row before, by the seconds only."""
+    early, late, minute_us = np.uint64(0), np.uint64(0), np.int64(0)
+    for row in range(len(stamps)):
+        first = np.int64(fields[row * step[0]]) + 1
+        stop = np.int64(fields[row * step[0] + 1]) - step[1]
+        at = first + MINUTE_BYTES
+        seconds_us = take_seconds(buffer, at, stop) if stop > at else -1
+        if seconds_us < 0:
+            return row
+        if load_word(buffer, first) != early or load_word(buffer, at - 8) != late:
+            end, stamp, kind = take_calendar(buffer, first, delimiter)
+            if kind != NUMBER or end != stop or not is_minute(buffer, first):
+                return row
+            early, late, minute_us = load_word(buffer, first), load_word(buffer, at - 8), stamp - seconds_us
+        stamps[row] = minute_us + seconds_us
+    return len(stamps)
+
+
+@inner_making_arrays
+def take_plain_stamps(
+    buffer: NDArray[np.uint8],
+    fields: Marks,
+    step: tuple[int, int],
+    rules: Rules,
+    stamps: NDArray[np.int64],
+) -> int:
+    """Read the stamps of a run of lines by the layout's kind of stamp."""
+    _, _, _, signs, _ = rules
+    if signs[2] == CALENDAR_TIME:
+        return take_calendars(buffer, fields, step, signs[0], stamps)
+    return take_stamps(buffer, fields, step, (spread_mark(signs[1]), signs[3]), stamps)
+
+
+@inner_making_arrays
+def take_readings(
+    buffer: NDArray[np.uint8],
+    lines: tuple[Marks, Marks, int],
+    rules: Rules,
+    values: Values,
+    reach: tuple[int, int],
+) -> int:
+    """Read the six readings of the plain lines at the first mark; return how many lines.
+
+    ``lines``: marks and ends as of :func:`fusion.readers.tables.fast_path.find_marks`, from the line on, and
+    how many bytes end a line; ``reach``: first row to fill, how many lines at most.
+    """
+    marks, ends, end_bytes = lines
+    _, targets, columns, signs, scales = rules
+    acc, gyr, _ = values
+    row, most = reach
+    n_columns = len(targets)
+    rows = count_regular(ends, n_columns, most)
+    dots = spread_mark(signs[1])
+    for target in range(1, 7):
+        column = columns[target]
+        step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
+        taken = (acc if target < 4 else gyr)[row : row + rows, (target - 1) % 3]
+        rows = take_values(buffer, marks[column:], step, (dots, scales[target]), taken)
+    return rows
+
+
+@inner_making_arrays
+def take_plain_rows(
+    buffer: NDArray[np.uint8],
+    lines: tuple[Marks, Marks, int],
+    rules: Rules,
+    values: Values,
+    reach: tuple[int, int, int],
+) -> int:
+    """Read the plain lines at the first mark as :func:`take_readings`, with their stamps; return how many.
+
+    ``reach``: as there, and the number of the first sample.
+    """
+    marks, _, end_bytes = lines
+    _, targets, columns, signs, _ = rules
+    _, _, stamps = values
+    row, most, number = reach
+    rows = take_readings(buffer, lines, rules, values, (row, most))
+    if signs[2] == COUNTER:
+        for k in range(rows):
+            stamps[row + k] = number + k
+        return rows
+    n_columns, column = len(targets), columns[STAMP]
+    step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
+    return take_plain_stamps(buffer, marks[column:], step, rules, stamps[row : row + rows])

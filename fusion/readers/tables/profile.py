@@ -1,0 +1,286 @@
+"""A column profile: what a person says about a table that the readers cannot understand by themselves."""
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import pairwise
+from typing import Any
+
+from fusion.errors import UnknownColumns, UnknownFormat, UnusableProfile
+from fusion.readers.source import open_source
+from fusion.readers.tables.columns import (
+    TIME_UNITS_EXPONENT,
+    UNIT_NAMES,
+    Channel,
+    Column,
+    choose_vector,
+    guess_exponent,
+    understand_column,
+)
+from fusion.readers.tables.dates import DateOrder
+from fusion.readers.tables.layout import TextLayout, decode_head, find_form, find_layout, split_fields
+from fusion.readers.tables.plan import plan_table, read_times
+from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
+
+Place = str | int
+"""A column by its name in the header, or by its number, counted from 1."""
+HEADER_REACH = 4
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnProfile:
+    """Which column of a table is what.
+
+    ``acceleration``, ``angular_rate``: places of x, y, z. Units as in ``columns``; "" leaves a unit to be
+    found from the data. ``acceleration_factor`` and ``angular_rate_factor``, where given, are g and deg/s for
+    one unit of the file and go before the units. ``time`` is None where the rows hold no time; then
+    ``rate_hz`` is needed. ``date_order`` tells "dmy" from "mdy".
+    """
+
+    acceleration: tuple[Place, Place, Place]
+    angular_rate: tuple[Place, Place, Place]
+    acceleration_unit: str = ""
+    angular_rate_unit: str = ""
+    acceleration_factor: float | None = None
+    angular_rate_factor: float | None = None
+    time: Place | None = None
+    time_unit: str = ""
+    rate_hz: float | None = None
+    date_order: DateOrder | None = None
+    name: str = ""
+
+    def to_json(self) -> str:
+        """The profile as it is saved."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+
+def parse_profile(text: str) -> ColumnProfile:
+    """Read a saved profile.
+
+    Raises
+    ------
+    UnusableProfile
+        It is not JSON, or a value in it cannot be.
+    """
+    try:
+        values = json.loads(text)
+    except ValueError as error:
+        raise UnusableProfile(why="json") from error
+    known = {field.name for field in fields(ColumnProfile)}
+    if not isinstance(values, dict) or not {"acceleration", "angular_rate"} <= set(values) <= known:
+        raise UnusableProfile(why="names")
+    _check_places(values)
+    _check_units(values)
+    arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+    return ColumnProfile(**arguments)
+
+
+def _check_places(values: Mapping[str, Any]) -> None:
+    places = [values["acceleration"], values["angular_rate"], [values.get("time", 1)]]
+    for three, count in zip(places, (3, 3, 1), strict=True):
+        is_list = isinstance(three, list) and len(three) == count
+        if not is_list or not all(_is_place(place) for place in three if count == 3 or place is not None):
+            raise UnusableProfile(why="places")
+
+
+def _is_place(place: object) -> bool:
+    if isinstance(place, bool):
+        return False
+    return (isinstance(place, str) and place != "") or (isinstance(place, int) and 1 <= place <= 1000)
+
+
+def _check_units(values: Mapping[str, Any]) -> None:
+    allowed: dict[str, Sequence[object]] = {
+        "acceleration_unit": ("", *ACC_UNITS_G),
+        "angular_rate_unit": ("", *GYR_UNITS_DPS),
+        "time_unit": ("", *TIME_UNITS_EXPONENT),
+        "date_order": (None, "ymd", "dmy", "mdy"),
+    }
+    for name, units in allowed.items():
+        if values.get(name, units[0]) not in units:
+            raise UnusableProfile(why="units", name=name)
+    for name in ("acceleration_factor", "angular_rate_factor", "rate_hz"):
+        value = values.get(name)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value is not None and not (is_number and 0 < value < 1e6):
+            raise UnusableProfile(why="profile-numbers", name=name)
+    if not isinstance(values.get("name", ""), str):
+        raise UnusableProfile(why="names", name="name")
+
+
+def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
+    """Name a table's columns as the profile says.
+
+    Raises
+    ------
+    UnknownColumns
+        A column that the profile names is not there.
+    """
+    names = _find_names(layout, profile)
+    columns = [Column(name, "other") for name in names]
+    acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit or None
+    gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit or None
+    vectors: tuple[tuple[Channel, tuple[Place, Place, Place], str | None], ...] = (
+        ("acc", profile.acceleration, acc_unit),
+        ("gyr", profile.angular_rate, gyr_unit),
+    )
+    for channel, places, unit in vectors:
+        for axis, place in enumerate(places):
+            at = _find_place(names, place)
+            columns[at] = Column(names[at], channel, axis, unit)
+    if profile.time is not None:
+        at = _find_place(names, profile.time)
+        columns[at] = Column(names[at], "time", unit=profile.time_unit or None)
+    return replace(layout, columns=tuple(columns))
+
+
+def _find_names(layout: TextLayout, profile: ColumnProfile) -> list[str]:
+    """The header's fields; a header that was not recognised as one stands just before the rows."""
+    if layout.header is not None:
+        return [column.name for column in layout.columns]
+    wanted = {p for p in (*profile.acceleration, *profile.angular_rate) if isinstance(p, str)}
+    lines = [split_fields(line, layout.delimiter) for line in layout.preamble[-HEADER_REACH:]]
+    best = max(lines, key=lambda names: len(wanted & set(names)), default=[])
+    named = best if wanted & set(best) else []
+    return [*named, *[""] * (layout.n_columns - len(named))][: layout.n_columns]
+
+
+def _find_place(names: Sequence[str], place: Place) -> int:
+    at = place - 1 if isinstance(place, int) else names.index(place) if place in names else -1
+    if not 0 <= at < len(names):
+        raise UnknownColumns(list=f"{place}: {', '.join(names)}"[:200])
+    return at
+
+
+# What a table's head says about its columns, for a person to complete: the answers of a mapping form.
+
+
+SHOWN_ROWS = 5
+Vector = tuple[Place, Place, Place]
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileProposal:
+    """What is known of a table, and what a person has to say.
+
+    ``columns``: the names as they stand, "" where there is none; ``rows``: the first rows, split;
+    ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None where
+    nothing tells; units "" where nothing tells: they can be found from the data.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    acceleration: Vector | None
+    angular_rate: Vector | None
+    acceleration_unit: str
+    angular_rate_unit: str
+    time: Place | None
+    time_unit: str
+
+    @property
+    def profile(self) -> ColumnProfile | None:
+        """The profile, where both vectors are known."""
+        if self.acceleration is None or self.angular_rate is None:
+            return None
+        return ColumnProfile(
+            self.acceleration,
+            self.angular_rate,
+            self.acceleration_unit,
+            self.angular_rate_unit,
+            time=self.time,
+            time_unit=self.time_unit,
+        )
+
+
+def propose_profile(head: bytes) -> ProfileProposal:
+    """Propose a profile from the first bytes of a table (64 KiB are plenty).
+
+    Raises
+    ------
+    UnknownFormat
+        No rows of six numbers are found.
+    fusion.errors.FusionError
+        As :func:`fusion.readers.tables.layout.find_layout`.
+    """
+    layout = _understand(head)
+    columns = _name_columns(layout)
+    acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
+    time, time_unit = _find_time(layout, columns)
+    return ProfileProposal(
+        columns=tuple(column.name for column in columns),
+        rows=layout.sample_rows[:SHOWN_ROWS],
+        acceleration=_name_places(columns, acc),
+        angular_rate=_name_places(columns, gyr),
+        acceleration_unit=_unit_of(columns, acc, ACC_UNITS_G),
+        angular_rate_unit=_unit_of(columns, gyr, GYR_UNITS_DPS),
+        time=None if time is None else _name_place(columns, time),
+        time_unit=time_unit,
+    )
+
+
+def check_profile(head: bytes, profile: ColumnProfile) -> None:
+    """Say whether a profile fits a table, by its first bytes.
+
+    Raises
+    ------
+    UnknownFormat
+        No rows of six numbers are found.
+    fusion.errors.UnknownColumns
+        A column that the profile names is not there, or is named twice.
+    """
+    plan_table(apply_profile(_understand(head, profile), profile))
+
+
+def _understand(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
+    source = open_source(io.BytesIO(head), is_hashed=False)
+    text = decode_head(source, find_form(source.head))
+    layout = find_layout(text, profile.date_order if profile else None)
+    if layout is None:
+        raise UnknownFormat(kind="text")
+    return layout
+
+
+def _name_columns(layout: TextLayout) -> Sequence[Column]:
+    """The columns by the header; a line of other names just before the rows is one too."""
+    if layout.header is not None or not layout.preamble:
+        return layout.columns
+    names = split_fields(layout.preamble[-1], layout.delimiter)
+    return [understand_column(name) for name in names] if len(names) == layout.n_columns else layout.columns
+
+
+def _name_places(columns: Sequence[Column], places: tuple[int, int, int] | None) -> Vector | None:
+    if places is None:
+        return None
+    x, y, z = (_name_place(columns, place) for place in places)
+    return x, y, z
+
+
+def _name_place(columns: Sequence[Column], place: int) -> Place:
+    """The name, where it is one and no other column has it; else the number from 1."""
+    name = columns[place].name
+    return name if name and [column.name for column in columns].count(name) == 1 else place + 1
+
+
+def _unit_of(
+    columns: Sequence[Column], places: tuple[int, int, int] | None, known: Mapping[str, float]
+) -> str:
+    unit = columns[places[0]].unit if places else None
+    return unit if unit is not None and unit in known else ""
+
+
+def _find_time(layout: TextLayout, columns: Sequence[Column]) -> tuple[int | None, str]:
+    """The column that is named as a time, or else the first that advances as stamps do; and its unit."""
+    for place, column in enumerate(columns):
+        if column.channel == "time":
+            return place, column.unit or ""
+    for place, column in enumerate(columns):
+        times = read_times([row[place] for row in layout.sample_rows if len(row) > place], layout.decimal)
+        exponent = guess_exponent(times) if column.channel == "other" and _advances(times) else None
+        if exponent is not None:
+            return place, UNIT_NAMES[exponent]
+    return None, ""
+
+
+def _advances(times: Sequence[float]) -> bool:
+    return len(times) > 1 and all(before < after for before, after in pairwise(times))

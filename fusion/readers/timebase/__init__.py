@@ -1,0 +1,1 @@
+"""From stamps of rows to even segments: clock, repair, grid, joining."""

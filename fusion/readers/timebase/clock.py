@@ -1,0 +1,144 @@
+"""What all readers say about time: gaps between segments, clocks that were never set."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta, timezone
+from functools import cache
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
+
+from fusion.recording import MICROSECONDS, QualityFlag, Recording
+
+# Clocks that follow a zone: the offset at the first sample, and whether it changed before the last.
+#
+# Only files that count UTC and name their zone follow it; a device's own wall clock is never converted. Of
+# other files the zones of the world tell whether a step of the clock can be daylight saving.
+
+
+WINDOWS_ZONES = {
+    "Eastern Time (US": "America/Toronto",
+    "Atlantic Time (Canada)": "America/Halifax",
+    "Newfoundland": "America/St_Johns",
+    "Central Time (US": "America/Winnipeg",
+    "Mountain Time (US": "America/Edmonton",
+    "Pacific Time (US": "America/Vancouver",
+    "Dublin, Edinburgh, Lisbon, London": "Europe/London",
+    "Brussels, Copenhagen, Madrid, Paris": "Europe/Paris",
+    "Amsterdam, Berlin, Bern, Rome, Stockholm, Vienna": "Europe/Berlin",
+}
+"""Parts of Windows' display names, as ActiGraph's METADATA records hold them."""
+
+
+DAY, NEAR = timedelta(days=1), timedelta(seconds=2)
+
+
+@dataclass(frozen=True, slots=True)
+class FollowedZone:
+    """The wall clock at the first sample, and the change of its offset during the recording, if any."""
+
+    start: datetime
+    flags: tuple[QualityFlag, ...]
+
+
+def find_zone(display_name: str) -> ZoneInfo | None:
+    """The zone that a Windows display name speaks of; None where it is not known here."""
+    keys = [key for part, key in WINDOWS_ZONES.items() if part in display_name]
+    try:
+        return ZoneInfo(keys[0]) if keys else None
+    except ZoneInfoNotFoundError:
+        return None
+
+
+def follow_zone(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> FollowedZone:
+    """Give the start with the offset that the zone had then, and say if it changed until the end."""
+    first = datetime.fromtimestamp(first_unix_s, UTC).astimezone(zone)
+    before, after = (
+        datetime.fromtimestamp(unix_s, UTC).astimezone(zone).utcoffset() or timedelta()
+        for unix_s in (first_unix_s, first_unix_s + duration_s)
+    )
+    start = first.replace(tzinfo=timezone(before))
+    if before == after:
+        return FollowedZone(start, ())
+    at_s = _find_change_s(first_unix_s, duration_s, zone)
+    step_s = round((after - before).total_seconds())
+    return FollowedZone(start, (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": step_s}),))
+
+
+@cache
+def list_zones() -> tuple[ZoneInfo, ...]:
+    """All zones that this machine knows."""
+    return tuple(ZoneInfo(name) for name in sorted(available_timezones()))
+
+
+def is_change_of_offset(moment: datetime, before_s: int, after_s: int) -> bool:
+    """Whether some zone went from one offset to the other within a day of a moment, which is aware.
+
+    A day: loggers notice the change when they are next connected, or do it at midnight.
+    """
+    steps = ((moment - DAY, timedelta(seconds=before_s)), (moment + DAY, timedelta(seconds=after_s)))
+    return any(
+        all(one.astimezone(zone).utcoffset() == offset for one, offset in steps) for zone in list_zones()
+    )
+
+
+def is_change_of_wall_clock(reading: datetime, step_s: int) -> bool:
+    """Whether some zone's clocks step so at this reading, which is naive, give or take two seconds."""
+    return any(_step_s(reading, zone) == step_s for zone in list_zones())
+
+
+def _step_s(reading: datetime, zone: ZoneInfo) -> float:
+    before = (reading - NEAR).replace(tzinfo=zone).astimezone(UTC)
+    offsets = [one.astimezone(zone).utcoffset() or timedelta() for one in (before, before + 2 * NEAR)]
+    return (offsets[1] - offsets[0]).total_seconds()
+
+
+def _find_change_s(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> float:
+    """Halve the recording until the second of the change is found."""
+    low, high = 0, duration_s
+    before = datetime.fromtimestamp(first_unix_s, UTC).astimezone(zone).utcoffset()
+    while high - low > 1:
+        middle = (low + high) // 2
+        moment = datetime.fromtimestamp(first_unix_s + middle, UTC).astimezone(zone)
+        low, high = (middle, high) if moment.utcoffset() == before else (low, middle)
+    return float(high)
+
+
+FIRST_PLAUSIBLE_YEAR = 2008
+LAST_PLAUSIBLE_YEAR = 2060
+DAY_US = 86_400 * MICROSECONDS
+LARGEST_DRIFT = 0.005
+"""A rate further than this from the nominal one is worth a word."""
+
+
+def is_clock_set(start: datetime) -> bool:
+    """Whether a device of this kind can have been worn then."""
+    return FIRST_PLAUSIBLE_YEAR <= start.year <= LAST_PLAUSIBLE_YEAR
+
+
+def trust_clock(start: datetime | None) -> tuple[datetime | None, tuple[QualityFlag, ...]]:
+    """Give the clock only where it can have been set, and a caveat where it was not (W-CLOCK-UNSET)."""
+    if start is None or is_clock_set(start):
+        return start, ()
+    return None, (QualityFlag("W-CLOCK-UNSET"),)
+
+
+def datetime_at_us(unix_us: int) -> datetime | None:
+    """A naive reading of microseconds since 1970; None where no calendar has it."""
+    try:
+        return datetime.fromtimestamp(unix_us // MICROSECONDS, UTC).replace(
+            microsecond=unix_us % MICROSECONDS, tzinfo=None
+        )
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
+def hash_serial(serial: str) -> str | None:
+    """SHA-256 of a serial, first 12 hexadecimal digits: tells devices apart, names none."""
+    return hashlib.sha256(serial.strip().encode()).hexdigest()[:12] if serial.strip() else None
+
+
+def flag_days(recording: Recording) -> Recording:
+    """Say, once, where a recording spans more than a day."""
+    flags = tuple(flag for flag in recording.flags if flag.code != "W-MULTIDAY")
+    if recording.duration_us > DAY_US:
+        flags += (QualityFlag("W-MULTIDAY", -(-recording.duration_us // DAY_US)),)
+    return replace(recording, flags=flags)

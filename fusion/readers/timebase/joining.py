@@ -1,0 +1,120 @@
+"""A shift in several files: recordings of one device put on one clock; what lies between them is missing."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime, timedelta
+
+from fusion.checks.stopped import cut_rows
+from fusion.errors import UnusableJoin
+from fusion.readers.timebase.clock import flag_days, is_change_of_offset
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_spans
+
+LONGEST_OVERLAP_US = 2 * MICROSECONDS
+"""Two files of one logger may share a second at the seam; more is not one shift."""
+LONGEST_SPAN_US = 31 * 86_400 * MICROSECONDS
+
+
+def join_recordings(recordings: Sequence[Recording]) -> Recording:
+    """Put recordings of one device one after the other by its clock.
+
+    Their order does not matter. The same file given twice counts once (W-DUP-FILE). At a seam up to 2 s of
+    the later file are dropped where the earlier one still runs (W-DUP). What lies between is missing (W-GAP).
+    Where the offset to UTC changed between two files, hours are told in that of the first (W-DST, or W-OFFSET
+    where no zone's clocks were changed so about then).
+
+    Raises
+    ------
+    UnusableJoin
+        Nothing to join, no clock, several devices, more overlap, or a span of over a month.
+    """
+    ordered = _order(recordings)
+    starts = [_start_of(recording) for recording in ordered]
+    joined = ordered[0]
+    for recording, start in zip(ordered[1:], starts[1:], strict=True):
+        offset_us = round((start - starts[0]) / timedelta(microseconds=1))
+        joined = _append(joined, recording, offset_us)
+        joined = replace(joined, flags=(*joined.flags, *_flag_change(starts[0], start, offset_us)))
+    repeated = len(recordings) - len(ordered)
+    if repeated:
+        joined = replace(joined, flags=(*joined.flags, QualityFlag("W-DUP-FILE", repeated)))
+    hashes = "\n".join(recording.sha256 for recording in ordered)
+    return flag_days(
+        replace(
+            joined,
+            sha256=hashlib.sha256(hashes.encode()).hexdigest() if len(ordered) > 1 else joined.sha256,
+            understood={**joined.understood, "files": str(len(ordered))},
+        )
+    )
+
+
+def _order(recordings: Sequence[Recording]) -> list[Recording]:
+    single = list({recording.sha256: recording for recording in recordings}.values())
+    if not single:
+        raise UnusableJoin(why="no-files")
+    if len({(recording.device, recording.serial_hash) for recording in single}) > 1:
+        raise UnusableJoin(why="devices")
+    if len({_start_of(recording).tzinfo is None for recording in single}) > 1:
+        raise UnusableJoin(why="clock")
+    return sorted(single, key=_start_of)
+
+
+def _start_of(recording: Recording) -> datetime:
+    if recording.start is None:
+        raise UnusableJoin(why="clock")
+    return recording.start
+
+
+def _append(joined: Recording, later: Recording, offset_us: int) -> Recording:
+    overlap_us = joined.duration_us - offset_us
+    if overlap_us > min(LONGEST_OVERLAP_US, later.duration_us):
+        raise UnusableJoin(why="overlap")
+    if offset_us + later.duration_us > LONGEST_SPAN_US:
+        raise UnusableJoin(why="span")
+    moved = [_move(segment, offset_us) for segment in later.segments]
+    kept = tuple(piece for segment in moved for piece in _start_after(segment, joined.duration_us))
+    segments = (*joined.segments, *kept)
+    excluded = (*joined.excluded, *(_move_span(span, offset_us) for span in later.excluded))
+    duration_us = max(joined.duration_us, offset_us + later.duration_us)
+    between = [Span(joined.duration_us, -overlap_us)] if overlap_us < -1 else []
+    flags = (*joined.flags, *(_move_flag(flag, offset_us) for flag in later.flags))
+    flags += flag_spans("W-GAP", between)
+    if overlap_us > 0:
+        at_s = offset_us / MICROSECONDS
+        flags += (
+            QualityFlag("W-DUP", 1, overlap_us / MICROSECONDS, at_s, joined.duration_us / MICROSECONDS),
+        )
+    return replace(joined, segments=segments, excluded=excluded, duration_us=duration_us, flags=flags)
+
+
+def _flag_change(first: datetime, start: datetime, offset_us: int) -> tuple[QualityFlag, ...]:
+    offsets_s = [round((one.utcoffset() or timedelta()).total_seconds()) for one in (first, start)]
+    if offsets_s[0] == offsets_s[1]:
+        return ()
+    code = "W-DST" if is_change_of_offset(start, *offsets_s) else "W-OFFSET"
+    at_s = offset_us / MICROSECONDS
+    return (QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": offsets_s[1] - offsets_s[0]}),)
+
+
+def _move(segment: Segment, offset_us: int) -> Segment:
+    return replace(segment, start_us=segment.start_us + offset_us)
+
+
+def _start_after(segment: Segment, end_us: int) -> list[Segment]:
+    """Drop the rows that begin before ``end_us``."""
+    if segment.start_us >= end_us:
+        return [segment]
+    period_us = MICROSECONDS / segment.rate_hz
+    rows = min(len(segment), -int(-(end_us - segment.start_us) // period_us))
+    return cut_rows(segment, [(0, rows)])
+
+
+def _move_span(span: Span, offset_us: int) -> Span:
+    return replace(span, start_us=span.start_us + offset_us)
+
+
+def _move_flag(flag: QualityFlag, offset_us: int) -> QualityFlag:
+    later_s = offset_us / MICROSECONDS
+    first_s, last_s = (None if at_s is None else at_s + later_s for at_s in (flag.first_s, flag.last_s))
+    spans_s = tuple((start_s + later_s, end_s + later_s) for start_s, end_s in flag.spans_s)
+    return replace(flag, first_s=first_s, last_s=last_s, spans_s=spans_s)

@@ -1,0 +1,289 @@
+"""The gyroscope's bias through the recording, from still moments and from motion together.
+
+The bias is a straight line between knots one minute apart, held together by a random walk. Two kinds of
+observation pull at it: the mean angular rate of still moments, and the window equations of
+:mod:`fusion.sensor.gyro_bias`. All are solved together by robust least squares (Cauchy weights).
+Where the still moments show that it jumped, the line is broken there: a part that was switched off and on, or
+another sensor from there on, has another offset, and one walk through both would be wrong on one side.
+Still moments are told by how little the rate varies, never by its level, so an offset of tens of deg/s does
+not hide them; a steady turn mistaken for rest is outvoted by the motion windows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from fusion.numba_kernels import kernel
+from fusion.sensor.model import (
+    JUMP_S,
+    RADIANS,
+    GyroBias,
+    Hats,
+    SensorRun,
+    carry,
+    hold_bias,
+    hold_together,
+    turn_factors,
+)
+from fusion.sensor.nodes import Nodes, reduce_to_nodes
+from fusion.sensor.stillness import QuietTable, find_still_moments, reduce_run
+
+# What motion itself says about the gyroscope's bias.
+#
+# Inside a window of about twelve seconds the acceleration is rotated into the frame in which the window
+# began. A person goes nowhere far, so the mean of the second half minus the mean of the first should be
+# nil; a remaining bias tilts the frame, and the difference becomes ``(dM b) x g`` with ``dM`` the
+# difference of the mean integrals of the rotation. It is linear in the bias: many windows together give it
+# (FUSION.md section 3).
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowEquations:
+    """One vector equation ``matrix @ bias = difference`` for each window; ``bias`` is the whole one, deg/s.
+
+    ``time_s`` (w,) middle of the window; ``matrix`` (w, 3, 3) in g per deg/s; ``difference`` (w, 3) in g;
+    ``every_s`` the distance of two windows, which overlap where it is less than their length.
+    """
+
+    time_s: NDArray[np.float64]
+    matrix: NDArray[np.float64]
+    difference: NDArray[np.float64]
+    every_s: float
+
+    def residual(self, bias_dps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What is left of the differences under a bias (3,) or (w, 3)."""
+        predicted = np.einsum("wij,wj->wi", self.matrix, np.broadcast_to(bias_dps, self.difference.shape))
+        return np.asarray(self.difference - predicted)
+
+
+def form_equations(
+    nodes: Sequence[Nodes], bias: GyroBias, length_s: float, every_s: float
+) -> WindowEquations:
+    """Place windows over all runs and write down what each says, linearised about ``bias``."""
+    parts = [_form_of_run(run, bias, length_s, every_s) for run in nodes]
+    return WindowEquations(
+        np.concatenate([part.time_s for part in parts]),
+        np.concatenate([part.matrix for part in parts]),
+        np.concatenate([part.difference for part in parts]),
+        every_s,
+    )
+
+
+def _form_of_run(nodes: Nodes, bias: GyroBias, length_s: float, every_s: float) -> WindowEquations:
+    half = max(1, round(length_s / nodes.period_s / 2.0))
+    step = max(1, round(every_s / nodes.period_s))
+    first = np.arange(0, len(nodes.acc_g) - 2 * half + 1, step)
+    middle_s = np.asarray(nodes.start_s + (first + half) * nodes.period_s, dtype=np.float64)
+    total = bias.at(middle_s)
+    remaining = total * RADIANS - nodes.bias_rad[first + half]
+    spread, difference, felt = np.zeros((len(first), 3, 3)), *np.zeros((2, len(first), 3))
+    room = (np.empty((3, 3)), np.empty((3, 3)))
+    _walk_windows(
+        nodes.acc_g,
+        nodes.turn_rad,
+        first,
+        (half, nodes.period_s),
+        remaining,
+        room,
+        (spread, difference, felt),
+    )
+    up = felt / (np.linalg.norm(felt, axis=1, keepdims=True) + 1e-12)
+    matrix = np.cross(RADIANS * spread, up[:, :, None], axis=1)
+    whole = np.asarray(difference + np.einsum("wij,wj->wi", matrix, total), dtype=np.float64)
+    return WindowEquations(middle_s, matrix, whole, every_s)
+
+
+@kernel
+def _walk_windows(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    acc: Any, turns: Any, first: Any, steps: Any, bias: Any, room: Any, out: Any
+) -> None:  # pragma: no cover
+    """For the windows that begin at the nodes ``first``, with ``bias`` (w, 3), rad/s, taken off.
+
+    Into ``out``, all in the window's first frame: mean of the second half less that of the first, of the
+    integrated rotation (w, 3, 3) and of the acceleration (w, 3); and the sum of the acceleration (w, 3).
+    """
+    half, period_s = steps
+    frame, turned = room
+    spread, difference, total = out
+    for w in range(len(first)):
+        x, y, z = period_s * bias[w, 0], period_s * bias[w, 1], period_s * bias[w, 2]
+        for i in range(3):
+            for j in range(3):
+                frame[i, j], turned[i, j] = 1.0 if i == j else 0.0, 0.0
+        for step in range(2 * half):
+            row = first[w] + step
+            share = -1.0 / half if step < half else 1.0 / half
+            moved = 1.0 if step > 0 else 0.0
+            turn = (moved * (turns[row, 0] - x), moved * (turns[row, 1] - y), moved * (turns[row, 2] - z))
+            factors = turn_factors(turn)
+            for i in range(3):
+                seen = carry((frame[i, 0], frame[i, 1], frame[i, 2]), turn, factors)
+                frame[i, 0], frame[i, 1], frame[i, 2] = seen
+                felt = seen[0] * acc[row, 0] + seen[1] * acc[row, 1] + seen[2] * acc[row, 2]
+                difference[w, i] += share * felt
+                total[w, i] += felt
+                for j in range(3):
+                    turned[i, j] += frame[i, j] * period_s
+                    spread[w, i, j] += share * turned[i, j]
+
+
+Table = NDArray[np.float64]
+CAUCHY = 2.385
+LOOSE = 1e-4  # a very weak pull to the start, so that the equations can be solved
+
+
+@dataclass(frozen=True, slots=True)
+class BiasSettings:
+    """How the bias is sought.
+
+    ``window_s`` is the length of the motion windows, placed every ``window_every_s`` in files up to
+    ``dense_up_to_s`` and every ``window_apart_s`` in longer ones; ``wander_dps_per_root_min`` is the random
+    walk; ``still_floor_dps`` the error of a still moment however quiet. With fewer than ``least_stills``
+    still moments the search starts from nil, with windows that grow. A change of ``jump_dps`` from the median
+    of ``jump_stills`` still moments to that of the next is a jump.
+    """
+
+    window_s: float = 12.0
+    window_every_s: float = 3.0
+    window_apart_s: float = 30.0
+    dense_up_to_s: float = 1200.0
+    knot_s: float = 60.0
+    wander_dps_per_root_min: float = 0.03
+    still_floor_dps: float = 0.05
+    least_stills: int = 3
+    rounds: int = 2
+    jump_dps: float = 5.0
+    jump_stills: int = 7
+
+
+def estimate_gyro_bias(
+    runs: Sequence[SensorRun],
+    stills: QuietTable | None = None,
+    settings: BiasSettings | None = None,
+) -> GyroBias:
+    """Find the bias of all runs of one recording together; ``stills`` where they are known already.
+
+    Compared to the publication: the paper subtracts the mean of one still period; this is ours, for
+    `smoothed`.
+    """
+    if stills is None:
+        stills = find_still_moments([reduce_run(run) for run in runs])
+    return follow_gyro_bias(reduce_about_start(runs, stills, settings), stills, settings)
+
+
+def follow_gyro_bias(
+    nodes: Sequence[Nodes], stills: QuietTable, settings: BiasSettings | None = None
+) -> GyroBias:
+    """The same from nodes that have a bias near the true one taken off."""
+    settings = settings or BiasSettings()
+    bias = hold_bias(nodes[0].bias_rad[0] / RADIANS)
+    knots_s = _break_at(_place_knots(nodes, settings), find_jumps(stills, settings))
+    dense = sum(len(run.acc_g) * run.period_s for run in nodes) <= settings.dense_up_to_s
+    every_s = settings.window_every_s if dense else settings.window_apart_s
+    for _ in range(settings.rounds):
+        windows = form_equations(nodes, bias, settings.window_s, every_s)
+        bias = _solve(knots_s, bias.at(knots_s), stills, windows, settings)
+    return bias
+
+
+def reduce_about_start(
+    runs: Sequence[SensorRun], stills: QuietTable, settings: BiasSettings | None = None
+) -> list[Nodes]:
+    """The nodes of all runs with a constant taken off: the median of the still moments, or grown from nil."""
+    settings = settings or BiasSettings()
+    if len(stills) >= settings.least_stills:
+        bias = hold_bias(np.median(stills.gyro_dps, axis=0))
+    else:
+        bias = _grow_windows([reduce_to_nodes(run, hold_bias(np.zeros(3))) for run in runs], settings)
+    return [reduce_to_nodes(run, bias) for run in runs]
+
+
+def _grow_windows(nodes: Sequence[Nodes], settings: BiasSettings) -> GyroBias:
+    """From nil: windows so short that an offset of tens of deg/s barely turns them, then longer ones."""
+    bias = hold_bias(np.zeros(3))
+    total_s = sum(len(run.acc_g) * run.period_s for run in nodes)
+    for length_s in (1.0, 1.0, 2.0, 4.0, 8.0, settings.window_s):
+        windows = form_equations(nodes, bias, length_s, max(length_s / 2.0, total_s / 200.0))
+        if len(windows.time_s) > 0:
+            bias = hold_bias(_solve_constant(windows, bias.bias_dps[0]))
+    return bias
+
+
+def _place_knots(nodes: Sequence[Nodes], settings: BiasSettings) -> Table:
+    first_s = nodes[0].start_s
+    last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
+    pieces = max(1, round((last_s - first_s) / settings.knot_s))
+    return np.linspace(first_s, last_s, pieces + 1)
+
+
+def find_jumps(stills: QuietTable, settings: BiasSettings) -> list[float]:
+    """Times, s, at which the offset jumped: between two still moments."""
+    count = settings.jump_stills
+    if len(stills) < 2 * count:
+        return []
+    medians = np.median(sliding_window_view(stills.gyro_dps, count, axis=0), axis=2)
+    change_dps = np.linalg.norm(medians[count:] - medians[:-count], axis=1)
+    jumps: list[float] = []
+    while len(change_dps) and change_dps.max() > settings.jump_dps:
+        at = int(np.argmax(change_dps))
+        jumps.append(float(stills.middle_s[at + count - 1 : at + count + 1].mean()))
+        change_dps[max(0, at - count) : at + count + 1] = 0.0
+    return sorted(jumps)
+
+
+def _break_at(knots_s: Table, jumps_s: list[float]) -> Table:
+    """Two knots at each jump in place of those within a second of it."""
+    for jump_s in jumps_s:
+        kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
+        knots_s = np.sort(np.concatenate([kept, [jump_s - JUMP_S / 2.0, jump_s + JUMP_S / 2.0]]))
+    return knots_s
+
+
+def _weigh(residual: Table) -> Table:
+    """Cauchy weights over the residuals' own scale, as inverse variances (per axis)."""
+    size = np.linalg.norm(residual, axis=1)
+    scale = max(1.2 * float(np.median(size)), 1e-4) if len(size) else 1.0
+    return np.asarray(1.0 / (scale**2 * (1.0 + (size / (CAUCHY * scale)) ** 2)))
+
+
+def _solve_constant(windows: WindowEquations, start_dps: Table) -> Table:
+    bias = start_dps
+    for _ in range(5):
+        weight = _weigh(windows.residual(bias))
+        normal = np.einsum("w,wij,wik->jk", weight, windows.matrix, windows.matrix) + 1e-3 * np.eye(3)
+        right = np.einsum("w,wij,wi->j", weight, windows.matrix, windows.difference) + 1e-3 * start_dps
+        bias = np.linalg.solve(normal, right)
+    return bias
+
+
+def _solve(
+    knots_s: Table, start_dps: Table, stills: QuietTable, windows: WindowEquations, settings: BiasSettings
+) -> GyroBias:
+    """One round: all observations together, weights and solution in turn."""
+    overlap = max(1.0, settings.window_s / windows.every_s)
+    bias = GyroBias(knots_s, start_dps, len(stills), len(windows.time_s))
+    in_windows, in_stills = Hats(knots_s, windows.time_s), Hats(knots_s, stills.middle_s)
+    for _ in range(5):
+        weight = _weigh(windows.residual(bias.at(windows.time_s))) / overlap
+        still_weight = _weigh_stills(stills, bias, settings)
+        band = hold_together(knots_s, settings.wander_dps_per_root_min)
+        band[0] += LOOSE
+        right = LOOSE * start_dps.ravel()
+        squares = np.einsum("w,wij,wik->wjk", weight, windows.matrix, windows.matrix)
+        pulls = np.einsum("w,wij,wi->wj", weight, windows.matrix, windows.difference)
+        in_windows.add(band, right, squares, pulls)
+        in_stills.add_alike(band, right, still_weight, still_weight[:, None] * stills.gyro_dps)
+        values = solveh_banded(band, right, lower=True).reshape(-1, 3)
+        bias = GyroBias(knots_s, values, len(stills), len(windows.time_s))
+    return bias
+
+
+def _weigh_stills(stills: QuietTable, bias: GyroBias, settings: BiasSettings) -> Table:
+    variance = settings.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
+    off = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
+    return np.asarray(1.0 / (variance * (1.0 + off**2 / (CAUCHY**2 * variance))))

@@ -1,0 +1,206 @@
+"""How quiet every quarter second was, and the still moments that follow from it.
+
+The recording is reduced once to blocks of a quarter second (means and variances of the six channels); every
+question about stillness is then answered from the blocks, whatever the length of the recording.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.numba_kernels import kernel
+from fusion.recording import FloatArray
+from fusion.sensor.model import SensorRun
+
+FloatTable = NDArray[np.float64]
+BLOCK_S = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QuietTable:
+    """Statistics of windows of one length, one row for each quarter second of window start.
+
+    ``gravity_g`` and ``gyro_dps`` are means, shapes (m, 3); ``acc_sd_g`` and ``gyro_sd_dps`` the largest
+    standard deviation of the three axes, shapes (m,), or the length of the three together.
+    """
+
+    start_s: FloatTable
+    duration_s: float
+    gravity_g: FloatTable
+    gyro_dps: FloatTable
+    acc_sd_g: FloatTable
+    gyro_sd_dps: FloatTable
+
+    def __len__(self) -> int:
+        return len(self.start_s)
+
+    @property
+    def middle_s(self) -> FloatTable:
+        """Middle of each window."""
+        return np.asarray(self.start_s + self.duration_s / 2.0)
+
+    def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> "QuietTable":
+        """The same table with some of the rows."""
+        return QuietTable(
+            self.start_s[rows],
+            self.duration_s,
+            self.gravity_g[rows],
+            self.gyro_dps[rows],
+            self.acc_sd_g[rows],
+            self.gyro_sd_dps[rows],
+        )
+
+
+@kernel
+def reduce_to_blocks(samples: Any, per_block: int, moments: Any, extremes: Any) -> None:  # pragma: no cover
+    """Mean and mean square (m, 6), lowest and highest (6, m) of each block of rows; the last may be short."""
+    for block in range(len(moments)):
+        first, stop = block * per_block, (block + 1) * per_block
+        stop = stop if stop < len(samples) else len(samples)
+        for axis in range(3):
+            total, squares = 0.0, 0.0
+            low = high = float(samples[first, axis])
+            for row in range(first, stop):
+                value = float(samples[row, axis])
+                total += value
+                squares += value * value
+                low = value if value < low else low
+                high = value if value > high else high
+            moments[block, axis], moments[block, axis + 3] = total / (stop - first), squares / (stop - first)
+            extremes[axis, block], extremes[axis + 3, block] = low, high
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QuarterSeconds:
+    """One run in blocks of a quarter second.
+
+    ``acc`` and ``gyr``: mean (3) and mean square (3) of each whole block; ``acc_ends`` and ``gyr_ends``:
+    lowest (3) and highest (3), shape (6, m), with one block more for rows left over.
+    """
+
+    start_s: float
+    block_s: float
+    rows_per_block: int
+    acc: FloatTable
+    gyr: FloatTable
+    acc_ends: FloatTable
+    gyr_ends: FloatTable
+
+
+def reduce_run(run: SensorRun) -> QuarterSeconds:
+    """Walk once over the samples; all questions about stillness are answered from the result."""
+    per_block = max(1, round(BLOCK_S * run.rate_hz))
+    acc, acc_ends = _reduce_sensor(run.acc_g, per_block)
+    gyr, gyr_ends = _reduce_sensor(run.gyr_dps, per_block)
+    return QuarterSeconds(run.start_s, per_block / run.rate_hz, per_block, acc, gyr, acc_ends, gyr_ends)
+
+
+def _reduce_sensor(samples: FloatArray, per_block: int) -> tuple[FloatTable, FloatTable]:
+    blocks = -(-len(samples) // per_block)
+    moments, extremes = np.empty((blocks, 6)), np.empty((6, blocks))
+    reduce_to_blocks(samples, per_block, moments, extremes)
+    return moments[: len(samples) // per_block], extremes
+
+
+def summarise_windows(
+    blocks: Sequence[QuarterSeconds], duration_s: float, *, together: bool = False
+) -> QuietTable:
+    """Slide a window of ``duration_s`` over each run in steps of a quarter second.
+
+    ``together``: the standard deviations are those of all three axes together, which do not depend on how the
+    sensor is strapped on; otherwise of the axis that varies most, as published rules have it.
+    """
+    return _join([_summarise_run(run, duration_s, together=together) for run in blocks])
+
+
+def _summarise_run(blocks: QuarterSeconds, duration_s: float, *, together: bool) -> QuietTable:
+    length = max(1, round(duration_s / blocks.block_s))
+    count = max(0, len(blocks.acc) - length + 1)
+    start_s = np.asarray(blocks.start_s + blocks.block_s * np.arange(count), dtype=np.float64)
+    means, sds = np.empty((2, count, 3)), np.empty((2, count))
+    for moments, mean, sd in ((blocks.acc, means[0], sds[0]), (blocks.gyr, means[1], sds[1])):
+        _slide(moments, (length, together), np.zeros(6), mean, sd)
+    return QuietTable(start_s, length * blocks.block_s, means[0], means[1], sds[0], sds[1])
+
+
+@kernel
+def _slide(moments: Any, how: Any, sums: Any, mean: Any, sd: Any) -> None:  # pragma: no cover
+    """Mean and standard deviation of each window of ``length`` blocks, by a running sum."""
+    length, together = how
+    for block in range(len(moments)):
+        for k in range(6):
+            sums[k] += moments[block, k]
+        first = block - length + 1
+        if first < 0:
+            continue
+        largest, total = 0.0, 0.0
+        for k in range(3):
+            mean[first, k] = sums[k] / length
+            variance = sums[k + 3] / length - mean[first, k] * mean[first, k]
+            largest = variance if variance > largest else largest
+            total += variance if variance > 0.0 else 0.0
+        sd[first] = sqrt(total if together else largest)
+        for k in range(6):
+            sums[k] -= moments[first, k]
+
+
+@dataclass(frozen=True, slots=True)
+class StillRules:
+    """What counts as a still moment: neither sensor varied, all axes together. The level of the rate is
+    bounded, no more.
+    """
+
+    still_s: float = 1.5
+    acc_sd_g: float = 0.02
+    gyro_sd_dps: float = 1.4
+    largest_bias_dps: float = 60.0
+
+
+def find_still_moments(blocks: Sequence[QuarterSeconds], rules: StillRules | None = None) -> QuietTable:
+    """Non-overlapping still moments of all runs, in time order."""
+    rules = rules or StillRules()
+    table = summarise_windows(blocks, rules.still_s, together=True)
+    quiet = (table.acc_sd_g < rules.acc_sd_g) & (table.gyro_sd_dps < rules.gyro_sd_dps)
+    rows = np.flatnonzero(quiet)
+    rows = rows[np.linalg.norm(table.gyro_dps[rows], axis=1) < rules.largest_bias_dps]
+    return keep_apart(table.select(rows))
+
+
+def _join(tables: list[QuietTable]) -> QuietTable:
+    """Put the tables of several runs one after the other."""
+    if len(tables) == 1:
+        return tables[0]
+    return QuietTable(
+        np.concatenate([table.start_s for table in tables]),
+        tables[0].duration_s,
+        np.concatenate([table.gravity_g for table in tables]),
+        np.concatenate([table.gyro_dps for table in tables]),
+        np.concatenate([table.acc_sd_g for table in tables]),
+        np.concatenate([table.gyro_sd_dps for table in tables]),
+    )
+
+
+def keep_apart(table: QuietTable) -> QuietTable:
+    """Take windows that do not overlap, in time order."""
+    following = np.searchsorted(table.start_s, table.start_s + table.duration_s - 1e-6).tolist()
+    chosen, row = [], 0
+    while row < len(following):
+        chosen.append(row)
+        row = following[row]
+    return table.select(np.array(chosen, dtype=np.intp))
+
+
+def find_quietest_rate(run: SensorRun, duration_s: float = 2.0) -> FloatTable:
+    """Mean angular rate, shape (3,), of the moment in which both sensors varied least; nil where there is
+    none.
+
+    The gyroscope's variation in deg/s and the accelerometer's in hundredths of a g are added.
+    """
+    table = summarise_windows([reduce_run(run)], duration_s, together=True)
+    if len(table) == 0:
+        return np.zeros(3)
+    return np.asarray(table.gyro_dps[np.argmin(table.gyro_sd_dps + 100.0 * table.acc_sd_g)])

@@ -1,1 +1,0 @@
-"""What the sensor gets wrong, found from the recording itself: still moments and gyroscope bias."""
