@@ -23,6 +23,7 @@ from app.jobs.webhooks import Delivery
 from app.services import Services
 from app.upkeep.recover import (
     TEMPORARY_S,
+    Unknown,
     catch_up,
     check_known,
     drop_stale_attempts,
@@ -83,12 +84,12 @@ def reconcile(services: Services) -> None:
     UnknownRecordings
     """
     store, storage = services.store, services.storage
-    check_known(store, storage)
-    _finish_purges(services)
+    unknown = check_known(store, storage)
+    _finish_purges(services, unknown)
     attempts, newer = drop_stale_attempts(store, storage)
     counts = {
         "recordings came back from quarantine: they have rows": return_known(store, storage),
-        "unknown entries moved into quarantine": set_strange_aside(store, storage),
+        "unknown entries moved into quarantine": set_strange_aside(storage, unknown),
         "attempts removed that do not count": attempts,
         "old temporary files removed": _drop_temporary(services),
         "reports are newer than the database: stop, and run acromion recover": newer,
@@ -100,13 +101,13 @@ def reconcile(services: Services) -> None:
             logger.warning("start: %d %s", number, what)
 
 
-def _finish_purges(services: Services) -> None:
+def _finish_purges(services: Services, unknown: Unknown) -> None:
     for recording_id in services.recordings.list_purging():
         try:
             purge_recording(services, recording_id)
         except (AppError, OSError):
             logger.exception("the purge of %s is not done; the next start tries again", recording_id)
-    finish_purges(services.store, services.storage)
+    finish_purges(services.storage, unknown)
 
 
 def _drop_temporary(services: Services) -> int:

@@ -67,8 +67,8 @@ def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     return Unknown(recoverable, tuple(sorted(found - kept)), purging)
 
 
-def check_known(store: JobStore, storage: Storage) -> None:
-    """See that the database knows every stored recording.
+def check_known(store: JobStore, storage: Storage) -> Unknown:
+    """See that the database knows every stored recording; gives what else is not known.
 
     Raises
     ------
@@ -78,6 +78,7 @@ def check_known(store: JobStore, storage: Storage) -> None:
     unknown = find_unknown(store, storage)
     if unknown.recoverable:
         raise UnknownRecordings(number=len(unknown.recoverable), first=unknown.recoverable[0])
+    return unknown
 
 
 def return_known(store: JobStore, storage: Storage) -> int:
@@ -87,19 +88,17 @@ def return_known(store: JobStore, storage: Storage) -> int:
     return sum(storage.take_back(name) for name in known)
 
 
-def set_strange_aside(store: JobStore, storage: Storage) -> int:
+def set_strange_aside(storage: Storage, unknown: Unknown) -> int:
     """Move what is not known into quarantine; gives the number of entries moved."""
-    return sum(storage.set_aside(name) for name in find_unknown(store, storage).strange)
+    return sum(storage.set_aside(name) for name in unknown.strange)
 
 
-def finish_purges(store: JobStore, storage: Storage) -> int:
-    """Remove what is left of purges whose rows are gone; gives their number."""
-    left = find_unknown(store, storage).purging
-    for side in left:
+def finish_purges(storage: Storage, unknown: Unknown) -> None:
+    """Remove what is left of purges whose rows are gone."""
+    for side in unknown.purging:
         for row in side.rows["analyses"]:
             storage.drop_analysis(str(row["id"]))
         storage.drop_recording(str(side.recording["id"]))
-    return len(left)
 
 
 def list_strange(storage: Storage) -> tuple[str, ...]:
@@ -207,7 +206,7 @@ def _recover(store: JobStore, storage: Storage) -> Recovered:
     troubles: list[Trouble] = []
     added: Counter[str] = Counter()
     with_side = (name.removesuffix(SIDE_SUFFIX) for name in names if name.endswith(SIDE_SUFFIX))
-    finish_purges(store, storage)
+    finish_purges(storage, find_unknown(store, storage))
     for recording_id in sorted(with_side):
         side = read_side_file(storage, recording_id)
         if side is not None and side.is_purging:
