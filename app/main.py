@@ -25,6 +25,7 @@ from app.api.guard import SECURITY_HEADERS, Guard, make_patient_protocol
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
+from app.api.pairs import router as pair_routes
 from app.api.plain_text import PlainText
 from app.api.problems import answer_refusal, name_refusal
 from app.api.recordings import router as recording_routes
@@ -81,6 +82,7 @@ ROUTES = (
     batch_routes,
     webhook_routes,
     validation_routes,
+    pair_routes,
     about_routes,
     health_routes,
 )
@@ -261,6 +263,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     try:
         reconcile(services)
         services.inspector.sweep()
+        services.pairs.sweep()
         services.answers.free_unfinished()
         house = asyncio.create_task(keep_house(services))
         try:

@@ -144,6 +144,33 @@ class ReportRequest:
         return tuple(entry for entry in self.diary if entry.file in names)
 
 
+PairKind = Literal["pair", "compare"]
+LONGEST_OFFSET_S = 172_800
+"""Two days: clocks of one shift that lie further apart were never set."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairRequest:
+    """Everything a person asks of a report of two finished analyses.
+
+    ``kind``: "pair" sets both arms of one shift on one clock, "compare" one day beside an earlier one.
+    ``offset_s``: when the right arm's recording began, seconds after the left arm's; ``trunk_offset_s``:
+    likewise the trunk's. None takes either from the clocks of the devices.
+    """
+
+    kind: PairKind
+    offset_s: float | None = None
+    trunk_offset_s: float | None = None
+    languages: tuple[Language, ...] = ("en", "fr")
+    kinds: tuple[ReportKind, ...] = ("html", "pdf")
+    paper: Paper = "a4"
+
+    @property
+    def figures_name(self) -> str:
+        """Name of the JSON file that holds the figures."""
+        return "pair.json" if self.kind == "pair" else "comparison.json"
+
+
 def compare_settings(before: Mapping[str, object], after: Mapping[str, object]) -> tuple[str, ...]:
     """Name the settings that differ, of two as :meth:`ReportRequest.name_settings` gives them."""
     return tuple(name for name in after if name in before and before[name] != after[name])

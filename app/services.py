@@ -13,10 +13,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, StoreAway
 from app.jobs.batches import BatchStore
 from app.jobs.children.inspecting import Inspector
+from app.jobs.children.pairs import PairReports
 from app.jobs.database.connect import check_writable
 from app.jobs.idempotency import AnswerStore
 from app.jobs.queue import WayIn
 from app.jobs.recordings import RecordingStore, UploadStore
+from app.jobs.results import ResultReader
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.webhooks import WebhookStore
@@ -128,6 +130,8 @@ class Services:
     uploads: UploadStore
     incoming: Incoming
     inspector: Inspector
+    results: ResultReader
+    pairs: PairReports
     batches: BatchStore
     answers: AnswerStore
     webhooks: WebhookStore
@@ -147,6 +151,7 @@ def open_services(settings: Settings) -> Services:
     rows = (store.engine, store.reader)
     incoming = Incoming(settings.data_dir / "incoming")
     inspector = Inspector(settings, settings.data_dir / "inspections")
+    results = ResultReader(store, storage)
     incoming.prepare()
     inspector.prepare()
     return Services(
@@ -157,6 +162,8 @@ def open_services(settings: Settings) -> Services:
         uploads=UploadStore(*rows),
         incoming=incoming,
         inspector=inspector,
+        results=results,
+        pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
         batches=BatchStore(*rows),
         answers=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),

@@ -3,21 +3,18 @@
 import html
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from typing import Annotated, Any, cast
+from typing import Any, cast
 
-from fastapi import APIRouter, FastAPI, Query, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import HTMLResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel
 
-from app.api.analysis_models import view_settings
-from app.api.files import read_result
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
 from app.errors import NotHere, list_refusals
 from app.formats import FORMATS
 from app.report.export.columns import list_dictionary
 from app.report.words.messages import list_flag_codes
-from app.report.words.wording import Language
-from app.services import UsedLanguage, UsedServices
+from app.services import UsedLanguage
 from app.version import software_revision, software_version
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["about"])
@@ -59,49 +56,6 @@ class Dictionary(BaseModel):
     """Every column and field."""
 
     items: list[WordView]
-
-
-class FigureView(BaseModel):
-    """A figure before and after. ``detectable``: the least change that days do not make by themselves."""
-
-    name: str
-    before: float
-    after: float
-    change: float
-    detectable: float | None
-    verdict: str
-
-
-class ComparisonView(BaseModel):
-    """Two analyses beside one another. With any ``differences``, the figures are to be read with care."""
-
-    before: str
-    after: str
-    figures: list[FigureView]
-    differences: list[str]
-    settings: dict[str, list[Any]]
-    source: str
-
-
-class ComparisonQuery(BaseModel):
-    """The two analyses, the earlier first."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    analysis: Annotated[list[str], Field(min_length=2, max_length=2, description="Twice: before, after.")]
-    lang: Language | None = None
-
-
-@router.get("/compare")
-def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Query()]) -> ComparisonView:
-    """Set one finished analysis beside another, and name the settings that differ."""
-    before, after = (services.store.get(analysis_id) for analysis_id in asked.analysis)
-    findings = [read_result(services, job, "findings.json") for job in (before, after)]
-    compared = services.inspector.compare(*findings)
-    first, second = view_settings(before.request), view_settings(after.request)
-    differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
-    told = {name: compared[name] for name in ("figures", "differences", "source")}
-    return ComparisonView(before=before.id, after=after.id, settings=differing, **told)
 
 
 @router.get("/formats")

@@ -19,23 +19,25 @@ from app.api.analysis_models import (
     RESULT_NAMES,
     AnalysisList,
     AnalysisQuery,
+    AnalysisSettings,
     AnalysisView,
+    AnalyzeParameters,
     StartedAnalyses,
     check_periods,
     read_periods,
     view_analysis,
 )
-from app.api.files import borrow_file, check_succeeded, read_result, serve_bytes, serve_file
+from app.api.files import serve_bytes, serve_file
 from app.api.intake import receive_recording
 from app.api.problems import PROBLEM_RESPONSES
 from app.api.recording_models import cut_page, read_cursor
-from app.api.wishes import AnalysisSettings, AnalyzeParameters
 from app.batch.inputs import encode_settings
 from app.errors import Busy
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
 from app.jobs.recordings import Place, StoredRow
 from app.jobs.renewing import find_same, retry
+from app.jobs.results import check_succeeded
 from app.jobs.store import JobFilter
 from app.report.export.columns import PERIOD_COLUMNS, list_periods
 from app.report.export.csv import encode_table
@@ -369,7 +371,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     job = services.store.get(analysis_id)
     check_succeeded(job, "bundle.zip")
     names = [file.name for file in services.store.list_files(job.id) if file.name != DAY_NAME]
-    body = pack_files({name: read_result(services, job, name) for name in names})
+    body = pack_files({name: services.results.read(job, name) for name in names})
     return serve_bytes(request, services, job, "bundle.zip", body)
 
 
@@ -377,7 +379,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
 def get_periods_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """The main figures by clock hour and by period of the diary."""
     job = services.store.get(analysis_id)
-    rows = list_periods(json.loads(read_result(services, job, "results.json")))
+    rows = list_periods(json.loads(services.results.read(job, "results.json")))
     return serve_bytes(request, services, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
 
 
@@ -392,7 +394,7 @@ def get_settings_file(analysis_id: str, request: Request, services: UsedServices
 def get_elevation_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """The angle over time as text, in gzip."""
     job = services.store.get(analysis_id)
-    with borrow_file(services, job, "elevation.parquet") as parquet:
+    with services.results.borrow(job, "elevation.parquet") as parquet:
         body = services.inspector.write_angles(parquet)
     return serve_bytes(request, services, job, "elevation.csv.gz", body)
 

@@ -8,9 +8,8 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.analyses import build_request, check_queue
-from app.api.files import read_result
+from app.api.analysis_models import AnalysisSettings
 from app.api.problems import PROBLEM_RESPONSES, take_model
-from app.api.wishes import AnalysisSettings
 from app.errors import NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
@@ -153,7 +152,7 @@ def _summarise(services: Services, job: Job) -> Row:
     if job.state is not JobState.SUCCEEDED:
         return summarise_failure(_tell_origin(job), job.problem_code or CANCELLED)
     try:
-        results = json.loads(read_result(services, job, RESULTS))
+        results = json.loads(services.results.read(job, RESULTS))
     except ResultDamaged as damaged:
         return summarise_failure(_tell_origin(job), damaged.code)
     return summarise_results(add_origin(results, _tell_origin(job)))

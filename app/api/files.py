@@ -3,8 +3,8 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,11 @@ from fastapi.responses import FileResponse
 from starlette.types import Message, Receive, Scope, Send
 
 from app.api.guard import REPORT_POLICY
-from app.errors import NoSuchFile, NoSuchRange, NotFinished, ResultDamaged
-from app.jobs.job import Job, JobState
+from app.errors import NoSuchRange, ResultDamaged
+from app.jobs.job import Job
 from app.report.export.naming import Origin, name_file
 from app.services import Services
-from app.storage.store import ResultFile, borrow_result, read_mark
+from app.storage.store import read_mark
 
 # Parts of a file (RFC 9110, 14): what cannot be understood is as if it had not been asked for.
 
@@ -80,13 +80,13 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
     ------
     NotFinished, NoSuchFile, NoSuchRange, ResultDamaged
     """
-    file = find_file(services, job, name)
+    file = services.results.find(job, name)
     headers = head_file(name, file.sha256)
-    if _is_known(request, headers["ETag"]):
+    if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     check_range(request, file.size_bytes)
     with ExitStack() as opened:
-        path = opened.enter_context(borrow_file(services, job, name))
+        path = opened.enter_context(services.results.borrow(job, name))
         answer = _LentFile(
             path,
             headers=headers,
@@ -121,7 +121,7 @@ class _LentFile(FileResponse):
 def serve_bytes(request: Request, services: Services, job: Job, name: str, body: bytes) -> Response:
     """Give bytes that were just made of stored ones; the same analysis always gives the same."""
     headers = head_file(name, hashlib.sha256(body).hexdigest())
-    if _is_known(request, headers["ETag"]):
+    if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     headers["Content-Disposition"] = (
         f'attachment; filename="{name_ascii(name_download(services, job, name))}"'
@@ -133,61 +133,6 @@ def head_file(name: str, sha256: str) -> dict[str, str]:
     """Give the headers of a file. It is health data: no copy stays on a computer that people share."""
     headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
-
-
-def find_file(services: Services, job: Job, name: str) -> ResultFile:
-    """Give what was published under a name.
-
-    Raises
-    ------
-    NotFinished, NoSuchFile
-    """
-    check_succeeded(job, name)
-    file = services.store.find_file(job.id, name)
-    if file is None:
-        raise NoSuchFile(name=name)
-    return file
-
-
-@contextmanager
-def borrow_file(services: Services, job: Job, name: str) -> Iterator[Path]:
-    """Lend a published file, held against its row.
-
-    Raises
-    ------
-    NotFinished, NoSuchFile, ResultDamaged
-    """
-    file = find_file(services, job, name)
-    try:
-        with borrow_result(services.storage, job.id, str(job.token), file) as path:
-            yield path
-    except ResultDamaged as damaged:
-        again = {"again": job.replaced_by} if job.replaced_by else {}
-        raise ResultDamaged(**damaged.facts, **again) from damaged
-
-
-def read_result(services: Services, job: Job, name: str) -> bytes:
-    """Give the bytes of a published file.
-
-    Raises
-    ------
-    NotFinished, NoSuchFile, ResultDamaged
-    """
-    with borrow_file(services, job, name) as path:
-        return path.read_bytes()
-
-
-def check_succeeded(job: Job, name: str) -> None:
-    """See that an analysis has files.
-
-    Raises
-    ------
-    NotFinished, NoSuchFile
-    """
-    if not job.is_over:
-        raise NotFinished(state=job.state.value)
-    if job.state is not JobState.SUCCEEDED or job.token is None:
-        raise NoSuchFile(name=name)
 
 
 def name_ascii(name: str) -> str:
@@ -205,11 +150,12 @@ def name_download(services: Services, job: Job, name: str) -> str:
 def _find_start(services: Services, job: Job) -> str:
     """Give when the recording began; empty where its clock was never set, or the results are damaged."""
     try:
-        recording = json.loads(read_result(services, job, "results.json")).get("recording", {})
+        recording = json.loads(services.results.read(job, "results.json")).get("recording", {})
     except ResultDamaged:
         return ""
     return str(recording.get("start") or "")
 
 
-def _is_known(request: Request, etag: str) -> bool:
+def is_known(request: Request, etag: str) -> bool:
+    """Tell whether the client has these bytes already (``If-None-Match``)."""
     return etag in request.headers.get("if-none-match", "")

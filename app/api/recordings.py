@@ -1,6 +1,5 @@
 """Recordings: stored, described, looked at, divided into periods, thrown away."""
 
-import shutil
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -221,8 +220,7 @@ def purge_recording(services: Services, recording_id: str) -> None:
         services.storage.drop_analysis(analysis_id)
     for stored_id in purged.recordings:
         services.storage.drop_recording(stored_id)
-    # the reports of two are made again when asked for
-    shutil.rmtree(services.settings.data_dir / "cache" / "beside", ignore_errors=True)
+    services.pairs.forget_all()
     services.recordings.end_purge(recording_id)
     forget_samples(services)
 

@@ -1,6 +1,6 @@
-"""The command ``acromion validate``: how far a recording agrees with a reference."""
+"""The commands that compare: both arms of one shift, one day beside another, a recording and a reference."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -24,12 +24,9 @@ from app.cli.options import (
 )
 from app.cli.output import Exit, choose_exit, print_problem, report_progress
 from app.errors import AppError, find_outcome
-from app.request import Language, Reference, ReportRequest
+from app.request import Language, PairRequest, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
 from fusion.errors import FusionError
-
-# Commands that set two analyses side by side: both arms of one shift, one day beside another.
-
 
 _INPUT_HELP = "a folder that acromion run made, or a recording, which is analysed first."
 KindsOption = Annotated[str, typer.Option("--report", help="What to write: html, pdf or html,pdf.")]
@@ -52,15 +49,13 @@ def pair(
     paper: PaperOption = "a4",
 ) -> None:
     """Set both arms of one shift side by side."""
-    from app.roads.pair import PAIR, PairRequest, make_pair_report  # noqa: PLC0415  heavy
-
     kinds, code = parse_kinds(report), take_subject(subject)
     asked = ReportRequest("", code, languages=(lang,), paper=paper)
     first = _finish_first(left, out / "left", replace(asked, side="left"))
     second = _finish_first(right, out / "right", replace(asked, side="right"))
-    body = _finish_first(trunk, out / "trunk", asked) if trunk else None
-    request = PairRequest(body, offset_s, trunk_offset_s, (lang,), kinds, paper)
-    _keep(out / "both-arms", PAIR, lang, partial(make_pair_report, first, second, request))
+    body = (_finish_first(trunk, out / "trunk", asked),) if trunk else ()
+    request = PairRequest("pair", offset_s, trunk_offset_s, (lang,), kinds, paper)
+    _keep(out / "both-arms", (first, second, *body), request)
 
 
 def compare(
@@ -74,14 +69,12 @@ def compare(
     paper: PaperOption = "a4",
 ) -> None:
     """Set one day beside another, and say whether the change is larger than days differ anyway."""
-    from app.roads.pair import COMPARISON, PairRequest, make_comparison_report  # noqa: PLC0415  heavy
-
     kinds = parse_kinds(report)
     asked = ReportRequest("", take_subject(subject), side, languages=(lang,), paper=paper)
     first = _finish_first(before, out / "before", asked)
     second = _finish_first(after, out / "after", asked)
-    request = PairRequest(languages=(lang,), kinds=kinds, paper=paper)
-    _keep(out / "before-after", COMPARISON, lang, partial(make_comparison_report, first, second, request))
+    request = PairRequest("compare", languages=(lang,), kinds=kinds, paper=paper)
+    _keep(out / "before-after", (first, second), request)
 
 
 def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
@@ -94,9 +87,14 @@ def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
     return tasks[0].folder
 
 
-def _keep(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> None:
+def _keep(folder: Path, sources: tuple[Path, ...], request: PairRequest) -> None:
+    """Make the report of two, and print its answer."""
+    from app.roads.pair import make_report_of_two  # noqa: PLC0415  heavy, and only this needs it
+
+    language = request.languages[0]
     try:
-        marker = keep_versions(folder, figures, language, make)
+        make = partial(make_report_of_two, sources, request)
+        marker = keep_versions(folder, request.figures_name, language, make)
     except AppError as refusal:
         print_problem(folder.name, refusal.code, refusal.facts, language)
         raise typer.Exit(Exit.NOTHING_DONE) from None

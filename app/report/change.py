@@ -13,7 +13,7 @@ from app.report.export.results import round_all
 from app.report.findings import Kept
 from app.report.model import Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
-    Beside,
+    PairSide,
     build_curves,
     build_limits,
     build_sources,
@@ -22,7 +22,7 @@ from app.report.pairs import (
     describe_source,
     find_end,
     identify,
-    load_beside_words,
+    load_pair_words,
     tell_poses,
     tell_time,
 )
@@ -62,8 +62,8 @@ def describe_comparison(before: Kept, after: Kept) -> dict[str, Any]:
 
 def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
     """Turn two analyses into a report on the change between them."""
-    words, compared = load_beside_words(language)["compare"], _compare(before, after)
-    sides = (Beside(words["before"], before), Beside(words["after"], after))
+    words, compared = load_pair_words(language)["compare"], _compare(before, after)
+    sides = (PairSide(words["before"], before), PairSide(words["after"], after))
     report_id = identify(describe_comparison(before, after))
     limits, use = build_limits(sides, language)
     header = _build_header(sides, language)
@@ -110,7 +110,7 @@ def _take_day(kept: Kept) -> ComparedDay:
     )
 
 
-def _build_header(sides: tuple[Beside, Beside], language: Language) -> tuple[Pair, ...]:
+def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Pair, ...]:
     label = load_wording(language)["label"]
     codes = dict.fromkeys(
         cut_text(clean_text(side.kept.subject.subject), _LONGEST_CODE) or label["not_given"] for side in sides

@@ -17,7 +17,7 @@ from app.report.export.results import round_all
 from app.report.findings import Kept
 from app.report.model import Figure, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
-    Beside,
+    PairSide,
     build_curves,
     build_limits,
     build_sources,
@@ -26,7 +26,7 @@ from app.report.pairs import (
     describe_source,
     find_end,
     identify,
-    load_beside_words,
+    load_pair_words,
     tell_poses,
     tell_time,
 )
@@ -126,8 +126,8 @@ def _describe_trunk(trunk: TrunkRelative) -> dict[str, object]:
 
 def build_pair(pair: ArmPair, language: Language) -> Report:
     """Turn both arms into one report."""
-    words = load_beside_words(language)["pair"]
-    sides = (Beside(words["left"], pair.left), Beside(words["right"], pair.right))
+    words = load_pair_words(language)["pair"]
+    sides = (PairSide(words["left"], pair.left), PairSide(words["right"], pair.right))
     report_id = identify(describe_pair(pair))
     limits, use = build_limits(sides, language)
     if any(trunk.percentiles_deg for trunk in pair.trunk):
@@ -179,7 +179,7 @@ def _tell_offset(offset_s: float, language: Language) -> str:
     return sign + format_duration(abs(offset_s), language)
 
 
-def _tell_verdict(sides: tuple[Beside, Beside], words: Words, language: Language) -> VerdictLine:
+def _tell_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> VerdictLine:
     """Give the worse of the two, and say which arm has which."""
     levels = [side.kept.findings.quality.verdict for side in sides]
     worst = max(levels, key=_LEVELS.index)
@@ -244,9 +244,9 @@ def _tell_clock(pair: ArmPair, words: Words, language: Language) -> str:
     return f"{fill(entry[order], facts)} {entry[pair.offset_from]}"
 
 
-def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language) -> Figure:
+def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Language) -> Figure:
     """Draw both days one above the other on the clock of the one that began first."""
-    entry, report_words = load_beside_words(language)["days"], load_wording(language)
+    entry, report_words = load_pair_words(language)["days"], load_wording(language)
     first_s = min(0.0, pair.offset_s)
     begins_s = (0.0 - first_s, pair.offset_s - first_s)
     lasts_s = [side.kept.findings.recording.duration_us / MICROSECONDS for side in sides]
@@ -334,7 +334,7 @@ def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
 
 
-def _build_spread(sides: tuple[Beside, Beside], language: Language) -> tuple[Section, ...]:
+def _build_spread(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Section, ...]:
     if not can_draw_curves(sides):
         return ()
     title = load_wording(language)["section"]["spread"]

@@ -24,21 +24,21 @@ from fusion.recording import MICROSECONDS
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class PairSide:
     """One of the two, with the name it goes by."""
 
     name: str
     kept: Kept
 
 
-def load_beside_words(language: Language) -> Words:
+def load_pair_words(language: Language) -> Words:
     """Read the words of both reports."""
     return load_wording(language, "beside")
 
 
-def build_two_bars(sides: tuple[Beside, Beside], language: Language) -> Figure:
+def build_two_bars(sides: tuple[PairSide, PairSide], language: Language) -> Figure:
     """Build one stacked bar for each, to one scale."""
-    entry = load_beside_words(language)
+    entry = load_pair_words(language)
     parts = [(side.name, _take_whole(side.kept.findings.exposure)) for side in sides]
     return replace(build_parts("bars", parts, entry, language), note=entry["bars"]["note"])
 
@@ -49,9 +49,9 @@ def _take_whole(exposure: Exposure) -> PartExposure:
     return PartExposure("", 0.0, 0.0, exposure.analysed_s, exposure.percentiles_deg, above, entries)
 
 
-def build_curves(sides: tuple[Beside, Beside], language: Language) -> Figure:
+def build_curves(sides: tuple[PairSide, PairSide], language: Language) -> Figure:
     """Build both distributions in one picture."""
-    entry = load_beside_words(language)["curves"]
+    entry = load_pair_words(language)["curves"]
     first, second = (Curve(s.name, share_below(s.kept.findings.exposure)) for s in sides)
     title = (entry["title"], fill(entry["alternative"], {"first": first.name, "second": second.name}))
     axes = (entry["axes"][0], entry["axes"][1])
@@ -68,7 +68,7 @@ def build_curves(sides: tuple[Beside, Beside], language: Language) -> Figure:
     )
 
 
-def can_draw_curves(sides: tuple[Beside, Beside]) -> bool:
+def can_draw_curves(sides: tuple[PairSide, PairSide]) -> bool:
     """Tell whether both hold analysed time."""
     return all(side.kept.findings.exposure.histogram_s.sum() > 0 for side in sides)
 
@@ -79,7 +79,7 @@ def tell_time(kept: Kept, language: Language) -> str:
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
 
 
-def find_end(sides: tuple[Beside, Beside]) -> datetime | None:
+def find_end(sides: tuple[PairSide, PairSide]) -> datetime | None:
     """Give the end of the recording that ended last, the only date of a report of two."""
     recordings = [side.kept.findings.recording for side in sides]
     ends = [r.start + timedelta(microseconds=r.duration_us) for r in recordings if r.start is not None]
@@ -91,14 +91,14 @@ def _read_wall_clock(moment: datetime) -> datetime:
     return moment.replace(tzinfo=None)
 
 
-def tell_poses(sides: tuple[Beside, Beside], language: Language) -> str:
+def tell_poses(sides: tuple[PairSide, PairSide], language: Language) -> str:
     """Give the known one-sided errors of the poses the figures were calibrated in; each once."""
     cautions = load_wording(language)["pose_caution"]
     poses = (s.kept.findings.calibration.pose for s in sides if s.kept.findings.calibration)
     return " ".join(dict.fromkeys(cautions[pose] for pose in poses if pose in cautions))
 
 
-def build_limits(sides: tuple[Beside, Beside], language: Language) -> tuple[Note, Note]:
+def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Note, Note]:
     """Give what the figures cannot say, how accurate each method is, and the intended use."""
     words = load_wording(language)
     limits, use = words["limits"], words["intended_use"]
@@ -107,9 +107,9 @@ def build_limits(sides: tuple[Beside, Beside], language: Language) -> tuple[Note
     return Note(limits["title"], paragraphs), Note(use["title"], (use["text"],))
 
 
-def build_sources(sides: tuple[Beside, ...], language: Language) -> Section:
+def build_sources(sides: tuple[PairSide, ...], language: Language) -> Section:
     """Say where each of them is from."""
-    words, entry = load_wording(language), load_beside_words(language)["sources"]
+    words, entry = load_wording(language), load_pair_words(language)["sources"]
     rows = list(
         zip(entry["rows"], *(_tell_source(side.kept, words, language) for side in sides), strict=True)
     )
@@ -128,7 +128,7 @@ def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...
         words["device"].get(findings.recording.device, words["device"]["other"]),
         f"{tell_time(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
-        load_beside_words(language)["pair"]["verdict"][findings.quality.verdict],
+        load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],
         f"{method.name} {method.version}" if method else NONE,
         words["pose"].get(findings.calibration.pose, NONE) if findings.calibration else NONE,
         f"Acromion {subject.software.version}",

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.report.export.all import export_results
 from app.report.export.fhir import encode_fhir
-from app.report.export.parquet import write_elevation
+from app.report.export.parquet import encode_elevation_csv, write_elevation
 from app.report.export.results import encode_results
 from app.report.findings import encode_findings, take_findings
 from app.report.render.write import FINDINGS, RESULTS, rewrite_reports, write_reports
@@ -164,6 +164,12 @@ def _write_fhir(results: dict[str, Any], request: ReportRequest, out: Path) -> N
     pdfs = {language: (out / f"report.{language}.pdf").read_bytes() for language in request.languages}
     conclusion = (out / f"answer.{request.languages[0]}.txt").read_text("utf-8")
     (out / FHIR).write_bytes(encode_fhir(results, pdfs, conclusion, request.version))
+
+
+def write_elevation_csv(parquet: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Write the angles of the file ``parquet`` as ``elevation.csv.gz`` in ``out``."""
+    on_stage("rendering", 0.0)
+    (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(parquet))
 
 
 def make_report_again(

@@ -1,12 +1,11 @@
-"""The road from finished analyses to the report of both arms, and to that of one day beside another.
+"""The road from finished analyses to a report of two: both arms of one shift, or a day beside an earlier one.
 
-Both start from the folders that finished analyses leave: nothing is fused again. The page, the API and the
-command line take these same roads.
+It starts from the folders that finished analyses leave; nothing is fused again. Page, API and command line
+all take it.
 """
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,96 +15,66 @@ import pyarrow.parquet as pq
 
 from app.errors import CannotPair
 from app.report.change import build_comparison, describe_comparison
-from app.report.export.parquet import encode_elevation_csv
 from app.report.findings import Kept, decode_findings
 from app.report.model import Report
 from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
 from app.report.pairs import encode_document
 from app.report.render.write import read_kept, write_report
-from app.request import Language, OnStage, Paper, ReportKind, ReportRequest
+from app.request import OnStage, PairRequest, ReportRequest
 from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.quality import leave_out
 from fusion.recording import MICROSECONDS
 
-# What is made of finished analyses when somebody asks; done in a child process.
+ELEVATION = "elevation.parquet"
+HOLE_PERIODS = 1.5
+"""A step longer than so many sample periods ends a run."""
+
+
+def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path) -> None:
+    """Make the report of two, or for a pair three, finished analyses into the existing folder ``out``.
+
+    ``folders``: left, right and, where there is one, trunk; or before and after. Writes ``pair.json`` or
+    ``comparison.json`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
+
+    Raises
+    ------
+    CannotPair
+        When a folder holds no finished analysis, when two are not both arms of one shift, or when neither
+        clocks nor request give their offset.
+    """
+    if request.kind == "pair":
+        left, right, *trunk = folders
+        pair = _pair_arms((left, right), trunk[0] if trunk else None, request)
+        reports = [build_pair(pair, language) for language in request.languages]
+        _write(reports, describe_pair(pair), request, out)
+    else:
+        before, after = map(_read, folders)
+        reports = [build_comparison(before, after, language) for language in request.languages]
+        _write(reports, describe_comparison(before, after), request, out)
 
 
 def write_comparison(log: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Compare the two findings in the list ``log``: ``comparison.json`` in ``out``."""
+    """Compare the two findings in the list ``log``: ``comparison.json`` in ``out``, without a report."""
     on_stage("counting", 0.0)
     before, after = (decode_findings(json.dumps(kept).encode()) for kept in json.loads(log.read_bytes()))
     (out / "comparison.json").write_text(json.dumps(describe_comparison(before, after)), "utf-8")
 
 
-def write_elevation_csv(log: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write the angles of the Parquet file ``log`` as ``elevation.csv.gz`` in ``out``."""
-    on_stage("rendering", 0.0)
-    (out / "elevation.csv.gz").write_bytes(encode_elevation_csv(log))
-
-
-ELEVATION = "elevation.parquet"
-PAIR, COMPARISON = "pair.json", "comparison.json"
-HOLE_PERIODS = 1.5
-
-
-@dataclass(frozen=True, slots=True)
-class PairRequest:
-    """What a report of two is asked with.
-
-    ``trunk`` is the folder of a third analysis, of the trunk; ``offset_s`` tells when the right recording
-    began, seconds after the left, where the clocks do not or are wrong; ``trunk_offset_s`` likewise when the
-    trunk's began, after the left.
-    """
-
-    trunk: Path | None = None
-    offset_s: float | None = None
-    trunk_offset_s: float | None = None
-    languages: tuple[Language, ...] = ("en", "fr")
-    kinds: tuple[ReportKind, ...] = ("html", "pdf")
-    paper: Paper = "a4"
-
-
-def make_pair_report(left: Path, right: Path, request: PairRequest, out: Path) -> None:
-    """Set two finished analyses of one shift side by side, into the existing folder ``out``.
-
-    Writes ``pair.json`` and, for each language, ``report.<language>.<kind>`` and ``answer.<language>.txt``.
-
-    Raises
-    ------
-    CannotPair
-        When they are not both arms of one shift, or nothing tells how their clocks lie.
-    """
-    first, second = _read(left), _read(right)
-    _refuse_strangers(first, second)
-    offset_s = find_offset_s(first, second) if request.offset_s is None else request.offset_s
-    angles = read_analysed(left, first), read_analysed(right, second)
-    pair = ArmPair(
-        first,
-        second,
+def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
+    left, right = map(_read, arms)
+    _refuse_strangers(left, right)
+    offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
+    angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
+    return ArmPair(
+        left,
+        right,
         offset_s,
         "clocks" if request.offset_s is None else "person",
-        _share(*angles, offset_s, _find_sigmas(first, second)),
-        *_relate(angles, request, (first, second), offset_s),
+        _share(*angles, offset_s, _find_sigmas(left, right)),
+        *_relate(angles, (trunk, request.trunk_offset_s), (left, right), offset_s),
     )
-    reports = [build_pair(pair, language) for language in request.languages]
-    _write(reports, (PAIR, describe_pair(pair)), request, out)
-
-
-def make_comparison_report(before: Path, after: Path, request: PairRequest, out: Path) -> None:
-    """Set one finished analysis beside a later one, into the existing folder ``out``.
-
-    Writes ``comparison.json`` and the reports as :func:`make_pair_report` does.
-
-    Raises
-    ------
-    CannotPair
-        When a folder holds no finished analysis.
-    """
-    first, second = _read(before), _read(after)
-    reports = [build_comparison(first, second, language) for language in request.languages]
-    _write(reports, (COMPARISON, describe_comparison(first, second)), request, out)
 
 
 def find_offset_s(left: Kept, right: Kept) -> float:
@@ -191,19 +160,26 @@ def _share(
 
 
 def _relate(
-    angles: tuple[Elevation, Elevation], request: PairRequest, arms: tuple[Kept, Kept], offset_s: float
+    angles: tuple[Elevation, Elevation],
+    trunk: tuple[Path | None, float | None],
+    arms: tuple[Kept, Kept],
+    offset_s: float,
 ) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock | None]:
-    """Give each arm beside the trunk, all three on the clock of the left recording."""
-    if request.trunk is None:
+    """Relate each arm to the trunk, all three on the clock of the left recording.
+
+    ``trunk``: the folder of its analysis, and its offset after the left arm as a person stated it.
+    """
+    folder, stated_s = trunk
+    if folder is None:
         return (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
-    found = _read(request.trunk)
+    found = _read(folder)
     for arm in arms:
         _refuse_same(arm, found)
-    body, told_s = read_analysed(request.trunk, found), request.trunk_offset_s
-    if told_s is None:
+    body = read_analysed(folder, found)
+    if stated_s is None:
         clock = TrunkClock(find_offset_s(arms[0], found), "clocks")
     else:
-        clock = TrunkClock(told_s, "person")
+        clock = TrunkClock(stated_s, "person")
     try:
         left = relate_to_trunk(angles[0], body, clock.offset_s)
         right = relate_to_trunk(angles[1], body, clock.offset_s - offset_s)
@@ -212,11 +188,8 @@ def _relate(
     return (left, right), clock
 
 
-def _write(
-    reports: Sequence[Report], document: tuple[str, dict[str, Any]], request: PairRequest, out: Path
-) -> None:
-    name, values = document
-    body = encode_document(values)
-    (out / name).write_bytes(body)
+def _write(reports: Sequence[Report], figures: dict[str, Any], request: PairRequest, out: Path) -> None:
+    body = encode_document(figures)
+    (out / request.figures_name).write_bytes(body)
     for report in reports:
-        write_report(report, request.kinds, request.paper, {name: body}, out)
+        write_report(report, request.kinds, request.paper, {request.figures_name: body}, out)

@@ -10,7 +10,6 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import BaseModel
 
-from app.api.files import read_result
 from app.api.problems import Refusal
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
@@ -27,7 +26,7 @@ from app.storage.store import StoredRecording, seems_whole
 from app.web.day import find_day
 from app.web.day_views import DayClock, DayView, show_day, show_hours
 from app.web.library_views import find_neighbours, read_filter, show_entry, show_library
-from app.web.pairs import list_offers
+from app.web.pairs import find_offers
 from app.web.rendering import find_base, show_page
 from app.web.views import (
     Fact,
@@ -199,10 +198,10 @@ def read_answer(services: Services, job: Job, wish: ReportRequest, language: Lan
         results = find_results(services, job)
         if results is None:
             return shown
-        brief = read_result(services, job, f"answer.{language}.txt").decode()
+        brief = services.results.read(job, f"answer.{language}.txt").decode()
         shown["answer"] = show_answer(results, brief, language)
         shown["hours"] = show_hours(results, language)
-        shown["offers"] = list_offers(
+        shown["offers"] = find_offers(
             services, job, results.get("recording", {}).get("start") or "", language
         )
         shown["day"] = _show_day(services, job, wish, language)
@@ -258,7 +257,7 @@ def find_results(services: Services, job: Job) -> Mapping[str, Any] | None:
     """
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return None
-    return read_results(read_result(services, job, "results.json"))
+    return read_results(services.results.read(job, "results.json"))
 
 
 def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:

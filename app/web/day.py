@@ -13,7 +13,6 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, RedirectResponse
 from starlette.status import HTTP_303_SEE_OTHER
 
-from app.api.files import borrow_file
 from app.errors import BadParameter, NoSuchFile
 from app.jobs.job import Job, JobState
 from app.report.words.subject import MAX_TEXT
@@ -198,5 +197,5 @@ def find_day(services: Services, job: Job) -> DayFile:
     """
     if job.state is not JobState.SUCCEEDED:
         raise NoSuchFile(name=NAME)
-    with borrow_file(services, job, NAME) as path:
+    with services.results.borrow(job, NAME) as path:
         return open_day(path)

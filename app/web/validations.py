@@ -7,7 +7,6 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.datastructures import FormData
 
-from app.api.files import read_result
 from app.api.validations import find_validation, open_form, queue_validation
 from app.errors import AppError, find_outcome_of_code
 from app.jobs.job import Job, JobState
@@ -78,5 +77,5 @@ def _load(language: Language) -> Any:
 def _read_answer(services: Services, job: Job, language: Language) -> tuple[str, ...]:
     if job.state is not JobState.SUCCEEDED:
         return ()
-    body = read_result(services, job, "validation.json")
+    body = services.results.read(job, "validation.json")
     return list_sentences(json.loads(body), language)

@@ -102,8 +102,8 @@ def write_findings(log: Path, request: ReportRequest, out: Path, on_stage: OnSta
     (out / "findings.json").write_bytes(b"{}")
 
 
-def set_beside(*given: object) -> None:
+def write_pair(*given: object) -> None:
     """Write the report of two into the folder of the attempt."""
-    out = given[5]
+    out = given[4]
     assert isinstance(out, Path)
     (out / "report.en.pdf").write_bytes(b"%PDF-two")

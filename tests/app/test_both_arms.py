@@ -19,7 +19,8 @@ from app.report.pair import ArmPair, build_pair, describe_pair
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
-from app.roads.pair import PairRequest, find_offset_s, make_pair_report, read_analysed
+from app.request import PairRequest
+from app.roads.pair import find_offset_s, make_report_of_two, read_analysed
 from fusion.arms import ArmShare, PairedArms, TrunkRelative
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import Interval
@@ -204,7 +205,7 @@ def test_without_a_clock_somebody_must_tell_the_offset(tmp_path: Path) -> None:
     right = keep(tmp_path / "r", "right", 70.0, start=None)
 
     with pytest.raises(CannotPair) as refused:
-        make_pair_report(left, right, PairRequest(languages=("en",), kinds=("html",)), tmp_path)
+        make_report_of_two((left, right), PairRequest("pair", languages=("en",), kinds=("html",)), tmp_path)
 
     assert refused.value.facts == {"why": "offset"}
 
@@ -226,14 +227,14 @@ def test_what_is_no_pair_is_refused(
     )
 
     with pytest.raises(CannotPair) as refused:
-        make_pair_report(left, right, PairRequest(offset_s=offset_s), tmp_path)
+        make_report_of_two((left, right), PairRequest("pair", offset_s), tmp_path)
 
     assert refused.value.facts == {"why": why}
 
 
 def test_a_folder_without_a_finished_analysis_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CannotPair) as refused:
-        make_pair_report(tmp_path, tmp_path, PairRequest(), tmp_path)
+        make_report_of_two((tmp_path, tmp_path), PairRequest("pair"), tmp_path)
 
     assert refused.value.facts == {"why": "kept"}
 
@@ -243,7 +244,7 @@ def test_two_finished_analyses_make_every_product(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
 
-    make_pair_report(left, right, PairRequest(languages=("fr",)), out)
+    make_report_of_two((left, right), PairRequest("pair", languages=("fr",)), out)
 
     made = {path.name for path in out.iterdir()}
     assert made == {"pair.json", "answer.fr.txt", "report.fr.html", "report.fr.pdf"}
@@ -253,7 +254,8 @@ def test_the_trunk_is_taken_off_each_arm(tmp_path: Path) -> None:
     left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
     trunk = keep(tmp_path / "t", "unknown", 15.0)
 
-    make_pair_report(left, right, PairRequest(trunk, languages=("en",), kinds=("html",)), tmp_path)
+    request = PairRequest("pair", languages=("en",), kinds=("html",))
+    make_report_of_two((left, right, trunk), request, tmp_path)
 
     page = (tmp_path / "report.en.html").read_text("utf-8")
     assert "25.0°" in page
@@ -266,8 +268,8 @@ def test_the_clock_of_the_trunk_is_set_by_the_devices_or_by_a_person(tmp_path: P
     clocks = []
 
     for trunk_offset_s in (None, 5.0):
-        request = PairRequest(trunk, None, trunk_offset_s, ("en",), ())
-        make_pair_report(left, right, request, tmp_path)
+        request = PairRequest("pair", None, trunk_offset_s, ("en",), ())
+        make_report_of_two((left, right, trunk), request, tmp_path)
         clocks.append(json.loads((tmp_path / "pair.json").read_bytes())["trunk_clock"])
 
     assert clocks == [{"offset_s": 20.0, "from": "clocks"}, {"offset_s": 5.0, "from": "person"}]
@@ -277,7 +279,7 @@ def test_a_corrected_offset_of_the_right_arm_moves_it_against_the_trunk_too(tmp_
     left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
     trunk = keep(tmp_path / "t", "unknown", 15.0)
 
-    make_pair_report(left, right, PairRequest(trunk, 20.0, None, ("en",), ()), tmp_path)
+    make_report_of_two((left, right, trunk), PairRequest("pair", 20.0, None, ("en",), ()), tmp_path)
 
     relative = json.loads((tmp_path / "pair.json").read_bytes())["trunk_relative"]
     assert relative["left"]["shared_s"] - relative["right"]["shared_s"] == pytest.approx(20.0)
@@ -287,7 +289,7 @@ def test_an_arm_is_not_taken_for_the_trunk(tmp_path: Path) -> None:
     left, right = keep(tmp_path / "l", "left", 40.0), keep(tmp_path / "r", "right", 70.0)
 
     with pytest.raises(CannotPair) as refused:
-        make_pair_report(left, right, PairRequest(right, languages=("en",), kinds=()), tmp_path)
+        make_report_of_two((left, right, right), PairRequest("pair", languages=("en",), kinds=()), tmp_path)
 
     assert refused.value.facts == {"why": "same"}
 

@@ -439,7 +439,13 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
 
 
 @pytest.mark.parametrize(
-    "path", ["/api/v1/compare?analysis={0}&analysis={1}", "/beside/pair?first={0}&second={1}"]
+    "path",
+    [
+        "/api/v1/compare?analysis={0}&analysis={1}",
+        "/api/v1/compare/report.pdf?analysis={0}&analysis={1}",
+        "/api/v1/pair/pair.json?left={0}&right={1}",
+        "/beside/pair?first={0}&second={1}",
+    ],
 )
 def test_a_damaged_analysis_beside_another_is_a_problem_answer(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish, path: str
@@ -457,11 +463,11 @@ def test_a_damaged_report_of_two_is_made_again(
     client: TestClient, settings: Settings, finish: Finish,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    monkeypatch.setattr("app.web.pairs.load_and_set_beside", stand_ins.set_beside)
+    monkeypatch.setattr("app.jobs.children.pairs.load_and_make_pair", stand_ins.write_pair)
     one, other = (finish(stand_ins.write_findings, content=content) for content in (b"1", b"2"))
     address = f"/beside/compare/report.pdf?first={one.id}&second={other.id}"
     assert client.get(address).content == b"%PDF-two"
-    (kept,) = (settings.data_dir / "cache" / "beside").glob("*/report.en.pdf")
+    (kept,) = (settings.data_dir / "cache" / "pairs").glob("*/report.en.pdf")
 
     kept.write_bytes(b"%PDF-tw0")
 

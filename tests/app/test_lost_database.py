@@ -400,15 +400,15 @@ def test_a_purge_removes_what_lies_in_place_of_a_recording_only_to_quarantine(
 
 
 def test_a_purge_reaches_the_reports_of_two_and_the_cache_may_hold_folders(settings: Settings) -> None:
-    beside = settings.data_dir / "cache" / "beside" / "0123"
+    pair = settings.data_dir / "cache" / "pairs" / "0123"
     with serving(settings) as client:
         recording_id = upload(client, b"one", subject="S012")
-        beside.mkdir(parents=True)
-        (beside / "answer.en.txt").write_text("S012")
+        pair.mkdir(parents=True)
+        (pair / "answer.en.txt").write_text("S012")
 
         assert client.delete(f"/api/v1/recordings/{recording_id}?purge=true").status_code == 204
 
-    assert not beside.exists()
+    assert not pair.exists()
 
 
 def test_a_pipe_among_the_recordings_holds_up_no_start(settings: Settings, storage: Storage) -> None:

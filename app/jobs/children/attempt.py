@@ -18,7 +18,16 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.errors import AppError, AttemptFailed, InternalError, OutOfMemory, OutOfTime
+from app.errors import (
+    AppError,
+    AttemptFailed,
+    Crashed,
+    InternalError,
+    Interrupted,
+    OutOfMemory,
+    OutOfTime,
+    RecordedProblem,
+)
 from app.jobs.children.fork_server import NotStarted, choose_context, end_child, start_child
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
@@ -149,6 +158,24 @@ def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     finally:
         end_child(child)
         ours.close()
+
+
+def make_now(attempt: Attempt) -> tuple[ResultFile, ...]:
+    """Make an attempt that somebody waits for; gives the files that were made.
+
+    Raises
+    ------
+    RecordedProblem
+        With the code and facts of the refusal.
+    Crashed, Interrupted
+        The child died, or none could be started.
+    """
+    outcome = run_attempt(attempt, lambda *_: True)
+    if isinstance(outcome, Finished):
+        return outcome.files
+    if isinstance(outcome, Refused):
+        raise RecordedProblem(outcome.code, outcome.facts)
+    raise Interrupted if isinstance(outcome, Unstarted) else Crashed(attempts=1)
 
 
 def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: OnProgress) -> Outcome:

@@ -9,16 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from app.errors import Crashed, Interrupted, RecordedProblem
-from app.jobs.children.attempt import (
-    Attempt,
-    Finished,
-    MakeReport,
-    Refused,
-    Unstarted,
-    choose_limits,
-    run_attempt,
-)
+from app.jobs.children.attempt import Attempt, MakeReport, choose_limits, make_now
 from app.jobs.children.fork_server import warm_up
 from app.request import OnStage, ReportRequest
 from app.settings import Settings
@@ -45,7 +36,7 @@ def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnS
 
 def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Write angles as text."""
-    importlib.import_module("app.roads.pair").write_elevation_csv(log, request, out, on_stage)
+    importlib.import_module("app.roads.analyse").write_elevation_csv(log, request, out, on_stage)
 
 
 def load_and_propose_columns(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -134,12 +125,8 @@ class Inspector:
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
             limits = choose_limits(self.settings, log.stat().st_size)
-            outcome = run_attempt(Attempt(log, request, out, make, limits), lambda *_: True)
-            if isinstance(outcome, Finished):
-                return (out / name).read_bytes()
-        if isinstance(outcome, Refused):
-            raise RecordedProblem(outcome.code, outcome.facts)
-        raise Interrupted if isinstance(outcome, Unstarted) else Crashed(attempts=1)
+            make_now(Attempt(log, request, out, make, limits))
+            return (out / name).read_bytes()
 
 
 def _read(body: bytes) -> dict[str, Any]:

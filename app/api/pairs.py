@@ -1,0 +1,280 @@
+"""Reports of two finished analyses: both arms of one shift, or one day beside an earlier one."""
+
+import hashlib
+from typing import Annotated, Any, Literal, Self
+
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from app.api.analysis_models import view_settings
+from app.api.files import MEDIA_TYPES, head_file, is_known, name_ascii
+from app.api.problems import PROBLEM_RESPONSES
+from app.errors import BadParameter
+from app.jobs.children.pairs import PairedJobs
+from app.report.words.wording import Language
+from app.request import LONGEST_OFFSET_S, PairRequest, Paper
+from app.services import Services, UsedLanguage, UsedServices
+
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
+
+Side = Literal["left", "right"]
+Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
+PaperChoice = Annotated[Paper | None, Field(description="Paper of the PDF; else that of the first analysis.")]
+
+
+class FigureView(BaseModel):
+    """A figure before and after. ``detectable``: the least change that days do not make by themselves."""
+
+    name: str
+    before: float
+    after: float
+    change: float
+    detectable: float | None
+    verdict: str
+
+
+class ComparisonView(BaseModel):
+    """Two analyses beside one another. With any ``differences``, the figures are to be read with care."""
+
+    before: str
+    after: str
+    figures: list[FigureView]
+    differences: list[str]
+    settings: dict[str, list[Any]]
+    source: str
+
+
+class SourceView(BaseModel):
+    """One of the analyses. ``start``: by the device's clock, null where it was never set."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    report_id: str
+    sha256: str
+    file_name: str
+    subject: str
+    side: Side | None
+    start: str | None
+    analysed_s: float
+    verdict: Literal["good", "caution", "poor"]
+
+
+class ClockView(BaseModel):
+    """When a recording began, seconds after the left arm's, and whether the devices' clocks say so."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    offset_s: float
+    stated_by: Annotated[Literal["clocks", "person"], Field(alias="from")]
+
+
+class ArmView(BaseModel):
+    """One arm over the time that both share; keys are percentiles, and angles in degrees."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    percentiles_deg: dict[str, float]
+    time_above_percent: dict[str, float]
+
+
+class RatioView(BaseModel):
+    """Right arm to left; null where the left is 0."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    time_above_60: float | None
+    elevation_p50: float | None
+
+
+class TrunkView(BaseModel):
+    """An arm's elevation less the trunk's inclination; ``limit`` says what it cannot show."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    limit: str
+    shared_s: float
+    percentiles_deg: dict[str, float] | None
+
+
+class PairView(BaseModel):
+    """The figures of both arms of one shift; ``intervals`` are 95 % ranges."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    layout: Annotated[Literal["acromion.pair/1"], Field(alias="schema")]
+    left: SourceView
+    right: SourceView
+    clock: ClockView
+    trunk_clock: ClockView | None
+    shared_s: float
+    arms: dict[Side, ArmView]
+    both_above_60_percent: float
+    right_to_left: RatioView
+    intervals: dict[str, tuple[float, float]]
+    trunk_relative: dict[Side, TrunkView]
+
+
+class ChangeView(BaseModel):
+    """The figures of one day beside those of an earlier one."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    layout: Annotated[Literal["acromion.comparison/1"], Field(alias="schema")]
+    before: SourceView
+    after: SourceView
+    figures: list[FigureView]
+    differences: list[str]
+    source: str
+
+
+class ComparisonQuery(BaseModel):
+    """The two analyses, the earlier first."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    analysis: Annotated[list[str], Field(min_length=2, max_length=2, description="Twice: before, after.")]
+    lang: Language | None = None
+
+
+class ChangeQuery(ComparisonQuery):
+    """The two analyses, the earlier first, and the paper of their report."""
+
+    paper: PaperChoice = None
+
+    def find(self, services: Services) -> PairedJobs:
+        """Find the analyses.
+
+        Raises
+        ------
+        NotHere
+        """
+        before, after = (services.store.get(analysis_id) for analysis_id in self.analysis)
+        request = PairRequest("compare", paper=self.paper or before.request.paper)
+        return PairedJobs(before, after, None, request)
+
+
+class PairQuery(BaseModel):
+    """The analyses of both arms and, where it was measured, of the trunk."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    left: Annotated[str, Field(description="Analysis of the left arm.")]
+    right: Annotated[str, Field(description="Analysis of the right arm.")]
+    trunk: Annotated[str, Field(description="Analysis of a recording of the trunk.")] = ""
+    offset_s: Annotated[
+        Offset,
+        Field(description="When the right recording began, seconds after the left; else by the clocks."),
+    ] = None
+    trunk_offset_s: Annotated[Offset, Field(description="Likewise the trunk's, after the left.")] = None
+    paper: PaperChoice = None
+    lang: Language | None = None
+
+    @model_validator(mode="after")
+    def _check_trunk(self) -> Self:
+        if self.trunk_offset_s is not None and not self.trunk:
+            raise BadParameter(name="trunk", value="", allowed="trunk_offset_s + trunk")
+        return self
+
+    def find(self, services: Services) -> PairedJobs:
+        """Find the analyses.
+
+        Raises
+        ------
+        NotHere
+        """
+        left, right = services.store.get(self.left), services.store.get(self.right)
+        trunk = services.store.get(self.trunk) if self.trunk else None
+        paper = self.paper or left.request.paper
+        return PairedJobs(
+            left, right, trunk, PairRequest("pair", self.offset_s, self.trunk_offset_s, paper=paper)
+        )
+
+
+PairChoice = Annotated[PairQuery, Query()]
+ChangeChoice = Annotated[ChangeQuery, Query()]
+ReportName = Literal["report.html", "report.pdf", "answer.txt"]
+REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {kind: {} for kind in ("text/html", "application/pdf", "text/plain")}}
+}
+
+
+@router.get("/compare", tags=["about"])
+def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Query()]) -> ComparisonView:
+    """Set one finished analysis beside another, and name the settings that differ."""
+    before, after = (services.store.get(analysis_id) for analysis_id in asked.analysis)
+    findings = [services.results.read(job, "findings.json") for job in (before, after)]
+    compared = services.inspector.compare(*findings)
+    first, second = view_settings(before.request), view_settings(after.request)
+    differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
+    figures = {name: compared[name] for name in ("figures", "differences", "source")}
+    return ComparisonView(before=before.id, after=after.id, settings=differing, **figures)
+
+
+@router.get(
+    "/compare/comparison.json",
+    tags=["pairs"],
+    response_class=Response,
+    responses={200: {"model": ChangeView}},
+)
+def get_change(request: Request, services: UsedServices, asked: ChangeChoice) -> Response:
+    """Every figure of the change, byte for byte as ``acromion compare`` writes it."""
+    return _serve_figures(request, services, asked.find(services))
+
+
+@router.get("/compare/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
+def get_change_report(
+    name: ReportName,
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
+    asked: ChangeChoice,
+) -> Response:
+    """The report on the change from one day to a later one, or its answer in five lines."""
+    return _serve_report(request, services, asked.find(services), (name, language))
+
+
+@router.get("/pair/pair.json", tags=["pairs"], response_class=Response, responses={200: {"model": PairView}})
+def get_pair(request: Request, services: UsedServices, asked: PairChoice) -> Response:
+    """Every figure of both arms of one shift, byte for byte as ``acromion pair`` writes it."""
+    return _serve_figures(request, services, asked.find(services))
+
+
+@router.get("/pair/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
+def get_pair_report(
+    name: ReportName,
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
+    asked: PairChoice,
+) -> Response:
+    """The report of both arms of one shift, or its answer in five lines."""
+    return _serve_report(request, services, asked.find(services), (name, language))
+
+
+def name_pair_download(asked: PairedJobs, ending: str) -> str:
+    """Name a download by its subject: ``S012_pair.en.pdf``."""
+    subject = "".join(c for c in asked.first.request.subject if c.isalnum() or c in "-_") or "report"
+    return f"{subject}_{asked.request.kind}.{ending}"
+
+
+def _serve_figures(request: Request, services: Services, asked: PairedJobs) -> Response:
+    body = (services.pairs.make(asked).folder / asked.request.figures_name).read_bytes()
+    return _serve(request, body, name_pair_download(asked, "json"))
+
+
+def _serve_report(
+    request: Request, services: Services, asked: PairedJobs, wanted: tuple[str, Language]
+) -> Response:
+    name, language = wanted
+    stem, _, kind = name.partition(".")
+    body = services.pairs.make(asked).find(stem, kind, language).read_bytes()
+    return _serve(request, body, name_pair_download(asked, f"{language}.{kind}"))
+
+
+def _serve(request: Request, body: bytes, download: str) -> Response:
+    headers = head_file(download, hashlib.sha256(body).hexdigest())
+    if is_known(request, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    if not download.endswith(".html"):
+        headers["Content-Disposition"] = f'attachment; filename="{name_ascii(download)}"'
+    return Response(body, media_type=MEDIA_TYPES[download.rpartition(".")[2]], headers=headers)

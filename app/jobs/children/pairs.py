@@ -1,0 +1,192 @@
+"""Reports of two finished analyses: made in a child process when first asked for, then kept as a cache.
+
+    folder/<key>/             the files of one report; seal.json holds the SHA-256 of each
+    folder/<key>.<hex>.part/  what is being made, with copies of the files that it is made from
+
+Page and API ask here, so that both give the same bytes. A damaged or missing entry is made again. The entries
+hold subject codes: a purge removes them all, and a start removes what a crash left half made.
+"""
+
+import hashlib
+import importlib
+import json
+import secrets
+import shutil
+import threading
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from app.errors import RecordedProblem
+from app.jobs.children.attempt import Attempt, choose_limits, make_now
+from app.jobs.job import Job
+from app.jobs.results import ResultReader
+from app.request import Language, OnStage, PairRequest, ReportRequest
+from app.settings import Settings
+from app.storage.store import hash_file
+from app.version import software_revision
+
+AT_ONCE = 2
+"""Reports of two made at the same time; each child may use the memory of an analysis."""
+MOST_KEPT = 200
+"""Entries in the cache, of about 1 MB each; the oldest go first."""
+NEEDED = ("results.json", "findings.json", "elevation.parquet")
+SEAL = "seal.json"
+
+
+def load_and_make_pair(
+    sources: tuple[Path, ...],
+    pair: PairRequest,
+    _log: Path,
+    _request: ReportRequest,
+    out: Path,
+    _on_stage: OnStage,
+) -> None:
+    """Make a report of two in the child process, from the folders of finished analyses."""
+    importlib.import_module("app.roads.pair").make_report_of_two(sources, pair, out)
+
+
+@dataclass(frozen=True, slots=True)
+class PairedJobs:
+    """The finished analyses of a report of two, in order, and what is asked of them.
+
+    ``trunk`` belongs to a pair only.
+    """
+
+    first: Job
+    second: Job
+    trunk: Job | None
+    request: PairRequest
+
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """Every analysis that the report is made from."""
+        return tuple(filter(None, (self.first, self.second, self.trunk)))
+
+    def identify(self) -> str:
+        """Hash attempts, request and software: the same three give the same report."""
+        asked = self.request
+        tokens = tuple(job.token for job in self.jobs)
+        parts = (asked.kind, tokens, asked.offset_s, asked.trunk_offset_s, asked.paper, software_revision())
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+
+
+@dataclass(frozen=True, slots=True)
+class PairReport:
+    """The files of a report of two, in their folder."""
+
+    folder: Path
+    request: PairRequest
+
+    def find(self, stem: str, kind: str, language: Language) -> Path:
+        """Give the place of the report or the answer in a language: ``report.en.pdf``, ``answer.fr.txt``."""
+        return self.folder / f"{stem}.{language}.{kind}"
+
+    def read_figures(self) -> dict[str, Any]:
+        """Read the figures as ``pair.json`` or ``comparison.json`` holds them."""
+        figures: dict[str, Any] = json.loads((self.folder / self.request.figures_name).read_bytes())
+        return figures
+
+    def read_sentences(self, language: Language) -> list[str]:
+        """Read the lines of the answer."""
+        return self.find("answer", "txt", language).read_text("utf-8").splitlines()
+
+
+@dataclass(frozen=True, slots=True)
+class PairReports:
+    """Makes reports of two, a few at once, and keeps them in a folder; whoever comes later waits."""
+
+    settings: Settings
+    results: ResultReader
+    folder: Path
+    _turns: threading.BoundedSemaphore = field(default_factory=lambda: threading.BoundedSemaphore(AT_ONCE))
+    _publishing: threading.Lock = field(default_factory=threading.Lock)
+
+    def sweep(self) -> None:
+        """Remove what a crash left half made; only for the one server of this folder, before it serves.
+
+        Earlier versions kept these reports in ``beside``, and copies of results in folders named ``tmp*``.
+        """
+        for left in (*self.folder.glob("*.part"), *self.folder.parent.glob("tmp*/")):
+            shutil.rmtree(left, ignore_errors=True)
+        shutil.rmtree(self.folder.with_name("beside"), ignore_errors=True)
+
+    def forget_all(self) -> None:
+        """Remove every report of two; they are made again when asked for."""
+        with self._publishing:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def make(self, asked: PairedJobs) -> PairReport:
+        """Give a report of two, made now unless it is there and whole.
+
+        Raises
+        ------
+        RecordedProblem, Crashed, Interrupted
+            As the child process met them; among the first is E-PAIR (:class:`app.errors.CannotPair`).
+        NotHere, NotFinished, NoSuchFile, ResultDamaged
+            One of the analyses cannot be read.
+        """
+        kept = self.folder / asked.identify()
+        if not _is_whole(kept):
+            with self._turns:
+                if not _is_whole(kept):  # another request may have made it meanwhile
+                    self._make(asked, kept)
+        return PairReport(kept, asked.request)
+
+    def _make(self, asked: PairedJobs, kept: Path) -> None:
+        staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
+        out = staging / "out"
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        out.mkdir(parents=True)
+        try:
+            sources = tuple(self._copy(job, staging / str(n)) for n, job in enumerate(asked.jobs))
+            self._run(asked, sources, out)
+            self._publish(asked, out, kept)
+        except (FileNotFoundError, RecordedProblem):  # a purge may have taken the folder away
+            self._check_there(asked)
+            raise
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+    def _copy(self, job: Job, folder: Path) -> Path:
+        """Copy what a report of two is made from, as it stands in a folder that ``acromion run`` made."""
+        folder.mkdir()
+        for name in NEEDED:
+            with self.results.borrow(job, name) as path:
+                shutil.copyfile(path, folder / name)
+        return folder
+
+    def _run(self, asked: PairedJobs, sources: tuple[Path, ...], out: Path) -> None:
+        make = partial(load_and_make_pair, sources, asked.request)
+        limits = choose_limits(self.settings, sum(job.size_bytes for job in asked.jobs))
+        files = make_now(Attempt(sources[0], ReportRequest(""), out, make, limits))
+        (out / SEAL).write_text(json.dumps({file.name: file.sha256 for file in files}))
+
+    def _publish(self, asked: PairedJobs, out: Path, kept: Path) -> None:
+        """Keep what was made, unless one of the analyses was deleted meanwhile."""
+        with self._publishing:
+            self._check_there(asked)
+            shutil.rmtree(kept, ignore_errors=True)
+            out.rename(kept)
+            self._make_room()
+
+    def _check_there(self, asked: PairedJobs) -> None:
+        """Raise NotHere where one of the analyses was deleted meanwhile."""
+        for job in asked.jobs:
+            self.results.store.get(job.id)
+
+    def _make_room(self) -> None:
+        entries = [path for path in self.folder.iterdir() if path.suffix != ".part"]
+        entries.sort(key=lambda path: path.stat().st_mtime)
+        for path in entries[:-MOST_KEPT]:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _is_whole(kept: Path) -> bool:
+    """Tell whether every file of an entry is there and has the bytes that were made."""
+    try:
+        sealed: dict[str, str] = json.loads((kept / SEAL).read_bytes())
+        return all(hash_file(kept / name) == sha256 for name, sha256 in sealed.items())
+    except (OSError, ValueError):
+        return False
