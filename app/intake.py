@@ -108,8 +108,8 @@ class FolderWatch:
 
     def look(self) -> list[Job]:
         """Take in what has stopped growing since the last look; gives the analyses."""
-        entries = list(_list_entries(self.folder))
-        self._tell_links(sum(entry.is_symlink() for entry in entries))
+        entries = list(_walk_entries(self.folder))
+        self._log_links(sum(entry.is_symlink() for entry in entries))
         found = dict(_choose_files(entries))
         ready = [path for path, signature in found.items() if self._seen.get(path) == signature]
         self._seen = found
@@ -124,7 +124,7 @@ class FolderWatch:
             except OSError as error:
                 logger.warning("the watched folder cannot be read (%s); trying again", error.strerror)
 
-    def _tell_links(self, count: int) -> None:
+    def _log_links(self, count: int) -> None:
         """Log links once, as many as there are."""
         if count > self._links:
             logger.warning("%d links in the watched folder are left alone: links are not followed", count)
@@ -142,18 +142,18 @@ class FolderWatch:
                     job = self.intake.take_open(file, request, "api")
                 self._move_to_taken(path, handle, job.id)
         except (AppError, OSError, ValueError) as error:
-            self._tell_refused(path, error)
+            self._log_refused(path, error)
             return None
         logger.info("a file of the watched folder was taken in as %s", job.id)
         return job
 
-    def _tell_refused(self, path: Path, error: Exception) -> None:
+    def _log_refused(self, path: Path, error: Exception) -> None:
         refused = (path, self._seen[path])
         if refused not in self._refused:
             self._refused.add(refused)
             size_bytes, changed_ns = self._seen[path]
             changed = datetime.fromtimestamp(changed_ns / 1e9, UTC).isoformat(timespec="seconds")
-            told = (size_bytes, changed, _name_trouble(error))
+            told = (size_bytes, changed, _describe_trouble(error))
             logger.warning("a watched file of %d bytes, changed %s, could not be taken in: %s", *told)
 
     def _move_to_taken(self, path: Path, handle: int | None, job_id: str) -> None:
@@ -170,7 +170,7 @@ class FolderWatch:
             os.rename(path.name, place, src_dir_fd=handle)
 
 
-def _name_trouble(error: Exception) -> str:
+def _describe_trouble(error: Exception) -> str:
     """Name it without any word of the file's."""
     if isinstance(error, AppError):
         return error.code
@@ -200,7 +200,7 @@ def _open_plain(path: Path, handle: int | None) -> BinaryIO:
     return file
 
 
-def _list_entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
+def _walk_entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
     """Give what lies in the folder and in the folders within it, but for what was taken; links as links."""
     with os.scandir(folder) as entries:
         top = list(entries)

@@ -21,13 +21,13 @@ from starlette.routing import Match
 from app.api.about import router as about_routes
 from app.api.analyses import router as analysis_routes
 from app.api.batches import router as batch_routes
-from app.api.guard import SECURITY_HEADERS, Guard, make_patient_protocol
+from app.api.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
 from app.api.pairs import router as pair_routes
 from app.api.plain_text import PlainText
-from app.api.problems import answer_refusal, name_refusal
+from app.api.problems import classify_error, respond_to_refusal
 from app.api.recordings import router as recording_routes
 from app.api.side_files import SideFiles
 from app.api.uploads import router as upload_routes
@@ -62,7 +62,7 @@ from app.storage.private import close_to_others, make_folder
 from app.storage.store import FolderLock, check_folder
 from app.upkeep.recover import check_known
 from app.version import software_version
-from app.web.analysis import answer_with_page
+from app.web.analysis import respond_with_page
 from app.web.analysis import router as page_routes
 from app.web.batches import router as batch_pages
 from app.web.columns import router as column_routes
@@ -113,7 +113,7 @@ def create_app(settings: Settings) -> FastAPI:
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
         redoc_url=None,
-        generate_unique_id_function=_name_operation,
+        generate_unique_id_function=_find_operation_id,
         lifespan=_live,
     )
     application.state.services = open_services(settings)
@@ -125,10 +125,12 @@ def create_app(settings: Settings) -> FastAPI:
     _add_refusals(application)
     rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
     answers = application.state.services.answers
-    application.add_middleware(Idempotency, answers=answers, answer=answer_error)
+    application.add_middleware(Idempotency, answers=answers, answer=respond_to_error)
     application.add_middleware(SideFiles, services=application.state.services)
-    application.add_middleware(PlainText, answer=answer_error)
-    application.add_middleware(Guard, answer=answer_error, min_rate_bytes_per_s=rate, patience_s=patience_s)
+    application.add_middleware(PlainText, answer=respond_to_error)
+    application.add_middleware(
+        Guard, answer=respond_to_error, min_rate_bytes_per_s=rate, patience_s=patience_s
+    )
     return application
 
 
@@ -218,15 +220,17 @@ def check_loopback(host: str) -> None:
         raise ForeignAddress(host=host)
 
 
-def answer_error(request: Request, error: Exception) -> Response:
+def respond_to_error(request: Request, error: Exception) -> Response:
     """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
-    refusal = _name_trouble(request, error) if isinstance(error, DBAPIError) else name_refusal(request, error)
+    refusal = (
+        _classify_trouble(request, error) if isinstance(error, DBAPIError) else classify_error(request, error)
+    )
     if isinstance(refusal, WrongVerb):
-        refusal = WrongVerb(method=request.method, allowed=", ".join(_list_methods(request)))
+        refusal = WrongVerb(method=request.method, allowed=", ".join(_find_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
     outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     is_page = not outside or _is_read_by_person(request, refusal)
-    response = answer_with_page(request, refusal) if is_page else answer_refusal(request, refusal)
+    response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
     return response
 
@@ -236,19 +240,19 @@ def _is_read_by_person(request: Request, refusal: FusionError | AppError | Recor
     return isinstance(refusal, ResultDamaged) and "text/html" in request.headers.get("accept", "")
 
 
-def _list_methods(request: Request) -> list[str]:
+def _find_methods(request: Request) -> list[str]:
     """Give every method of the address; the framework names only those of the first route it finds."""
     known = (route for routes in (*ROUTES, page_routes) for route in routes.routes)
     here = (route for route in known if route.matches(request.scope)[0] is not Match.NONE)
     return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 
 
-def _name_trouble(request: Request, error: DBAPIError) -> FusionError | AppError | RecordedProblem:
+def _classify_trouble(request: Request, error: DBAPIError) -> FusionError | AppError | RecordedProblem:
     """Tell a full disk, a damaged database, one that does not answer, and a bug from each other."""
     services: Services = request.app.state.services
     refusal = explain_trouble(error, services.settings.database_url)
     if refusal is None:
-        return name_refusal(request, error)
+        return classify_error(request, error)
     if isinstance(refusal, DiskFull):
         return refusal
     logger.error("the database does not answer: %s", error.orig)
@@ -279,10 +283,10 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
 
 def _add_refusals(application: FastAPI) -> None:
     for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
-        application.add_exception_handler(kind, answer_error)
+        application.add_exception_handler(kind, respond_to_error)
 
 
-def _name_operation(route: APIRoute) -> str:
+def _find_operation_id(route: APIRoute) -> str:
     return route.name
 
 
@@ -311,7 +315,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
     return uvicorn.Config(
         application,
         root_path=settings.root_path.rstrip("/"),
-        http=make_patient_protocol(settings.header_patience_s),
+        http=make_timeout_protocol(settings.header_patience_s),
         ws="none",
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         timeout_graceful_shutdown=GRACE_S,

@@ -25,8 +25,8 @@ OnStage = Callable[[Stage, float], None]
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _LONGEST_NAME = 200
 LONGEST_SUBJECT = 100
-SUBJECT_ALLOWED = f"<= {LONGEST_SUBJECT} printable characters"
-WINDOW_ALLOWED = "START_S,END_S"
+SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
+WINDOW_HINT = "START_S,END_S"
 
 
 def clean_file_name(name: str) -> str:
@@ -47,7 +47,7 @@ def check_subject(text: str) -> str:
     ValueError
     """
     if len(text) > LONGEST_SUBJECT or _UNPRINTABLE.search(text):
-        raise ValueError(SUBJECT_ALLOWED)
+        raise ValueError(SUBJECT_HINT)
     return text.strip()
 
 
@@ -60,11 +60,11 @@ def parse_window(text: str) -> tuple[float, float]:
     """
     start_s, end_s = (float(part) for part in text.split(","))
     if not 0 <= start_s < end_s < math.inf:
-        raise ValueError(WINDOW_ALLOWED)
+        raise ValueError(WINDOW_HINT)
     return start_s, end_s
 
 
-def list_window_counts(pose: Pose) -> tuple[int, ...]:
+def find_window_counts(pose: Pose) -> tuple[int, ...]:
     """Say how many calibration windows a pose can be asked with: both of two points, or else one or none."""
     return (2,) if pose == "two-point" else (0, 1)
 
@@ -133,12 +133,12 @@ class ReportRequest:
         reference = _read_reference(values.pop("reference", None))
         return cls(calibration_windows_s=windows, diary=diary, reference=reference, **values)
 
-    def name_settings(self) -> dict[str, object]:
+    def describe_settings(self) -> dict[str, object]:
         """Give what the figures depend on; in which languages and forms they are told is left out."""
         told = {"file_name", "languages", "kinds", "paper", "joined", "version", "changes", "reason"}
         return {name: value for name, value in asdict(self).items() if name not in told}
 
-    def list_diary(self) -> tuple[DiaryEntry, ...]:
+    def select_diary(self) -> tuple[DiaryEntry, ...]:
         """Give the rows of the diary that are for this file, named in full, by its stem or by the subject."""
         names = {"", self.file_name, self.file_name.partition(".")[0], self.subject}
         return tuple(entry for entry in self.diary if entry.file in names)
@@ -172,7 +172,7 @@ class PairRequest:
 
 
 def compare_settings(before: Mapping[str, object], after: Mapping[str, object]) -> tuple[str, ...]:
-    """Name the settings that differ, of two as :meth:`ReportRequest.name_settings` gives them."""
+    """Name the settings that differ, of two as :meth:`ReportRequest.describe_settings` gives them."""
     return tuple(name for name in after if name in before and before[name] != after[name])
 
 

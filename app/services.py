@@ -59,19 +59,19 @@ class Readiness:
         """Give each check by its name, with ``ok`` or the code of what is wrong."""
         async with self._turn:
             if time.monotonic() - self._made_at_s >= KEPT_S:
-                self._found = await self._ask_all()
+                self._found = await self._run_checks()
                 self._made_at_s = time.monotonic()
             return self._found
 
-    async def _ask_all(self) -> Mapping[str, str]:
-        checks = self._list_checks()
+    async def _run_checks(self) -> Mapping[str, str]:
+        checks = self._build_checks()
         found = {name: trouble.code for name, (_, trouble) in checks.items()}
         async with anyio.create_task_group() as tasks:
             for name, (check, trouble) in checks.items():
-                tasks.start_soon(self._ask, found, name, check, trouble)
+                tasks.start_soon(self._run_check, found, name, check, trouble)
         return found
 
-    def _list_checks(self) -> Mapping[str, tuple[Callable[[], None], type[AppError]]]:
+    def _build_checks(self) -> Mapping[str, tuple[Callable[[], None], type[AppError]]]:
         """Give each check with what it means that it fails without a code, or does not end."""
         settings = self.settings
         return {
@@ -82,7 +82,7 @@ class Readiness:
             "queue": (self._check_queue, DatabaseAway),
         }
 
-    async def _ask(
+    async def _run_check(
         self, found: dict[str, str], name: str, check: Callable[[], None], trouble: type[AppError]
     ) -> None:
         if name in self._busy:
@@ -90,10 +90,15 @@ class Readiness:
         self._busy.add(name)
         with anyio.move_on_after(ANSWER_S):
             found[name] = await anyio.to_thread.run_sync(
-                self._make, name, check, trouble, abandon_on_cancel=True, limiter=anyio.CapacityLimiter(1)
+                self._make_check,
+                name,
+                check,
+                trouble,
+                abandon_on_cancel=True,
+                limiter=anyio.CapacityLimiter(1),
             )
 
-    def _make(self, name: str, check: Callable[[], None], trouble: type[AppError]) -> str:
+    def _make_check(self, name: str, check: Callable[[], None], trouble: type[AppError]) -> str:
         try:
             check()
         except AppError as refusal:
@@ -211,10 +216,10 @@ UsedServices = Annotated[Services, Depends(find_services)]
 UsedLanguage = Annotated[Language, Depends(choose_language)]
 
 
-def tell_way_in(request: Request) -> WayIn:
+def find_way_in(request: Request) -> WayIn:
     """Tell a person at the page (the browser says so, and the guard has checked it) from a script."""
     from_page = request.headers.get("origin") or request.headers.get("sec-fetch-site") == "same-origin"
     return "web" if from_page else "api"
 
 
-UsedWayIn = Annotated[WayIn, Depends(tell_way_in)]
+UsedWayIn = Annotated[WayIn, Depends(find_way_in)]

@@ -11,7 +11,7 @@ from app.request import Paper
 GIB = 1 << 30
 
 
-def _name_own_database(known: dict[str, Any]) -> str:
+def _build_database_url(known: dict[str, Any]) -> str:
     return f"sqlite:///{known['data_dir'] / 'acromion.sqlite3'}"
 
 
@@ -78,7 +78,7 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="ACROMION_", frozen=True)
 
     data_dir: Path = Path("acromion-data")
-    database_url: str = Field(default_factory=_name_own_database)
+    database_url: str = Field(default_factory=_build_database_url)
     object_store: str = ""
     engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"

@@ -264,17 +264,17 @@ async def follow_analysis(
 ) -> StreamingResponse:
     """Tell every change of an analysis as an event ``analysis`` until it ends."""
     await run_in_threadpool(services.store.get, analysis_id)
-    told = _tell_changes(request, services, analysis_id, language)
+    told = _stream_changes(request, services, analysis_id, language)
     return StreamingResponse(told, media_type="text/event-stream")
 
 
-async def _tell_changes(
+async def _stream_changes(
     request: Request, services: Services, analysis_id: str, language: Language
 ) -> AsyncIterator[str]:
     last, spoke_s = "", time.monotonic()
     while not await request.is_disconnected():
         job = await run_in_threadpool(services.store.get, analysis_id)
-        event = _write(view_analysis(job, language))
+        event = _encode_event(view_analysis(job, language))
         if event != last:
             last, spoke_s = event, time.monotonic()
             yield event
@@ -286,7 +286,7 @@ async def _tell_changes(
         await anyio.sleep(LOOK_S)
 
 
-def _write(view: AnalysisView) -> str:
+def _encode_event(view: AnalysisView) -> str:
     return f"event: analysis\ndata: {view.model_dump_json(exclude_unset=True)}\n\n"
 
 
@@ -307,7 +307,7 @@ def list_analyses(
     """Give the newest analyses, page by page."""
     asked = JobFilter(JobState(wanted.state) if wanted.state else "", wanted.batch_id, wanted.recording_id)
     found = services.store.list_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
-    jobs, following = cut_page(found, wanted.limit, _tell_place, request, answer)
+    jobs, following = cut_page(found, wanted.limit, _find_place, request, answer)
     return AnalysisList(items=[view_analysis(job, language) for job in jobs], next_cursor=following)
 
 
@@ -418,7 +418,7 @@ for export in EXPORT_NAMES:
     )
 
 
-def _tell_place(job: Job) -> Place:
+def _find_place(job: Job) -> Place:
     return job.created_at.isoformat(timespec="microseconds"), job.id
 
 

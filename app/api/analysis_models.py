@@ -26,13 +26,13 @@ from app.report.export.csv import encode_table
 from app.report.words.subject import MAX_TEXT, clean_text
 from app.report.words.wording import Language
 from app.request import (
-    SUBJECT_ALLOWED,
-    WINDOW_ALLOWED,
+    SUBJECT_HINT,
+    WINDOW_HINT,
     Paper,
     ReportRequest,
     check_subject,
     clean_file_name,
-    list_window_counts,
+    find_window_counts,
     parse_window,
 )
 from fusion.conventions import MethodName, Pose
@@ -122,17 +122,17 @@ def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) 
 
 # What may be asked with a recording.
 
-CLOCK_ALLOWED = "2026-03-02, 2026-03-02T07:58"
+CLOCK_HINT = "2026-03-02, 2026-03-02T07:58"
 
 
-def take_subject(text: str) -> str:
+def parse_subject(text: str) -> str:
     """Take a subject code, or say what is allowed."""
-    return _take(check_subject, text, SUBJECT_ALLOWED)
+    return _parse(check_subject, text, SUBJECT_HINT)
 
 
-def take_device_clock(text: str) -> str:
+def parse_device_clock(text: str) -> str:
     """Take a date or a time of the device's clock, which has no zone, or say what is allowed."""
-    return _take(_read_device_clock, text, CLOCK_ALLOWED) if text else ""
+    return _parse(_read_device_clock, text, CLOCK_HINT) if text else ""
 
 
 def _read_device_clock(text: str) -> str:
@@ -150,11 +150,11 @@ def _read_device_clock(text: str) -> str:
 
 
 def _check_window(text: str) -> str:
-    _take(parse_window, text, WINDOW_ALLOWED)
+    _parse(parse_window, text, WINDOW_HINT)
     return text
 
 
-def _take(read: Callable[[str], T], text: str, allowed: str) -> T:
+def _parse(read: Callable[[str], T], text: str, allowed: str) -> T:
     try:
         return read(text)
     except ValueError:
@@ -170,7 +170,7 @@ class AnalysisOptions(BaseModel):
     subject: Annotated[
         str,
         Field(description="Subject code; never a name."),
-        AfterValidator(take_subject),
+        AfterValidator(parse_subject),
     ] = ""
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
@@ -184,12 +184,12 @@ class AnalysisOptions(BaseModel):
 
     @model_validator(mode="after")
     def _count_windows(self) -> Self:
-        allowed = list_window_counts(self.pose)
+        allowed = find_window_counts(self.pose)
         if len(self.calibration) not in allowed:
             raise BadParameter(
                 name="calibration",
                 value=str(len(self.calibration)),
-                allowed=f"{self.pose}: {'|'.join(map(str, allowed))} x {WINDOW_ALLOWED}",
+                allowed=f"{self.pose}: {'|'.join(map(str, allowed))} x {WINDOW_HINT}",
             )
         return self
 
@@ -217,7 +217,7 @@ class AnalyzeParameters(AnalysisOptions):
 
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
     external_id: Annotated[
-        str, Field(description="Its name in your own system."), AfterValidator(take_subject)
+        str, Field(description="Its name in your own system."), AfterValidator(parse_subject)
     ] = ""
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
 
@@ -334,7 +334,7 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         created_at=job.created_at.isoformat(),
         started_at=job.started_at.isoformat() if job.started_at else None,
         ended_at=job.ended_at.isoformat() if job.ended_at else None,
-        links=dict(list_links(job)),
+        links=dict(describe_links(job)),
         batch_id=job.batch_id,
         replaced_by=job.replaced_by,
         interruptions=job.interruptions,
@@ -344,7 +344,7 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
     return view
 
 
-def list_links(job: Job) -> Mapping[str, str]:
+def describe_links(job: Job) -> Mapping[str, str]:
     """Say where an analysis, what can be done with it and its files are."""
     own = f"/api/v1/analyses/{job.id}"
     if job.request.reference is not None:  # its files are those of a comparison

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.analyses import build_request, check_queue
 from app.api.analysis_models import AnalysisSettings
-from app.api.problems import PROBLEM_RESPONSES, take_model
+from app.api.problems import PROBLEM_RESPONSES, validate_model
 from app.errors import NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
@@ -95,13 +95,13 @@ def get_batch(batch_id: str, services: UsedServices) -> BatchView:
 @router.get("/{batch_id}/summary.csv", responses=CSV, response_class=Response)
 def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
     """One row for each recording, failed ones too; once nothing more will happen to any."""
-    return _answer_table(encode_summary(_summarise(services, job) for job in _list_ended(services, batch_id)))
+    return _answer_table(encode_summary(_summarise(services, job) for job in _find_ended(services, batch_id)))
 
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
 def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
     """The recordings without a result, and what to do about each; those whose result is damaged, too."""
-    told = (_tell_problem(services, job, language) for job in _list_ended(services, batch_id))
+    told = (_describe_problem(services, job, language) for job in _find_ended(services, batch_id))
     return _answer_table(encode_table(PROBLEM_COLUMNS, [row for row in told if row is not None]))
 
 
@@ -136,10 +136,10 @@ def view_batch(batch: Batch) -> BatchView:
 
 
 def _merge(common: AnalysisSettings, own: dict[str, Any]) -> AnalysisSettings:
-    return take_model(AnalysisSettings, common.model_dump(exclude_unset=True) | own)
+    return validate_model(AnalysisSettings, common.model_dump(exclude_unset=True) | own)
 
 
-def _list_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
+def _find_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
     """Give the analyses of a batch that is over: half a table would pass for a whole one."""
     batch = services.batches.get(batch_id)
     if not batch.is_over:
@@ -150,19 +150,19 @@ def _list_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
 
 def _summarise(services: Services, job: Job) -> Row:
     if job.state is not JobState.SUCCEEDED:
-        return summarise_failure(_tell_origin(job), job.problem_code or CANCELLED)
+        return summarise_failure(_build_origin(job), job.problem_code or CANCELLED)
     try:
         results = json.loads(services.results.read(job, RESULTS))
     except ResultDamaged as damaged:
-        return summarise_failure(_tell_origin(job), damaged.code)
-    return summarise_results(add_origin(results, _tell_origin(job)))
+        return summarise_failure(_build_origin(job), damaged.code)
+    return summarise_results(add_origin(results, _build_origin(job)))
 
 
-def _tell_problem(services: Services, job: Job, language: Language) -> Row | None:
+def _describe_problem(services: Services, job: Job, language: Language) -> Row | None:
     if job.state is not JobState.SUCCEEDED:
-        return tell_problem(_tell_origin(job), job.problem_code or CANCELLED, job.problem_facts, language)
+        return tell_problem(_build_origin(job), job.problem_code or CANCELLED, job.problem_facts, language)
     if _is_damaged(services, job):
-        return tell_problem(_tell_origin(job), ResultDamaged.code, {"name": RESULTS}, language)
+        return tell_problem(_build_origin(job), ResultDamaged.code, {"name": RESULTS}, language)
     return None
 
 
@@ -172,7 +172,7 @@ def _is_damaged(services: Services, job: Job) -> bool:
     return file is not None and not is_result_whole(services.storage, job.id, str(job.token), file)
 
 
-def _tell_origin(job: Job) -> Origin:
+def _build_origin(job: Job) -> Origin:
     """Tell two recordings of one name apart by their addresses."""
     return Origin(
         job.file_name,

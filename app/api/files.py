@@ -81,7 +81,7 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
     NotFinished, NoSuchFile, NoSuchRange, ResultDamaged
     """
     file = services.results.find(job, name)
-    headers = head_file(name, file.sha256)
+    headers = build_file_headers(name, file.sha256)
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     check_range(request, file.size_bytes)
@@ -91,7 +91,7 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
             path,
             headers=headers,
             media_type=MEDIA_TYPES[name.rpartition(".")[2]],
-            filename=download or name_download(services, job, name),
+            filename=download or build_download_name(services, job, name),
             content_disposition_type="inline" if name.endswith(".html") else "attachment",
         )
         answer.lent = opened.pop_all()
@@ -120,27 +120,27 @@ class _LentFile(FileResponse):
 
 def serve_bytes(request: Request, services: Services, job: Job, name: str, body: bytes) -> Response:
     """Give bytes that were just made of stored ones; the same analysis always gives the same."""
-    headers = head_file(name, hashlib.sha256(body).hexdigest())
+    headers = build_file_headers(name, hashlib.sha256(body).hexdigest())
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     headers["Content-Disposition"] = (
-        f'attachment; filename="{name_ascii(name_download(services, job, name))}"'
+        f'attachment; filename="{format_ascii(build_download_name(services, job, name))}"'
     )
     return Response(body, media_type=MEDIA_TYPES[name.rpartition(".")[2]], headers=headers)
 
 
-def head_file(name: str, sha256: str) -> dict[str, str]:
+def build_file_headers(name: str, sha256: str) -> dict[str, str]:
     """Give the headers of a file. It is health data: no copy stays on a computer that people share."""
     headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
 
 
-def name_ascii(name: str) -> str:
+def format_ascii(name: str) -> str:
     """Write a name with the signs that an HTTP header takes."""
     return name.encode("ascii", "replace").decode("ascii").replace("?", "_")
 
 
-def name_download(services: Services, job: Job, name: str) -> str:
+def build_download_name(services: Services, job: Job, name: str) -> str:
     """Name a download by the one rule for all files that leave."""
     asked = job.request
     origin = Origin(asked.subject, job.file_name, _find_start(services, job), asked.side or "", asked.version)

@@ -22,7 +22,7 @@ from app.storage.store import too_large
 # A connection that is closed when a request's head does not come in time (uvicorn waits for ever).
 
 
-class PatientProtocol(H11Protocol):
+class HeaderTimeoutProtocol(H11Protocol):
     """HTTP/1.1 as uvicorn speaks it, with a time limit for each request's head."""
 
     patience_s: ClassVar[float] = 10.0
@@ -47,22 +47,22 @@ class PatientProtocol(H11Protocol):
         if self.conn.their_state is not h11.IDLE:
             self._stop_watching()
         elif self._timer is None:
-            self._timer = self.loop.call_later(self.patience_s, self._lose_patience)
+            self._timer = self.loop.call_later(self.patience_s, self._time_out)
 
     def _stop_watching(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
-    def _lose_patience(self) -> None:
+    def _time_out(self) -> None:
         self._timer = None
         if self.conn.their_state is h11.IDLE and not self.transport.is_closing():
             self.transport.close()
 
 
-def make_patient_protocol(patience_s: float) -> type[H11Protocol]:
+def make_timeout_protocol(patience_s: float) -> type[H11Protocol]:
     """Make the protocol that gives a client this long."""
-    return type("PatientProtocol", (PatientProtocol,), {"patience_s": patience_s})
+    return type("HeaderTimeoutProtocol", (HeaderTimeoutProtocol,), {"patience_s": patience_s})
 
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -75,7 +75,7 @@ FILE_PATHS = (
     "/api/v1/validations",
     "/validations",
 )
-HEARD_OUT_BYTES, HEARD_OUT_S = 64 << 20, 5.0
+DRAINED_BYTES, DRAIN_LIMIT_S = 64 << 20, 5.0
 """What is read of a refused body, one piece of the page's uploads, before its answer goes out."""
 MOST_WORDS_BYTES = 8 << 20
 """Largest body of a request that brings no file."""
@@ -123,7 +123,7 @@ class Guard:
             return
         most_bytes = math.inf if takes_file(scope) else MOST_WORDS_BYTES
         watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s, most_bytes)
-        sealed = _hear_out(sealed, watch, request)
+        sealed = _drain_refused(sealed, watch, request)
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
             await self._app({**scope, "method": "GET"}, watch.receive, _drop_body(sealed))
             return
@@ -175,14 +175,14 @@ def _seal_answers(send: Send) -> Send:
     return sealed
 
 
-def _hear_out(send: Send, watch: "_BodyWatch", request: Request) -> Send:
+def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
     """Read a body to its end before refusing it: closing on unread bytes would tear the answer, too."""
     announced = request.headers.get("content-length", "")
-    is_heard_out = announced.isdecimal() and int(announced) <= HEARD_OUT_BYTES
+    is_drained = announced.isdecimal() and int(announced) <= DRAINED_BYTES
 
     async def patient(message: Message) -> None:
-        if is_heard_out and message["type"] == "http.response.start" and message["status"] >= 400:
-            with anyio.move_on_after(HEARD_OUT_S):
+        if is_drained and message["type"] == "http.response.start" and message["status"] >= 400:
+            with anyio.move_on_after(DRAIN_LIMIT_S):
                 await watch.finish()
         await send(message)
 

@@ -49,13 +49,13 @@ async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
     keeper, sender = Keeper(services.store.engine), WebhookSender(services)
     try:
-        await _keep_on(services, keeper, sender)
+        await _run_rounds(services, keeper, sender)
     finally:
         await sender.stop()
         keeper.close()
 
 
-async def _keep_on(services: Services, keeper: Keeper, sender: "WebhookSender") -> None:
+async def _run_rounds(services: Services, keeper: Keeper, sender: "WebhookSender") -> None:
     looked_s = aged_s = time.monotonic()
     while True:
         await anyio.sleep(LOOK_S)
@@ -148,7 +148,7 @@ class WebhookSender:
         for url in free[: MOST_AT_ONCE - len(self._under_way)]:
             self._started += 1
             self._starts[url] = self._started
-            self._under_way[url] = asyncio.create_task(self._tell(due[url]))
+            self._under_way[url] = asyncio.create_task(self._deliver(due[url]))
 
     async def finish(self) -> None:
         """Wait until nothing is under way."""
@@ -160,7 +160,7 @@ class WebhookSender:
             task.cancel()
         await asyncio.gather(*self._under_way.values(), return_exceptions=True)
 
-    async def _tell(self, deliveries: Iterable[Delivery]) -> None:
+    async def _deliver(self, deliveries: Iterable[Delivery]) -> None:
         """Tell one address what is due to it, one message after the other, until it does not hear."""
         webhooks, settings = self.services.webhooks, self.services.settings
         try:

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.analysis_models import view_settings
-from app.api.files import MEDIA_TYPES, head_file, is_known, name_ascii
+from app.api.files import MEDIA_TYPES, build_file_headers, format_ascii, is_known
 from app.api.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
 from app.jobs.children.pairs import PairedJobs
@@ -251,7 +251,7 @@ def get_pair_report(
     return _serve_report(request, services, asked.find(services), (name, language))
 
 
-def name_pair_download(asked: PairedJobs, ending: str) -> str:
+def build_pair_download_name(asked: PairedJobs, ending: str) -> str:
     """Name a download by its subject: ``S012_pair.en.pdf``."""
     subject = "".join(c for c in asked.first.request.subject if c.isalnum() or c in "-_") or "report"
     return f"{subject}_{asked.request.kind}.{ending}"
@@ -259,7 +259,7 @@ def name_pair_download(asked: PairedJobs, ending: str) -> str:
 
 def _serve_figures(request: Request, services: Services, asked: PairedJobs) -> Response:
     body = (services.pairs.make(asked).folder / asked.request.figures_name).read_bytes()
-    return _serve(request, body, name_pair_download(asked, "json"))
+    return _serve(request, body, build_pair_download_name(asked, "json"))
 
 
 def _serve_report(
@@ -268,13 +268,13 @@ def _serve_report(
     name, language = wanted
     stem, _, kind = name.partition(".")
     body = services.pairs.make(asked).find(stem, kind, language).read_bytes()
-    return _serve(request, body, name_pair_download(asked, f"{language}.{kind}"))
+    return _serve(request, body, build_pair_download_name(asked, f"{language}.{kind}"))
 
 
 def _serve(request: Request, body: bytes, download: str) -> Response:
-    headers = head_file(download, hashlib.sha256(body).hexdigest())
+    headers = build_file_headers(download, hashlib.sha256(body).hexdigest())
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if not download.endswith(".html"):
-        headers["Content-Disposition"] = f'attachment; filename="{name_ascii(download)}"'
+        headers["Content-Disposition"] = f'attachment; filename="{format_ascii(download)}"'
     return Response(body, media_type=MEDIA_TYPES[download.rpartition(".")[2]], headers=headers)

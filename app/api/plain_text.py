@@ -65,12 +65,12 @@ def check_json(body: bytes) -> None:
         values = json.loads(body)
     except (ValueError, RecursionError):
         return
-    for text in _list_texts(values):
+    for text in _walk_texts(values):
         if unfit := _UNFIT.search(text):
             raise BadParameter(name="body", value=repr(unfit.group())[1:-1], allowed="UTF-8")
 
 
-def _list_texts(values: Any) -> Iterator[str]:
+def _walk_texts(values: Any) -> Iterator[str]:
     """Give every name and every text, however deep."""
     waiting = [values]
     while waiting:

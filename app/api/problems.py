@@ -46,13 +46,13 @@ _SIGNS = {
 }
 
 
-def say_allowed_of(model: type[BaseModel], place: Place) -> str:
+def format_model_hint(model: type[BaseModel], place: Place) -> str:
     """Say what a model takes at a place (``("items", 0, "side")``); "" for a place it does not have."""
     schema = model.model_json_schema()
-    return _say(_walk(schema, place, schema), schema)
+    return _format_hint(_walk(schema, place, schema), schema)
 
 
-def say_allowed_to(request: Request, place: Place) -> str:
+def format_route_hint(request: Request, place: Place) -> str:
     """Say what a route takes at a place (``("query", "rate_hz")``), by its own OpenAPI operation."""
     document = cast("FastAPI", request.app).openapi()
     path = getattr(request.scope.get("route"), "path_format", "")
@@ -61,9 +61,9 @@ def say_allowed_to(request: Request, place: Place) -> str:
     if where == "body":
         content = operation.get("requestBody", {}).get("content", {})
         schema = content.get("application/json", {}).get("schema", {})
-        return _say(_walk(schema, rest, document), document)
+        return _format_hint(_walk(schema, rest, document), document)
     known = {p["name"]: p["schema"] for p in operation.get("parameters", ()) if p["in"] == where}
-    return _say(_walk({"properties": known}, rest, document), document)
+    return _format_hint(_walk({"properties": known}, rest, document), document)
 
 
 def _walk(schema: Schema, place: Place, document: Schema) -> Schema:
@@ -90,20 +90,20 @@ def _resolve(schema: Schema, document: Schema) -> Schema:
     return _resolve(found, document)
 
 
-def _say(schema: Schema, document: Schema) -> str:
+def _format_hint(schema: Schema, document: Schema) -> str:
     """Put it in signs, which need no language."""
     if "enum" in schema or "const" in schema:
         return ", ".join(map(str, schema.get("enum", [schema.get("const")])))
     if schema.get("properties"):
         return ", ".join(schema["properties"])
     if schema.get("type") in ("number", "integer"):
-        return _say_range(schema) or _SIGNS[schema["type"]]
+        return _format_range(schema) or _SIGNS[schema["type"]]
     if schema.get("type") == "array" and "items" in schema:
-        return f"[{_say(_resolve(schema['items'], document), document)}]"
+        return f"[{_format_hint(_resolve(schema['items'], document), document)}]"
     return _SIGNS.get(schema.get("type", ""), "")
 
 
-def _say_range(schema: Schema) -> str:
+def _format_range(schema: Schema) -> str:
     low, high = schema.get("minimum"), schema.get("maximum")
     if low is not None and high is not None:
         return f"{low:g} … {high:g}"
@@ -174,7 +174,7 @@ Model = TypeVar("Model", bound=BaseModel)
 Refusal = FusionError | AppError | RecordedProblem
 
 
-def answer_refusal(request: Request, error: Refusal) -> JSONResponse:
+def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
     """Answer with the problem and its status."""
     language = choose_language(request)
     view = view_problem(error.code, error.facts, language, request.url.path)
@@ -194,12 +194,12 @@ def answer_refusal(request: Request, error: Refusal) -> JSONResponse:
     )
 
 
-def name_refusal(request: Request, error: Exception) -> Refusal:
+def classify_error(request: Request, error: Exception) -> Refusal:
     """Give the framework's own errors, and bugs, one of our codes."""
     if isinstance(error, Refusal):
         return error
     if isinstance(error, RequestValidationError):
-        return _name_bad_parameter(error.errors()[0], partial(say_allowed_to, request))
+        return _build_bad_parameter(error.errors()[0], partial(format_route_hint, request))
     if isinstance(error, HTTPException) and error.status_code == 405:
         return WrongVerb(allowed=(error.headers or {}).get("Allow", ""))
     if isinstance(error, HTTPException) and error.status_code == 400:  # while a body was being read
@@ -212,7 +212,7 @@ def name_refusal(request: Request, error: Exception) -> Refusal:
     return InternalError(reference=reference)
 
 
-def take_model(model: type[Model], values: object) -> Model:
+def validate_model(model: type[Model], values: object) -> Model:
     """Check values against a model outside of a route's signature.
 
     Raises
@@ -222,10 +222,10 @@ def take_model(model: type[Model], values: object) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        raise _name_bad_parameter(error.errors()[0], partial(say_allowed_of, model)) from None
+        raise _build_bad_parameter(error.errors()[0], partial(format_model_hint, model)) from None
 
 
-def take_json(body: bytes) -> Any:
+def parse_json(body: bytes) -> Any:
     """Read a JSON body.
 
     Raises
@@ -239,13 +239,13 @@ def take_json(body: bytes) -> Any:
         raise BadParameter(name="body", value=repr(body[:40]), allowed="JSON") from None
 
 
-def _name_bad_parameter(error: Mapping[str, Any], say_allowed: Callable[[Place], str]) -> BadParameter:
+def _build_bad_parameter(error: Mapping[str, Any], say_allowed: Callable[[Place], str]) -> BadParameter:
     name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
-    known = _say_known(error) or say_allowed(error["loc"])
+    known = _format_context_hint(error) or say_allowed(error["loc"])
     return BadParameter(name=name[:60], value=str(error.get("input", ""))[:60], allowed=known)
 
 
-def _say_known(error: Mapping[str, Any]) -> str:
+def _format_context_hint(error: Mapping[str, Any]) -> str:
     """Say what the refusal itself tells of what would be right, in signs that need no language."""
     if error["type"] == "json_invalid":
         return "JSON"

@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 from fastapi import Request, Response
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from app.api.analysis_models import take_device_clock, take_subject
+from app.api.analysis_models import parse_device_clock, parse_subject
 from app.errors import BadParameter
 from app.jobs.recordings import Description, Place, RecordingFilter, StoredRow
 from app.report.words.wording import Language
@@ -60,7 +60,7 @@ def cut_page(
     return rows[:limit], cursor
 
 
-Text = Annotated[str, Field(max_length=200), AfterValidator(take_subject)]
+Text = Annotated[str, Field(max_length=200), AfterValidator(parse_subject)]
 SENT_BEFORE = "W-DUP-UPLOAD"
 Note = Annotated[str, Field(max_length=2000)]
 
@@ -72,7 +72,7 @@ class RecordingWords(BaseModel):
 
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""
     subject: Annotated[
-        str, Field(description="Subject code; never a name."), AfterValidator(take_subject)
+        str, Field(description="Subject code; never a name."), AfterValidator(parse_subject)
     ] = ""
     side: Annotated[Side | None, Field(description="Which arm.")] = None
     external_id: Annotated[Text, Field(description="Its name in your own system.")] = ""
@@ -91,7 +91,7 @@ class RecordingPatch(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     file_name: Annotated[str, Field(max_length=1000)] | None = None
-    subject: Annotated[str, AfterValidator(take_subject)] | None = None
+    subject: Annotated[str, AfterValidator(parse_subject)] | None = None
     side: Side | None = None
     external_id: Text | None = None
     note: Note | None = None
@@ -138,12 +138,12 @@ class RecordingQuery(BaseModel):
     begin: Annotated[
         str,
         Field(alias="from", description="First start, ISO 8601, by the device's clock: without a zone."),
-        AfterValidator(take_device_clock),
+        AfterValidator(parse_device_clock),
     ] = ""
     end: Annotated[
         str,
         Field(alias="to", description="Start before this, by the same clock."),
-        AfterValidator(take_device_clock),
+        AfterValidator(parse_device_clock),
     ] = ""
     trashed: bool = False
     limit: Annotated[int, Field(ge=1, le=500)] = 50

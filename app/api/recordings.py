@@ -15,7 +15,7 @@ from app.api.analysis_models import (
     write_periods,
 )
 from app.api.intake import RecordingForm, read_digest, read_small_body, receive_recording, store_recording
-from app.api.problems import PROBLEM_RESPONSES, take_json, take_model
+from app.api.problems import PROBLEM_RESPONSES, parse_json, validate_model
 from app.api.recording_models import (
     RecordingList,
     RecordingPatch,
@@ -71,7 +71,7 @@ async def create_recording(
         row = await _receive_form(request, services, words)
     elif kind.startswith("application/json"):
         row = await run_in_threadpool(
-            _take_uploaded, services, await read_small_body(request, MOST_DIARY_BYTES)
+            _adopt_upload, services, await read_small_body(request, MOST_DIARY_BYTES)
         )
     else:
         about = words.describe()
@@ -179,12 +179,12 @@ async def put_periods(
     body = await read_small_body(request, MOST_DIARY_BYTES)
     is_csv = request.headers.get("content-type", "").startswith("text/csv")
     diary = read_diary(body) if is_csv else parse_periods(body)
-    row = await run_in_threadpool(_keep_periods, services, recording_id, if_match, diary)
+    row = await run_in_threadpool(_store_periods, services, recording_id, if_match, diary)
     periods = [period.model_dump() for period in view_periods(row.diary)]
     return JSONResponse(periods, headers={"ETag": _tag(row)})  # type: ignore[return-value]
 
 
-def _keep_periods(
+def _store_periods(
     services: Services, recording_id: str, if_match: str, diary: tuple[DiaryEntry, ...]
 ) -> StoredRow:
     row = _match(services.recordings.get(recording_id), if_match)
@@ -208,7 +208,7 @@ def parse_periods(body: bytes) -> tuple[DiaryEntry, ...]:
     ------
     BadParameter, fusion.errors.UnusableDiary
     """
-    return read_periods(take_model(PeriodList, take_json(body)).root)
+    return read_periods(validate_model(PeriodList, parse_json(body)).root)
 
 
 def purge_recording(services: Services, recording_id: str) -> None:
@@ -238,13 +238,13 @@ async def _receive_form(request: Request, services: Services, words: RecordingWo
     def commit(stored: StoredRecording) -> StoredRow:
         told = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
         told |= {name: word for name, word in form.words.items() if word}
-        return services.recordings.add(stored, take_model(RecordingWords, told).describe())
+        return services.recordings.add(stored, validate_model(RecordingWords, told).describe())
 
     return await store_recording(request, services, form.copy_file, commit)
 
 
-def _take_uploaded(services: Services, body: bytes) -> StoredRow:
-    said = take_model(UploadedRecording, take_json(body))
+def _adopt_upload(services: Services, body: bytes) -> StoredRow:
+    said = validate_model(UploadedRecording, parse_json(body))
     upload = finish_upload(services, get_upload_row(services, said.upload_id))
     if upload.recording_id is None:
         raise NotFinished(state=f"{upload.offset_bytes}/{upload.length_bytes}")

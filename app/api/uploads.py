@@ -23,7 +23,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
 from app.api.intake import PIECE_BYTES, check_room, copy_body, read_small_body
-from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS, take_model
+from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS, validate_model
 from app.api.recording_models import RecordingWords
 from app.errors import (
     BadChecksum,
@@ -53,7 +53,7 @@ SYNC_S = 0.5
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS
 
 
-async def take_bytes(
+async def append_bytes(
     request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str = ""
 ) -> UploadRow:
     """Append the body to an upload; one that was packed (Content-Encoding: gzip) is unpacked as it comes.
@@ -64,10 +64,10 @@ async def take_bytes(
     TooMany
     """
     with services.turns.take():
-        return await _take_alone(request, services, upload_id, offset_bytes, checksum)
+        return await _append_alone(request, services, upload_id, offset_bytes, checksum)
 
 
-async def _take_alone(
+async def _append_alone(
     request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str
 ) -> UploadRow:
     unpacker = _choose_unpacker(request.headers.get("content-encoding", ""))
@@ -271,10 +271,10 @@ class _Body:
 
 TAIL_BODY = "application/octet-stream"
 TAIL_BYTES = 64 << 10
-HEAD_BYTES = 2 << 20
+PREVIEW_BYTES = 2 << 20
 
 
-def keep_tail(services: Services, upload_id: str, tail: bytes) -> None:
+def store_tail(services: Services, upload_id: str, tail: bytes) -> None:
     """Keep the last bytes of an upload that is under way; of any other nothing is left behind.
 
     Raises
@@ -291,7 +291,7 @@ def keep_tail(services: Services, upload_id: str, tail: bytes) -> None:
         services.incoming.forget_tail(upload_id)
 
 
-def read_both_ends(services: Services, row: UploadRow) -> tuple[bytes, bytes | None]:
+def read_preview_bytes(services: Services, row: UploadRow) -> tuple[bytes, bytes | None]:
     """Give the first bytes that count, and the last ones behind them: None where they are not known yet.
 
     Where the two meet, all is the head, and the tail is empty.
@@ -312,7 +312,7 @@ def read_both_ends(services: Services, row: UploadRow) -> tuple[bytes, bytes | N
 def _read_head(path: Path, offset_bytes: int) -> bytes:
     try:
         with path.open("rb") as file:
-            return file.read(min(offset_bytes, HEAD_BYTES))
+            return file.read(min(offset_bytes, PREVIEW_BYTES))
     except FileNotFoundError:
         return b""
 
@@ -338,7 +338,7 @@ def read_metadata(header: str) -> RecordingWords:
     """
     pairs = dict(_read_pair(pair) for pair in header.split(",") if pair.strip())
     known = {NAMES[name]: value for name, value in pairs.items() if name in NAMES and value}
-    return take_model(RecordingWords, known)
+    return validate_model(RecordingWords, known)
 
 
 def _read_pair(pair: str) -> tuple[str, str]:
@@ -426,8 +426,8 @@ async def create_upload(request: Request, services: UsedServices, said: Said) ->
     row = await run_in_threadpool(services.uploads.open, said.upload_length, said.upload_metadata, about)
     services.inspector.get_ready()
     if request.headers.get("content-type") == OFFSET_BODY:
-        row = await take_bytes(request, services, row.id, 0)
-    headers = _tell(row, services) | {"Location": f"/api/v1/uploads/{row.id}"}
+        row = await append_bytes(request, services, row.id, 0)
+    headers = _build_headers(row, services) | {"Location": f"/api/v1/uploads/{row.id}"}
     return Response(status_code=201, headers=headers)
 
 
@@ -437,7 +437,10 @@ def get_upload(upload_id: str, services: UsedServices, said: Said) -> UploadView
     if said.tus_resumable is not None:
         said.check_protocol()
     row = finish_upload(services, get_upload_row(services, upload_id))
-    headers = _tell(row, services) | {"Upload-Length": str(row.length_bytes), "Cache-Control": "no-store"}
+    headers = _build_headers(row, services) | {
+        "Upload-Length": str(row.length_bytes),
+        "Cache-Control": "no-store",
+    }
     if row.metadata:
         headers["Upload-Metadata"] = row.metadata
     return JSONResponse(view_upload(row).model_dump(), headers=headers)  # type: ignore[return-value]
@@ -451,8 +454,8 @@ async def append_to_upload(upload_id: str, request: Request, services: UsedServi
         raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=OFFSET_BODY)
     if said.upload_offset is None:
         raise WrongLength
-    row = await take_bytes(request, services, upload_id, said.upload_offset, said.upload_checksum)
-    return Response(status_code=204, headers=_tell(row, services))
+    row = await append_bytes(request, services, upload_id, said.upload_offset, said.upload_checksum)
+    return Response(status_code=204, headers=_build_headers(row, services))
 
 
 @router.delete("/{upload_id}", status_code=204)
@@ -484,7 +487,7 @@ async def send_tail_ahead(upload_id: str, request: Request, services: UsedServic
         raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=TAIL_BODY)
     await run_in_threadpool(services.uploads.get, upload_id)
     tail = await read_small_body(request, TAIL_BYTES)
-    await run_in_threadpool(keep_tail, services, upload_id, tail)
+    await run_in_threadpool(store_tail, services, upload_id, tail)
     return Response(status_code=204)
 
 
@@ -499,7 +502,7 @@ def inspect_upload(
     The end is told once the last bytes are here: sent ahead (``PUT .../tail``), or with all the others.
     """
     row = services.uploads.get(upload_id)
-    head, tail = read_both_ends(services, row)
+    head, tail = read_preview_bytes(services, row)
     wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
     return HeadView(**services.inspector.look_at_head(head, tail, wish))
 
@@ -521,7 +524,7 @@ def view_upload(row: UploadRow) -> UploadView:
     )
 
 
-def _tell(row: UploadRow, services: Services) -> dict[str, str]:
+def _build_headers(row: UploadRow, services: Services) -> dict[str, str]:
     """Give the headers that every answer about an upload has."""
     left_s = max(0.0, services.settings.upload_term_s - row.idle_s)
     expires = format_datetime(datetime.now(UTC) + timedelta(seconds=left_s), usegmt=True)

@@ -17,8 +17,8 @@ from app.errors import BadParameter, NotHere
 from app.jobs.job import Job, JobState
 from app.report.words.wording import Language
 from app.request import (
-    SUBJECT_ALLOWED,
-    WINDOW_ALLOWED,
+    SUBJECT_HINT,
+    WINDOW_HINT,
     Paper,
     Reference,
     ReportRequest,
@@ -92,7 +92,7 @@ FORM = {
 @router.post("/validations", status_code=202, response_model=ValidationView, openapi_extra=FORM)
 async def add_validation(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Compare two files, sent as one form: ``recording`` and ``reference``; ``tasks`` where there are any."""
-    job = await take_validation(request, services)
+    job = await receive_validation(request, services)
     body = view_validation(job, language).model_dump()
     headers = {"Location": f"/api/v1/validations/{job.id}", "Retry-After": "2"}
     return JSONResponse(body, 202, headers)
@@ -153,7 +153,7 @@ def view_validation(job: Job, language: Language) -> ValidationView:
     )
 
 
-async def take_validation(request: Request, services: Services) -> Job:
+async def receive_validation(request: Request, services: Services) -> Job:
     """Take the form's files and wishes, and queue the comparison.
 
     Raises
@@ -185,7 +185,7 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     FileTooLarge, DiskFull, EmptyFile, BadParameter, fusion.errors.UnusableTasks
     """
     recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
-    wish = _read_wishes(form, services.settings.paper)
+    wish = _read_request(form, services.settings.paper)
     given = _read_reference(form, reference, await _read_tasks(form))
     return await run_in_threadpool(_store, services, recording.file, reference.file, (wish, given))
 
@@ -215,16 +215,16 @@ async def _read_tasks(form: FormData) -> tuple[TaskWindow, ...]:
     return read_tasks(await file.read(MOST_TASK_BYTES))
 
 
-def _read_wishes(form: FormData, paper: Paper) -> ReportRequest:
+def _read_request(form: FormData, paper: Paper) -> ReportRequest:
     for name in form:
         if name not in KNOWN:
             raise BadParameter(name=name[:60], value="", allowed=", ".join(sorted(KNOWN)))
     chosen: dict[str, Any] = {name: _choose(form, name) for name in CHOICES}
     chosen["side"], chosen["paper"] = chosen["side"] or None, chosen["paper"] or paper
-    windows = [_read(form, "calibration", parse_window, WINDOW_ALLOWED)] if _text(form, "calibration") else []
+    windows = [_read(form, "calibration", parse_window, WINDOW_HINT)] if _text(form, "calibration") else []
     return ReportRequest(
         clean_file_name(_require_file(form, "recording").filename or ""),
-        subject=_read(form, "subject", check_subject, SUBJECT_ALLOWED) or "",
+        subject=_read(form, "subject", check_subject, SUBJECT_HINT) or "",
         calibration_windows_s=tuple(window for window in windows if window is not None),
         rate_hz=_read(form, "rate_hz", _read_rate, "1 to 10000"),
         **chosen,
@@ -284,9 +284,9 @@ def _store(
 ) -> Job:
     """Keep both files, then the rows: the reference's first, so that the job always finds it."""
     request, given = wish
-    other, own = _keep(services, reference), None
+    other, own = _store_file(services, reference), None
     try:
-        own = _keep(services, recording)
+        own = _store_file(services, recording)
         services.recordings.add_reference(other, given.file_name)
         asked = replace(request, reference=replace(given, path=other.id))
         return services.store.add(own, asked)
@@ -297,7 +297,7 @@ def _store(
         raise
 
 
-def _keep(services: Services, file: BinaryIO) -> StoredRecording:
+def _store_file(services: Services, file: BinaryIO) -> StoredRecording:
     upload = services.storage.open_upload(services.settings.max_upload_bytes)
     try:
         while piece := file.read(COPY_BYTES):

@@ -25,7 +25,7 @@ if sys.platform != "win32":
     import fcntl
 
 _FIGURES = ("results.json", "findings.json", "elevation.parquet", "pair.json", "comparison.json")
-_TOLD = ("answer.txt", "report.html", "report.pdf")
+_REPORT_FILES = ("answer.txt", "report.html", "report.pdf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def is_up_to_date(task: Task) -> bool:
 
 
 def _write_settings(task: Task) -> str:
-    return json.dumps(task.request.name_settings(), sort_keys=True)
+    return json.dumps(task.request.describe_settings(), sort_keys=True)
 
 
 def write_marker(folder: Path, marker: Marker) -> None:
@@ -96,7 +96,7 @@ def _hash_figures(folder: Path) -> dict[str, str]:
     return {path.name: hash_file(path) for path in there if path.exists()}
 
 
-def list_changes(before: Marker, after: Marker) -> tuple[str, ...]:
+def find_changes(before: Marker, after: Marker) -> tuple[str, ...]:
     """Name what is different: "input", the settings, or else the "engine"."""
     old, new = json.loads(before.settings), json.loads(after.settings)
     other_input = ("input",) if before.input and before.input != after.input else ()
@@ -129,7 +129,7 @@ def switch_language(folder: Path, marker: Marker, language: Language) -> None:
     """Give the plain names to another language, of which the files stand there, and write that down."""
     if language == marker.language:
         return
-    for name in _TOLD:
+    for name in _REPORT_FILES:
         plain = folder / name
         if plain.exists():
             plain.rename(plain.with_name(f"{plain.stem}.{marker.language}{plain.suffix}"))
@@ -139,22 +139,22 @@ def switch_language(folder: Path, marker: Marker, language: Language) -> None:
 
 def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -> None:
     """Put the new products in place; what stood there moves to ``v<version>`` inside."""
-    earlier = name_earlier(folder)
+    earlier = find_earlier(folder)
     if folder.exists():
         folder.rename(earlier)
     staging.rename(folder)
-    put_earlier_back(folder, figures)
+    restore_earlier(folder, figures)
 
 
-def put_earlier_back(folder: Path, figures: str = "results.json") -> None:
+def restore_earlier(folder: Path, figures: str = "results.json") -> None:
     """Find its place for what was moved aside: its own where nothing took it (a run was cut), else inside."""
-    earlier = name_earlier(folder)
+    earlier = find_earlier(folder)
     if not earlier.exists():
         return
     if not folder.exists():
         earlier.rename(folder)
         return
-    for older in _list_versions(earlier):
+    for older in _find_versions(earlier):
         older.rename(folder / older.name)
     before, now = read_marker(earlier, figures), read_marker(folder, figures)
     if before is None or (now is not None and now.version == before.version):
@@ -165,10 +165,10 @@ def put_earlier_back(folder: Path, figures: str = "results.json") -> None:
 
 def find_last_version(folder: Path) -> int:
     """Give the number of the last version kept inside; 0 for none."""
-    return max((int(path.name[1:]) for path in _list_versions(folder)), default=0)
+    return max((int(path.name[1:]) for path in _find_versions(folder)), default=0)
 
 
-def _list_versions(folder: Path) -> list[Path]:
+def _find_versions(folder: Path) -> list[Path]:
     return [path for path in folder.glob("v*/") if path.name[1:].isdigit()]
 
 
@@ -222,9 +222,9 @@ def _empty(folder: Path) -> None:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def keep_versions(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
+def write_version(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
     """Make a report of two in its folder, as a new version where its figures are others than before."""
-    put_earlier_back(folder, figures)
+    restore_earlier(folder, figures)
     refuse_foreign_folder(folder)
     with open_staging(folder) as staging:
         make(staging)
@@ -239,7 +239,7 @@ def keep_versions(folder: Path, figures: str, language: Language, make: Callable
     return marker
 
 
-def name_earlier(folder: Path) -> Path:
+def find_earlier(folder: Path) -> Path:
     """Name the place beside a folder for what stood in it."""
     return folder.with_name(f".{folder.name}.earlier")
 

@@ -21,8 +21,8 @@ import yaml
 from app.batch.plan import Task
 from app.errors import UnusableParticipants, UnusableSettings
 from app.request import (
-    SUBJECT_ALLOWED,
-    WINDOW_ALLOWED,
+    SUBJECT_HINT,
+    WINDOW_HINT,
     Language,
     Paper,
     ReportKind,
@@ -128,7 +128,7 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("method", "method", *_choose(get_args(MethodName))),
     Setting("pose", "pose", *_choose(get_args(Pose))),
     Setting("side", "side", *_choose(get_args(Side), may_be_empty=True)),
-    Setting("calibration", "calibration_windows_s", _read_window_list, f"[[{WINDOW_ALLOWED}]]"),
+    Setting("calibration", "calibration_windows_s", _read_window_list, f"[[{WINDOW_HINT}]]"),
     Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
     Setting("lang", "languages", lambda value: (_choose(get_args(Language))[0](value),), "en|fr"),
     Setting("report", "kinds", _read_kinds, "[html, pdf]"),
@@ -172,7 +172,7 @@ def read_settings(content: bytes) -> dict[str, Any]:
     UnusableSettings
         With the line or the name, what is allowed and, for a name that is not known, the nearest that is.
     """
-    return {_find(name).field: _take(name, value) for name, value in _parse(content).items()}
+    return {_find(name).field: _convert(name, value) for name, value in _parse(content).items()}
 
 
 def apply_settings(request: ReportRequest, values: Mapping[str, Any]) -> ReportRequest:
@@ -202,7 +202,7 @@ def _find(name: str) -> Setting:
     return _BY_NAME[name]
 
 
-def _take(name: str, value: Any) -> Any:
+def _convert(name: str, value: Any) -> Any:
     setting = _find(name)
     try:
         return setting.read(value)
@@ -246,7 +246,7 @@ def read_participants(content: bytes, folder: Path) -> tuple[Participant, ...]:
         When a diary named in it (the fact ``diary``) cannot be used, or opened.
     """
     rows = list_rows(decode_text(content))
-    names = _name_columns(*next(rows, (1, [])))
+    names = _map_columns(*next(rows, (1, [])))
     people = tuple(
         _read_row(line, dict(zip(names, cells, strict=False)), _readers(folder)) for line, cells in rows
     )
@@ -271,17 +271,17 @@ def assign_participants(
 
 def _fits(log: Path, file: str) -> bool:
     """Compare the last parts of the path, where the recording was named: a link is not followed."""
-    wanted = _list_parts(file)
-    return _list_parts(os.path.normpath(log.absolute()))[-len(wanted) :] == wanted
+    wanted = _split_path(file)
+    return _split_path(os.path.normpath(log.absolute()))[-len(wanted) :] == wanted
 
 
-def _list_parts(path: str) -> list[str]:
+def _split_path(path: str) -> list[str]:
     """Give the parts of a path without regard to case, and to how accents are written (macOS, Windows)."""
     whole = unicodedata.normalize("NFC", path).casefold()
     return [part for part in re.split(r"[/\\]", whole) if part not in {"", "."}]
 
 
-def _name_columns(line: int, cells: list[str]) -> list[str]:
+def _map_columns(line: int, cells: list[str]) -> list[str]:
     names = [COLUMNS.get(plain_word(cell), "") for cell in cells]
     unknown = [cell for cell, name in zip(cells, names, strict=True) if not name]
     if unknown or "file" not in names or len(set(names)) != len(names):
@@ -321,7 +321,7 @@ class Reader:
 
 def _readers(folder: Path) -> Mapping[str, Reader]:
     return {
-        "subject": Reader("subject", check_subject, SUBJECT_ALLOWED),
+        "subject": Reader("subject", check_subject, SUBJECT_HINT),
         "side": Reader("side", _read_side, "|".join(get_args(Side))),
         "pose": Reader("pose", _read_pose, "|".join(get_args(Pose))),
         "calibration": Reader("calibration_windows_s", _read_windows, "5-15 / 5-15 20-30"),
@@ -361,7 +361,7 @@ def _read_windows(text: str) -> tuple[tuple[float, float], ...]:
 def _check_each_once(people: Iterable[Participant]) -> None:
     seen: set[tuple[str, ...]] = set()
     for person in people:
-        parts = tuple(_list_parts(person.file))
+        parts = tuple(_split_path(person.file))
         if parts in seen:
             raise UnusableParticipants(line=person.line, why="file twice", value=person.file[:60], allowed="")
         seen.add(parts)

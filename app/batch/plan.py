@@ -57,7 +57,7 @@ def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
     by_bytes = partial(_find_bytes, known, digest)
     for find in (partial(_find_place, known), by_bytes, partial(_find_free, known)):
         for k, log in enumerate(logs):
-            free = (path for path in _list_names(log, out) if path.name.casefold() not in taken)
+            free = (path for path in _find_names(log, out) if path.name.casefold() not in taken)
             folder = None if k in placed else find(log, free)
             if folder is not None:
                 placed[k] = folder
@@ -70,15 +70,15 @@ def identify_place(log: Path) -> str:
     return hashlib.sha256(os.fsencode(os.path.normpath(log.absolute()))).hexdigest()[:16]
 
 
-def name_folder(log: Path) -> str:
+def format_folder_name(log: Path) -> str:
     """Give the file's stem, as a name that can only be a folder directly below the results."""
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
     return safe[:120] or "recording"
 
 
-def _list_names(log: Path, out: Path) -> Iterator[Path]:
-    stem = name_folder(log)
+def _find_names(log: Path, out: Path) -> Iterator[Path]:
+    stem = format_folder_name(log)
     yield out / stem
     yield from (out / f"{stem}-{number}" for number in count(2))
 
@@ -131,7 +131,7 @@ class Task:
     @property
     def name(self) -> str:
         """Tell it apart from every other of the run."""
-        return self.path or show_path(Path(self.log.name))
+        return self.path or format_path(Path(self.log.name))
 
     @property
     def origin(self) -> Origin:
@@ -140,35 +140,45 @@ class Task:
         return Origin(who.file_name, who.subject, who.side, self.name, self.folder.name)
 
 
-TellPath = Callable[[Path], str]
+FormatPath = Callable[[Path], str]
 
 
-def show_path(path: Path) -> str:
+def format_path(path: Path) -> str:
     """Write a path as text that any file takes: bytes of its name that are not UTF-8 become U+FFFD."""
     return os.fsencode(path).decode("utf-8", "replace")
 
 
-def _tell_name(log: Path) -> str:
-    return show_path(Path(log.name))
+def _format_name(log: Path) -> str:
+    return format_path(Path(log.name))
 
 
 def plan_tasks(
-    logs: Iterable[Path], out: Path, request: ReportRequest, tell_path: TellPath = _tell_name, *, force: bool
+    logs: Iterable[Path],
+    out: Path,
+    request: ReportRequest,
+    format_log: FormatPath = _format_name,
+    *,
+    force: bool,
 ) -> list[Task]:
     """Give each recording a folder named after its stem; equal stems get a number."""
     known = list(logs)
     return [
-        Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, tell_path(log))
+        Task(log, replace(request, file_name=clean_file_name(log.name)), folder, force, format_log(log))
         for log, folder in zip(known, place_folders(known, out), strict=True)
     ]
 
 
 def plan_joined(
-    logs: Sequence[Path], out: Path, request: ReportRequest, tell_path: TellPath = _tell_name, *, force: bool
+    logs: Sequence[Path],
+    out: Path,
+    request: ReportRequest,
+    format_log: FormatPath = _format_name,
+    *,
+    force: bool,
 ) -> list[Task]:
     """Make one task of the files of one shift; its folder is named after the first."""
     others = tuple(str(log.resolve()) for log in logs[1:])
-    return plan_tasks(logs[:1], out, replace(request, joined=others), tell_path, force=force)
+    return plan_tasks(logs[:1], out, replace(request, joined=others), format_log, force=force)
 
 
 # Where the recordings of a run are named: one by one, by a folder, by a pattern, in a list.
@@ -188,11 +198,11 @@ class Found:
     others: int = 0
     base: Path = Path()
 
-    def tell_path(self, log: Path) -> str:
+    def format_place(self, log: Path) -> str:
         """Say where a recording lies, from the folder that was named; with no part of the way to that."""
         way = _lay_out(log)
         below = way.relative_to(self.base) if way.is_relative_to(self.base) else way
-        return Path(show_path(below)).as_posix()
+        return Path(format_path(below)).as_posix()
 
 
 def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] = ()) -> Found:
@@ -205,7 +215,7 @@ def find_recordings(paths: Iterable[Path], out: Path, without: Collection[Path] 
     bases: list[Path] = []
     for path in _expand(paths):
         bases.append(_lay_out(path) if path.is_dir() else _lay_out(path).parent)
-        inside = _list_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
+        inside = _find_in_folder(path, out, {p.resolve() for p in without}) if path.is_dir() else [path]
         found = [p for p in inside if p is path or p.name.lower().endswith(ENDINGS)]
         logs.update(dict.fromkeys(found))
         others += len(inside) - len(found)
@@ -225,7 +235,7 @@ def _find_base(folders: Sequence[Path]) -> Path:
         return Path()
 
 
-def _list_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
+def _find_in_folder(folder: Path, out: Path, without: Collection[Path]) -> list[Path]:
     """List the files, but for results: those of this run, and of any other (it holds ``run.json``)."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     results = (out, *(path.parent for path in files if path.name in {"run.json", MARKER}))

@@ -12,16 +12,16 @@ import psutil
 
 from app.batch.folder import (
     Marker,
+    find_changes,
     find_last_version,
     has_report,
     is_up_to_date,
-    list_changes,
     make_marker,
     open_staging,
-    put_earlier_back,
     read_marker,
     refuse_foreign_folder,
     replace_folder,
+    restore_earlier,
     switch_language,
     use_plain_names,
     write_marker,
@@ -99,7 +99,9 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
     stopping = threading.Event()
 
     def do(task: Task) -> Outcome:
-        return do_task(task, lambda stage, fraction: _tell(task, stage, fraction, on_progress, stopping))
+        return do_task(
+            task, lambda stage, fraction: _report_progress(task, stage, fraction, on_progress, stopping)
+        )
 
     with ThreadPoolExecutor(workers) as pool:
         begun = sorted(tasks, key=lambda task: not (task.folder / MARKER).exists())
@@ -112,7 +114,7 @@ def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> I
             pool.shutdown(cancel_futures=True)
 
 
-def _tell(
+def _report_progress(
     task: Task, stage: str | None, fraction: float, on_progress: OnProgress, stopping: threading.Event
 ) -> bool:
     on_progress(task, stage, fraction)
@@ -142,12 +144,12 @@ def find_done(task: Task) -> Outcome | None:
 
 
 def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
-    put_earlier_back(task.folder)
+    restore_earlier(task.folder)
     before, asked = read_marker(task.folder), make_marker(task)
     if before is None or before.fingerprint != asked.fingerprint or task.force:
         return _do(task, before, asked, go_on)
     if not has_report(task.folder, before, task.request):
-        return _tell_again(task, before, go_on)
+        return _rewrite(task, before, go_on)
     switch_language(task.folder, before, asked.language)
     return Outcome(task, _read_answer(task), repeated=True, version=before.version)
 
@@ -176,10 +178,10 @@ def _number(before: Marker | None, asked: Marker, last: int) -> Marker:
         return replace(asked, version=last + 1)
     if before.fingerprint == asked.fingerprint:
         return replace(asked, version=before.version, changes=before.changes)
-    return replace(asked, version=before.version + 1, changes=list_changes(before, asked))
+    return replace(asked, version=before.version + 1, changes=find_changes(before, asked))
 
 
-def _tell_again(task: Task, before: Marker, go_on: Callable[[str | None, float], bool]) -> Outcome:
+def _rewrite(task: Task, before: Marker, go_on: Callable[[str | None, float], bool]) -> Outcome:
     """Write the finished analysis in another language or form, or for another paper; nothing is analysed."""
     language = task.request.languages[0]
     with open_staging(task.folder) as staging:

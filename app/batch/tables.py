@@ -116,11 +116,11 @@ def _list_periods(outcomes: Sequence[Outcome]) -> list[Row]:
 
 
 def _render_index(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes:
-    rows = [_show_row(outcome, request) for outcome in outcomes]
+    rows = [_build_index_row(outcome, request) for outcome in outcomes]
     return render_index(rows, request.method, request.languages[0])
 
 
-def _show_row(outcome: Outcome, request: ReportRequest) -> IndexRow:
+def _build_index_row(outcome: Outcome, request: ReportRequest) -> IndexRow:
     name, language = outcome.task.name, request.languages[0]
     if outcome.code:
         problem = describe_problem(outcome.code, outcome.facts, language)

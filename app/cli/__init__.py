@@ -10,7 +10,7 @@ import typer
 
 from app.cli.admin import backup, doctor, recover, restore, serve, verify, worker
 from app.cli.compare import compare, pair, validate
-from app.cli.looking import inspect, version
+from app.cli.inspection import inspect, version
 from app.cli.run import exposure, run
 from app.cli.samples import demo, simulate
 

@@ -89,9 +89,9 @@ def backup(
     from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
 
     settings = _find_settings(data)
-    with _refusals_told(lang, settings):
+    with _refusals_printed(lang, settings):
         copied = back_up(settings, file)
-    _tell_copied(lang, "backup", copied, file=str(file))
+    _print_copied(lang, "backup", copied, file=str(file))
 
 
 def restore(
@@ -106,9 +106,9 @@ def restore(
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
 
     settings = _find_settings(data)
-    with _refusals_told(lang, settings):
+    with _refusals_printed(lang, settings):
         copied = put_back(settings, file)
-    _tell_copied(lang, "restore", copied, folder=str(settings.data_dir))
+    _print_copied(lang, "restore", copied, folder=str(settings.data_dir))
 
 
 def verify(
@@ -117,13 +117,13 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    with _refusals_told(lang, _find_settings(data)):
+    with _refusals_printed(lang, _find_settings(data)):
         number, faults = _verify_kept(data) if file is None else _verify_backup(file)
-    _tell_faults(lang, faults)
+    _print_faults(lang, faults)
     if faults:
-        _say(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
+        _print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
         raise typer.Exit(FAILED)
-    _say(lang, "verify", "good", number=str(number))
+    _print_sentence(lang, "verify", "good", number=str(number))
 
 
 def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
@@ -131,15 +131,15 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
 
     settings = _find_settings(data)
-    with _refusals_told(lang, settings):
+    with _refusals_printed(lang, settings):
         done = bring_back(settings)
     for trouble in done.troubles:
-        _say(lang, "recover", trouble.finding, name=trouble.name)
+        _print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
     facts = {name: str(number) for name, number in counts.items()}
-    _say(lang, "recover", "done", **facts)
+    _print_sentence(lang, "recover", "done", **facts)
     if done.troubles:
-        _say(lang, "recover", "bad", number=str(len(done.troubles)))
+        _print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
         raise typer.Exit(FAILED)
 
 
@@ -151,7 +151,7 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     for found in examine(_find_settings(data)):
         entry = words["check"][found.name]
         what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
-        _say(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
+        _print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
         healthy = healthy and found.healthy
     if not healthy:
         raise typer.Exit(FAILED)
@@ -174,33 +174,33 @@ def _verify_backup(file: Path) -> tuple[int, list[tuple[str, str]]]:
     return copied.promised, [(fault.name, fault.finding) for fault in copied.faults]
 
 
-def _tell_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
+def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
     """Tell how many files were copied and which were not whole; exit 1 where there are any."""
     if not copied.faults:
-        _say(language, command, "done", number=str(copied.promised), **facts)
+        _print_sentence(language, command, "done", number=str(copied.promised), **facts)
         return
-    _tell_faults(language, [(fault.name, fault.finding) for fault in copied.faults])
+    _print_faults(language, [(fault.name, fault.finding) for fault in copied.faults])
     counts = {"number": str(copied.promised), "faults": str(len(copied.faults))}
-    _say(language, command, "not_whole", **counts, **facts)
+    _print_sentence(language, command, "not_whole", **counts, **facts)
     raise typer.Exit(FAILED)
 
 
-def _tell_faults(language: Language, faults: list[tuple[str, str]]) -> None:
+def _print_faults(language: Language, faults: list[tuple[str, str]]) -> None:
     for name, finding in faults:
-        _say(language, "verify", finding, name=name)
+        _print_sentence(language, "verify", finding, name=name)
 
 
 def _find_settings(data: Path | None) -> Settings:
     return Settings() if data is None else Settings(data_dir=data)
 
 
-def _say(language: Language, command: str, sentence: str, /, **facts: str) -> None:
+def _print_sentence(language: Language, command: str, sentence: str, /, **facts: str) -> None:
     told = {name: escape_controls(fact) for name, fact in facts.items()}
     typer.echo(fill(load_wording(language, "operations")[command][sentence], told))
 
 
 @contextmanager
-def _refusals_told(language: Language, settings: Settings) -> Iterator[None]:
+def _refusals_printed(language: Language, settings: Settings) -> Iterator[None]:
     """Tell a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
@@ -210,14 +210,14 @@ def _refusals_told(language: Language, settings: Settings) -> Iterator[None]:
         with name_start_trouble(settings):
             yield
     except AppError as refusal:
-        _tell_refusal(refusal, language)
+        _print_refusal(refusal, language)
     except SQLAlchemyError:
-        _tell_refusal(DatabaseAway(), language)
+        _print_refusal(DatabaseAway(), language)
     except OSError as error:  # the place of the backup
-        _tell_refusal(BackupRefused(why=f"{error.filename or ''} {error.strerror}".strip()), language)
+        _print_refusal(BackupRefused(why=f"{error.filename or ''} {error.strerror}".strip()), language)
 
 
-def _tell_refusal(refusal: AppError, language: Language) -> None:
+def _print_refusal(refusal: AppError, language: Language) -> None:
     words = describe_problem(refusal.code, refusal.facts, language)
     typer.echo(f"{refusal.code} {words.title}\n  {words.detail}\n  {words.fix}", err=True)
     raise typer.Exit(REFUSED) from None

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from app.batch.folder import keep_versions, use_plain_names
+from app.batch.folder import use_plain_names, write_version
 from app.batch.plan import plan_tasks
 from app.cli.options import (
     LanguageOption,
@@ -18,9 +18,9 @@ from app.cli.options import (
     SubjectOption,
     check_windows,
     parse_kinds,
+    parse_subject,
     parse_windows,
     read_tasks_file,
-    take_subject,
 )
 from app.cli.output import Exit, choose_exit, print_problem, report_progress
 from app.errors import AppError, find_outcome
@@ -49,13 +49,13 @@ def pair(
     paper: PaperOption = "a4",
 ) -> None:
     """Set both arms of one shift side by side."""
-    kinds, code = parse_kinds(report), take_subject(subject)
+    kinds, code = parse_kinds(report), parse_subject(subject)
     asked = ReportRequest("", code, languages=(lang,), paper=paper)
     first = _finish_first(left, out / "left", replace(asked, side="left"))
     second = _finish_first(right, out / "right", replace(asked, side="right"))
     body = (_finish_first(trunk, out / "trunk", asked),) if trunk else ()
     request = PairRequest("pair", offset_s, trunk_offset_s, (lang,), kinds, paper)
-    _keep(out / "both-arms", (first, second, *body), request)
+    _write_pair(out / "both-arms", (first, second, *body), request)
 
 
 def compare(
@@ -70,11 +70,11 @@ def compare(
 ) -> None:
     """Set one day beside another, and say whether the change is larger than days differ anyway."""
     kinds = parse_kinds(report)
-    asked = ReportRequest("", take_subject(subject), side, languages=(lang,), paper=paper)
+    asked = ReportRequest("", parse_subject(subject), side, languages=(lang,), paper=paper)
     first = _finish_first(before, out / "before", asked)
     second = _finish_first(after, out / "after", asked)
     request = PairRequest("compare", languages=(lang,), kinds=kinds, paper=paper)
-    _keep(out / "before-after", (first, second), request)
+    _write_pair(out / "before-after", (first, second), request)
 
 
 def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
@@ -87,14 +87,14 @@ def _finish_first(path: Path, out: Path, request: ReportRequest) -> Path:
     return tasks[0].folder
 
 
-def _keep(folder: Path, sources: tuple[Path, ...], request: PairRequest) -> None:
+def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -> None:
     """Make the report of two, and print its answer."""
     from app.roads.pair import make_report_of_two  # noqa: PLC0415  heavy, and only this needs it
 
     language = request.languages[0]
     try:
         make = partial(make_report_of_two, sources, request)
-        marker = keep_versions(folder, request.figures_name, language, make)
+        marker = write_version(folder, request.figures_name, language, make)
     except AppError as refusal:
         print_problem(folder.name, refusal.code, refusal.facts, language)
         raise typer.Exit(Exit.NOTHING_DONE) from None
@@ -144,7 +144,7 @@ def validate(
     """Compare a recording with a reference angle or orientation: r, RMSE, bias, limits of agreement."""
     request = ReportRequest(
         path.name,
-        take_subject(subject),
+        parse_subject(subject),
         side,
         method,
         pose,
@@ -160,7 +160,7 @@ def validate(
     check_windows([request])
     given = Reference(str(reference.resolve()), reference.name, offset_s, drift_ppm, reference_rate_hz)
     given = replace(given, tasks=read_tasks_file(tasks, lang))
-    with _telling(path.name, lang):
+    with _refusals_printed(path.name, lang):
         _compare(path, replace(request, reference=given), out)
     answer = (out / "answer.txt").read_text("utf-8").splitlines()
     typer.echo("\n  ".join((f"{path.name} -> {out}", *answer)))
@@ -180,7 +180,7 @@ def _study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
     from app.roads.agreement_study import make_study  # noqa: PLC0415
 
     language = request.languages[0]
-    with _telling(str(path), language):
+    with _refusals_printed(str(path), language):
         out.mkdir(parents=True, exist_ok=True)
         outcome = make_study(path, request, out, typer.echo)
         use_plain_names(out, request.languages[0])
@@ -191,7 +191,7 @@ def _study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
 
 
 @contextmanager
-def _telling(name: str, language: Language) -> Iterator[None]:
+def _refusals_printed(name: str, language: Language) -> Iterator[None]:
     """Tell a refusal in words and leave with the exit code of its kind."""
     try:
         yield

@@ -12,14 +12,14 @@ from app.batch.plan import read_list
 from app.cli.output import Exit, print_problem
 from app.errors import AppError
 from app.request import (
-    SUBJECT_ALLOWED,
-    WINDOW_ALLOWED,
+    SUBJECT_HINT,
+    WINDOW_HINT,
     Language,
     Paper,
     ReportKind,
     ReportRequest,
     check_subject,
-    list_window_counts,
+    find_window_counts,
     parse_window,
 )
 from fusion.conventions import Side
@@ -48,34 +48,38 @@ LanguageOption = Annotated[Language, typer.Option("--lang", help="Language of th
 
 def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, ...]:
     """Read the diary before any recording, so that a slip in it is told at once."""
-    return _take_file(path, language, (), lambda file: read_diary(file.read_bytes()))
+    return _read_option_file(path, language, (), lambda file: read_diary(file.read_bytes()))
 
 
 def read_profile_file(path: Path | None, language: Language) -> str:
     """Read the column profile before any recording, so that a slip in it is told at once."""
-    return _take_file(path, language, "", _parse_profile)
+    return _read_option_file(path, language, "", _parse_profile)
 
 
 def read_settings_file(path: Path | None, language: Language) -> dict[str, Any]:
     """Read the settings of a study: fields of a request and their values."""
-    return _take_file(path, language, {}, lambda file: read_settings(file.read_bytes()))
+    return _read_option_file(path, language, {}, lambda file: read_settings(file.read_bytes()))
 
 
 def read_participants_file(path: Path | None, language: Language) -> tuple[Participant, ...]:
     """Read the list of participants; the diaries it names lie beside it."""
-    return _take_file(path, language, (), lambda file: read_participants(file.read_bytes(), file.parent))
+    return _read_option_file(
+        path, language, (), lambda file: read_participants(file.read_bytes(), file.parent)
+    )
 
 
 def read_list_file(path: Path | None, language: Language) -> list[Path]:
     """Read a list of recordings; their paths start from the list, or from here for standard input."""
     if path == Path("-"):
-        return _take_file(path, language, [], lambda _: read_list(sys.stdin.read(), Path()))
-    return _take_file(path, language, [], lambda file: read_list(file.read_text("utf-8-sig"), file.parent))
+        return _read_option_file(path, language, [], lambda _: read_list(sys.stdin.read(), Path()))
+    return _read_option_file(
+        path, language, [], lambda file: read_list(file.read_text("utf-8-sig"), file.parent)
+    )
 
 
 def read_tasks_file(path: Path | None, language: Language) -> tuple[TaskWindow, ...]:
     """Read the tasks of a comparison."""
-    return _take_file(path, language, (), lambda file: read_tasks(file.read_bytes()))
+    return _read_option_file(path, language, (), lambda file: read_tasks(file.read_bytes()))
 
 
 def _parse_profile(file: Path) -> str:
@@ -84,7 +88,7 @@ def _parse_profile(file: Path) -> str:
     return parse_profile(file.read_text("utf-8", errors="replace")).to_json()
 
 
-def _take_file(path: Path | None, language: Language, nothing: T, read: Callable[[Path], T]) -> T:
+def _read_option_file(path: Path | None, language: Language, nothing: T, read: Callable[[Path], T]) -> T:
     """Read a file that steers the run; one that cannot be used is a usage error, told with its cure."""
     if path is None:
         return nothing
@@ -99,12 +103,12 @@ def _take_file(path: Path | None, language: Language, nothing: T, read: Callable
     raise typer.Exit(Exit.USAGE)
 
 
-def take_subject(text: str) -> str:
+def parse_subject(text: str) -> str:
     """Check the subject code; a wrong one is a usage error."""
     try:
         return check_subject(text)
     except ValueError:
-        raise typer.BadParameter(f"write {SUBJECT_ALLOWED}", param_hint="--subject") from None
+        raise typer.BadParameter(f"write {SUBJECT_HINT}", param_hint="--subject") from None
 
 
 def parse_windows(texts: list[str] | None) -> tuple[tuple[float, float], ...]:
@@ -112,13 +116,13 @@ def parse_windows(texts: list[str] | None) -> tuple[tuple[float, float], ...]:
     try:
         return tuple(parse_window(text) for text in texts or ())
     except ValueError:
-        raise typer.BadParameter(f"write {WINDOW_ALLOWED}, e.g. 5,15", param_hint="--calibration") from None
+        raise typer.BadParameter(f"write {WINDOW_HINT}, e.g. 5,15", param_hint="--calibration") from None
 
 
 def check_windows(requests: Iterable[ReportRequest]) -> None:
     """Refuse before any analysis a number of windows that does not fit the pose."""
     for request in requests:
-        allowed = list_window_counts(request.pose)
+        allowed = find_window_counts(request.pose)
         if len(request.calibration_windows_s) not in allowed:
             needed = " or ".join(map(str, allowed))
             told = f"{request.file_name}: {request.pose} takes {needed} windows"

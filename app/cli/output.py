@@ -14,7 +14,7 @@ from typing import Any
 
 import typer
 
-from app.batch.plan import Task, show_path
+from app.batch.plan import Task, format_path
 from app.batch.run import Outcome, find_done, run_tasks
 from app.batch.tables import write_tables
 from app.errors import Interrupted
@@ -45,32 +45,36 @@ class Progress:
     left_s: float | None
 
 
-Tell = Callable[[Outcome, Progress], None]
+OnOutcome = Callable[[Outcome, Progress], None]
 
 
-def report_progress(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> list[Outcome]:
-    """Do the tasks, telling each outcome as it comes; give them in the order of the tasks.
+def report_progress(
+    tasks: Sequence[Task], workers: int, on_outcome: OnOutcome | None = None
+) -> list[Outcome]:
+    """Do the tasks, reporting each outcome as it comes; gives them in the order of the tasks.
 
     Ctrl-C ends the run, and SIGTERM does: what was not reached is an outcome, too (E-INTERRUPTED), but for
     what an earlier run has done.
     """
-    tell = tell or tell_outcome
+    on_outcome = on_outcome or print_outcome
     outcomes: list[Outcome] = []
     start_s = time.monotonic()
     try:
-        with _taking(signal.default_int_handler, signal.SIGTERM):
+        with _handling_signals(signal.default_int_handler, signal.SIGTERM):
             warm_up()
-            for outcome in run_tasks(tasks, workers, _show_stage if tell is tell_outcome else _show_nothing):
+            for outcome in run_tasks(
+                tasks, workers, _print_stage if on_outcome is print_outcome else _ignore_stage
+            ):
                 outcomes.append(outcome)
                 left_s = _guess_left_s(outcomes, len(tasks), time.monotonic() - start_s)
-                tell(outcome, Progress(len(outcomes), len(tasks), left_s))
+                on_outcome(outcome, Progress(len(outcomes), len(tasks), left_s))
     except KeyboardInterrupt:
         outcomes += _account_for_rest(tasks, [outcome.task for outcome in outcomes])
     return sorted(outcomes, key=lambda outcome: tasks.index(outcome.task))
 
 
 @contextmanager
-def _taking(how: Any, *numbers: int) -> Iterator[None]:
+def _handling_signals(how: Any, *numbers: int) -> Iterator[None]:
     """Take signals so until the end of the block."""
     before = {number: signal.signal(number, how) for number in numbers}
     try:
@@ -96,11 +100,11 @@ def _guess_left_s(outcomes: Sequence[Outcome], total: int, elapsed_s: float) -> 
     return elapsed_s / analysed * (total - len(outcomes)) if analysed else None
 
 
-def _show_nothing(_task: Task, _stage: str | None, _fraction: float) -> None:
+def _ignore_stage(_task: Task, _stage: str | None, _fraction: float) -> None:
     """Take the place of the line that shows the stage."""
 
 
-def _show_stage(task: Task, stage: str | None, fraction: float) -> None:
+def _print_stage(task: Task, stage: str | None, fraction: float) -> None:
     """Keep one line on a terminal up to date; a log file gets none of it."""
     if sys.stderr.isatty():
         typer.echo(
@@ -108,7 +112,7 @@ def _show_stage(task: Task, stage: str | None, fraction: float) -> None:
         )
 
 
-def tell_outcome(outcome: Outcome, progress: Progress) -> None:
+def print_outcome(outcome: Outcome, progress: Progress) -> None:
     """Say where the report is and what it answers, or what is wrong and the cure."""
     request = outcome.task.request
     if sys.stderr.isatty():
@@ -117,7 +121,7 @@ def tell_outcome(outcome: Outcome, progress: Progress) -> None:
     if outcome.code:
         print_problem(counter + outcome.task.name, outcome.code, outcome.facts, request.languages[0])
         return
-    told = f"{counter}{outcome.task.name} -> {show_path(outcome.task.folder)}{_tell_version(outcome)}"
+    told = f"{counter}{outcome.task.name} -> {format_path(outcome.task.folder)}{_format_version(outcome)}"
     typer.echo(escape_controls(told))
     for line in outcome.answer:
         typer.echo(f"  {line}")
@@ -132,18 +136,18 @@ def _count(progress: Progress, language: Language) -> str:
     return f"[{fill(words['counter'], facts)}] "
 
 
-def tell_problem(outcome: Outcome, _progress: Progress) -> None:
+def print_failure(outcome: Outcome, _progress: Progress) -> None:
     """Say only what went wrong."""
     if outcome.code:
         language = outcome.task.request.languages[0]
         print_problem(outcome.task.name, outcome.code, outcome.facts, language)
 
 
-def tell_as_json(outcome: Outcome, progress: Progress) -> None:
+def print_json(outcome: Outcome, progress: Progress) -> None:
     """Say it in one line for a program: file, folder, code of the failure or null, how far the run is."""
     line = {
-        "file": show_path(outcome.task.log),
-        "folder": show_path(outcome.task.folder),
+        "file": format_path(outcome.task.log),
+        "folder": format_path(outcome.task.folder),
         "code": outcome.code,
         "repeated": outcome.repeated,
         "done": progress.done,
@@ -153,7 +157,7 @@ def tell_as_json(outcome: Outcome, progress: Progress) -> None:
     typer.echo(escape_controls(json.dumps(line, ensure_ascii=False)))
 
 
-def _tell_version(outcome: Outcome) -> str:
+def _format_version(outcome: Outcome) -> str:
     """Say what was not done again, and where the report is that a new one replaces."""
     words = load_wording(outcome.task.request.languages[0], "run")["outcome"]
     facts = {
@@ -167,7 +171,7 @@ def _tell_version(outcome: Outcome) -> str:
 
 
 def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
-    """Tell on standard error what is wrong, and the cure."""
+    """OnOutcome on standard error what is wrong, and the cure."""
     problem = describe_problem(code, facts, language)
     typer.echo(
         f"{escape_controls(name)}: {code} {problem.title}\n  {problem.detail}\n  {problem.fix}", err=True
@@ -179,18 +183,20 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
     language = request.languages[0]
     if outcomes:
         try:
-            with _taking(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # the tables are a second's work
+            with _handling_signals(
+                signal.SIG_IGN, signal.SIGINT, signal.SIGTERM
+            ):  # the tables are a second's work
                 write_tables(out, outcomes, request, datetime.now(UTC))
         except OSError as error:
             print_problem(str(out), "E-FILE", {"why": error.strerror or ""}, language)
             is_any_good = any(outcome.code is None for outcome in outcomes)
             raise typer.Exit(Exit.SOME_FAILED if is_any_good else Exit.NOTHING_DONE) from None
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
-        typer.echo(_tell_total(outcomes, language), err=True)
+        typer.echo(_format_total(outcomes, language), err=True)
     raise typer.Exit(choose_exit(outcomes))
 
 
-def _tell_total(outcomes: Sequence[Outcome], language: Language) -> str:
+def _format_total(outcomes: Sequence[Outcome], language: Language) -> str:
     counts = {
         "all": len(outcomes),
         "good": sum(outcome.code is None for outcome in outcomes),

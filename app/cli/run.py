@@ -9,7 +9,7 @@ import typer
 
 from app.batch.folder import is_up_to_date
 from app.batch.inputs import Participant, apply_settings, assign_participants
-from app.batch.plan import Task, find_recordings, plan_joined, plan_tasks, show_path
+from app.batch.plan import Task, find_recordings, format_path, plan_joined, plan_tasks
 from app.batch.run import Capacity, choose_workers, measure_capacity
 from app.cli.options import (
     DiaryOption,
@@ -20,22 +20,22 @@ from app.cli.options import (
     SubjectOption,
     check_windows,
     parse_kinds,
+    parse_subject,
     parse_windows,
     read_diary_file,
     read_list_file,
     read_participants_file,
     read_profile_file,
     read_settings_file,
-    take_subject,
 )
 from app.cli.output import (
     Exit,
     finish,
+    print_failure,
+    print_json,
+    print_outcome,
     print_problem,
     report_progress,
-    tell_as_json,
-    tell_outcome,
-    tell_problem,
 )
 from app.report.words.wording import fill, load_wording
 from app.request import Language, Paper, ReportRequest
@@ -108,7 +108,7 @@ def run(
     language = request.languages[0]
     request = replace(
         request,
-        subject=take_subject(subject),
+        subject=parse_subject(subject),
         diary=read_diary_file(diary, language) or request.diary,
         profile=read_profile_file(profile, language) or request.profile,
     )
@@ -117,14 +117,14 @@ def run(
         [*(paths or ()), *read_list_file(list_, language)], out, request, inputs, join=join, force=force
     )
     tasks, unmatched = assign_participants(tasks, read_participants_file(participants, language))
-    _tell_unmatched(unmatched, language)
+    _print_unmatched(unmatched, language)
     check_windows(task.request for task in tasks)
     if dry_run:
-        _tell_plan(tasks, language)
+        _print_plan(tasks, language)
         raise typer.Exit
-    tell = tell_as_json if json_log else tell_problem if quiet else tell_outcome
+    on_outcome = print_json if json_log else print_failure if quiet else print_outcome
     count = workers or _choose_workers(tasks, measure_capacity(), language)
-    finish(report_progress(tasks, count, tell), out, request)
+    finish(report_progress(tasks, count, on_outcome), out, request)
 
 
 def exposure(
@@ -138,7 +138,7 @@ def exposure(
     """Give the exposure of a ready angle series (an empty angle is missing)."""
     entries = read_diary_file(diary, lang)
     request = ReportRequest(
-        path.name, take_subject(subject), side, languages=(lang,), source="angles", diary=entries
+        path.name, parse_subject(subject), side, languages=(lang,), source="angles", diary=entries
     )
     tasks = plan_tasks([path], out, request, force=True)
     finish(report_progress(tasks, 1), out, request)
@@ -168,7 +168,7 @@ def _plan(
         raise typer.Exit(Exit.NOTHING_DONE if paths else Exit.USAGE)
     if found.others:
         _note("others", language, n=str(found.others))
-    return (plan_joined if join else plan_tasks)(found.logs, out, request, found.tell_path, force=force)
+    return (plan_joined if join else plan_tasks)(found.logs, out, request, found.format_place, force=force)
 
 
 def _choose_workers(tasks: Sequence[Task], capacity: Capacity, language: Language) -> int:
@@ -179,17 +179,17 @@ def _choose_workers(tasks: Sequence[Task], capacity: Capacity, language: Languag
     return count
 
 
-def _tell_unmatched(rows: Sequence[Participant], language: Language) -> None:
+def _print_unmatched(rows: Sequence[Participant], language: Language) -> None:
     for row in rows:
         _note("unmatched", language, line=str(row.line), file=row.file)
 
 
-def _tell_plan(tasks: Sequence[Task], language: Language) -> None:
+def _print_plan(tasks: Sequence[Task], language: Language) -> None:
     words = load_wording(language, "run")["outcome"]
     for task in tasks:
         done = not task.force and is_up_to_date(task)
         told = words["would_skip" if done else "would_do"]
-        typer.echo(f"{told}: {show_path(task.log)} -> {show_path(task.folder)}")
+        typer.echo(f"{told}: {format_path(task.log)} -> {format_path(task.folder)}")
 
 
 def _note(name: str, language: Language, **facts: str) -> None:

@@ -111,9 +111,9 @@ def _number(history: _History, request: ReportRequest) -> ReportRequest:
         reason = request.reason or old.reason
         return replace(request, version=old.version, changes=old.changes, reason=reason)
     last = history.last
-    changes = compare_settings(last.name_settings(), request.name_settings())
+    changes = compare_settings(last.describe_settings(), request.describe_settings())
     return replace(request, version=last.version + 1, changes=changes or ("engine",))
 
 
 def _write_settings(request: ReportRequest) -> str:
-    return json.dumps(request.name_settings(), sort_keys=True)
+    return json.dumps(request.describe_settings(), sort_keys=True)

@@ -21,10 +21,10 @@ from app.report.pairs import (
     can_draw_curves,
     describe_source,
     find_end,
+    format_cautions,
+    format_start,
     identify,
     load_pair_words,
-    tell_poses,
-    tell_time,
 )
 from app.report.render.write import sign_off
 from app.report.words.numbers import NONE, format_angle, format_number, format_percent, format_rate
@@ -73,16 +73,16 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         title=words["title"],
         subtitle=load_wording(language)["report"]["subtitle"],
         header=header,
-        verdict=_tell_verdict(compared, words),
-        sentences=_tell_changes(compared, words, language),
-        pose_caution=f"{fill(words['caution'], {'source': SOURCE})} {tell_poses(sides, language)}".strip(),
+        verdict=_build_verdict(compared, words),
+        sentences=_format_changes(compared, words, language),
+        pose_caution=f"{fill(words['caution'], {'source': SOURCE})} {format_cautions(sides, language)}".strip(),
         range_note="",
         figures=(build_two_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
         references=(),
         limits=limits,
         intended_use=use,
-        sections=(_list_changes(compared, words, language), build_sources(sides, language)),
+        sections=(_build_changes(compared, words, language), build_sources(sides, language)),
         report_id=report_id,
         footer=footer,
         brief=sign_off(header, footer, language),
@@ -93,10 +93,10 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
 
 
 def _compare(before: Kept, after: Kept) -> DayComparison:
-    return compare_days(_take_day(before), _take_day(after))
+    return compare_days(_build_day(before), _build_day(after))
 
 
-def _take_day(kept: Kept) -> ComparedDay:
+def _build_day(kept: Kept) -> ComparedDay:
     findings = kept.findings
     method, calibration = findings.method, findings.calibration
     return ComparedDay(
@@ -121,11 +121,11 @@ def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple
     return (
         Pair(label["subject"], " → ".join(codes)),
         Pair(label["arm"], " → ".join(arms)),
-        *(Pair(side.name, tell_time(side.kept, language)) for side in sides),
+        *(Pair(side.name, format_start(side.kept, language)) for side in sides),
     )
 
 
-def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
+def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     """Say first whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
@@ -140,33 +140,33 @@ def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": told}))
 
 
-def _tell_changes(compared: DayComparison, words: Words, language: Language) -> tuple[str, ...]:
+def _format_changes(compared: DayComparison, words: Words, language: Language) -> tuple[str, ...]:
     changes = {change.name: change for change in compared.changes}
     return tuple(
-        _tell_change(changes[name], words, language) for name in (_ABOVE_60, _MEDIAN) if name in changes
+        _format_change(changes[name], words, language) for name in (_ABOVE_60, _MEDIAN) if name in changes
     )
 
 
-def _tell_change(change: FigureChange, words: Words, language: Language) -> str:
+def _format_change(change: FigureChange, words: Words, language: Language) -> str:
     entry = words["sentence"]
     facts = {
-        "before": _tell_value(change.before, change.name, language),
-        "after": _tell_value(change.after, change.name, language),
-        "change": _tell_difference(change, words, language),
-        "detectable": _tell_detectable(change, words, language),
+        "before": _format_value(change.before, change.name, language),
+        "after": _format_value(change.after, change.name, language),
+        "change": _format_difference(change, words, language),
+        "detectable": _format_detectable(change, words, language),
     }
     return f"{fill(entry[change.name], facts)} {fill(entry[change.verdict], facts)}"
 
 
-def _list_changes(compared: DayComparison, words: Words, language: Language) -> Section:
+def _build_changes(compared: DayComparison, words: Words, language: Language) -> Section:
     entry = words["table"]
     rows = tuple(
         (
             entry["figure"][change.name],
-            _tell_value(change.before, change.name, language),
-            _tell_value(change.after, change.name, language),
-            _tell_difference(change, words, language),
-            _tell_detectable(change, words, language),
+            _format_value(change.before, change.name, language),
+            _format_value(change.after, change.name, language),
+            _format_difference(change, words, language),
+            _format_detectable(change, words, language),
             entry["verdict"][change.verdict],
         )
         for change in compared.changes
@@ -177,26 +177,26 @@ def _list_changes(compared: DayComparison, words: Words, language: Language) -> 
     return Section("changes", entry["title"], tables=(table,))
 
 
-def _tell_value(value: float, name: str, language: Language) -> str:
+def _format_value(value: float, name: str, language: Language) -> str:
     if name.endswith("_percent"):
         return format_percent(value, language)
     return format_angle(value, language, 1) if name.endswith("_deg") else format_rate(value, language)
 
 
-def _tell_difference(change: FigureChange, words: Words, language: Language) -> str:
+def _format_difference(change: FigureChange, words: Words, language: Language) -> str:
     sign = "+" if round(change.change, 1) > 0 else ""
-    return sign + _tell_points(change.change, change.name, words, language)
+    return sign + _format_points(change.change, change.name, words, language)
 
 
-def _tell_detectable(change: FigureChange, words: Words, language: Language) -> str:
+def _format_detectable(change: FigureChange, words: Words, language: Language) -> str:
     if change.detectable is None:
         return NONE
-    return _tell_points(change.detectable, change.name, words, language)
+    return _format_points(change.detectable, change.name, words, language)
 
 
-def _tell_points(value: float, name: str, words: Words, language: Language) -> str:
+def _format_points(value: float, name: str, words: Words, language: Language) -> str:
     """Differences of shares are percentage points; in French the plural begins at two."""
     if name.endswith("_percent"):
         form = "points" if round(abs(value), 1) >= 2 else "points_under_two"
         return fill(words[form], {"value": format_number(value, 1, language)})
-    return _tell_value(value, name, language)
+    return _format_value(value, name, language)

@@ -25,10 +25,10 @@ from app.report.pairs import (
     can_draw_curves,
     describe_source,
     find_end,
+    format_cautions,
+    format_start,
     identify,
     load_pair_words,
-    tell_poses,
-    tell_time,
 )
 from app.report.render.write import sign_off
 from app.report.words.numbers import (
@@ -139,16 +139,16 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         title=words["title"],
         subtitle=load_wording(language)["report"]["subtitle"],
         header=header,
-        verdict=_tell_verdict(sides, words, language),
-        sentences=_tell_answers(pair, words, language),
-        pose_caution=f"{_tell_clock(pair, words, language)} {tell_poses(sides, language)}".strip(),
-        range_note=_tell_ranges(pair, words, language),
+        verdict=_build_verdict(sides, words, language),
+        sentences=_format_answers(pair, words, language),
+        pose_caution=f"{_format_clock(pair, words, language)} {format_cautions(sides, language)}".strip(),
+        range_note=_format_ranges_note(pair, words, language),
         figures=(build_two_bars(sides, language), _build_days(pair, sides, language)),
         references=(),
         limits=limits,
         intended_use=use,
         sections=(
-            _list_figures(pair, words, language),
+            _build_figures(pair, words, language),
             _build_trunk(pair, words, language),
             *_build_spread(sides, language),
             build_sources(sides, language),
@@ -168,18 +168,18 @@ def _build_header(pair: ArmPair, words: Words, language: Language) -> tuple[Pair
     code = " / ".join(cut_text(c, _LONGEST_CODE) for c in codes if c) or label["not_given"]
     return (
         Pair(label["subject"], code),
-        Pair(label["date"], tell_time(pair.left, language)),
+        Pair(label["date"], format_start(pair.left, language)),
         Pair(words["shared"], format_duration(pair.shared.shared_s, language)),
-        Pair(words["offset"], _tell_offset(pair.offset_s, language)),
+        Pair(words["offset"], _format_offset(pair.offset_s, language)),
     )
 
 
-def _tell_offset(offset_s: float, language: Language) -> str:
+def _format_offset(offset_s: float, language: Language) -> str:
     sign = "+" if offset_s > 0 else "−" if offset_s < 0 else ""
     return sign + format_duration(abs(offset_s), language)
 
 
-def _tell_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> VerdictLine:
+def _build_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> VerdictLine:
     """Give the worse of the two, and say which arm has which."""
     levels = [side.kept.findings.quality.verdict for side in sides]
     worst = max(levels, key=_LEVELS.index)
@@ -190,7 +190,7 @@ def _tell_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Lang
     return VerdictLine(worst, entry[worst]["label"], fill(words["verdict_each"], facts))
 
 
-def _tell_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
+def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
     entry, shared = words["sentence"], pair.shared
     ratio = format_number(shared.ratio_above_60, 2, language)
     told = {
@@ -202,7 +202,7 @@ def _tell_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str,
         "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
     }
     facts = {
-        key: _add_range(value, _tell_range(pair, name, language), entry, key)
+        key: _add_range(value, _format_interval(pair, name, language), entry, key)
         for key, (name, value) in told.items()
     }
     facts["shared"] = format_duration(shared.shared_s, language)
@@ -215,7 +215,7 @@ def _add_range(value: str, told: str, entry: Words, key: str) -> str:
     return fill(pattern, {"value": value, "range": told}) if value and told else value
 
 
-def _tell_range(pair: ArmPair, name: str, language: Language) -> str:
+def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
     """Write the range of a figure in its unit; empty where none is known."""
     interval = pair.shared.intervals.get(name)
     if name.endswith("_percent"):
@@ -227,7 +227,7 @@ def _tell_range(pair: ArmPair, name: str, language: Language) -> str:
     return "–".join(format_number(end, 2, language) for end in (interval.low, interval.high))
 
 
-def _tell_ranges(pair: ArmPair, words: Words, language: Language) -> str:
+def _format_ranges_note(pair: ArmPair, words: Words, language: Language) -> str:
     """Say what the ranges hold, or that there are none."""
     if not pair.shared.intervals:
         return str(words["ranges"]["none"])
@@ -236,7 +236,7 @@ def _tell_ranges(pair: ArmPair, words: Words, language: Language) -> str:
     return str(words["ranges"]["known"])
 
 
-def _tell_clock(pair: ArmPair, words: Words, language: Language) -> str:
+def _format_clock(pair: ArmPair, words: Words, language: Language) -> str:
     """Say how the two were put on one time axis; nothing in the signals vouches for it."""
     entry = words["clock"]
     order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s < 0 else "together"
@@ -280,7 +280,7 @@ def _tabulate_days(days: list[tuple[str, Day]], clock: Clock) -> tuple[tuple[str
     )
 
 
-def _list_figures(pair: ArmPair, words: Words, language: Language) -> Section:
+def _build_figures(pair: ArmPair, words: Words, language: Language) -> Section:
     entry, shared = words["table"], pair.shared
     left, right = shared.left, shared.right
     rows: list[tuple[str, ...]] = []
@@ -288,27 +288,27 @@ def _list_figures(pair: ArmPair, words: Words, language: Language) -> Section:
         above = (format_percent(arm.percent_above[c], language) for arm in (left, right))
         ratio = format_number(shared.ratio_above_60 if c == 60 else None, 2, language)
         rows.append((fill(entry["above"], {"threshold": f"{c:g}"}), *above, ratio))
-        rows += _list_ranges(pair, f"time_above_{c:g}_percent", f"time_above_{c:g}", language)
+        rows += _build_ranges(pair, f"time_above_{c:g}_percent", f"time_above_{c:g}", language)
     for p in left.percentiles_deg:
         angles = (format_angle(arm.percentiles_deg[p], language, 1) for arm in (left, right))
         ratio = format_number(shared.ratio_p50 if p == 50 else None, 2, language)
         rows.append((fill(entry["percentile"], {"p": str(p)}), *angles, ratio))
-        rows += _list_ranges(pair, f"elevation_p{p}_deg", f"elevation_p{p}", language)
+        rows += _build_ranges(pair, f"elevation_p{p}_deg", f"elevation_p{p}", language)
     rows.append((entry["both"], format_percent(shared.both_above_60_percent, language), NONE, NONE))
-    if both := _tell_range(pair, "both_above_60_percent", language):
-        rows.append((_name_ranges(language), both, "", ""))
+    if both := _format_interval(pair, "both_above_60_percent", language):
+        rows.append((_find_ranges_label(language), both, "", ""))
     table = Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
     return Section("figures", entry["title"], tables=(table,))
 
 
-def _list_ranges(pair: ArmPair, name: str, ratio: str, language: Language) -> list[tuple[str, ...]]:
+def _build_ranges(pair: ArmPair, name: str, ratio: str, language: Language) -> list[tuple[str, ...]]:
     """Give the row of ranges under a figure of both arms; none where none is known."""
     names = (f"left_{name}", f"right_{name}", f"right_to_left_{ratio}")
-    cells = tuple(_tell_range(pair, end, language) for end in names)
-    return [(_name_ranges(language), *cells)] if any(cells) else []
+    cells = tuple(_format_interval(pair, end, language) for end in names)
+    return [(_find_ranges_label(language), *cells)] if any(cells) else []
 
 
-def _name_ranges(language: Language) -> str:
+def _find_ranges_label(language: Language) -> str:
     return str(load_wording(language)["measure"]["percentiles"]["range"])
 
 

@@ -39,11 +39,11 @@ def load_pair_words(language: Language) -> Words:
 def build_two_bars(sides: tuple[PairSide, PairSide], language: Language) -> Figure:
     """Build one stacked bar for each, to one scale."""
     entry = load_pair_words(language)
-    parts = [(side.name, _take_whole(side.kept.findings.exposure)) for side in sides]
+    parts = [(side.name, _summarise_whole(side.kept.findings.exposure)) for side in sides]
     return replace(build_parts("bars", parts, entry, language), note=entry["bars"]["note"])
 
 
-def _take_whole(exposure: Exposure) -> PartExposure:
+def _summarise_whole(exposure: Exposure) -> PartExposure:
     above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
     entries = next((e.per_hour for e in exposure.entries if e.threshold_deg == 60), None)
     return PartExposure("", 0.0, 0.0, exposure.analysed_s, exposure.percentiles_deg, above, entries)
@@ -73,7 +73,7 @@ def can_draw_curves(sides: tuple[PairSide, PairSide]) -> bool:
     return all(side.kept.findings.exposure.histogram_s.sum() > 0 for side in sides)
 
 
-def tell_time(kept: Kept, language: Language) -> str:
+def format_start(kept: Kept, language: Language) -> str:
     """Write the date a recording began on, or that its file has no clock."""
     start = kept.findings.recording.start
     return format_date(start, language) if start else str(load_wording(language)["label"]["no_clock"])
@@ -91,7 +91,7 @@ def _read_wall_clock(moment: datetime) -> datetime:
     return moment.replace(tzinfo=None)
 
 
-def tell_poses(sides: tuple[PairSide, PairSide], language: Language) -> str:
+def format_cautions(sides: tuple[PairSide, PairSide], language: Language) -> str:
     """Give the known one-sided errors of the poses the figures were calibrated in; each once."""
     cautions = load_wording(language)["pose_caution"]
     poses = (s.kept.findings.calibration.pose for s in sides if s.kept.findings.calibration)
@@ -111,13 +111,13 @@ def build_sources(sides: tuple[PairSide, ...], language: Language) -> Section:
     """Say where each of them is from."""
     words, entry = load_wording(language), load_pair_words(language)["sources"]
     rows = list(
-        zip(entry["rows"], *(_tell_source(side.kept, words, language) for side in sides), strict=True)
+        zip(entry["rows"], *(_format_source(side.kept, words, language) for side in sides), strict=True)
     )
     columns = (entry["column"], *(side.name for side in sides))
     return Section("provenance", entry["title"], tables=(Table(entry["caption"], columns, tuple(rows)),))
 
 
-def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...]:
+def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...]:
     findings, subject = kept.findings, kept.subject
     clock = Clock(findings.recording.start, language)
     unknown = words["label"]["not_given"]
@@ -126,7 +126,7 @@ def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...
         clean_text(subject.file_name) or unknown,
         findings.recording.sha256[:16] + "…",
         words["device"].get(findings.recording.device, words["device"]["other"]),
-        f"{tell_time(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
+        f"{format_start(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
         load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],
         f"{method.name} {method.version}" if method else NONE,

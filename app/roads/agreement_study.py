@@ -71,7 +71,7 @@ def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
     references = sorted(
         path for path in study.rglob("reference.*") if path.is_file() and not _is_in(path, out)
     )
-    files = tuple(file for reference in references for file in _list_folder(study, reference))
+    files = tuple(file for reference in references for file in _find_in_folder(study, reference))
     if not files:
         raise UnusableStudy(why="study-empty")
     return files
@@ -94,7 +94,7 @@ def _is_in(path: Path, folder: Path) -> bool:
     return folder.resolve() in path.resolve().parents
 
 
-def _list_folder(study: Path, reference: Path) -> Iterator[StudyFile]:
+def _find_in_folder(study: Path, reference: Path) -> Iterator[StudyFile]:
     places = reference.parent.relative_to(study).parts
     person, task = (places[0] if places else study.name), " / ".join(places[1:])
     found = _PAPER_TASK.match(places[-1]) if places[1:] else None
@@ -111,7 +111,7 @@ def _is_recording(path: Path) -> bool:
     return name.endswith(RECORDINGS) and not set_aside
 
 
-def ask(file: StudyFile, request: ReportRequest) -> ReportRequest:
+def build_request(file: StudyFile, request: ReportRequest) -> ReportRequest:
     """Give the request for one recording of the study.
 
     Raises
@@ -177,7 +177,7 @@ def make_study(
     for file in find_study_files(study, out):
         on_file(file.name(study))
         try:
-            entries += _compare(file, ask(file, request), out / file.name(study))
+            entries += _compare(file, build_request(file, request), out / file.name(study))
             compared += 1
         except (FusionError, OSError) as error:
             problems.append(describe_failure(file.name(study), error))
@@ -195,10 +195,10 @@ def _compare(file: StudyFile, request: ReportRequest, folder: Path) -> list[Stud
     subject = describe_comparison(comparison, request, request.reference)
     folder.mkdir(parents=True, exist_ok=True)
     write_comparison(build_validation(comparison, subject), folder)
-    return _list_entries(file, comparison)
+    return _build_entries(file, comparison)
 
 
-def _list_entries(file: StudyFile, comparison: Comparison) -> list[StudyEntry]:
+def _build_entries(file: StudyFile, comparison: Comparison) -> list[StudyEntry]:
     device = comparison.ours.device
     if not comparison.tasks:
         name = file.task or WHOLE

@@ -37,10 +37,10 @@ from fusion.sensor.stillness import reduce_run
 
 def write_day_of(analysis: Analysis, path: Path) -> None:
     """Write the day of an analysis as :mod:`app.storage.day_file` keeps it."""
-    write_day(path, list(_list_segments(analysis)), _tell_facts(analysis))
+    write_day(path, list(_pair_segments(analysis)), _describe_facts(analysis))
 
 
-def _list_segments(analysis: Analysis) -> Iterator[DaySegment]:
+def _pair_segments(analysis: Analysis) -> Iterator[DaySegment]:
     """Pair each run of angles with the samples it came from; ready angles have none."""
     by_start = {segment.start_us: segment for segment in analysis.recording.segments}
     for run in analysis.elevation.segments:
@@ -56,7 +56,7 @@ def _reduce(segment: Segment | None, run: ElevationSegment) -> tuple[float, np.n
     return blocks.block_s, blocks.acc.astype(np.float32)
 
 
-def _tell_facts(analysis: Analysis) -> dict[str, Any]:
+def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     recording = analysis.recording
     has_samples = analysis.calibration is not None
     still = propose_still_periods(recording) if has_samples else ()
@@ -68,7 +68,7 @@ def _tell_facts(analysis: Analysis) -> dict[str, Any]:
         "still": [[p.start_s, p.start_s + p.duration_s, p.score] for p in still],
         "not_worn": [_bound(span) for span in not_worn],
         "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
-        "calibration": [list(window) for window in _list_windows(analysis)],
+        "calibration": [list(window) for window in _find_windows(analysis)],
     }
 
 
@@ -76,7 +76,7 @@ def _bound(span: Span) -> list[float]:
     return [span.start_us / MICROSECONDS, span.end_us / MICROSECONDS]
 
 
-def _list_windows(analysis: Analysis) -> Iterator[tuple[float, float, float]]:
+def _find_windows(analysis: Analysis) -> Iterator[tuple[float, float, float]]:
     """Give start, end and score of the windows that were used."""
     calibration = analysis.calibration
     for still in (calibration.still, calibration.second) if calibration else ():
@@ -199,12 +199,12 @@ def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
     begin("reading")
     if request.source == "angles":
         with logs.log.open("rb") as file:
-            return analyse_angles(file, begin, request.list_diary())
+            return analyse_angles(file, begin, request.select_diary())
     captured = _read_capture(logs.log, request)
     if captured is not None:
-        return analyse_angle_file(captured, begin, request.list_diary(), request.calibration_windows_s)
+        return analyse_angle_file(captured, begin, request.select_diary(), request.calibration_windows_s)
     settings = AnalysisSettings(
-        request.method, request.pose, request.calibration_windows_s, request.list_diary()
+        request.method, request.pose, request.calibration_windows_s, request.select_diary()
     )
     return analyse(logs.read(), settings, begin)
 

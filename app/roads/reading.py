@@ -47,7 +47,7 @@ class Logs:
         if cache is None:
             return self._parse(path, digest)
         sha256 = digest or hash_file(path)
-        reading = [Path(self._name(path)).suffix, self.request.rate_hz, self.request.profile]
+        reading = [Path(self._find_name(path)).suffix, self.request.rate_hz, self.request.profile]
         key = name_entry(sha256, json.dumps(reading), software_revision())
         recording = cache.find(key)
         if recording is None:
@@ -60,10 +60,10 @@ class Logs:
         profile = parse_profile(asked.profile) if asked.profile else None
         with path.open("rb") as file:
             return read_recording(
-                file, file_name=self._name(path), rate_hz=asked.rate_hz, sha256=sha256, profile=profile
+                file, file_name=self._find_name(path), rate_hz=asked.rate_hz, sha256=sha256, profile=profile
             )
 
-    def _name(self, path: Path) -> str:
+    def _find_name(self, path: Path) -> str:
         return self.request.file_name if path is self.log else path.name
 
 
@@ -81,7 +81,7 @@ def read_ahead(log: Path, request: ReportRequest, known: KnownLogs, on_stage: On
     if "app.roads.analyse" in sys.modules or request.source == "angles" or not _is_of_device(log):
         return known
     on_stage("reading", 0.0)
-    with _switching_often(), ThreadPoolExecutor(1) as beside:
+    with _frequent_switching(), ThreadPoolExecutor(1) as beside:
         loading = beside.submit(importlib.import_module, "app.roads.analyse")
         recording = Logs(log, request, known).read()
         loading.result()
@@ -94,7 +94,7 @@ def _is_of_device(log: Path) -> bool:
 
 
 @contextmanager
-def _switching_often() -> Iterator[None]:
+def _frequent_switching() -> Iterator[None]:
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_S)
     try:

@@ -24,21 +24,21 @@ from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
 from app.web.day import find_day
-from app.web.day_views import DayClock, DayView, show_day, show_hours
-from app.web.library_views import find_neighbours, read_filter, show_entry, show_library
+from app.web.day_views import DayClock, DayView, build_day, build_hours
+from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
 from app.web.pairs import find_offers
-from app.web.rendering import find_base, show_page
+from app.web.rendering import find_base, render_page
 from app.web.views import (
     Fact,
     JobRow,
+    build_answer,
+    build_figures,
+    build_row,
+    build_settings,
     format_size,
+    format_time,
     now_utc,
     read_results,
-    show_answer,
-    show_figures,
-    show_row,
-    show_settings,
-    tell_time,
 )
 from fusion.recording import MICROSECONDS
 
@@ -92,7 +92,7 @@ class History:
         return self.reports[0] if self.reports else None
 
 
-def list_versions(history: History, shown: Job, language: Language) -> tuple[VersionRow, ...]:
+def build_versions(history: History, shown: Job, language: Language) -> tuple[VersionRow, ...]:
     """List what can be opened, the newest first; nothing where there is but the one that is shown.
 
     A version that was computed more than once is there once: the one that is shown, or else the newest.
@@ -101,33 +101,33 @@ def list_versions(history: History, shown: Job, language: Language) -> tuple[Ver
     found: dict[int, Job] = {}
     for job in first:
         found.setdefault(job.request.version, job)
-    rows = tuple(_show_version(found[number], shown, language) for number in sorted(found, reverse=True))
+    rows = tuple(_build_version_row(found[number], shown, language) for number in sorted(found, reverse=True))
     return () if all(row.is_this for row in rows) else rows
 
 
-def show_failed(history: History, shown: Job, language: Language) -> JobRow | None:
+def build_failed_row(history: History, shown: Job, language: Language) -> JobRow | None:
     """Show the attempt that failed after an analysis that has a report."""
     failed = history.find_failed()
     if failed is None or failed.created_at <= shown.created_at:
         return None
-    return show_row(failed, language, now_utc())
+    return build_row(failed, language, now_utc())
 
 
-def tell_version(number: int, language: Language) -> str:
+def format_version(number: int, language: Language) -> str:
     """Write "version 2"."""
     return fill(load_wording(language, "page")["row"]["version"], {"n": str(number)})
 
 
-def tell_changes(job: Job, language: Language) -> str:
+def format_changes(job: Job, language: Language) -> str:
     """Name what is different from the version before, as the report's first page does."""
     names = load_wording(language)["changed"]
     return ", ".join(str(names.get(name, name)) for name in job.request.changes)
 
 
-def _show_version(job: Job, shown: Job, language: Language) -> VersionRow:
-    name, changed = tell_version(job.request.version, language), tell_changes(job, language)
+def _build_version_row(job: Job, shown: Job, language: Language) -> VersionRow:
+    name, changed = format_version(job.request.version, language), format_changes(job, language)
     return VersionRow(
-        job.id, name, tell_time(job.created_at), changed, job.request.reason, job.id == shown.id
+        job.id, name, format_time(job.created_at), changed, job.request.reason, job.id == shown.id
     )
 
 
@@ -149,7 +149,7 @@ class Damage:
     source: Problem | None
 
 
-def show_damage(services: Services, facts: Mapping[str, ProblemFact], language: Language) -> Damage | None:
+def build_damage(services: Services, facts: Mapping[str, ProblemFact], language: Language) -> Damage | None:
     """Show what ResultDamaged tells; None where the analysis is gone by now."""
     try:
         job = services.store.get(str(facts.get("analysis", "")))
@@ -199,18 +199,18 @@ def read_answer(services: Services, job: Job, wish: ReportRequest, language: Lan
         if results is None:
             return shown
         brief = services.results.read(job, f"answer.{language}.txt").decode()
-        shown["answer"] = show_answer(results, brief, language)
-        shown["hours"] = show_hours(results, language)
+        shown["answer"] = build_answer(results, brief, language)
+        shown["hours"] = build_hours(results, language)
         shown["offers"] = find_offers(
             services, job, results.get("recording", {}).get("start") or "", language
         )
-        shown["day"] = _show_day(services, job, wish, language)
+        shown["day"] = _build_day(services, job, wish, language)
     except ResultDamaged as damaged:
-        shown["damage"] = show_damage(services, damaged.facts, language)
+        shown["damage"] = build_damage(services, damaged.facts, language)
     return shown
 
 
-def show_changes(
+def build_changes(
     services: Services, history: History, job: Job, before_id: str, language: Language
 ) -> Changes | None:
     """Set an analysis beside the one that it corrects, or else beside the version before it."""
@@ -225,8 +225,8 @@ def show_changes(
         return None
     figures: tuple[Row, ...] = ()
     if first is not None and second is not None:
-        figures = _pair(show_figures(first, language), show_figures(second, language))
-    settings = _pair(show_settings(before, clock, language), show_settings(job, clock, language))
+        figures = _pair(build_figures(first, language), build_figures(second, language))
+    settings = _pair(build_settings(before, clock, language), build_settings(job, clock, language))
     versions = (before.request.version, job.request.version)
     differ = tuple(row for row in settings if row[1] != row[2])
     return Changes(before.id, versions, job.request.reason, figures, differ)
@@ -268,10 +268,10 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
     )
 
 
-def _show_day(services: Services, job: Job, wish: ReportRequest, language: Language) -> DayView | None:
+def _build_day(services: Services, job: Job, wish: ReportRequest, language: Language) -> DayView | None:
     """Leave the day out, and nothing else, where an older version has written none."""
     try:
-        return show_day(find_day(services, job), wish, language)
+        return build_day(find_day(services, job), wish, language)
     except NoSuchFile:
         return None
 
@@ -296,7 +296,7 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 def home(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show the place to drop files, and the recordings."""
     limit_bytes = services.settings.max_upload_bytes
-    values = show_library(services, request, read_filter(request), language)
+    values = build_library(services, request, read_filter(request), language)
     values |= {"max_bytes": limit_bytes, "max_size": format_size(limit_bytes, language)}
     values |= {
         "devices": dict(load_wording(language)["device"]),
@@ -304,18 +304,18 @@ def home(request: Request, services: UsedServices, language: UsedLanguage) -> Re
         "address": str(request.base_url).rstrip("/"),
         "quarantined": str(len(services.quarantine.names) or ""),
     }
-    return show_page(request, "home.html", language, values)
+    return render_page(request, "home.html", language, values)
 
 
 @router.get("/rows")
 def rows(request: Request, services: UsedServices, language: UsedLanguage, only: str = "") -> Response:
     """Give the list alone, for a page that is open already; ``only`` one analysis if named."""
     if only:
-        entries = [show_entry(Entry(services.store.get(only), None), language)]
+        entries = [build_entry(Entry(services.store.get(only), None), language)]
         values = {"entries": entries, "is_empty": False, "count": "", "query": ""}
     else:
-        values = show_library(services, request, read_filter(request), language)
-    return show_page(request, "rows.html", language, values)
+        values = build_library(services, request, read_filter(request), language)
+    return render_page(request, "rows.html", language, values)
 
 
 @router.get("/analyses/{analysis_id}")
@@ -337,26 +337,26 @@ def analysis(
     wish = attempt.request if attempt else job.request
     report = history.find_report()
     values = {
-        "row": show_row(job, language, now_utc()),
-        "settings": show_settings(job, find_clock(services, history), language),
+        "row": build_row(job, language, now_utc()),
+        "settings": build_settings(job, find_clock(services, history), language),
         "job_request": wish,
         "reason": wish.reason if attempt else "",
         "is_attempt": attempt is not None,
-        "entry": show_entry(Entry(job, None), language),
+        "entry": build_entry(Entry(job, None), language),
         "d": load_wording(language, "day"),
         "b": load_wording(language, "beside_page"),
         "c": load_wording(language, "columns"),
         "asks_columns": job.problem_code in ASK_COLUMNS,
-        "changes": show_changes(services, history, job, seen.before, language),
+        "changes": build_changes(services, history, job, seen.before, language),
         "recording_id": job.recording_id,
         "source": describe_source(services, job, language),
-        "versions": list_versions(history, job, language),
-        "failed": show_failed(history, job, language),
+        "versions": build_versions(history, job, language),
+        "failed": build_failed_row(history, job, language),
         "report": report if report is not None and report.id != job.id else None,
         **find_neighbours(services, request, job),
         **read_answer(services, job, wish, language),
     }
-    return show_page(request, "analysis.html", language, values)
+    return render_page(request, "analysis.html", language, values)
 
 
 @router.post("/analyses/{analysis_id}/cancel")
@@ -382,11 +382,11 @@ def withdraw(analysis_id: str, request: Request, services: UsedServices) -> Resp
     return RedirectResponse(f"{find_base(request)}/analyses/{report.id}", status_code=303)
 
 
-def answer_with_page(request: Request, error: Refusal) -> HTMLResponse:
+def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
     language = choose_language(request)
     values: dict[str, Any] = {"problem": describe_problem(error.code, error.facts, language)}
     values |= {"code": error.code, "damage": None}
     if error.code == ResultDamaged.code:
-        values["damage"] = show_damage(find_services(request), error.facts, language)
-    return show_page(request, "error.html", language, values, find_outcome_of_code(error.code).status)
+        values["damage"] = build_damage(find_services(request), error.facts, language)
+    return render_page(request, "error.html", language, values, find_outcome_of_code(error.code).status)

@@ -11,9 +11,9 @@ from app.jobs.batches import Batch
 from app.jobs.job import JobState
 from app.report.words.wording import Language, fill, load_wording
 from app.services import UsedLanguage, UsedServices
-from app.web.library_views import read_filter, show_library
-from app.web.rendering import find_base, show_page
-from app.web.views import tell_moment
+from app.web.library_views import build_library, read_filter
+from app.web.rendering import find_base, render_page
+from app.web.views import format_moment
 
 SHOWN = 200
 
@@ -21,10 +21,10 @@ router = APIRouter(include_in_schema=False, prefix="/batches")
 
 
 @router.get("")
-def list_batches(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+def show_batches(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """List the batches, the newest first."""
-    rows = [_tell_batch(batch, language) for batch in services.batches.list_newest(SHOWN)]
-    return show_page(request, "batches.html", language, {"rows": rows, "w": _load_words(language)})
+    rows = [_describe_batch(batch, language) for batch in services.batches.list_newest(SHOWN)]
+    return render_page(request, "batches.html", language, {"rows": rows, "w": _load_words(language)})
 
 
 @router.get("/{batch_id}")
@@ -32,9 +32,9 @@ def show_batch(batch_id: str, request: Request, services: UsedServices, language
     """Show one batch: counts by state, every analysis, its tables."""
     batch = services.batches.get(batch_id)
     wanted = replace(read_filter(request), batch=batch.id)
-    values = show_library(services, request, wanted, language)
-    values |= {"batch": batch, "told": _tell_batch(batch, language), "w": _load_words(language)}
-    return show_page(request, "batch.html", language, values | {"failed": batch.counts[JobState.FAILED]})
+    values = build_library(services, request, wanted, language)
+    values |= {"batch": batch, "told": _describe_batch(batch, language), "w": _load_words(language)}
+    return render_page(request, "batch.html", language, values | {"failed": batch.counts[JobState.FAILED]})
 
 
 @router.post("/{batch_id}/retry")
@@ -49,12 +49,12 @@ def _load_words(language: Language) -> dict[str, Any]:
     return words
 
 
-def _tell_batch(batch: Batch, language: Language) -> dict[str, str]:
+def _describe_batch(batch: Batch, language: Language) -> dict[str, str]:
     words = _load_words(language)
     counts = {state.value: str(number) for state, number in batch.counts.items() if number}
     return {
         "id": batch.id,
         "name": batch.name or words["unnamed"],
-        "when": tell_moment(batch.created_at),
+        "when": format_moment(batch.created_at),
         "counts": fill(words["counts"], {"all": str(batch.item_count)} | counts),
     }

@@ -14,7 +14,7 @@ from app.report.words.wording import load_wording
 from app.services import UsedLanguage, UsedServices
 from app.storage.store import borrow_recording
 from app.web.forms import Form, first, read_form
-from app.web.rendering import find_base, show_page
+from app.web.rendering import find_base, render_page
 
 AXES = ("x", "y", "z")
 VECTORS = ("acceleration", "angular_rate")
@@ -49,13 +49,13 @@ def ask_columns(
     values = {
         "job": job,
         "found": found,
-        "choices": [choice for vector in VECTORS for choice in _list_choices(vector, found)],
+        "choices": [choice for vector in VECTORS for choice in _build_choices(vector, found)],
         "time": _find_column(found["time"], found["columns"]),
         "units": UNITS,
         "orders": DATE_ORDERS,
         "c": load_wording(language, "columns"),
     }
-    return show_page(request, "columns.html", language, values)
+    return render_page(request, "columns.html", language, values)
 
 
 @router.post("")
@@ -104,7 +104,7 @@ def _read_rate(text: str) -> float:
         raise BadParameter(name="rate_hz", value=text[:60], allowed="100") from None
 
 
-def _list_choices(vector: str, found: Mapping[str, Any]) -> list[Choice]:
+def _build_choices(vector: str, found: Mapping[str, Any]) -> list[Choice]:
     places = found[vector] or (None, None, None)
     return [
         Choice(f"{vector}_{axis}", vector, axis, _find_column(place, found["columns"]))

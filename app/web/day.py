@@ -16,7 +16,7 @@ from starlette.status import HTTP_303_SEE_OTHER
 from app.errors import BadParameter, NoSuchFile
 from app.jobs.job import Job, JobState
 from app.report.words.subject import MAX_TEXT
-from app.request import SUBJECT_ALLOWED, ReportRequest, check_subject, list_window_counts
+from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_counts
 from app.services import Services, UsedServices
 from app.storage.day_file import NAME, DayFile, open_day
 from app.web.day_views import DayClock, place_rows
@@ -45,8 +45,8 @@ def correct_request(before: ReportRequest, form: Form, clock: DayClock) -> Repor
     """
     pose = _choose_pose(first(form, "pose"))
     windows = tuple(_read_windows(form, clock))
-    if len(windows) not in list_window_counts(pose):
-        counts = "|".join(map(str, list_window_counts(pose)))
+    if len(windows) not in find_window_counts(pose):
+        counts = "|".join(map(str, find_window_counts(pose)))
         raise BadParameter(name="calibration", value=str(len(windows)), allowed=f"{pose}: {counts}")
     diary = read_rows(form)
     place_rows(diary, clock)  # so that a row that cannot be placed is told at once
@@ -90,7 +90,7 @@ def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
         if start.strip() or end.strip():
             if not (start.strip() and end.strip()):
                 told = " – ".join(moment.strip() or "?" for moment in (start, end))
-                raise BadParameter(name="calibration", value=told[:60], allowed=clock.tell_bounds())
+                raise BadParameter(name="calibration", value=told[:60], allowed=clock.format_bounds())
             yield _check_order(*(clock.read(moment.strip(), "calibration") for moment in (start, end)))
 
 
@@ -104,7 +104,7 @@ def _read_subject(text: str) -> str:
     try:
         return check_subject(text)
     except ValueError:
-        raise BadParameter(name="subject", value=text[:60], allowed=SUBJECT_ALLOWED) from None
+        raise BadParameter(name="subject", value=text[:60], allowed=SUBJECT_HINT) from None
 
 
 def _choose_pose(text: str) -> Pose:

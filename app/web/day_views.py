@@ -51,7 +51,7 @@ class DayClock:
         hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
         return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
 
-    def tell_bounds(self) -> str:
+    def format_bounds(self) -> str:
         """Write from when to when a moment may be."""
         return f"{self.tell(0.0)} … {self.tell(self.duration_s)}"
 
@@ -66,7 +66,7 @@ class DayClock:
         try:
             (placed,) = place_diary(read_diary(row), self.start, self.duration_us).periods
         except (UnusableDiary, ValueError):
-            raise BadParameter(name=name, value=text[:60], allowed=self.tell_bounds()) from None
+            raise BadParameter(name=name, value=text[:60], allowed=self.format_bounds()) from None
         return placed.start_us / MICROSECONDS
 
 
@@ -126,7 +126,7 @@ class DayView:
     has_samples: bool
 
 
-def show_day(day: DayFile, wish: ReportRequest, language: Language) -> DayView:
+def build_day(day: DayFile, wish: ReportRequest, language: Language) -> DayView:
     """Lay out what was found and what was asked."""
     clock, words = DayClock.of(day.facts), load_wording(language, "day")
     names = words["kind_name"]
@@ -134,22 +134,22 @@ def show_day(day: DayFile, wish: ReportRequest, language: Language) -> DayView:
         start=str(day.facts["start"] or ""),
         duration_s=clock.duration_s,
         needs_date=clock.needs_date,
-        rows=place_rows(wish.list_diary(), clock),
-        windows=(_show_window(0, day, wish, clock), _show_window(1, day, wish, clock)),
-        proposals=_list_proposals(day.facts, clock, words, language),
+        rows=place_rows(wish.select_diary(), clock),
+        windows=(_build_window(0, day, wish, clock), _build_window(1, day, wish, clock)),
+        proposals=_build_proposals(day.facts, clock, words, language),
         kinds=tuple((kind, str(names[kind])) for kind in KINDS),
         has_samples=bool(day.facts["calibration"]),
     )
 
 
-def _show_window(place: int, day: DayFile, wish: ReportRequest, clock: DayClock) -> Window:
+def _build_window(place: int, day: DayFile, wish: ReportRequest, clock: DayClock) -> Window:
     asked, used = wish.calibration_windows_s, day.facts["calibration"]
     start, end = map(clock.tell, asked[place]) if place < len(asked) else ("", "")
     used_start, used_end = map(clock.tell, used[place][:2]) if place < len(used) else ("", "")
     return Window(start, end, used_start, used_end)
 
 
-def _list_proposals(
+def _build_proposals(
     facts: Mapping[str, Any], clock: DayClock, words: Words, language: Language
 ) -> tuple[Proposal, ...]:
     still = [
@@ -164,7 +164,7 @@ def _list_proposals(
     return tuple(proposals)
 
 
-def show_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
+def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
     """Give the hours as rows of a table: hour, analysed, median, P90, time above 60 deg."""
     return [
         (

@@ -16,7 +16,7 @@ from app.report.words.messages import describe_flag, describe_problem, list_flag
 from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.rendering import find_base, show_page
+from app.web.rendering import find_base, render_page
 from fusion.recording import QualityFlag
 
 SAMPLE_HOURS = "1"
@@ -30,21 +30,21 @@ router = APIRouter(include_in_schema=False)
 @router.get("/help")
 def show_help(request: Request, language: UsedLanguage) -> Response:
     """List what help there is."""
-    codes = [(code, describe_problem(code, {}, language).title) for code in _list_codes()]
+    codes = [(code, describe_problem(code, {}, language).title) for code in _find_codes()]
     warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in list_flag_codes()]
-    return _show(request, "help.html", language, {"codes": codes, "warnings": warnings})
+    return _render(request, "help.html", language, {"codes": codes, "warnings": warnings})
 
 
 @router.get("/help/poses")
 def show_poses(request: Request, language: UsedLanguage) -> Response:
     """Explain the calibration poses, on one page to print."""
-    return _show(request, "poses.html", language, {"poses": POSES})
+    return _render(request, "poses.html", language, {"poses": POSES})
 
 
 @router.get("/help/export")
 def show_export(request: Request, language: UsedLanguage) -> Response:
     """Say which file to take from the device's own software."""
-    return _show(request, "export.html", language, {})
+    return _render(request, "export.html", language, {})
 
 
 @router.get("/problems/{code}")
@@ -52,8 +52,8 @@ def show_problem_page(code: str, request: Request, language: UsedLanguage) -> Re
     """Explain the code of a refusal or of a warning."""
     if code in list_flag_codes():
         caveat = describe_flag(QualityFlag(code), language)
-        return _show(request, "problem.html", language, {"code": code, "problem": caveat, "fix": ""})
-    if code not in _list_codes():
+        return _render(request, "problem.html", language, {"code": code, "problem": caveat, "fix": ""})
+    if code not in _find_codes():
         raise NotHere
     problem = describe_problem(code, {}, language)
     values = {
@@ -62,7 +62,7 @@ def show_problem_page(code: str, request: Request, language: UsedLanguage) -> Re
         "fix": problem.fix,
         "retryable": find_outcome_of_code(code).retryable,
     }
-    return _show(request, "problem.html", language, values)
+    return _render(request, "problem.html", language, values)
 
 
 @router.post("/sample")
@@ -75,11 +75,11 @@ def take_sample(request: Request, services: UsedServices, language: UsedLanguage
         environment = os.environ | {"PYTHONPATH": path}
         subprocess.run(command, check=True, capture_output=True, env=environment)  # noqa: S603 - our own
         (log,) = Path(folder).glob("*.gt3x")
-        job = _take_sample(log, services, language)
+        job = _add_sample(log, services, language)
     return RedirectResponse(f"{find_base(request)}/analyses/{job.id}", status_code=303)
 
 
-def _take_sample(log: Path, services: Services, language: Language) -> Job:
+def _add_sample(log: Path, services: Services, language: Language) -> Job:
     other: Language = "en" if language == "fr" else "fr"
     wish = ReportRequest(
         log.name, SAMPLE_SUBJECT, "right", languages=(language, other), paper=services.settings.paper
@@ -87,10 +87,10 @@ def _take_sample(log: Path, services: Services, language: Language) -> Job:
     return Intake(services.store, services.storage, services.settings).take(log, wish, "web")
 
 
-def _show(request: Request, template: str, language: Language, values: dict[str, object]) -> Response:
-    return show_page(request, template, language, {"h": load_wording(language, "help"), **values})
+def _render(request: Request, template: str, language: Language, values: dict[str, object]) -> Response:
+    return render_page(request, template, language, {"h": load_wording(language, "help"), **values})
 
 
-def _list_codes() -> list[str]:
+def _find_codes() -> list[str]:
     """Give every code once; a class without one of its own shares its parent's."""
     return sorted({refusal.code for refusal in list_refusals()})

@@ -19,8 +19,8 @@ from app.report.words.wording import Language, fill, load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.analysis import find_results
 from app.web.library_views import read_filter
-from app.web.rendering import find_base, show_page
-from app.web.views import format_size, tell_moment
+from app.web.rendering import find_base, render_page
+from app.web.views import format_moment, format_size
 
 MOST_ROWS = 10_000
 SHOWN = 500
@@ -40,7 +40,7 @@ def take_table(name: TableName, request: Request, services: UsedServices, langua
     dialect = FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL
     if name == "problems":
         newest = (entry.attempt or entry.job for entry in entries)
-        rows = [_tell_problem(job, language) for job in newest if job.state is JobState.FAILED]
+        rows = [_build_problem_row(job, language) for job in newest if job.state is JobState.FAILED]
         body = encode_table(PROBLEM_COLUMNS, rows, dialect)
     else:
         body = encode_summary(list(_summarise(services, [entry.job for entry in entries])), dialect)
@@ -55,7 +55,7 @@ def ask_to_delete(
     """Say what goes before anything goes."""
     row = services.recordings.get(recording_id, trashed=True)
     values = _describe(services, row, language) | {"for_good": row.state == "trashed"}
-    return show_page(request, "delete.html", language, values)
+    return render_page(request, "delete.html", language, values)
 
 
 @router.get("/recordings/{recording_id}/purge")
@@ -65,7 +65,7 @@ def ask_to_purge(
     """Ask once more before a recording is deleted for good."""
     row = services.recordings.get(recording_id, trashed=True)
     values = _describe(services, row, language) | {"for_good": True}
-    return show_page(request, "delete.html", language, values)
+    return render_page(request, "delete.html", language, values)
 
 
 @router.post("/recordings/{recording_id}/delete")
@@ -96,10 +96,10 @@ def show_trash(request: Request, services: UsedServices, language: UsedLanguage)
     rows = services.recordings.list_page(RecordingFilter(trashed=True), SHOWN)
     values = {
         "rows": [(row, format_size(row.size_bytes, language)) for row in rows],
-        "term": _tell_term(services, language),
+        "term": _format_term(services, language),
         "t": load_wording(language, "page")["trash"],
     }
-    return show_page(request, "trash.html", language, values)
+    return render_page(request, "trash.html", language, values)
 
 
 def _describe(services: Services, row: StoredRow, language: Language) -> dict[str, Any]:
@@ -107,19 +107,19 @@ def _describe(services: Services, row: StoredRow, language: Language) -> dict[st
     return {
         "recording": row,
         "size": format_size(row.size_bytes, language),
-        "added": tell_moment(row.created_at),
+        "added": format_moment(row.created_at),
         "analyses": len(made),
-        "term": _tell_term(services, language),
+        "term": _format_term(services, language),
         "t": load_wording(language, "page")["trash"],
     }
 
 
-def _tell_term(services: Services, language: Language) -> str:
+def _format_term(services: Services, language: Language) -> str:
     days = services.settings.trash_term_s / DAY_S
     return fill(load_wording(language, "page")["trash"]["term"], {"days": f"{days:.0f}"})
 
 
-def _tell_problem(job: Job, language: Language) -> Row:
+def _build_problem_row(job: Job, language: Language) -> Row:
     code = job.problem_code or ""
     words = describe_problem(code, job.problem_facts, language)
     return {

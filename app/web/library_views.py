@@ -13,7 +13,7 @@ from app.jobs.library import GROUPS, ORDERS, Entry, Group, Library, LibraryFilte
 from app.report.words.numbers import format_percent
 from app.report.words.wording import Language, fill, load_wording
 from app.services import Services
-from app.web.views import JobRow, now_utc, show_row
+from app.web.views import JobRow, build_row, now_utc
 
 PER_PAGE = 50
 
@@ -69,7 +69,7 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
     return urlencode({name: value for name, value in (told | changes).items() if value})
 
 
-def show_library(
+def build_library(
     services: Services, request: Request, wanted: LibraryFilter, language: Language
 ) -> dict[str, Any]:
     """Give everything the list of the first page, or of a batch, needs."""
@@ -80,11 +80,11 @@ def show_library(
     entries = library.list_page(wanted, PER_PAGE, (page - 1) * PER_PAGE)
     words = load_wording(language, "page")["list"]
     return {
-        "entries": [show_entry(entry, language) for entry in entries],
+        "entries": [build_entry(entry, language) for entry in entries],
         "wanted": wanted,
         "query": write_filter(wanted),
-        "chips": _list_chips(wanted, counts, language),
-        "count": fill(words["summary"], _tell_counts(counts)),
+        "chips": _build_chips(wanted, counts, language),
+        "count": fill(words["summary"], _format_counts(counts)),
         "is_empty": not counts["all"] and wanted == LibraryFilter(),
         "page": page,
         "pages": pages,
@@ -94,9 +94,9 @@ def show_library(
     }
 
 
-def show_entry(entry: Entry, language: Language) -> ShownEntry:
+def build_entry(entry: Entry, language: Language) -> ShownEntry:
     """Show a recording with its report or, without one, its newest analysis."""
-    row, attempt = show_row(entry.job, language, now_utc()), _show_attempt(entry, language)
+    row, attempt = build_row(entry.job, language, now_utc()), _build_attempt(entry, language)
     if entry.answer is None:
         return ShownEntry(row, "", "", attempt)
     words = load_wording(language, "page")
@@ -108,11 +108,11 @@ def show_entry(entry: Entry, language: Language) -> ShownEntry:
     return ShownEntry(row, entry.answer.verdict, fill(words["row"]["told"], facts), attempt)
 
 
-def _show_attempt(entry: Entry, language: Language) -> JobRow | None:
+def _build_attempt(entry: Entry, language: Language) -> JobRow | None:
     """Leave aside what a person has cancelled."""
     if entry.attempt is None or entry.attempt.state is JobState.CANCELLED:
         return None
-    return show_row(entry.attempt, language, now_utc())
+    return build_row(entry.attempt, language, now_utc())
 
 
 def find_neighbours(services: Services, request: Request, job: Job) -> dict[str, Any]:
@@ -123,7 +123,7 @@ def find_neighbours(services: Services, request: Request, job: Job) -> dict[str,
     return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
 
 
-def _list_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Language) -> list[Chip]:
+def _build_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Language) -> list[Chip]:
     names = load_wording(language, "page")["group"]
     return [
         Chip(
@@ -137,7 +137,7 @@ def _list_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Lang
     ]
 
 
-def _tell_counts(counts: Mapping[Any, int]) -> dict[str, str]:
+def _format_counts(counts: Mapping[Any, int]) -> dict[str, str]:
     return {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
 
 

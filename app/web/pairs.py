@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse, RedirectResponse
 from pydantic import BaseModel, Field
 
 from app.api.guard import REPORT_POLICY
-from app.api.pairs import name_pair_download
+from app.api.pairs import build_pair_download_name
 from app.jobs.children.pairs import PairedJobs
 from app.jobs.job import Job
 from app.jobs.library import Entry, Library
@@ -17,7 +17,7 @@ from app.report.pairs import load_pair_words
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.rendering import find_base, show_page
+from app.web.rendering import find_base, render_page
 
 # Which analyses fit together: the other arm of the same day, other days of the same person.
 
@@ -117,7 +117,7 @@ def show_pair(asked: Asked, request: Request, services: UsedServices, language: 
         "names": load_pair_words(language)["compare"]["table"]["figure"],
         "b": b,
     }
-    return show_page(request, "beside.html", language, values)
+    return render_page(request, "beside.html", language, values)
 
 
 @router.get("/beside/{kind}/report.{form}", response_class=FileResponse)
@@ -129,7 +129,7 @@ def get_report(
     if form == "html":
         return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
     return FileResponse(
-        path, media_type="application/pdf", filename=name_pair_download(asked, f"{language}.pdf")
+        path, media_type="application/pdf", filename=build_pair_download_name(asked, f"{language}.pdf")
     )
 
 

@@ -61,7 +61,7 @@ def find_plotly() -> str:
 
 
 @cache
-def list_style_ids() -> tuple[str, ...]:
+def find_style_ids() -> tuple[str, ...]:
     """Give the ids of the styles that plotly's script puts into a page unless an element of that name is
     there: map controls, which we never draw, and which our policy would refuse.
     """
@@ -106,7 +106,7 @@ pages = Environment(
     lstrip_blocks=True,
 )
 pages.globals["fill"] = fill
-pages.globals["list_style_ids"] = list_style_ids
+pages.globals["find_style_ids"] = find_style_ids
 pages.globals |= {
     "percent": format_percent,
     "angle": format_angle,
@@ -115,7 +115,7 @@ pages.globals |= {
 }
 
 
-def show_page(
+def render_page(
     request: Request, template: str, language: Language, values: dict[str, Any], status: int = 200
 ) -> HTMLResponse:
     """Render a template with the words of the language, and remember a choice of language."""

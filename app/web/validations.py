@@ -14,8 +14,8 @@ from app.report.agreement.tables import list_sentences
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, load_wording
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.rendering import find_base, show_page
-from app.web.views import format_size, now_utc, show_row
+from app.web.rendering import find_base, render_page
+from app.web.views import build_row, format_size, now_utc
 from fusion.errors import FusionError
 
 TYPED = ("side", "subject", "offset_s", "drift_ppm")
@@ -27,7 +27,7 @@ router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
 @router.get("/validations")
 def ask(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show the form."""
-    return show_page(request, "validate.html", language, _describe_form(services, language))
+    return render_page(request, "validate.html", language, _describe_form(services, language))
 
 
 @router.post("/validations")
@@ -40,7 +40,7 @@ async def take(request: Request, services: UsedServices, language: UsedLanguage)
             words = describe_problem(refusal.code, refusal.facts, language)
             values = _describe_form(services, language, form) | {"problem": words, "code": refusal.code}
             status = find_outcome_of_code(refusal.code).status
-            return show_page(request, "validate.html", language, values, status)
+            return render_page(request, "validate.html", language, values, status)
     return RedirectResponse(f"{find_base(request)}/validations/{job.id}", status_code=303)
 
 
@@ -51,12 +51,12 @@ def show(validation_id: str, request: Request, services: UsedServices, language:
     if job.state is JobState.SUCCEEDED and job.replaced_by is not None:  # it was damaged, and made again
         return RedirectResponse(f"{find_base(request)}/validations/{job.replaced_by}", status_code=303)
     values = {
-        "row": show_row(job, language, now_utc()),
+        "row": build_row(job, language, now_utc()),
         "reference": job.request.reference.file_name if job.request.reference else "",
         "sentences": _read_answer(services, job, language),
         "asked": _load(language),
     }
-    return show_page(request, "validation.html", language, values)
+    return render_page(request, "validation.html", language, values)
 
 
 def _describe_form(services: Services, language: Language, form: FormData | None = None) -> dict[str, Any]:

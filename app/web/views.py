@@ -65,24 +65,24 @@ class Fact:
     key: str = ""
 
 
-def show_row(job: Job, language: Language, now: datetime) -> JobRow:
+def build_row(job: Job, language: Language, now: datetime) -> JobRow:
     """Show a job in the list."""
     words = load_wording(language, "page")
     state_word = str(words["state"][job.state.value])
     percent = round(100 * job.progress)
-    duration = _tell_duration(job, words, language, now)
+    duration = _format_row_duration(job, words, language, now)
     return JobRow(
         id=job.id,
         key=f"of-{job.recording_id}",
         name=job.file_name,
-        meta=_tell_meta(job, words, language),
+        meta=_format_meta(job, words, language),
         state=job.state.value,
         state_word=state_word,
         stage_word=str(words["stage"][job.stage or "starting"]),
         percent=percent,
         duration=duration,
         is_over=job.is_over,
-        problem=show_problem(job, language),
+        problem=build_problem(job, language),
         announcement=fill(words["row"]["announce"], {"name": job.file_name, "state": state_word}),
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
         report=_find_report(job),
@@ -96,7 +96,7 @@ def _find_report(job: Job) -> str:
     return f"/api/v1/analyses/{job.id}/report"
 
 
-def show_problem(job: Job, language: Language) -> ProblemBox | None:
+def build_problem(job: Job, language: Language) -> ProblemBox | None:
     """Say why a job failed; None when it did not."""
     if job.problem_code is None:
         return None
@@ -105,7 +105,7 @@ def show_problem(job: Job, language: Language) -> ProblemBox | None:
     return ProblemBox(words, job.problem_code, "\n".join(filter(None, lines)))
 
 
-def show_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, ...]:
+def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact, ...]:
     """Choose the main figures of ``results.json``, written as the report writes them."""
     words = load_wording(language, "page")
     exposure, time = results["exposure"], results["time"]
@@ -139,15 +139,15 @@ class Answer:
     brief: str
 
 
-def show_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
+def build_answer(results: Mapping[str, Any], brief: str, language: Language) -> Answer:
     """Show the main figures, the answer in words and the verdict on the data."""
     verdict = str(results["quality"]["verdict"])
     lines = tuple(brief.splitlines())
     reason = "".join(lines[SENTENCES : SENTENCES + 1])
-    return Answer(show_figures(results, language), verdict, reason, lines[:SENTENCES], brief)
+    return Answer(build_figures(results, language), verdict, reason, lines[:SENTENCES], brief)
 
 
-def show_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
+def build_settings(job: Job, clock: DayClock | None, language: Language) -> tuple[Fact, ...]:
     """List what was asked and of which file; moments by the clock of the recording, where it is known."""
     words = load_wording(language, "page")["analysis"]
     request = job.request
@@ -157,9 +157,9 @@ def show_settings(job: Job, clock: DayClock | None, language: Language) -> tuple
         "subject": request.subject or words["none"],
         "method": words["method_name"][request.method],
         "pose": words["pose_name"][request.pose],
-        "windows": _tell_windows(job, clock, words, language),
-        "periods": _tell_periods(job, clock, language) or words["none"],
-        "added": tell_time(job.created_at),
+        "windows": _format_windows(job, clock, words, language),
+        "periods": _format_periods(job, clock, language) or words["none"],
+        "added": format_time(job.created_at),
         "size": format_size(job.size_bytes, language),
         "sha256": job.sha256,
         "id": job.id,
@@ -175,14 +175,14 @@ def format_size(size_bytes: int, language: Language) -> str:
     return f"{format_number(size_bytes / 1000**power, decimals, language)}\u00a0{units[power]}"
 
 
-def tell_time(moment: datetime) -> str:
+def format_time(moment: datetime) -> str:
     """Write a time that cannot be misread, on this computer's clock."""
     return moment.astimezone().strftime("%Y-%m-%d %H:%M")
 
 
-def tell_moment(text: str) -> str:
+def format_moment(text: str) -> str:
     """Write a time that a row holds."""
-    return tell_time(datetime.fromisoformat(text))
+    return format_time(datetime.fromisoformat(text))
 
 
 def read_results(body: bytes) -> Mapping[str, Any]:
@@ -191,16 +191,16 @@ def read_results(body: bytes) -> Mapping[str, Any]:
     return results
 
 
-def _tell_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
+def _format_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
     request = job.request
     subject = fill(words["row"]["subject"], {"subject": request.subject}) if request.subject else ""
-    side = str(words["row"][request.side]) if request.side else _tell_no_side(job, words)
+    side = str(words["row"][request.side]) if request.side else _format_no_side(job, words)
     version = fill(words["row"]["version"], {"n": str(request.version)}) if _has_version(job) else ""
-    meta = (version, subject, side, format_size(job.size_bytes, language), tell_time(job.created_at))
+    meta = (version, subject, side, format_size(job.size_bytes, language), format_time(job.created_at))
     return tuple(filter(None, meta))
 
 
-def _tell_no_side(job: Job, words: Words) -> str:
+def _format_no_side(job: Job, words: Words) -> str:
     """A report of which nobody knows the arm says so; what has none, or compares, needs none."""
     is_open = job.state is JobState.SUCCEEDED and job.request.reference is None
     return str(words["row"]["no_side"]) if is_open else ""
@@ -211,7 +211,7 @@ def _has_version(job: Job) -> bool:
     return job.request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
 
 
-def _tell_duration(job: Job, words: Words, language: Language, now: datetime) -> str:
+def _format_row_duration(job: Job, words: Words, language: Language, now: datetime) -> str:
     if job.started_at is None or job.state in (JobState.QUEUED, JobState.CANCELLED):
         return ""
     seconds = max(0.0, ((job.ended_at or now) - job.started_at).total_seconds())
@@ -220,7 +220,7 @@ def _tell_duration(job: Job, words: Words, language: Language, now: datetime) ->
     return fill(words["row"][key], {"duration": format_duration(shown, language)})
 
 
-def _tell_windows(job: Job, clock: DayClock | None, words: Words, language: Language) -> str:
+def _format_windows(job: Job, clock: DayClock | None, words: Words, language: Language) -> str:
     windows = job.request.calibration_windows_s
     if not windows:
         return str(words["windows_proposed"])
@@ -233,9 +233,9 @@ def _tell_windows(job: Job, clock: DayClock | None, words: Words, language: Lang
     return "; ".join(fill(words["window"], pair) for pair in pairs)
 
 
-def _tell_periods(job: Job, clock: DayClock | None, language: Language) -> str:
+def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str:
     """Name each period with its times; only how many there are where the clock is not known."""
-    diary, kinds = job.request.list_diary(), load_wording(language, "day")["kind_name"]
+    diary, kinds = job.request.select_diary(), load_wording(language, "day")["kind_name"]
     try:
         rows = place_rows(diary, clock) if clock else []
     except UnusableDiary:

@@ -8,7 +8,7 @@ from starlette.requests import Request
 from starlette.types import Message
 
 from app.api.guard import _BodyWatch, takes_file
-from app.api.problems import answer_refusal
+from app.api.problems import respond_to_refusal
 from app.errors import ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
 from app.main import check_loopback
@@ -182,7 +182,7 @@ def test_a_body_that_flows_is_heard_to_its_end() -> None:
 def test_a_slow_upload_is_answered_and_the_line_closed() -> None:
     scope = {"type": "http", "method": "POST", "path": "/", "headers": [], "query_string": b""}
 
-    answer = answer_refusal(Request(scope), SlowUpload())
+    answer = respond_to_refusal(Request(scope), SlowUpload())
 
     assert (answer.status_code, answer.headers["connection"]) == (408, "close")
 

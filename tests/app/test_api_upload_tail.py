@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.requests import Request
 
-from app.api.uploads import keep_tail
+from app.api.uploads import store_tail
 from app.errors import NotHere
 from app.jobs.store import JobStore
 from app.main import create_app
@@ -106,7 +106,7 @@ def test_a_tail_that_is_written_while_its_upload_is_given_up_is_not_kept(
     services = find_services(Request({"type": "http", "app": client.app}))
 
     with pytest.raises(NotHere):
-        keep_tail(services, "up_gone", b"3")
+        store_tail(services, "up_gone", b"3")
 
     assert list_incoming(settings) == []
 

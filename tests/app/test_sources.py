@@ -56,13 +56,13 @@ def test_a_file_whose_name_looks_like_a_pattern_is_that_file(folder: Path) -> No
 def test_a_recording_is_told_from_the_folder_that_was_named(folder: Path) -> None:
     found = find_recordings([folder], folder / "out")
 
-    assert found.tell_path(folder / "deep" / "c.csv.gz") == "deep/c.csv.gz"
+    assert found.format_place(folder / "deep" / "c.csv.gz") == "deep/c.csv.gz"
 
 
 def test_recordings_of_two_folders_are_told_apart_by_them(folder: Path) -> None:
     found = find_recordings([folder / "b.gt3x", folder / "deep"], folder / "out")
 
-    assert [found.tell_path(log) for log in found.logs] == ["b.gt3x", "deep/c.csv.gz"]
+    assert [found.format_place(log) for log in found.logs] == ["b.gt3x", "deep/c.csv.gz"]
 
 
 def test_a_link_is_told_by_where_it_was_named(folder: Path) -> None:
@@ -70,7 +70,7 @@ def test_a_link_is_told_by_where_it_was_named(folder: Path) -> None:
 
     found = find_recordings([folder / "deep"], folder / "out")
 
-    assert "link.gt3x" in [found.tell_path(log) for log in found.logs]
+    assert "link.gt3x" in [found.format_place(log) for log in found.logs]
 
 
 def test_the_paths_of_a_list_start_from_its_folder(folder: Path) -> None:

@@ -73,7 +73,7 @@ def test_a_diary_survives_the_way_through_the_queue(end: float | str | None) -> 
 def test_rows_for_another_file_are_not_for_this_one() -> None:
     mine, other = DiaryEntry(0.0, None, "task", file="a.csv"), DiaryEntry(0.0, None, "task", file="b.csv")
 
-    assert ReportRequest("a.csv", diary=(mine, other)).list_diary() == (mine,)
+    assert ReportRequest("a.csv", diary=(mine, other)).select_diary() == (mine,)
 
 
 def test_every_line_with_a_slip_is_told_with_its_text_and_its_cure(tmp_path: Path) -> None:
@@ -97,4 +97,4 @@ def test_a_break_over_a_task_is_warned_of(tmp_path: Path) -> None:
 def test_a_row_may_name_its_recording_by_stem_or_subject() -> None:
     rows = tuple(DiaryEntry(0.0, None, "task", file=name) for name in ("shift 3", "S012", "S013"))
 
-    assert ReportRequest("shift 3.gt3x", "S012", diary=rows).list_diary() == rows[:2]
+    assert ReportRequest("shift 3.gt3x", "S012", diary=rows).select_diary() == rows[:2]

@@ -7,7 +7,7 @@ import pytest
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
-from app.batch.folder import find_last_version, name_earlier, put_earlier_back
+from app.batch.folder import find_earlier, find_last_version, restore_earlier
 from app.cli import app
 
 Folder = Path
@@ -152,9 +152,9 @@ def test_the_same_paper_again_writes_nothing_anew(shift_gt3x: Path, tmp_path: Pa
 
 def test_a_run_cut_between_two_versions_gives_the_earlier_one_back(tmp_path: Path) -> None:
     folder = tmp_path / "S012"
-    name_earlier(folder).mkdir()
+    find_earlier(folder).mkdir()
 
-    put_earlier_back(folder)
+    restore_earlier(folder)
 
     assert folder.exists()
-    assert not name_earlier(folder).exists()
+    assert not find_earlier(folder).exists()
