@@ -1,4 +1,4 @@
-"""Telling a webhook: one signed POST (Standard Webhooks 1.0), no redirect, no address that is not allowed."""
+"""Delivery to a webhook: one signed POST (Standard Webhooks 1.0), no redirect, to permitted addresses."""
 
 import asyncio
 import base64
@@ -19,7 +19,7 @@ import h11
 from app.errors import ForeignWebhook
 
 LIMIT_S = 30.0
-"""For the whole of one delivery, from the look-up of the name to the head of the answer."""
+"""For the whole of one delivery, from the look-up of the name to the header of the response."""
 READ_BYTES = 1 << 12
 MAX_HEAD_BYTES = 1 << 16
 TARGET_SIGNS = "/?%:@!$&'()*+,;=~"
@@ -72,7 +72,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """What is told: under one id however often it is tried."""
+    """A message to a webhook; it keeps its id however often it is sent."""
 
     id: str
     url: str
@@ -81,7 +81,7 @@ class Message:
 
 
 async def send_message(message: Message, *, allow_private: bool, limit_s: float = LIMIT_S) -> bool:
-    """Tell it once; whether it was heard (a status of 2xx) within the limit."""
+    """Send it once; True where the receiver accepted it (a status of 2xx) within the limit."""
     try:
         async with asyncio.timeout(limit_s):
             return await _send(message, allow_private=allow_private)
@@ -185,7 +185,7 @@ def _write_host(parts: SplitResult) -> str:
 
 
 async def _read_status(connection: h11.Connection, reader: asyncio.StreamReader) -> int:
-    """Read the head of the answer, beyond those that only announce one (1xx)."""
+    """Read the status of the response, past informational ones (1xx)."""
     while True:
         event = connection.next_event()
         if isinstance(event, h11.Response):

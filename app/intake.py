@@ -153,8 +153,8 @@ class FolderWatch:
             self._refused.add(refused)
             size_bytes, changed_ns = self._seen[path]
             changed = datetime.fromtimestamp(changed_ns / 1e9, UTC).isoformat(timespec="seconds")
-            told = (size_bytes, changed, _describe_trouble(error))
-            logger.warning("a watched file of %d bytes, changed %s, could not be taken in: %s", *told)
+            facts = (size_bytes, changed, _describe_trouble(error))
+            logger.warning("a watched file of %d bytes, changed %s, could not be taken in: %s", *facts)
 
     def _move_to_taken(self, path: Path, handle: int | None, job_id: str) -> None:
         """Move a file aside, out of the very folder that it was read from."""

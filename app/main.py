@@ -106,7 +106,7 @@ logger = logging.getLogger(__name__)
 
 
 def create_app(settings: Settings) -> FastAPI:
-    """Put database, folder, API and pages together."""
+    """Build the application of database, folder, API and pages."""
     application = FastAPI(
         title="Acromion",
         version=software_version(),
@@ -122,14 +122,16 @@ def create_app(settings: Settings) -> FastAPI:
     for pages in PAGES:
         application.include_router(pages)
     application.mount(find_assets(), Assets(directory=FOLDER))
-    _add_refusals(application)
-    rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
-    answers = application.state.services.answers
-    application.add_middleware(Idempotency, answers=answers, answer=respond_to_error)
-    application.add_middleware(SideFiles, services=application.state.services)
-    application.add_middleware(PlainText, answer=respond_to_error)
+    _add_error_handlers(application)
+    services: Services = application.state.services
+    application.add_middleware(Idempotency, responses=services.responses, respond=respond_to_error)
+    application.add_middleware(SideFiles, services=services)
+    application.add_middleware(PlainText, respond=respond_to_error)
     application.add_middleware(
-        Guard, answer=respond_to_error, min_rate_bytes_per_s=rate, patience_s=patience_s
+        Guard,
+        respond=respond_to_error,
+        min_rate_bytes_per_s=settings.min_body_rate_bytes_per_s,
+        body_timeout_s=settings.body_patience_s,
     )
     return application
 
@@ -221,7 +223,7 @@ def check_loopback(host: str) -> None:
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:
-    """Answer any refusal or bug: a problem document under ``/api``, a page elsewhere."""
+    """Respond to any refusal or bug: with a problem document under ``/api``, a page elsewhere."""
     refusal = (
         _classify_trouble(request, error) if isinstance(error, DBAPIError) else classify_error(request, error)
     )
@@ -231,12 +233,12 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     is_page = not outside or _is_read_by_person(request, refusal)
     response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
-    response.headers.update(SECURITY_HEADERS)  # the answer to a bug does not pass the guard
+    response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
     return response
 
 
 def _is_read_by_person(request: Request, refusal: FusionError | AppError | RecordedProblem) -> bool:
-    """Tell whether a browser has opened a damaged file: its page offers to analyse again."""
+    """Whether a browser has opened a damaged file: its page offers to analyse again."""
     return isinstance(refusal, ResultDamaged) and "text/html" in request.headers.get("accept", "")
 
 
@@ -248,7 +250,7 @@ def _find_methods(request: Request) -> list[str]:
 
 
 def _classify_trouble(request: Request, error: DBAPIError) -> FusionError | AppError | RecordedProblem:
-    """Tell a full disk, a damaged database, one that does not answer, and a bug from each other."""
+    """Tell apart a full disk, a damaged database, one that does not answer, and a bug."""
     services: Services = request.app.state.services
     refusal = explain_trouble(error, services.settings.database_url)
     if refusal is None:
@@ -261,14 +263,14 @@ def _classify_trouble(request: Request, error: DBAPIError) -> FusionError | AppE
 
 @asynccontextmanager
 async def _live(application: FastAPI) -> AsyncIterator[None]:
-    """Hold the folder while we serve, and put right first what a crash has left."""
+    """Lock the folder while the server runs, and first repair what a crash has left."""
     services: Services = application.state.services
     lock = FolderLock(services.storage.root)
     try:
         reconcile(services)
         services.inspector.sweep()
         services.pairs.sweep()
-        services.answers.free_unfinished()
+        services.responses.free_unfinished()
         house = asyncio.create_task(keep_house(services))
         try:
             yield
@@ -281,7 +283,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         services.store.close()
 
 
-def _add_refusals(application: FastAPI) -> None:
+def _add_error_handlers(application: FastAPI) -> None:
     for kind in (FusionError, AppError, RecordedProblem, RequestValidationError, HTTPException, Exception):
         application.add_exception_handler(kind, respond_to_error)
 
@@ -311,7 +313,7 @@ def listen(settings: Settings) -> socket.socket:
 
 
 def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config:
-    """Choose the limits that uvicorn leaves open: size and time of a request's head."""
+    """Set the limits that uvicorn leaves open: size and time of a request's header."""
     return uvicorn.Config(
         application,
         root_path=settings.root_path.rstrip("/"),
@@ -326,7 +328,7 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
 
 
 class _Server(uvicorn.Server):
-    """Ends when asked to, and lets us tidy up after it (uvicorn's own would raise the signal again)."""
+    """Returns when it is stopped, so that we can tidy up (uvicorn's own raises the signal again)."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:

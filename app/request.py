@@ -1,4 +1,4 @@
-"""What is asked of Acromion: one value from page, API and command line to the report.
+"""Requests: one value from page, API and command line to the report.
 
 It knows nothing of the science, so that a process which only takes requests stays small.
 """
@@ -71,7 +71,7 @@ def find_window_counts(pose: Pose) -> tuple[int, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What a recording is to be compared with: a stored file, and what a person says about the two.
+    """What a recording is to be compared with: a stored file, and what a person states about the two.
 
     ``offset_s`` and ``drift_ppm``: the reference's clock, where it is set by hand; ``rate_hz`` for a
     reference without time.
@@ -93,7 +93,7 @@ class ReportRequest:
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
     of the same shift, which only the command line can name. ``version`` counts the reports of one recording
     and ``changes`` names what is different from the one before (a setting, "input" or "engine");
-    ``reason`` is what a person said of it.
+    ``reason`` is the person's own.
     With a ``reference``, a comparison is asked for instead of a report.
     """
 
@@ -134,9 +134,9 @@ class ReportRequest:
         return cls(calibration_windows_s=windows, diary=diary, reference=reference, **values)
 
     def describe_settings(self) -> dict[str, object]:
-        """Give what the figures depend on; in which languages and forms they are told is left out."""
-        told = {"file_name", "languages", "kinds", "paper", "joined", "version", "changes", "reason"}
-        return {name: value for name, value in asdict(self).items() if name not in told}
+        """Give what the figures depend on; languages and forms of the report are left out."""
+        ignored = {"file_name", "languages", "kinds", "paper", "joined", "version", "changes", "reason"}
+        return {name: value for name, value in asdict(self).items() if name not in ignored}
 
     def select_diary(self) -> tuple[DiaryEntry, ...]:
         """Give the rows of the diary that are for this file, named in full, by its stem or by the subject."""

@@ -1,4 +1,4 @@
-"""What every route works with, put together once in :mod:`app.main`."""
+"""Composition: the stores, folders and settings that every route works with."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -29,10 +29,10 @@ from app.storage.incoming import Incoming, Turns
 from app.storage.open import open_storage
 from app.storage.store import Storage, check_folder, name_once
 
-# Whether an upload would be taken now: each thing that it needs, asked for by itself and within a limit.
+# Readiness: each thing that an upload needs is checked by itself and within a limit.
 
 
-ANSWER_S = 3.0
+CHECK_LIMIT_S = 3.0
 """Less than the 4 s after which the container's health check gives up."""
 LOCK_S = 2
 KEPT_S = 1.0
@@ -41,10 +41,10 @@ GOOD = "ok"
 
 @dataclass(slots=True)
 class Readiness:
-    """Makes the checks, and keeps what they found for a second: anybody may ask, and often.
+    """Makes the checks, and keeps their outcome for a second: anybody may ask, and often.
 
     A check that hangs (a disk or a network that never answers) occupies one thread and is not made again
-    before it ends; meanwhile its answer is the code that it stands for.
+    before it ends; meanwhile its outcome is the code of its trouble.
     """
 
     store: JobStore
@@ -72,7 +72,7 @@ class Readiness:
         return found
 
     def _build_checks(self) -> Mapping[str, tuple[Callable[[], None], type[AppError]]]:
-        """Give each check with what it means that it fails without a code, or does not end."""
+        """Give each check with the error for a failure that has no code, or for one that does not end."""
         settings = self.settings
         return {
             "folder": (lambda: check_folder(settings.data_dir), FolderUnusable),
@@ -88,7 +88,7 @@ class Readiness:
         if name in self._busy:
             return
         self._busy.add(name)
-        with anyio.move_on_after(ANSWER_S):
+        with anyio.move_on_after(CHECK_LIMIT_S):
             found[name] = await anyio.to_thread.run_sync(
                 self._make_check,
                 name,
@@ -119,7 +119,7 @@ LANGUAGE_COOKIE = "acromion_lang"
 
 @dataclass(slots=True)
 class Quarantine:
-    """What lay among the recordings and is not known, as it was last looked up."""
+    """Unknown entries among the recordings, as they were last looked up."""
 
     names: tuple[str, ...] = ()
 
@@ -138,7 +138,7 @@ class Services:
     results: ResultReader
     pairs: PairReports
     batches: BatchStore
-    answers: AnswerStore
+    responses: AnswerStore
     webhooks: WebhookStore
     turns: Turns
     side_files: SideWriter
@@ -170,7 +170,7 @@ def open_services(settings: Settings) -> Services:
         results=results,
         pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
         batches=BatchStore(*rows),
-        answers=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
+        responses=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
         turns=Turns(settings.max_uploads_at_once),
         side_files=SideWriter(*rows, storage),
@@ -186,7 +186,7 @@ def find_services(request: Request) -> Services:
 
 
 def choose_language(request: Request) -> Language:
-    """Choose French or English: ``?lang=``, else the choice made on the page, else the browser's wish."""
+    """Choose French or English: ``?lang=``, else the choice made on the page, else as the browser prefers."""
     chosen = request.query_params.get("lang") or request.cookies.get(LANGUAGE_COOKIE)
     if chosen in ("en", "fr"):
         return "fr" if chosen == "fr" else "en"

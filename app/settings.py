@@ -1,4 +1,4 @@
-"""What the person who runs Acromion may decide about the machine (never about the numbers)."""
+"""Settings of the machine, chosen by the person who runs Acromion; none changes a number."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -29,8 +29,8 @@ class Settings(BaseSettings):
         region and keys stand in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``,
         ``AWS_SECRET_ACCESS_KEY``.
     engine
-        How workers learn of work: ``embedded`` looks at the rows; ``procrastinate`` is told by PostgreSQL,
-        for workers on many machines.
+        How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL, for
+        workers on many machines.
     host, port
         Where the server listens. Only loopback is served until accounts exist; port 0 takes a free one.
     workers
@@ -39,7 +39,7 @@ class Settings(BaseSettings):
         Largest recording taken; free space below which no upload is taken.
     max_uploads_at_once
         Uploads whose bytes are taken at the same time (each costs about a megabyte of memory); more are
-        told to come again.
+        refused for the moment.
     max_cache_bytes
         Space for decoded samples, which make a second analysis of a recording quick.
     root_path
@@ -67,7 +67,7 @@ class Settings(BaseSettings):
     webhooks_may_be_private
         Whether a webhook may lead into a private network or to this computer.
     paper
-        Paper of the PDFs where a request does not say: ``a4`` or ``letter``.
+        Paper of the PDFs where a request names none: ``a4`` or ``letter``.
     max_queued
         Analyses that may wait; more are refused until some are done.
     upload_term_s, trash_term_s

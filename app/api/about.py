@@ -1,4 +1,4 @@
-"""What the server says about itself: formats, words, codes, version, and how to use all of it."""
+"""Reference data of the server: formats, dictionary, codes, version, and its own documentation."""
 
 import html
 from collections.abc import Iterator, Mapping
@@ -120,5 +120,5 @@ def _write_operation(title: str, operation: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _write_parameter(parameter: Mapping[str, Any]) -> str:
-    name, told = (html.escape(parameter.get(key, "")) for key in ("name", "description"))
-    return f"<dt><code>{name}</code> ({parameter['in']})</dt><dd>{told}</dd>"
+    name, description = (html.escape(parameter.get(key, "")) for key in ("name", "description"))
+    return f"<dt><code>{name}</code> ({parameter['in']})</dt><dd>{description}</dd>"

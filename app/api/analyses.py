@@ -1,4 +1,4 @@
-"""The routes under ``/api/v1``. They take and give; what happens in between is the jobs' affair."""
+"""Analyses under ``/api/v1``: asking for them, following them, reading their files."""
 
 import asyncio
 import json
@@ -48,7 +48,7 @@ from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from app.storage.day_file import NAME as DAY_NAME
 from app.storage.store import StoredRecording
 
-# Answering as soon as an analysis ends; waiting for a thread even when cancelled.
+# Waits: for the end of an analysis, and for a thread whose request was cancelled.
 
 
 P = ParamSpec("P")
@@ -59,7 +59,7 @@ LONGEST_WAIT_S = 60.0
 
 
 async def wait_for_end(request: Request, services: Services, analysis_id: str, wait_s: float) -> Job:
-    """Look until the job is over, the time is up or nobody listens any more; blocks nobody else."""
+    """Poll until the job is over, the time is up or the client has gone; other requests go on."""
     end_s = time.monotonic() + wait_s
     job = await run_in_threadpool(services.store.get, analysis_id)
     while not job.is_over and time.monotonic() < end_s and not await request.is_disconnected():
@@ -69,13 +69,13 @@ async def wait_for_end(request: Request, services: Services, analysis_id: str, w
 
 
 def read_preference(header: str) -> float:
-    """Read ``Prefer: wait=N`` (RFC 7240); anything else is left aside, as the RFC asks."""
+    """Read ``Prefer: wait=N`` (RFC 7240), in seconds; anything else is ignored, as the RFC asks."""
     match = re.search(r"(?:^|[,;\s])wait=(\d{1,4})(?:$|[,;\s])", header)
     return min(float(match[1]), LONGEST_WAIT_S) if match else 0.0
 
 
 async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
-    """Run in a thread, and wait for its end also when cancelled: its connection is then given back."""
+    """Run in a thread, and wait for its end even when cancelled, so that its connection is returned."""
     work = asyncio.ensure_future(run_in_threadpool(function, *arguments, **named))
     try:
         return await asyncio.shield(work)
@@ -85,7 +85,7 @@ async def run_to_end(function: Callable[P, T], *arguments: P.args, **named: P.kw
         raise
 
 
-# Analyses asked for: with a recording sent along, or of recordings that are stored.
+# Starting analyses: of a recording sent along, or of stored recordings.
 
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["analyses"])
@@ -123,15 +123,15 @@ async def analyze(
     The same bytes with the same settings are not analysed twice: the analysis that there is comes back.
     """
     check_queue(services)
-    wish = parameters.to_request(language, services.settings.paper)
+    asked = parameters.to_request(language, services.settings.paper)
 
     def commit(stored: StoredRecording) -> tuple[Job, bool]:
         own = (stored.id, stored.sha256)
-        same = None if parameters.again else find_same(services.store, services.storage, own, wish, way_in)
+        same = None if parameters.again else find_same(services.store, services.storage, own, asked, way_in)
         if same is not None:
             services.storage.drop_recording(stored.id)
             return same, True
-        return services.store.add(stored, wish, way_in, parameters.external_id), False
+        return services.store.add(stored, asked, way_in, parameters.external_id), False
 
     job, existed = await receive_recording(request, services, commit)
     wait_s = read_preference(request.headers.get("prefer", ""))
@@ -159,14 +159,14 @@ router.put(
     responses={200: {"model": StartedAnalyses, "description": "The first is over already."}},
 )
 def create_analyses(
-    wish: AnalysisWish, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
+    body: AnalysisWish, services: UsedServices, language: UsedLanguage, way_in: UsedWayIn
 ) -> StartedAnalyses:
     """Analyse stored recordings; what has been analysed alike comes back as it is (``duplicate_of``)."""
-    check_queue(services, len(wish.recording_ids))
-    rows = [services.recordings.get(recording_id) for recording_id in wish.recording_ids]
+    check_queue(services, len(body.recording_ids))
+    rows = [services.recordings.get(recording_id) for recording_id in body.recording_ids]
     paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
-    asked = [(row, build_request(row, wish.settings, language, paper)) for row in rows]
-    pairs = [_start(services, row, request, flow, again=wish.again) for row, request in asked]
+    asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
+    pairs = [_start(services, row, request, flow, again=body.again) for row, request in asked]
     views = [_view(job, language, existed=existed) for job, existed in pairs]
     items = [view.model_dump(exclude_unset=True) for view in views]
     return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]
@@ -206,15 +206,15 @@ def check_queue(services: Services, more: int = 1) -> None:
 def build_request(
     row: StoredRow, settings: AnalysisSettings, language: Language, paper: Paper
 ) -> ReportRequest:
-    """Ask by the settings; what they leave out is as the recording says, or as the server has it.
+    """Build the request of the settings; the recording and then the server give what they leave out.
 
     Raises
     ------
     fusion.errors.UnusableDiary
     """
-    told = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
-    whole = AnalysisSettings.model_validate(told)
-    request = whole.ask(row.about.file_name, language, paper)
+    stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
+    whole = AnalysisSettings.model_validate(stated)
+    request = whole.build_request(row.about.file_name, language, paper)
     diary = row.diary
     if settings.periods is not None:
         diary = read_periods(settings.periods)
@@ -247,7 +247,7 @@ def _accept(body: dict[str, Any], job: Job) -> JSONResponse:
     return JSONResponse(body, 202, headers | {"Retry-After": "2"})
 
 
-# Progress as it happens, for pages that listen (server-sent events). Asking again stays the contract.
+# Progress as server-sent events, for pages; polling stays the contract.
 
 
 LOOK_S = 0.25
@@ -264,22 +264,22 @@ async def follow_analysis(
 ) -> StreamingResponse:
     """Tell every change of an analysis as an event ``analysis`` until it ends."""
     await run_in_threadpool(services.store.get, analysis_id)
-    told = _stream_changes(request, services, analysis_id, language)
-    return StreamingResponse(told, media_type="text/event-stream")
+    events = _stream_changes(request, services, analysis_id, language)
+    return StreamingResponse(events, media_type="text/event-stream")
 
 
 async def _stream_changes(
     request: Request, services: Services, analysis_id: str, language: Language
 ) -> AsyncIterator[str]:
-    last, spoke_s = "", time.monotonic()
+    last, sent_s = "", time.monotonic()
     while not await request.is_disconnected():
         job = await run_in_threadpool(services.store.get, analysis_id)
         event = _encode_event(view_analysis(job, language))
         if event != last:
-            last, spoke_s = event, time.monotonic()
+            last, sent_s = event, time.monotonic()
             yield event
-        elif time.monotonic() - spoke_s > QUIET_S:
-            spoke_s = time.monotonic()
+        elif time.monotonic() - sent_s > QUIET_S:
+            sent_s = time.monotonic()
             yield ": still here\n\n"
         if job.is_over:
             return

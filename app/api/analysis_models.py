@@ -41,7 +41,7 @@ from fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
 
-# Periods of a recording, inwards and outwards: as rows of JSON or as a diary file.
+# Periods of a recording, taken and given as rows of JSON or as a diary file.
 
 
 COLUMNS = ["start", "end", "kind", "label", "left_out", "file"]
@@ -99,9 +99,9 @@ def read_periods(rows: list[PeriodView]) -> tuple[DiaryEntry, ...]:
 
 
 def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) -> None:
-    """Place the periods on the recording as its analysis will; ``found`` is what an inspection told of it.
+    """Place the periods on the recording as its analysis will; ``found`` is what an inspection found.
 
-    Where nothing could be told (None), rows in seconds are compared with one another.
+    Without an inspection (None), rows in seconds are compared with one another.
 
     Raises
     ------
@@ -126,12 +126,12 @@ CLOCK_HINT = "2026-03-02, 2026-03-02T07:58"
 
 
 def parse_subject(text: str) -> str:
-    """Take a subject code, or say what is allowed."""
+    """Check a subject code; the refusal carries a validation hint."""
     return _parse(check_subject, text, SUBJECT_HINT)
 
 
 def parse_device_clock(text: str) -> str:
-    """Take a date or a time of the device's clock, which has no zone, or say what is allowed."""
+    """Check a date or time of the device's clock, which has no zone; the refusal carries a hint."""
     return _parse(_read_device_clock, text, CLOCK_HINT) if text else ""
 
 
@@ -154,11 +154,11 @@ def _check_window(text: str) -> str:
     return text
 
 
-def _parse(read: Callable[[str], T], text: str, allowed: str) -> T:
+def _parse(read: Callable[[str], T], text: str, hint: str) -> T:
     try:
         return read(text)
     except ValueError:
-        raise PydanticCustomError("value", "value", {"expected": allowed}) from None
+        raise PydanticCustomError("value", "value", {"expected": hint}) from None
 
 
 class AnalysisOptions(BaseModel):
@@ -193,10 +193,10 @@ class AnalysisOptions(BaseModel):
             )
         return self
 
-    def ask(self, file_name: str, language: Language, paper: Paper) -> ReportRequest:
-        """Give the request of the one road; both languages are made, the one asked for first.
+    def build_request(self, file_name: str, language: Language, paper: Paper) -> ReportRequest:
+        """Build the request; both languages are made, the one asked for first.
 
-        ``language`` and ``paper`` are taken where nothing was asked.
+        ``language`` and ``paper`` apply where the options name none.
         """
         first = self.lang or language
         return ReportRequest(
@@ -222,8 +222,8 @@ class AnalyzeParameters(AnalysisOptions):
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
 
     def to_request(self, language: Language, paper: Paper) -> ReportRequest:
-        """Give the request of the one road."""
-        return self.ask(clean_file_name(self.file_name), language, paper)
+        """Build the request for the file that comes along."""
+        return self.build_request(clean_file_name(self.file_name), language, paper)
 
 
 class AnalysisSettings(AnalysisOptions):

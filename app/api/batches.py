@@ -73,15 +73,15 @@ class BatchView(BaseModel):
 
 
 @router.post("", status_code=202)
-def create_batch(wish: BatchWish, services: UsedServices, language: UsedLanguage) -> BatchView:
+def create_batch(body: BatchWish, services: UsedServices, language: UsedLanguage) -> BatchView:
     """Analyse many stored recordings; the same bytes with the same settings are not analysed twice."""
-    check_queue(services, len(wish.items))
+    check_queue(services, len(body.items))
     items = []
-    for item in wish.items:
+    for item in body.items:
         row = services.recordings.get(item.recording_id)
-        settings = _merge(wish.settings, item.settings or {})
+        settings = _merge(body.settings, item.settings or {})
         items.append((row, build_request(row, settings, language, services.settings.paper)))
-    batch = services.batches.add(wish.name, items, again=wish.again)
+    batch = services.batches.add(body.name, items, again=body.again)
     headers = {"Location": f"/api/v1/batches/{batch.id}", "Retry-After": "5"}
     return JSONResponse(view_batch(batch).model_dump(), 202, headers)  # type: ignore[return-value]
 
@@ -101,8 +101,8 @@ def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)
 def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLanguage) -> Response:
     """The recordings without a result, and what to do about each; those whose result is damaged, too."""
-    told = (_describe_problem(services, job, language) for job in _find_ended(services, batch_id))
-    return _answer_table(encode_table(PROBLEM_COLUMNS, [row for row in told if row is not None]))
+    problems = (_describe_problem(services, job, language) for job in _find_ended(services, batch_id))
+    return _answer_table(encode_table(PROBLEM_COLUMNS, [row for row in problems if row is not None]))
 
 
 @router.post("/{batch_id}/retry-failed", status_code=202)

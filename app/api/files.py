@@ -1,4 +1,4 @@
-"""What a finished analysis has left: stored bytes, handed out as they are."""
+"""Responses that give the files of a finished analysis, byte for byte as they are stored."""
 
 import hashlib
 import json
@@ -19,14 +19,14 @@ from app.report.export.naming import Origin, name_file
 from app.services import Services
 from app.storage.store import read_mark
 
-# Parts of a file (RFC 9110, 14): what cannot be understood is as if it had not been asked for.
+# Parts of a file (RFC 9110, 14); a header that cannot be parsed is ignored.
 
 
 _RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
 
 
 def check_range(request: Request, size_bytes: int) -> None:
-    """Leave a ``Range`` header only where its parts can be given.
+    """Remove a ``Range`` header whose parts cannot be given.
 
     Raises
     ------
@@ -46,8 +46,8 @@ def check_range(request: Request, size_bytes: int) -> None:
 
 def _read_parts(asked: str, size_bytes: int) -> list[int]:
     """Give the first byte of each part; none where a part is malformed, or the unit is another."""
-    unit, _, told = asked.partition("=")
-    matches = [_RANGE.fullmatch(part.strip()) for part in told.split(",")]
+    unit, _, ranges = asked.partition("=")
+    matches = [_RANGE.fullmatch(part.strip()) for part in ranges.split(",")]
     if unit.strip().lower() != "bytes":
         return []
     parts = []
@@ -99,10 +99,10 @@ def serve_file(request: Request, services: Services, job: Job, name: str, downlo
 
 
 class _LentFile(FileResponse):
-    """A borrowed file, given back at the end. Where it changes on the way, the answer breaks off."""
+    """Sends a borrowed file and returns it at the end; the response breaks off where the file changes."""
 
-    def __init__(self, path: Path, **told: Any) -> None:
-        super().__init__(path, **told)
+    def __init__(self, path: Path, **options: Any) -> None:
+        super().__init__(path, **options)
         self._mark, self.lent = read_mark(path), ExitStack()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -119,7 +119,7 @@ class _LentFile(FileResponse):
 
 
 def serve_bytes(request: Request, services: Services, job: Job, name: str, body: bytes) -> Response:
-    """Give bytes that were just made of stored ones; the same analysis always gives the same."""
+    """Give bytes derived from stored ones; the same analysis always gives the same."""
     headers = build_file_headers(name, hashlib.sha256(body).hexdigest())
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
@@ -130,18 +130,18 @@ def serve_bytes(request: Request, services: Services, job: Job, name: str, body:
 
 
 def build_file_headers(name: str, sha256: str) -> dict[str, str]:
-    """Give the headers of a file. It is health data: no copy stays on a computer that people share."""
+    """Give the headers of a file: health data, of which no copy stays on a shared computer."""
     headers = {"ETag": f'"{sha256}"', "Cache-Control": "no-store"}
     return headers | ({"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {})
 
 
 def format_ascii(name: str) -> str:
-    """Write a name with the signs that an HTTP header takes."""
+    """Write a name in the characters that an HTTP header takes."""
     return name.encode("ascii", "replace").decode("ascii").replace("?", "_")
 
 
 def build_download_name(services: Services, job: Job, name: str) -> str:
-    """Name a download by the one rule for all files that leave."""
+    """Name a download by :func:`app.report.export.naming.name_file`."""
     asked = job.request
     origin = Origin(asked.subject, job.file_name, _find_start(services, job), asked.side or "", asked.version)
     return name_file(origin, name)

@@ -1,4 +1,4 @@
-"""What stands before every route: who may ask, how patiently we listen, what browsers may do with it."""
+"""Middleware before every route: who may call, how slowly a client may send, what browsers may do."""
 
 import asyncio
 import math
@@ -19,27 +19,27 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from app.errors import AppError, ForeignHostName, ForeignOrigin, SlowUpload
 from app.storage.store import too_large
 
-# A connection that is closed when a request's head does not come in time (uvicorn waits for ever).
+# A time limit for the header of each request; uvicorn itself waits for ever.
 
 
 class HeaderTimeoutProtocol(H11Protocol):
-    """HTTP/1.1 as uvicorn speaks it, with a time limit for each request's head."""
+    """HTTP/1.1 as uvicorn speaks it; closes a connection whose header does not come in time."""
 
-    patience_s: ClassVar[float] = 10.0
+    header_timeout_s: ClassVar[float] = 10.0
     _timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
-        """Start to wait with the connection."""
+        """Start the timer."""
         super().connection_made(transport)
         self._watch()
 
     def data_received(self, data: bytes) -> None:
-        """Wait on until the head is whole; more dribble buys no more time."""
+        """Stop the timer once the header is whole; further bytes do not prolong it."""
         super().data_received(data)
         self._watch()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no more."""
+        """Stop the timer."""
         self._stop_watching()
         super().connection_lost(exc)
 
@@ -47,7 +47,7 @@ class HeaderTimeoutProtocol(H11Protocol):
         if self.conn.their_state is not h11.IDLE:
             self._stop_watching()
         elif self._timer is None:
-            self._timer = self.loop.call_later(self.patience_s, self._time_out)
+            self._timer = self.loop.call_later(self.header_timeout_s, self._time_out)
 
     def _stop_watching(self) -> None:
         if self._timer is not None:
@@ -60,9 +60,9 @@ class HeaderTimeoutProtocol(H11Protocol):
             self.transport.close()
 
 
-def make_timeout_protocol(patience_s: float) -> type[H11Protocol]:
-    """Make the protocol that gives a client this long."""
-    return type("HeaderTimeoutProtocol", (HeaderTimeoutProtocol,), {"patience_s": patience_s})
+def make_timeout_protocol(header_timeout_s: float) -> type[H11Protocol]:
+    """Make the protocol with a limit of its own."""
+    return type("HeaderTimeoutProtocol", (HeaderTimeoutProtocol,), {"header_timeout_s": header_timeout_s})
 
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -76,8 +76,8 @@ FILE_PATHS = (
     "/validations",
 )
 DRAINED_BYTES, DRAIN_LIMIT_S = 64 << 20, 5.0
-"""What is read of a refused body, one piece of the page's uploads, before its answer goes out."""
-MOST_WORDS_BYTES = 8 << 20
+"""Most that is read of a refused body, one piece of the page's uploads, before the response goes out."""
+MOST_TEXT_BYTES = 8 << 20
 """Largest body of a request that brings no file."""
 
 PAGE_POLICY = (
@@ -98,34 +98,34 @@ SECURITY_HEADERS: Mapping[str, str] = {
     "Cache-Control": "no-store",
 }
 
-AnswerRefusal = Callable[[Request, AppError], Response]
+Respond = Callable[[Request, AppError], Response]
 
 
 class Guard:
-    """Refuse strangers, leave slow senders, and set the security headers on every answer."""
+    """Refuses strangers and slow senders, and sets the security headers of every response."""
 
     def __init__(
-        self, app: ASGIApp, answer: AnswerRefusal, min_rate_bytes_per_s: float, patience_s: float
+        self, app: ASGIApp, respond: Respond, min_rate_bytes_per_s: float, body_timeout_s: float
     ) -> None:
-        self._app, self._answer = app, answer
-        self._min_rate_bytes_per_s, self._patience_s = min_rate_bytes_per_s, patience_s
+        self._app, self._respond = app, respond
+        self._min_rate_bytes_per_s, self._body_timeout_s = min_rate_bytes_per_s, body_timeout_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Stand before the application."""
+        """Check the request, then hand it on."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        request, sealed = Request(scope), _seal_answers(send)
+        request, sealed = Request(scope), _add_security_headers(send)
         try:
             check_caller(request.method, request.headers)
         except AppError as refusal:
-            await self._answer(request, refusal)(scope, receive, sealed)
+            await self._respond(request, refusal)(scope, receive, sealed)
             return
-        most_bytes = math.inf if takes_file(scope) else MOST_WORDS_BYTES
-        watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._patience_s, most_bytes)
+        most_bytes = math.inf if takes_file(scope) else MOST_TEXT_BYTES
+        watch = _BodyWatch(receive, self._min_rate_bytes_per_s, self._body_timeout_s, most_bytes)
         sealed = _drain_refused(sealed, watch, request)
         if scope["method"] == "HEAD":  # every GET can be asked for its head alone (RFC 9110, 9.3.2)
-            await self._app({**scope, "method": "GET"}, watch.receive, _drop_body(sealed))
+            await self._app({**scope, "method": "GET"}, watch.receive, _send_headers_only(sealed))
             return
         await self._app(scope, watch.receive, sealed)
 
@@ -162,8 +162,8 @@ def _read_host_name(host: str) -> str:
         return ""
 
 
-def _seal_answers(send: Send) -> Send:
-    """Add the headers that the route has not set itself."""
+def _add_security_headers(send: Send) -> Send:
+    """Add the security headers that the route has not set itself."""
 
     async def sealed(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -176,7 +176,7 @@ def _seal_answers(send: Send) -> Send:
 
 
 def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
-    """Read a body to its end before refusing it: closing on unread bytes would tear the answer, too."""
+    """Drain a body before it is refused: closing on unread bytes would break the response off."""
     announced = request.headers.get("content-length", "")
     is_drained = announced.isdecimal() and int(announced) <= DRAINED_BYTES
 
@@ -189,8 +189,8 @@ def _drain_refused(send: Send, watch: "_BodyWatch", request: Request) -> Send:
     return patient
 
 
-def _drop_body(send: Send) -> Send:
-    """Send the head of an answer and nothing of its body."""
+def _send_headers_only(send: Send) -> Send:
+    """Send the header of a response without its body."""
 
     async def headed(message: Message) -> None:
         if message["type"] == "http.response.body":
@@ -202,25 +202,30 @@ def _drop_body(send: Send) -> Send:
 
 
 class _BodyWatch:
-    """Adds up how long we waited for the body; time that we spent ourselves does not count."""
+    """Adds up how long the server waited for the body; its own time does not count."""
 
     def __init__(
         self,
         receive: Receive,
         min_rate_bytes_per_s: float,
-        patience_s: float,
+        body_timeout_s: float,
         most_bytes: float = math.inf,
     ) -> None:
         self._receive, self._most_bytes = receive, most_bytes
-        self._min_rate_bytes_per_s, self._patience_s = min_rate_bytes_per_s, patience_s
+        self._min_rate_bytes_per_s, self._body_timeout_s = min_rate_bytes_per_s, body_timeout_s
         self._waited_s, self._got_bytes, self._all_bytes, self._more = 0.0, 0, 0, True
 
     async def receive(self) -> Message:
-        """Give the next message, or lose patience."""
+        """Give the next message.
+
+        Raises
+        ------
+        SlowUpload, FileTooLarge
+        """
         if not self._more:
             return await self._receive()
         began_s = time.monotonic()
-        with anyio.move_on_after(self._patience_s) as scope:
+        with anyio.move_on_after(self._body_timeout_s) as scope:
             message = await self._receive()
         if scope.cancelled_caught:
             raise SlowUpload
@@ -234,14 +239,14 @@ class _BodyWatch:
         return message
 
     async def finish(self) -> None:
-        """Read what is left, and leave it aside."""
+        """Read what is left, and ignore it."""
         with suppress(AppError):  # it is being refused already
             while self._more and (await self.receive())["type"] == "http.request":
                 pass
 
     def _check_rate(self) -> None:
-        """Judge by windows as long as our patience, so that a good start does not excuse a standstill."""
-        if self._waited_s < self._patience_s:
+        """Judge by windows as long as the limit, so that a good start does not excuse a standstill."""
+        if self._waited_s < self._body_timeout_s:
             return
         if self._more and self._got_bytes < self._min_rate_bytes_per_s * self._waited_s:
             raise SlowUpload

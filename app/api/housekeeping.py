@@ -1,6 +1,6 @@
-"""What the server does by itself: tells webhooks, and forgets what is old.
+"""What the server does by itself: it delivers webhooks and deletes what has reached its term.
 
-Old is counted in time that the server has run, not by the clock: a clock that is put forward deletes nothing.
+Ages are counted in running time of the server, not by the clock: a clock that is put forward deletes nothing.
 """
 
 import asyncio
@@ -36,11 +36,11 @@ from app.upkeep.recover import (
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 AGE_S = 60.0
-ANSWER_TERM_S = 24 * 3600.0
+RESPONSE_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
 MOST_AT_ONCE = 16
-"""Addresses that are told at the same time; each of them hears one message after the other."""
+"""Addresses that are served at the same time; each gets one message after the other."""
 
 logger = logging.getLogger(__name__)
 
@@ -123,7 +123,7 @@ def _count_quarantine(services: Services) -> int:
 
 @dataclass(slots=True)
 class WebhookSender:
-    """Delivers to several addresses at once, in tasks that nobody has to wait for.
+    """Delivers to several addresses at once, in background tasks.
 
     ``limit_s``: for each delivery.
     """
@@ -135,9 +135,9 @@ class WebhookSender:
     _started: int = 0
 
     async def start_due(self, elapsed_s: float) -> None:
-        """Begin to tell what is due, where nothing is under way to the same address.
+        """Start the deliveries that are due, to addresses with none under way.
 
-        Addresses that were told longest ago go first: slow ones with much to hear keep nobody waiting.
+        The address served longest ago goes first, so that slow ones with a long queue keep nobody waiting.
         """
         due: dict[str, list[Delivery]] = {}
         for delivery in await run_to_end(self.services.webhooks.wait, elapsed_s):
@@ -155,13 +155,13 @@ class WebhookSender:
         await asyncio.gather(*self._under_way.values())
 
     async def stop(self) -> None:
-        """Break off what is under way; it is told again when its pause has passed."""
+        """Break off what is under way; it is delivered again when its pause has passed."""
         for task in self._under_way.values():
             task.cancel()
         await asyncio.gather(*self._under_way.values(), return_exceptions=True)
 
     async def _deliver(self, deliveries: Iterable[Delivery]) -> None:
-        """Tell one address what is due to it, one message after the other, until it does not hear."""
+        """Deliver what is due to one address, one message after the other, until one fails."""
         webhooks, settings = self.services.webhooks, self.services.settings
         try:
             for delivery in deliveries:
@@ -177,7 +177,7 @@ class WebhookSender:
 
 
 def grow_older(services: Services, elapsed_s: float) -> None:
-    """Let time pass for uploads, trash and kept answers; delete what has come to its term."""
+    """Age uploads, trash and kept responses by ``elapsed_s``; delete what has reached its term."""
     settings = services.settings
     for upload_id in services.uploads.age(elapsed_s, settings.upload_term_s):
         try:
@@ -187,6 +187,6 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     for recording_id in services.recordings.age_trash(elapsed_s, settings.trash_term_s):
         purge_recording(services, recording_id)
     forget_samples(services)  # a child may have written some while its recording was being purged
-    services.answers.age(elapsed_s, ANSWER_TERM_S)
+    services.responses.age(elapsed_s, RESPONSE_TERM_S)
     services.storage.drop_temporary(TEMPORARY_S)
     services.quarantine.names = list_strange(services.storage)

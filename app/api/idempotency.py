@@ -1,7 +1,7 @@
-"""``Idempotency-Key`` on every POST: asked twice, done once, answered alike.
+"""``Idempotency-Key`` on every POST: a repeated request is done once and answered alike.
 
 Source: IETF draft httpapi-idempotency-key-header-07: the same key with another request is a 422, a key whose
-request is still under way a 409. Answers that a repetition may change (409, 423, 429, 5xx) are not kept.
+request is still under way a 409. Responses that a repetition may change (409, 423, 429, 5xx) are not kept.
 What was purged since is a 410: the repetition makes nothing anew.
 """
 
@@ -20,59 +20,59 @@ from app.jobs.idempotency import GONE, AnswerStore, KeptAnswer
 LONGEST_KEY = 255
 PASSING = frozenset({408, 409, 423, 429})
 
-AnswerRefusal = Callable[[Request, AppError], Response]
+Respond = Callable[[Request, AppError], Response]
 
 
 class Idempotency:
-    """Stands before the routes and remembers what they answered."""
+    """Middleware that keeps the responses of the routes."""
 
-    def __init__(self, app: ASGIApp, answers: AnswerStore, answer: AnswerRefusal) -> None:
-        self._app, self._answers, self._answer = app, answers, answer
+    def __init__(self, app: ASGIApp, responses: AnswerStore, respond: Respond) -> None:
+        self._app, self._responses, self._respond = app, responses, respond
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer anew, or as before."""
+        """Run the route, or repeat its kept response."""
         key = _find_key(scope)
         if not key:
             await self._app(scope, receive, send)
             return
         listener = _Listener(receive, send, _begin_fingerprint(scope))
-        known = await run_in_threadpool(self._answers.reserve, key)
+        known = await run_in_threadpool(self._responses.reserve, key)
         if known is None:
-            await self._answer_first(key, scope, listener)
+            await self._run_first(key, scope, listener)
         else:
-            response = await self._answer_again(known, scope, listener)
+            response = await self._repeat(known, scope, listener)
             await response(scope, receive, send)
 
-    async def _answer_again(self, known: KeptAnswer, scope: Scope, listener: "_Listener") -> Response:
-        """Give the kept answer, once the whole request is seen to be the same; else the refusal."""
+    async def _repeat(self, known: KeptAnswer, scope: Scope, listener: "_Listener") -> Response:
+        """Give the kept response once the whole request has proved to be the same; else the refusal."""
         if known.status is None:
-            return self._answer(Request(scope), KeyInUse())
+            return self._respond(Request(scope), KeyInUse())
         if not await _is_same(known, listener):
-            return self._answer(Request(scope), KeyReused())
+            return self._respond(Request(scope), KeyReused())
         if known.status == GONE:
-            return self._answer(Request(scope), PurgedSince())
+            return self._respond(Request(scope), PurgedSince())
         return Response(known.body, known.status, dict(known.headers))
 
-    async def _answer_first(self, key: str, scope: Scope, listener: "_Listener") -> None:
+    async def _run_first(self, key: str, scope: Scope, listener: "_Listener") -> None:
         kept = False
         try:
             await self._app(scope, listener.receive, listener.send)
             if listener.is_final:
-                await run_in_threadpool(self._answers.keep, key, listener.keep())
+                await run_in_threadpool(self._responses.keep, key, listener.keep())
                 kept = True
         finally:
             if not kept:
-                await run_in_threadpool(self._answers.free, key)
+                await run_in_threadpool(self._responses.free, key)
 
 
 @dataclass(slots=True)
 class _Listener:
-    """Hears what a request says and what is answered."""
+    """Records a request and its response on their way."""
 
     receive_next: Receive
     send_on: Send
     digest: "hashlib._Hash"
-    heard_all: bool = False
+    is_drained: bool = False
     status: int = 0
     headers: list[tuple[str, str]] = field(default_factory=list)
     body: bytearray = field(default_factory=bytearray)
@@ -81,7 +81,7 @@ class _Listener:
         message = await self.receive_next()
         if message["type"] == "http.request":
             self.digest.update(message.get("body", b""))
-            self.heard_all = self.heard_all or not message.get("more_body", False)
+            self.is_drained = self.is_drained or not message.get("more_body", False)
         return message
 
     async def send(self, message: Message) -> None:
@@ -96,25 +96,25 @@ class _Listener:
 
     @property
     def is_final(self) -> bool:
-        return self.heard_all and self.status < 500 and self.status not in PASSING
+        return self.is_drained and self.status < 500 and self.status not in PASSING
 
     def keep(self) -> KeptAnswer:
         return KeptAnswer(self.digest.hexdigest(), self.status, tuple(self.headers), bytes(self.body))
 
 
 async def _is_same(known: KeptAnswer, listener: _Listener) -> bool:
-    while not listener.heard_all:
+    while not listener.is_drained:
         if (await listener.receive())["type"] == "http.disconnect":
             break
     return listener.digest.hexdigest() == known.fingerprint
 
 
 def _find_key(scope: Scope) -> str:
-    """Give the key under which the answer is kept; "" where none was asked for."""
+    """Give the key of the kept response; "" where the client sent none."""
     if scope["type"] != "http" or scope["method"] != "POST":
         return ""
-    told = dict(scope["headers"]).get(b"idempotency-key", b"")[:LONGEST_KEY]
-    return hashlib.sha256(told).hexdigest() if told else ""
+    stated = dict(scope["headers"]).get(b"idempotency-key", b"")[:LONGEST_KEY]
+    return hashlib.sha256(stated).hexdigest() if stated else ""
 
 
 def _begin_fingerprint(scope: Scope) -> "hashlib._Hash":

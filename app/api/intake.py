@@ -1,4 +1,4 @@
-"""Bytes from the network to the disk, hashed on the way; acknowledged only when they cannot be lost."""
+"""Uploads in one request: bytes go from network to disk, and are acknowledged once they are durable."""
 
 import asyncio
 import base64
@@ -27,7 +27,7 @@ Copy = Callable[[Request, Callable[[bytes], None]], Awaitable[None]]
 async def receive_recording(
     request: Request, services: Services, commit: Callable[[StoredRecording], T]
 ) -> T:
-    """Take the body as a recording; ``commit`` writes its row, and a file without one is removed.
+    """Store the body as a recording; ``commit`` writes its row, and a file without a row is removed.
 
     Raises
     ------
@@ -71,14 +71,14 @@ def refuse_form(request: Request) -> None:
 
 
 def read_digest(headers: Mapping[str, str]) -> str:
-    """Give the SHA-256 that the client has told (RFC 9530), in hex; "" where it told none.
+    """Give the SHA-256 that the client has stated (RFC 9530), in hex; "" where it stated none.
 
     Raises
     ------
     BadChecksum
     """
-    told = f"{headers.get('content-digest', '')}, {headers.get('repr-digest', '')}"
-    member = next((m.strip() for m in told.split(",") if m.strip().lower().startswith("sha-256=")), "")
+    stated = f"{headers.get('content-digest', '')}, {headers.get('repr-digest', '')}"
+    member = next((m.strip() for m in stated.split(",") if m.strip().lower().startswith("sha-256=")), "")
     if not member:
         return ""
     try:
@@ -91,7 +91,7 @@ def read_digest(headers: Mapping[str, str]) -> str:
 
 
 def check_announcement(request: Request, services: Services) -> None:
-    """Refuse before the first byte what can be refused then."""
+    """Refuse by the announced length, before the first byte."""
     announced = request.headers.get("content-length", "")
     check_room(services, int(announced) if announced.isdecimal() else 0)
 
@@ -174,19 +174,18 @@ def _acknowledge(upload: Upload, services: Services, commit: Callable[[StoredRec
         raise
 
 
-# A recording in a form as browsers and ``curl -F`` send it: its file goes to the disk as it comes.
-#
-# Reading the form whole first would write every byte twice, and the first time to the folder for temporary
-# files, which is small in a container.
+# A recording in a form, as browsers and ``curl -F`` send it: python-multipart parses it as it streams in.
+# Reading the whole form first would write every byte twice, the first time to the folder for temporary files,
+# which is small in a container.
 
 
-MOST_WORDS, MOST_WORD_BYTES = 20, 4096
+MOST_FIELDS, MOST_FIELD_BYTES = 20, 4096
 
 
 class RecordingForm:
-    """One file and a few words; any order.
+    """Parses a form of one file and a few short fields, in any order.
 
-    ``digest`` is the SHA-256 that the client has told of the whole form, in hex, or "".
+    ``digest`` is the SHA-256 that the client has stated of the whole form, in hex, or "".
     """
 
     def __init__(self, content_type: str, digest: str = "") -> None:
@@ -269,8 +268,8 @@ class RecordingForm:
             self._piece += octets[start:end]
             return
         self._word += octets[start:end]
-        if len(self._word) > MOST_WORD_BYTES or len(self.words) >= MOST_WORDS:
-            raise BadParameter(name=self._name[:60], value="", allowed=f"≤ {MOST_WORD_BYTES}")
+        if len(self._word) > MOST_FIELD_BYTES or len(self.words) >= MOST_FIELDS:
+            raise BadParameter(name=self._name[:60], value="", allowed=f"≤ {MOST_FIELD_BYTES}")
 
     def _end_part(self) -> None:
         if not self._in_file:

@@ -1,4 +1,4 @@
-"""Text that no database, log or answer can hold is refused at the door: a lone surrogate, a NUL."""
+"""Middleware that refuses text which no database, log or response can hold: a lone surrogate, a NUL."""
 
 import json
 import re
@@ -17,17 +17,17 @@ _MAY_BE_UNFIT = re.compile(rb"\\u(?:0000|[dD][89a-fA-F])|\xed[\xa0-\xbf]|\0")
 """How such text is written in JSON: as an escape, or as bytes that are not UTF-8 (Python reads them)."""
 _NUL_IN_ADDRESS = re.compile(rb"%00|\0")
 
-AnswerRefusal = Callable[[Request, AppError], Response]
+Respond = Callable[[Request, AppError], Response]
 
 
 class PlainText:
-    """Stands before the routes, for every address and every body of JSON."""
+    """Checks every address and every body of JSON."""
 
-    def __init__(self, app: ASGIApp, answer: AnswerRefusal) -> None:
-        self._app, self._answer = app, answer
+    def __init__(self, app: ASGIApp, respond: Respond) -> None:
+        self._app, self._respond = app, respond
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse text that cannot be kept; hand everything else on as it came."""
+        """Refuse unfit text; hand everything else on as it came."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -36,7 +36,7 @@ class PlainText:
             messages = await _read_json(scope, receive)
             check_json(b"".join(message.get("body", b"") for message in messages))
         except AppError as refusal:
-            await self._answer(Request(scope), refusal)(scope, receive, send)
+            await self._respond(Request(scope), refusal)(scope, receive, send)
             return
         await self._app(scope, _replay(messages, receive), send)
 

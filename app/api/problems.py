@@ -30,7 +30,7 @@ from app.services import choose_language
 from fusion.errors import Fact, FusionError
 from fusion.recording import QualityFlag
 
-# What would have been right in the place of a value that was refused, from the schema that is published.
+# Validation hints: what a refused value may be, read from the published schema.
 
 
 Schema = Mapping[str, Any]
@@ -47,13 +47,13 @@ _SIGNS = {
 
 
 def format_model_hint(model: type[BaseModel], place: Place) -> str:
-    """Say what a model takes at a place (``("items", 0, "side")``); "" for a place it does not have."""
+    """Write the hint of a place in a model (``("items", 0, "side")``); "" for a place it does not have."""
     schema = model.model_json_schema()
     return _format_hint(_walk(schema, place, schema), schema)
 
 
 def format_route_hint(request: Request, place: Place) -> str:
-    """Say what a route takes at a place (``("query", "rate_hz")``), by its own OpenAPI operation."""
+    """Write the hint of a place in a request (``("query", "rate_hz")``) by its OpenAPI operation."""
     document = cast("FastAPI", request.app).openapi()
     path = getattr(request.scope.get("route"), "path_format", "")
     operation = document["paths"].get(path, {}).get(request.method.lower(), {})
@@ -67,7 +67,7 @@ def format_route_hint(request: Request, place: Place) -> str:
 
 
 def _walk(schema: Schema, place: Place, document: Schema) -> Schema:
-    """Go down to the place; to what holds it, where it is a name that is not known there."""
+    """Find the schema of a place; that of its parent where the place has a name that is not known."""
     for part in place:
         schema = _resolve(schema, document)
         inner = schema.get("items") if isinstance(part, int) else schema.get("properties", {}).get(part)
@@ -78,7 +78,7 @@ def _walk(schema: Schema, place: Place, document: Schema) -> Schema:
 
 
 def _resolve(schema: Schema, document: Schema) -> Schema:
-    """Follow a reference, and of several kinds take the first that is not null."""
+    """Follow references; of several types take the first that is not null."""
     if "anyOf" in schema:
         schema = next(kind for kind in schema["anyOf"] if kind.get("type") != "null")
         return _resolve(schema, document)
@@ -91,7 +91,7 @@ def _resolve(schema: Schema, document: Schema) -> Schema:
 
 
 def _format_hint(schema: Schema, document: Schema) -> str:
-    """Put it in signs, which need no language."""
+    """Write it in symbols, which need no language."""
     if "enum" in schema or "const" in schema:
         return ", ".join(map(str, schema.get("enum", [schema.get("const")])))
     if schema.get("properties"):
@@ -195,7 +195,7 @@ def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
 
 
 def classify_error(request: Request, error: Exception) -> Refusal:
-    """Give the framework's own errors, and bugs, one of our codes."""
+    """Give errors of the framework, and bugs, one of our codes."""
     if isinstance(error, Refusal):
         return error
     if isinstance(error, RequestValidationError):
@@ -239,14 +239,14 @@ def parse_json(body: bytes) -> Any:
         raise BadParameter(name="body", value=repr(body[:40]), allowed="JSON") from None
 
 
-def _build_bad_parameter(error: Mapping[str, Any], say_allowed: Callable[[Place], str]) -> BadParameter:
+def _build_bad_parameter(error: Mapping[str, Any], find_hint: Callable[[Place], str]) -> BadParameter:
     name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
-    known = _format_context_hint(error) or say_allowed(error["loc"])
+    known = _format_context_hint(error) or find_hint(error["loc"])
     return BadParameter(name=name[:60], value=str(error.get("input", ""))[:60], allowed=known)
 
 
 def _format_context_hint(error: Mapping[str, Any]) -> str:
-    """Say what the refusal itself tells of what would be right, in signs that need no language."""
+    """Write the hint that pydantic's error itself contains, in symbols."""
     if error["type"] == "json_invalid":
         return "JSON"
     limits = error.get("ctx") or {}

@@ -1,4 +1,4 @@
-"""What is said about recordings, inwards and outwards."""
+"""Recordings as the API takes and gives them."""
 
 import base64
 import binascii
@@ -38,8 +38,8 @@ def read_cursor(text: str) -> Place | None:
     if not text:
         return None
     try:
-        told = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4)).decode("utf-8")
-        moment, identity = told.split("|")
+        decoded = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4)).decode("utf-8")
+        moment, identity = decoded.split("|")
     except (binascii.Error, ValueError):
         raise BadParameter(name="cursor", value=text[:60], allowed="next_cursor") from None
     return moment, identity

@@ -152,9 +152,9 @@ def _inspect(services: Services, row: StoredRow, rate_hz: float | None = None) -
         raise StoreDamaged
     if row.inspection is not None and rate_hz is None:
         return dict(row.inspection)
-    wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
+    request = ReportRequest(row.about.file_name, rate_hz=rate_hz)
     with borrow_recording(services.storage, row.id, row.sha256) as log:
-        found = services.inspector.look(log, wish)
+        found = services.inspector.look(log, request)
     if rate_hz is None:
         services.recordings.keep_inspection(row.id, found)
     return found
@@ -194,7 +194,7 @@ def _store_periods(
 
 
 def _try_to_inspect(services: Services, row: StoredRow) -> dict[str, Any] | None:
-    """Inspect; None for what needs to be told more (a rate, a profile) before it can be read."""
+    """Inspect; None for a file that needs a rate or a profile before it can be read."""
     try:
         return _inspect(services, row)
     except (RecordedProblem, Crashed):
@@ -236,23 +236,23 @@ async def _receive_form(request: Request, services: Services, words: RecordingWo
     form = RecordingForm(request.headers["content-type"], read_digest(request.headers))
 
     def commit(stored: StoredRecording) -> StoredRow:
-        told = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
-        told |= {name: word for name, word in form.words.items() if word}
-        return services.recordings.add(stored, validate_model(RecordingWords, told).describe())
+        stated = {"file_name": form.file_name} | words.model_dump(exclude_unset=True)
+        stated |= {name: word for name, word in form.words.items() if word}
+        return services.recordings.add(stored, validate_model(RecordingWords, stated).describe())
 
     return await store_recording(request, services, form.copy_file, commit)
 
 
 def _adopt_upload(services: Services, body: bytes) -> StoredRow:
-    said = validate_model(UploadedRecording, parse_json(body))
-    upload = finish_upload(services, get_upload_row(services, said.upload_id))
+    described = validate_model(UploadedRecording, parse_json(body))
+    upload = finish_upload(services, get_upload_row(services, described.upload_id))
     if upload.recording_id is None:
         raise NotFinished(state=f"{upload.offset_bytes}/{upload.length_bytes}")
     row = services.recordings.get(upload.recording_id)
-    told = said.model_fields_set - {"upload_id"}
-    if not told:
+    changed = described.model_fields_set - {"upload_id"}
+    if not changed:
         return row
-    patch = RecordingPatch(**{name: getattr(said, name) for name in told})
+    patch = RecordingPatch(**{name: getattr(described, name) for name in changed})
     return services.recordings.describe(row, patch.merge(row.about))
 
 

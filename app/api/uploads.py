@@ -44,7 +44,7 @@ from app.storage.incoming import GrowingFile
 from app.storage.store import borrow_recording
 from fusion.errors import EmptyFile
 
-# The bytes of a tus upload: written as they come, counted only when they are on the disk.
+# The bytes of a tus upload: written as they come, counted when they are on the disk.
 
 
 OFFSET_BODY = "application/offset+octet-stream"
@@ -172,9 +172,9 @@ def _read_checksum(header: str) -> "tuple[hashlib._Hash, bytes]":
 
 @dataclass(slots=True)
 class _Body:
-    """The bytes of one request. They count once they are safe; packed or with a checksum, once that is right.
+    """The bytes of one request. They count once they are durable and any checksum (gzip has one) is right.
 
-    The disk is waited for beside the network: while ``counting`` makes bytes durable, more are written.
+    Disk and network are waited for at once: while ``counting`` makes bytes durable, more are written.
     """
 
     services: Services
@@ -183,7 +183,7 @@ class _Body:
     digest: "hashlib._Hash | None"
     expected: bytes
     synced_s: float = field(default_factory=time.monotonic)
-    beside: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "count"))
+    counter: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "count"))
     counting: "Future[None] | None" = None
     unpacker: "zlib._Decompress | None" = None
 
@@ -217,7 +217,7 @@ class _Body:
             self.digest.update(chunk)
         if not self.is_checked and time.monotonic() - self.synced_s > SYNC_S and self._is_idle():
             self.wait()
-            self.counting = self.beside.submit(self._count, self.file.flush())
+            self.counting = self.counter.submit(self._count, self.file.flush())
             self.synced_s = time.monotonic()
 
     def _is_idle(self) -> bool:
@@ -248,7 +248,7 @@ class _Body:
             if not self.is_checked:
                 self.count()
         finally:
-            self.beside.shutdown()
+            self.counter.shutdown()
             self.file.close()
 
     def check(self) -> None:
@@ -266,7 +266,7 @@ class _Body:
             self.count()
 
 
-# The first and the last bytes of an upload, by which it is told what the file is while the rest comes.
+# The preview of an upload: its first and last bytes show what the file is while the rest comes.
 
 
 TAIL_BODY = "application/octet-stream"
@@ -323,7 +323,7 @@ def _read_tail(path: Path) -> bytes:
         return file.read()
 
 
-# What a tus client says about the file, in ``Upload-Metadata``.
+# Metadata of the file, in ``Upload-Metadata``.
 
 
 NAMES = {"filename": "file_name", "name": "file_name"} | {name: name for name in RecordingWords.model_fields}
@@ -374,7 +374,7 @@ class TusHeaders(BaseModel):
             raise UnknownProtocol(allowed=TUS_HEADERS["Tus-Resumable"])
 
 
-Said = Annotated[TusHeaders, Header()]
+TusRequest = Annotated[TusHeaders, Header()]
 
 
 class UploadView(BaseModel):
@@ -414,16 +414,16 @@ def describe_uploads(services: UsedServices) -> Response:
 
 
 @router.post("", status_code=201)
-async def create_upload(request: Request, services: UsedServices, said: Said) -> Response:
+async def create_upload(request: Request, services: UsedServices, tus: TusRequest) -> Response:
     """Announce a file: 201 and the address its bytes go to; the first bytes may come along."""
-    said.check_protocol()
-    if said.upload_length is None:
+    tus.check_protocol()
+    if tus.upload_length is None:
         raise WrongLength
-    if said.upload_length == 0:
+    if tus.upload_length == 0:
         raise EmptyFile
-    check_room(services, said.upload_length)
-    about = read_metadata(said.upload_metadata).describe()
-    row = await run_in_threadpool(services.uploads.open, said.upload_length, said.upload_metadata, about)
+    check_room(services, tus.upload_length)
+    about = read_metadata(tus.upload_metadata).describe()
+    row = await run_in_threadpool(services.uploads.open, tus.upload_length, tus.upload_metadata, about)
     services.inspector.get_ready()
     if request.headers.get("content-type") == OFFSET_BODY:
         row = await append_bytes(request, services, row.id, 0)
@@ -432,10 +432,10 @@ async def create_upload(request: Request, services: UsedServices, said: Said) ->
 
 
 @router.get("/{upload_id}")
-def get_upload(upload_id: str, services: UsedServices, said: Said) -> UploadView:
+def get_upload(upload_id: str, services: UsedServices, tus: TusRequest) -> UploadView:
     """Say how many bytes are safe (HEAD gives the same in headers, as tus asks)."""
-    if said.tus_resumable is not None:
-        said.check_protocol()
+    if tus.tus_resumable is not None:
+        tus.check_protocol()
     row = finish_upload(services, get_upload_row(services, upload_id))
     headers = _build_headers(row, services) | {
         "Upload-Length": str(row.length_bytes),
@@ -447,33 +447,37 @@ def get_upload(upload_id: str, services: UsedServices, said: Said) -> UploadView
 
 
 @router.patch("/{upload_id}", status_code=204, openapi_extra={"requestBody": {"content": {OFFSET_BODY: {}}}})
-async def append_to_upload(upload_id: str, request: Request, services: UsedServices, said: Said) -> Response:
+async def append_to_upload(
+    upload_id: str, request: Request, services: UsedServices, tus: TusRequest
+) -> Response:
     """Take the next bytes; what came before a broken connection is kept."""
-    said.check_protocol()
+    tus.check_protocol()
     if request.headers.get("content-type") != OFFSET_BODY:
         raise WrongMediaType(found=request.headers.get("content-type", "")[:60], allowed=OFFSET_BODY)
-    if said.upload_offset is None:
+    if tus.upload_offset is None:
         raise WrongLength
-    row = await append_bytes(request, services, upload_id, said.upload_offset, said.upload_checksum)
+    row = await append_bytes(request, services, upload_id, tus.upload_offset, tus.upload_checksum)
     return Response(status_code=204, headers=_build_headers(row, services))
 
 
 @router.delete("/{upload_id}", status_code=204)
-def terminate_upload(upload_id: str, services: UsedServices, said: Said) -> Response:
+def terminate_upload(upload_id: str, services: UsedServices, tus: TusRequest) -> Response:
     """Give an upload up; the recording of a finished one stays."""
-    said.check_protocol()
+    tus.check_protocol()
     drop_upload(services, services.uploads.get(upload_id))
     return Response(status_code=204, headers=dict(TUS_HEADERS))
 
 
 @router.post("/{upload_id}", include_in_schema=False)
-async def override_method(upload_id: str, request: Request, services: UsedServices, said: Said) -> Response:
+async def override_method(
+    upload_id: str, request: Request, services: UsedServices, tus: TusRequest
+) -> Response:
     """Do what ``X-HTTP-Method-Override`` says, for networks that let only GET and POST pass."""
     method = request.headers.get("x-http-method-override", "").upper()
     if method == "PATCH":
-        return await append_to_upload(upload_id, request, services, said)
+        return await append_to_upload(upload_id, request, services, tus)
     if method == "DELETE":
-        return await run_in_threadpool(terminate_upload, upload_id, services, said)
+        return await run_in_threadpool(terminate_upload, upload_id, services, tus)
     raise WrongVerb(allowed="HEAD, GET, PATCH, DELETE")
 
 
@@ -503,8 +507,8 @@ def inspect_upload(
     """
     row = services.uploads.get(upload_id)
     head, tail = read_preview_bytes(services, row)
-    wish = ReportRequest(row.about.file_name, rate_hz=rate_hz)
-    return HeadView(**services.inspector.look_at_head(head, tail, wish))
+    request = ReportRequest(row.about.file_name, rate_hz=rate_hz)
+    return HeadView(**services.inspector.look_at_head(head, tail, request))
 
 
 def view_upload(row: UploadRow) -> UploadView:

@@ -154,7 +154,7 @@ def view_validation(job: Job, language: Language) -> ValidationView:
 
 
 async def receive_validation(request: Request, services: Services) -> Job:
-    """Take the form's files and wishes, and queue the comparison.
+    """Store the files of the form, and queue the comparison.
 
     Raises
     ------
@@ -185,13 +185,13 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     FileTooLarge, DiskFull, EmptyFile, BadParameter, fusion.errors.UnusableTasks
     """
     recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
-    wish = _read_request(form, services.settings.paper)
+    asked = _read_request(form, services.settings.paper)
     given = _read_reference(form, reference, await _read_tasks(form))
-    return await run_in_threadpool(_store, services, recording.file, reference.file, (wish, given))
+    return await run_in_threadpool(_store, services, recording.file, reference.file, (asked, given))
 
 
 def _check_length(request: Request, services: Services) -> None:
-    """Refuse before the first byte what can be refused then; the length must be told."""
+    """Refuse before the first byte what can be refused then; the length must be stated."""
     announced = request.headers.get("content-length", "")
     if not announced.isdecimal():
         raise BadParameter(name="Content-Length", value=announced[:20], allowed="a number of bytes")
@@ -280,16 +280,16 @@ def _read_rate(text: str) -> float:
 
 
 def _store(
-    services: Services, recording: BinaryIO, reference: BinaryIO, wish: tuple[ReportRequest, Reference]
+    services: Services, recording: BinaryIO, reference: BinaryIO, asked: tuple[ReportRequest, Reference]
 ) -> Job:
     """Keep both files, then the rows: the reference's first, so that the job always finds it."""
-    request, given = wish
+    request, given = asked
     other, own = _store_file(services, reference), None
     try:
         own = _store_file(services, recording)
         services.recordings.add_reference(other, given.file_name)
-        asked = replace(request, reference=replace(given, path=other.id))
-        return services.store.add(own, asked)
+        compared = replace(request, reference=replace(given, path=other.id))
+        return services.store.add(own, compared)
     except BaseException:
         for kept in filter(None, (other, own)):
             if not services.store.may_hold(kept.id):  # the answer to a commit can be lost on its way

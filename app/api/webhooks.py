@@ -1,4 +1,4 @@
-"""Webhooks: who is told when an analysis or a batch ends."""
+"""Webhooks: addresses that are notified when an analysis or a batch ends."""
 
 from typing import Annotated, Literal
 
@@ -41,10 +41,10 @@ class WebhookList(BaseModel):
 
 
 @router.post("", status_code=201)
-def create_webhook(wish: WebhookWish, services: UsedServices) -> WebhookView:
+def create_webhook(body: WebhookWish, services: UsedServices) -> WebhookView:
     """Tell an address when something ends: ids only, signed by the secret (Standard Webhooks)."""
-    check_address(wish.url, allow_private=services.settings.webhooks_may_be_private)
-    hook = services.webhooks.add(wish.url, tuple(dict.fromkeys(wish.events)))
+    check_address(body.url, allow_private=services.settings.webhooks_may_be_private)
+    hook = services.webhooks.add(body.url, tuple(dict.fromkeys(body.events)))
     view = _view(hook)
     view.secret = hook.secret
     headers = {"Location": f"/api/v1/webhooks/{hook.id}"}

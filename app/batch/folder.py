@@ -41,7 +41,7 @@ class Marker:
     figures: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each file of figures, by its name."""
     papers: Mapping[Language, Paper] = field(default_factory=dict)
-    """The paper of each language's PDF; A4 where nothing is said."""
+    """The paper of each language's PDF; A4 where none is stated."""
     place: str = ""
     """Where the log lay (:func:`app.batch.plan.identify_place`)."""
 
@@ -91,7 +91,7 @@ def write_marker(folder: Path, marker: Marker) -> None:
 
 
 def _hash_figures(folder: Path) -> dict[str, str]:
-    """Hash what a later run relies on; reports are told anew from it."""
+    """Hash the files that a later run relies on to write reports again."""
     there = (folder / name for name in _FIGURES)
     return {path.name: hash_file(path) for path in there if path.exists()}
 
@@ -104,7 +104,12 @@ def find_changes(before: Marker, after: Marker) -> tuple[str, ...]:
 
 
 def refuse_foreign_folder(folder: Path) -> None:
-    """Only a folder that we made ourselves is replaced."""
+    """Refuse to replace a folder that we did not make.
+
+    Raises
+    ------
+    FileExistsError
+    """
     if folder.exists() and not (folder / MARKER).exists() and any(folder.iterdir()):
         raise FileExistsError(errno.EEXIST, "a folder of this name exists and was not made by acromion")
 
@@ -147,7 +152,7 @@ def replace_folder(folder: Path, staging: Path, figures: str = "results.json") -
 
 
 def restore_earlier(folder: Path, figures: str = "results.json") -> None:
-    """Find its place for what was moved aside: its own where nothing took it (a run was cut), else inside."""
+    """Move back what was set aside: to its own place where that is free (a run was cut), else inside."""
     earlier = find_earlier(folder)
     if not earlier.exists():
         return
@@ -174,7 +179,7 @@ def _find_versions(folder: Path) -> list[Path]:
 
 @contextmanager
 def open_staging(folder: Path) -> Iterator[Path]:
-    """Give an empty folder beside ``folder`` to make its products in; nothing of it is left behind.
+    """Give an empty staging folder next to ``folder``; it is removed at the end.
 
     Raises
     ------
@@ -240,7 +245,7 @@ def write_version(folder: Path, figures: str, language: Language, make: Callable
 
 
 def find_earlier(folder: Path) -> Path:
-    """Name the place beside a folder for what stood in it."""
+    """Give the place next to a folder to which its former contents move."""
     return folder.with_name(f".{folder.name}.earlier")
 
 

@@ -1,7 +1,7 @@
 """The list of participants of a study: whose arm is in which file, and what was done at its calibration.
 
 A CSV with the column ``file`` and any of ``subject``, ``side``, ``pose``, ``calibration`` (seconds, as
-``5-15``; two windows as ``5-15 20-30``) and ``diary`` (a CSV beside the list). What a row says goes before
+``5-15``; two windows as ``5-15 20-30``) and ``diary`` (a CSV beside the list). A row goes before
 the settings of the run; what it leaves empty does not.
 """
 
@@ -158,7 +158,7 @@ def encode_settings(request: ReportRequest) -> bytes:
 
 
 def _describe_entry(entry: DiaryEntry) -> dict[str, Any]:
-    """Give what was said in a row of the diary; its line in the file it came from is no setting."""
+    """Give the settings in a row of the diary; its line in the file it came from is no setting."""
     return {
         name: value for name, value in asdict(entry).items() if value not in {None, ""} and name != "line"
     }
@@ -232,7 +232,7 @@ class Participant:
 
     file: str
     line: int
-    said: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_participants(content: bytes, folder: Path) -> tuple[Participant, ...]:
@@ -257,15 +257,15 @@ def read_participants(content: bytes, folder: Path) -> tuple[Participant, ...]:
 def assign_participants(
     tasks: Sequence[Task], people: Iterable[Participant]
 ) -> tuple[list[Task], list[Participant]]:
-    """Give the tasks with what the list says of each, and the rows that fit no recording."""
+    """Give the tasks with their settings from the list, and the rows that fit no recording."""
     rows = list(people)
     assigned: list[Task] = []
     used: set[int] = set()
     for task in tasks:
         fitting = [row for row in rows if _fits(task.log, row.file)]
         used.update(row.line for row in fitting)
-        said = max(fitting, key=lambda row: len(row.file)).said if fitting else {}
-        assigned.append(replace(task, request=replace(task.request, **said)))
+        stated = max(fitting, key=lambda row: len(row.file)).stated if fitting else {}
+        assigned.append(replace(task, request=replace(task.request, **stated)))
     return assigned, [row for row in rows if row.line not in used]
 
 
@@ -297,8 +297,8 @@ def _map_columns(line: int, cells: list[str]) -> list[str]:
 def _read_row(line: int, row: Mapping[str, str], readers: Mapping[str, "Reader"]) -> Participant:
     if not row["file"]:
         raise UnusableParticipants(line=line, why="no file named", value="", allowed="")
-    told = {reader: text for name, reader in readers.items() if (text := row.get(name, ""))}
-    return Participant(row["file"], line, {r.field: _read_cell(line, text, r) for r, text in told.items()})
+    texts = {reader: text for name, reader in readers.items() if (text := row.get(name, ""))}
+    return Participant(row["file"], line, {r.field: _read_cell(line, text, r) for r, text in texts.items()})
 
 
 def _read_cell(line: int, text: str, reader: "Reader") -> Any:

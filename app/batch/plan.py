@@ -22,7 +22,7 @@ from app.storage.store import hash_file
 # Which folder holds the results of which recording: each keeps its own from run to run.
 #
 # A folder is named after the file's stem; recordings of one stem are numbered. Which of them is whose is
-# told by the marker in the folder, not by the order in which they are found: a recording that joins the
+# recorded by the marker in the folder, not by the order in which they are found: a recording that joins the
 # study later must not take the folder of another, whose report would then stand as an earlier version of
 # its own.
 
@@ -42,7 +42,7 @@ TABLES = (
     "methods.md",
     "index.html",
 )
-"""What stands beside the recordings' folders."""
+"""Files next to the recordings' folders."""
 
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
@@ -95,7 +95,7 @@ def _find_bytes(
     """Find the folder that was made of these bytes while they lay elsewhere."""
     for path in takewhile(Path.exists, folders):
         first = known(path).get("input", "").split()[:1]
-        with suppress(OSError):  # a log that cannot be read is told when its turn comes
+        with suppress(OSError):  # a log that cannot be read is reported when its turn comes
             if known(path).get("place") and first == [digest(log)]:
                 return path
     return None

@@ -1,4 +1,4 @@
-"""The tables beside the reports of a run: they say the same as the messages and the exit code."""
+"""The tables of a run; they agree with its messages and its exit code."""
 
 import json
 import platform
@@ -41,7 +41,7 @@ _PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")
 
 
 def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest, made_at: datetime) -> None:
-    """Write what stands beside the recordings' folders: summary, problems, periods, dictionary, run.
+    """Write the files next to the recordings' folders: summary, problems, periods, dictionary, run.
 
     Each is the old one or the new one, whole, whatever ends us meanwhile.
     """

@@ -195,8 +195,8 @@ def _find_settings(data: Path | None) -> Settings:
 
 
 def _print_sentence(language: Language, command: str, sentence: str, /, **facts: str) -> None:
-    told = {name: escape_controls(fact) for name, fact in facts.items()}
-    typer.echo(fill(load_wording(language, "operations")[command][sentence], told))
+    shown = {name: escape_controls(fact) for name, fact in facts.items()}
+    typer.echo(fill(load_wording(language, "operations")[command][sentence], shown))
 
 
 @contextmanager

@@ -167,7 +167,7 @@ def validate(
 
 
 def _compare(path: Path, request: ReportRequest, out: Path) -> None:
-    """Take the one road."""
+    """Compare, and give the files plain names."""
     from app.roads.validate import make_validation  # noqa: PLC0415  heavy, and only this needs it
 
     out.mkdir(parents=True, exist_ok=True)
@@ -176,7 +176,7 @@ def _compare(path: Path, request: ReportRequest, out: Path) -> None:
 
 
 def _study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
-    """Compare a whole folder; what failed is told, and shows in the exit code."""
+    """Compare a whole folder; failures are printed, and show in the exit code."""
     from app.roads.agreement_study import make_study  # noqa: PLC0415
 
     language = request.languages[0]
@@ -192,7 +192,7 @@ def _study(path: Path, request: ReportRequest, out: Path) -> NoReturn:
 
 @contextmanager
 def _refusals_printed(name: str, language: Language) -> Iterator[None]:
-    """Tell a refusal in words and leave with the exit code of its kind."""
+    """Print a refusal and leave with its exit code."""
     try:
         yield
     except FusionError as refusal:

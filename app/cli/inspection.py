@@ -1,4 +1,4 @@
-"""Commands that only say something: what a file is, which version this is."""
+"""Commands that only print: what a file is, which version this is."""
 
 import json
 from pathlib import Path

@@ -47,12 +47,12 @@ LanguageOption = Annotated[Language, typer.Option("--lang", help="Language of th
 
 
 def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, ...]:
-    """Read the diary before any recording, so that a slip in it is told at once."""
+    """Read the diary before any recording, so that a mistake in it is reported at once."""
     return _read_option_file(path, language, (), lambda file: read_diary(file.read_bytes()))
 
 
 def read_profile_file(path: Path | None, language: Language) -> str:
-    """Read the column profile before any recording, so that a slip in it is told at once."""
+    """Read the column profile before any recording, so that a mistake in it is reported at once."""
     return _read_option_file(path, language, "", _parse_profile)
 
 
@@ -89,7 +89,7 @@ def _parse_profile(file: Path) -> str:
 
 
 def _read_option_file(path: Path | None, language: Language, nothing: T, read: Callable[[Path], T]) -> T:
-    """Read a file that steers the run; one that cannot be used is a usage error, told with its cure."""
+    """Read a file that steers the run; one that cannot be used is a usage error with its cure."""
     if path is None:
         return nothing
     try:
@@ -125,8 +125,8 @@ def check_windows(requests: Iterable[ReportRequest]) -> None:
         allowed = find_window_counts(request.pose)
         if len(request.calibration_windows_s) not in allowed:
             needed = " or ".join(map(str, allowed))
-            told = f"{request.file_name}: {request.pose} takes {needed} windows"
-            raise typer.BadParameter(told, param_hint="--calibration")
+            problem = f"{request.file_name}: {request.pose} takes {needed} windows"
+            raise typer.BadParameter(problem, param_hint="--calibration")
 
 
 def parse_kinds(text: str | None) -> tuple[ReportKind, ...]:

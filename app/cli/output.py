@@ -1,4 +1,4 @@
-"""What the command line says: one line for each outcome, one for each problem, and the exit code."""
+"""Output of the command line: a line for each outcome and each problem, and the exit code."""
 
 import json
 import signal
@@ -95,7 +95,7 @@ def _account_for_rest(tasks: Sequence[Task], reached: Sequence[Task]) -> list[Ou
 
 
 def _guess_left_s(outcomes: Sequence[Outcome], total: int, elapsed_s: float) -> float | None:
-    """What was done before cost nothing, and says nothing of the rest."""
+    """Estimate from what this run did: earlier work cost nothing and says nothing of the rest."""
     analysed = sum(not outcome.repeated for outcome in outcomes)
     return elapsed_s / analysed * (total - len(outcomes)) if analysed else None
 
@@ -121,8 +121,8 @@ def print_outcome(outcome: Outcome, progress: Progress) -> None:
     if outcome.code:
         print_problem(counter + outcome.task.name, outcome.code, outcome.facts, request.languages[0])
         return
-    told = f"{counter}{outcome.task.name} -> {format_path(outcome.task.folder)}{_format_version(outcome)}"
-    typer.echo(escape_controls(told))
+    line = f"{counter}{outcome.task.name} -> {format_path(outcome.task.folder)}{_format_version(outcome)}"
+    typer.echo(escape_controls(line))
     for line in outcome.answer:
         typer.echo(f"  {line}")
 
@@ -179,7 +179,7 @@ def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
 
 
 def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> None:
-    """Write the tables and leave with the exit code that says the same as they do."""
+    """Write the tables and leave with the exit code that agrees with them."""
     language = request.languages[0]
     if outcomes:
         try:
@@ -204,9 +204,9 @@ def _format_total(outcomes: Sequence[Outcome], language: Language) -> str:
         "failed": sum(outcome.code not in (None, Interrupted.code) for outcome in outcomes),
         "left": sum(outcome.code == Interrupted.code for outcome in outcomes),
     }
-    told = {name: str(n) if n or name in {"all", "good"} else "" for name, n in counts.items()}
+    facts = {name: str(n) if n or name in {"all", "good"} else "" for name, n in counts.items()}
     words = load_wording(language, "run")["outcome"]
-    return fill(words["interrupted" if counts["left"] else "total"], told)
+    return fill(words["interrupted" if counts["left"] else "total"], facts)
 
 
 def choose_exit(outcomes: Sequence[Outcome]) -> Exit:

@@ -188,8 +188,8 @@ def _print_plan(tasks: Sequence[Task], language: Language) -> None:
     words = load_wording(language, "run")["outcome"]
     for task in tasks:
         done = not task.force and is_up_to_date(task)
-        told = words["would_skip" if done else "would_do"]
-        typer.echo(f"{told}: {format_path(task.log)} -> {format_path(task.folder)}")
+        verb = words["would_skip" if done else "would_do"]
+        typer.echo(f"{verb}: {format_path(task.log)} -> {format_path(task.folder)}")
 
 
 def _note(name: str, language: Language, **facts: str) -> None:

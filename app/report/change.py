@@ -1,4 +1,4 @@
-"""One analysis beside another: whether the change is larger than days differ anyway, and what else differs.
+"""The report of a change: whether it is larger than days differ anyway, and what else differs.
 
 Pure. :func:`describe_comparison` is what ``comparison.json`` and the API give, :func:`build_comparison` the
 report for people; both come from :func:`fusion.comparison.compare_days`.
@@ -75,7 +75,9 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         header=header,
         verdict=_build_verdict(compared, words),
         sentences=_format_changes(compared, words, language),
-        pose_caution=f"{fill(words['caution'], {'source': SOURCE})} {format_cautions(sides, language)}".strip(),
+        pose_caution=" ".join(
+            filter(None, (fill(words["caution"], {"source": SOURCE}), format_cautions(sides, language)))
+        ),
         range_note="",
         figures=(build_two_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
@@ -126,7 +128,7 @@ def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple
 
 
 def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
-    """Say first whether like is compared with like."""
+    """State first whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
     for name in NO_TWO_DAYS:
@@ -134,10 +136,10 @@ def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
             return VerdictLine(
                 "poor", words["no_two_days"][name]["label"], words["no_two_days"][name]["reason"]
             )
-    told = ", ".join(words["difference"][name] for name in compared.differences)
+    differences = ", ".join(words["difference"][name] for name in compared.differences)
     level = "poor" if "poor" in compared.differences else "caution"
     entry = words["unlike"]
-    return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": told}))
+    return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": differences}))
 
 
 def _format_changes(compared: DayComparison, words: Words, language: Language) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Both arms of one shift side by side, and the arm beside the trunk.
+"""The report of both arms of one shift, and of each arm relative to the trunk.
 
 Pure. :func:`describe_pair` is what ``pair.json`` gives, :func:`build_pair` the report for people; the figures
 over the shared time come from :mod:`fusion.arms`.
@@ -52,12 +52,12 @@ SCHEMA = "acromion.pair/1"
 _LEVELS = ("good", "caution", "poor")
 _LONGEST_CODE = 24
 SHORTEST_DRAWN_S = 1800.0
-"""Fewer than six 5-minute blocks, drawn again, say little of a day."""
+"""Fewer than six 5-minute blocks, resampled, say little of a day."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrunkClock:
-    """When the trunk's first sample was taken, seconds after the left arm's, and who tells so."""
+    """When the trunk's first sample was taken, seconds after the left arm's, and who states it."""
 
     offset_s: float
     offset_from: Literal["clocks", "person"]
@@ -68,8 +68,8 @@ class ArmPair:
     """Two arms on one clock.
 
     ``offset_s``: when the right recording's first sample was taken, seconds after the left's; ``offset_from``
-    says whether the devices' clocks or a person tell so. ``trunk``: each arm beside the trunk, whose clock is
-    ``trunk_clock``, None without one.
+    says whether by the devices' clocks or by a person. ``trunk``: each arm relative to the trunk, whose clock
+    is ``trunk_clock``, None without one.
     """
 
     left: Kept
@@ -180,7 +180,7 @@ def _format_offset(offset_s: float, language: Language) -> str:
 
 
 def _build_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> VerdictLine:
-    """Give the worse of the two, and say which arm has which."""
+    """Give the worse of the two, and name the arm of each."""
     levels = [side.kept.findings.quality.verdict for side in sides]
     worst = max(levels, key=_LEVELS.index)
     entry = load_wording(language)["verdict"]
@@ -193,7 +193,7 @@ def _build_verdict(sides: tuple[PairSide, PairSide], words: Words, language: Lan
 def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[str, ...]:
     entry, shared = words["sentence"], pair.shared
     ratio = format_number(shared.ratio_above_60, 2, language)
-    told = {
+    figures = {
         "left": ("left_time_above_60_percent", format_percent(shared.left.percent_above[60], language)),
         "right": ("right_time_above_60_percent", format_percent(shared.right.percent_above[60], language)),
         "both": ("both_above_60_percent", format_percent(shared.both_above_60_percent, language)),
@@ -203,16 +203,16 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
     }
     facts = {
         key: _add_range(value, _format_interval(pair, name, language), entry, key)
-        for key, (name, value) in told.items()
+        for key, (name, value) in figures.items()
     }
     facts["shared"] = format_duration(shared.shared_s, language)
     return tuple(fill(entry[key], facts) for key in ("above", "both", "median"))
 
 
-def _add_range(value: str, told: str, entry: Words, key: str) -> str:
+def _add_range(value: str, interval: str, entry: Words, key: str) -> str:
     """Put the range behind its figure, if both are known; the ratio stands in brackets already."""
     pattern = entry["ranged_inside" if key == "ratio" else "ranged"]
-    return fill(pattern, {"value": value, "range": told}) if value and told else value
+    return fill(pattern, {"value": value, "range": interval}) if value and interval else value
 
 
 def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
@@ -228,7 +228,7 @@ def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
 
 
 def _format_ranges_note(pair: ArmPair, words: Words, language: Language) -> str:
-    """Say what the ranges hold, or that there are none."""
+    """State what the ranges hold, or that there are none."""
     if not pair.shared.intervals:
         return str(words["ranges"]["none"])
     if pair.shared.shared_s < SHORTEST_DRAWN_S:
@@ -237,7 +237,7 @@ def _format_ranges_note(pair: ArmPair, words: Words, language: Language) -> str:
 
 
 def _format_clock(pair: ArmPair, words: Words, language: Language) -> str:
-    """Say how the two were put on one time axis; nothing in the signals vouches for it."""
+    """State how the two were put on one time axis; nothing in the signals confirms it."""
     entry = words["clock"]
     order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s < 0 else "together"
     facts = {"offset": format_duration(abs(pair.offset_s), language)}
@@ -256,11 +256,11 @@ def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Langu
     for side, begin_s in zip(sides, begins_s, strict=True):
         own = draw_up_day(side.kept.findings, clock, report_words)
         days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
-    told = fill(entry["alternative"], {"start": clock.tell(0), "end": clock.tell(whole_s)})
-    labels = label_day(entry["title"], told, report_words)
+    alternative = fill(entry["alternative"], {"start": clock.tell(0), "end": clock.tell(whole_s)})
+    labels = label_day(entry["title"], alternative, report_words)
     return Figure(
         title=entry["title"],
-        alternative=told,
+        alternative=alternative,
         wide=draw_two_days(days, labels, WIDE),
         narrow=draw_two_days(days, labels, NARROW),
         table=Table(entry["title"], tuple(entry["columns"]), _tabulate_days(days, clock)),
@@ -313,7 +313,7 @@ def _find_ranges_label(language: Language) -> str:
 
 
 def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
-    """Give the arm's elevation less the trunk's inclination, or say what is missing for it."""
+    """Give the arm's elevation less the trunk's inclination, or state what is missing for it."""
     entry = words["trunk"]
     known = [
         (name, trunk)

@@ -69,7 +69,7 @@ def build_curves(sides: tuple[PairSide, PairSide], language: Language) -> Figure
 
 
 def can_draw_curves(sides: tuple[PairSide, PairSide]) -> bool:
-    """Tell whether both hold analysed time."""
+    """Whether both hold analysed time."""
     return all(side.kept.findings.exposure.histogram_s.sum() > 0 for side in sides)
 
 
@@ -99,7 +99,7 @@ def format_cautions(sides: tuple[PairSide, PairSide], language: Language) -> str
 
 
 def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Note, Note]:
-    """Give what the figures cannot say, how accurate each method is, and the intended use."""
+    """Give what the figures cannot show, how accurate each method is, and the intended use."""
     words = load_wording(language)
     limits, use = words["limits"], words["intended_use"]
     accuracy = dict.fromkeys(tell_accuracy(side.kept.findings, words) for side in sides)
@@ -108,7 +108,7 @@ def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[
 
 
 def build_sources(sides: tuple[PairSide, ...], language: Language) -> Section:
-    """Say where each of them is from."""
+    """Build the table of where each comes from."""
     words, entry = load_wording(language), load_pair_words(language)["sources"]
     rows = list(
         zip(entry["rows"], *(_format_source(side.kept, words, language) for side in sides), strict=True)
@@ -137,7 +137,7 @@ def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, .
 
 
 def describe_source(kept: Kept) -> dict[str, object]:
-    """Say in JSON which analysis is meant."""
+    """Describe for JSON which analysis is meant."""
     recording, subject = kept.findings.recording, kept.subject
     return {
         "report_id": identify_report(kept.findings, subject),
@@ -152,7 +152,7 @@ def describe_source(kept: Kept) -> dict[str, object]:
 
 
 def identify(document: Mapping[str, Any]) -> str:
-    """Name a report of two by a hash of what it says: 16 hexadecimal digits."""
+    """Name a report of two by a hash of its figures: 16 hexadecimal digits."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""A folder of people, tasks and devices: every recording is compared with the reference beside it.
+"""A folder of people, tasks and devices: every recording is compared with the reference in its folder.
 
     STUDY/
       P01/                      a person; the name is the subject code
@@ -11,7 +11,7 @@
           reference.csv
           gt9x.gt3x
 
-What cannot be compared is a problem, told with its place, and the rest goes on.
+A recording that cannot be compared becomes a problem with its place; the rest goes on.
 """
 
 import json
@@ -45,7 +45,7 @@ _PAPER_TASK = re.compile(r"task[-_ ]?0*(10|[1-9])(?!\d)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class StudyFile:
-    """One recording of a study, the reference beside it, whose it is, and the task its folder stands for."""
+    """One recording of a study: its reference, its person, and the task that its folder stands for."""
 
     log: Path
     reference: Path
@@ -59,7 +59,7 @@ class StudyFile:
 
 
 def find_study_files(study: Path, out: Path) -> tuple[StudyFile, ...]:
-    """List the recordings that have a reference beside them, in a stable order.
+    """Find the recordings that have a reference in their folder, in a stable order.
 
     Those that have none: :func:`find_lonely_recordings`.
 
@@ -142,16 +142,16 @@ def describe_failure(name: str, error: FusionError | OSError) -> StudyProblem:
     return StudyProblem(name, "E-FILE", {"why": error.strerror or ""})
 
 
-# The road of a study: every comparison by the one road, then the table over people.
+# Every recording is compared as :mod:`app.roads.validate` does it; then the table over people is made.
 
 
 WHOLE = "all"
-"""The name of the task where nothing says what was done."""
+"""Name of the task where nothing states one."""
 
 
 @dataclass(frozen=True, slots=True)
 class StudyOutcome:
-    """What came of a study."""
+    """Outcome of a study: how many recordings were compared, and which were not."""
 
     compared: int
     problems: tuple[StudyProblem, ...]
@@ -169,7 +169,7 @@ def make_study(
     Raises
     ------
     UnusableStudy
-        No recording beside a reference, or none that could be compared.
+        No recording with a reference, or none that could be compared.
     """
     entries: list[StudyEntry] = []
     problems = list(find_lonely_recordings(study, out))
@@ -221,8 +221,8 @@ def _write_study(
     (out / "comparisons.csv").write_bytes(encode_entries(entries))
     facts = StudyFacts(request.method, request.pose, software, json.loads(encoded)["id"])
     for language in request.languages:
-        told = [(p.name, p.code, describe_problem(p.code, p.facts, language)) for p in problems]
-        failed = [(name, f"{problem.title}. {problem.detail}", code) for name, code, problem in told]
+        described = [(p.name, p.code, describe_problem(p.code, p.facts, language)) for p in problems]
+        failed = [(name, f"{problem.title}. {problem.detail}", code) for name, code, problem in described]
         report = build_study(entries, cells, failed, facts, language)
         (out / f"study.{language}.html").write_bytes(render_html(report))
         document = render_pdf(report, {"study.json": encoded}, request.paper)
@@ -232,14 +232,14 @@ def _write_study(
 def _write_problems(problems: list[StudyProblem], request: ReportRequest, out: Path) -> None:
     rows: list[Row] = []
     for problem in problems:
-        told = describe_problem(problem.code, problem.facts, request.languages[0])
+        words = describe_problem(problem.code, problem.facts, request.languages[0])
         rows.append(
             {
                 "file": problem.name,
                 "code": problem.code,
-                "title": told.title,
-                "detail": told.detail,
-                "fix": told.fix,
+                "title": words.title,
+                "detail": words.detail,
+                "fix": words.fix,
             }
         )
     (out / "problems.csv").write_bytes(encode_table(("file", "code", "title", "detail", "fix"), rows))

@@ -32,7 +32,7 @@ from fusion.recording import MICROSECONDS, Segment, Span
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import reduce_run
 
-# What the page needs of an analysis to let a person look at the day and correct it.
+# The day of an analysis, for the page on which a person looks at it and corrects it.
 
 
 def write_day_of(analysis: Analysis, path: Path) -> None:
@@ -134,10 +134,10 @@ def make_report(
     results = encode_results(findings, subject)
     (out / RESULTS).write_bytes(results)
     (out / FINDINGS).write_bytes(encode_findings(findings, subject))
-    with ThreadPoolExecutor(1) as beside:  # packing angles lets go of the interpreter, as drawing pages does
+    with ThreadPoolExecutor(1) as writer:  # packing angles releases the interpreter, as drawing pages does
         written = [
-            beside.submit(_write_angle, analysis, out / "elevation.parquet"),
-            beside.submit(_write_tables, json.loads(results), out),
+            writer.submit(_write_angle, analysis, out / "elevation.parquet"),
+            writer.submit(_write_tables, json.loads(results), out),
         ]
         write_reports(findings, subject, request, out)
         for work in written:
@@ -181,7 +181,7 @@ def make_report_again(
 
 
 def describe_subject(request: ReportRequest) -> ReportSubject:
-    """Say whose arm it is and which software answers."""
+    """Build the subject of a report: whose arm it is, and which software analysed it."""
     software = Software(software_version(), software_revision())
     return ReportSubject(
         file_name=request.file_name,

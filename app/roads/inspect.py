@@ -1,4 +1,4 @@
-"""What a file is, for `acromion inspect` and the page: nothing is analysed."""
+"""The road of an inspection: what a file is, without analysing it."""
 
 import json
 from dataclasses import asdict
@@ -25,7 +25,7 @@ MOST_ROUNDING_US = 2
 def inspect_file(
     path: Path, rate_hz: float | None = None, profile: str = "", file_name: str = ""
 ) -> dict[str, Any]:
-    """Read the file and say what was understood, with proposals for the calibration window.
+    """Read the file and describe what it holds, with proposals for the calibration window.
 
     ``profile``: JSON of a column profile, "" for none. ``file_name``: "" takes the path's own.
 
@@ -58,7 +58,7 @@ def inspect_file(
 
 
 def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
-    """Say what a motion capture is, under the names of a recording; it holds angles, and no samples."""
+    """Describe a motion capture under the names of a recording; it holds angles, and no samples."""
     recording, angles = lay_file(capture, np.zeros(len(capture.time_s)))
     runs = [
         (run.start_us, run.start_us + round(len(run) / run.rate_hz * MICROSECONDS)) for run in angles.segments
@@ -73,9 +73,9 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
         if start - end > MOST_ROUNDING_US
     ]
     missing_s = sum(gap["length_s"] for gap in gaps)
-    told: dict[str, Any] = inspect_recording(recording)
-    return told | {
-        "present_s": told["recorded_s"] - missing_s,
+    described: dict[str, Any] = inspect_recording(recording)
+    return described | {
+        "present_s": described["recorded_s"] - missing_s,
         "missing_s": missing_s,
         "gap_count": len(gaps),
         "gaps": gaps[:LISTED_GAPS],
@@ -92,10 +92,10 @@ def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnS
 
 
 def write_head_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Do the same for the first bytes of a file that is still on its way; beside them may be the last."""
+    """Inspect the first bytes of a file that is still on its way, and its last ones where they have come."""
     on_stage("reading", 0.0)
-    beside = log.with_suffix(TAIL_SUFFIX)
-    tail = beside.read_bytes() if beside.exists() else None
+    tail_path = log.with_suffix(TAIL_SUFFIX)
+    tail = tail_path.read_bytes() if tail_path.exists() else None
     facts = inspect_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
     start, end = (moment.isoformat() if moment else None for moment in (facts.start, facts.end))
     found = {"file": request.file_name, **asdict(facts), "start": start, "end": end}

@@ -81,8 +81,8 @@ def read_ahead(log: Path, request: ReportRequest, known: KnownLogs, on_stage: On
     if "app.roads.analyse" in sys.modules or request.source == "angles" or not _is_of_device(log):
         return known
     on_stage("reading", 0.0)
-    with _frequent_switching(), ThreadPoolExecutor(1) as beside:
-        loading = beside.submit(importlib.import_module, "app.roads.analyse")
+    with _frequent_switching(), ThreadPoolExecutor(1) as loader:
+        loading = loader.submit(importlib.import_module, "app.roads.analyse")
         recording = Logs(log, request, known).read()
         loading.result()
     return replace(known, recording=recording)

@@ -1,4 +1,4 @@
-"""The one road from a recording and a reference to how far they agree, for every way in."""
+"""The road of a validation: from a recording and a reference to how far they agree."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -75,8 +75,8 @@ def compare_files(log: Path, request: ReportRequest, reference: Reference, on_st
     with Path(reference.path).open("rb") as file:
         other = read_angle_file(file, reference.file_name, options)
     on_stage("counting", 0.7)
-    wishes = ClockWishes(reference.offset_s, reference.drift_ppm)
-    return compare_sides(ours, other, ComparisonSettings(wishes, reference.tasks))
+    clock = ClockWishes(reference.offset_s, reference.drift_ppm)
+    return compare_sides(ours, other, ComparisonSettings(clock, reference.tasks))
 
 
 def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:

@@ -1,4 +1,4 @@
-"""The pages. They show what the job rows say; the browser's own script only sends files and asks again."""
+"""Pages of the recordings and of one analysis, built from the job rows."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -50,7 +50,7 @@ SHOWN = 200
 
 @dataclass(frozen=True, slots=True)
 class VersionRow:
-    """One version; ``changed`` says what is different from the one before, ``reason`` what a person said."""
+    """One version; ``changed`` says what is different from the one before, ``reason`` is the person's own."""
 
     id: str
     name: str
@@ -131,14 +131,14 @@ def _build_version_row(job: Job, shown: Job, language: Language) -> VersionRow:
     )
 
 
-# What a page says where a stored file is damaged or missing, and what a person can do about it there.
+# Damaged or missing files: the problem, and what a person can do about it.
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
     """A damaged analysis: ``again`` is the one that replaces it, "" where there is none.
 
-    ``source`` says that the recording is damaged, too: then analysing again cannot help.
+    ``source``: the recording is damaged, too, so that analysing again cannot help.
     """
 
     id: str
@@ -150,7 +150,7 @@ class Damage:
 
 
 def build_damage(services: Services, facts: Mapping[str, ProblemFact], language: Language) -> Damage | None:
-    """Show what ResultDamaged tells; None where the analysis is gone by now."""
+    """Show the facts of a ResultDamaged; None where the analysis is gone by now."""
     try:
         job = services.store.get(str(facts.get("analysis", "")))
     except NotHere:
@@ -169,7 +169,7 @@ def describe_source(services: Services, job: Job, language: Language) -> Problem
     return describe_problem(StoreDamaged.code, {}, language)
 
 
-# What a finished analysis says on its page, and what a correction has changed.
+# The answer of a finished analysis, and what a correction has changed.
 
 
 ALWAYS_DIFFER = frozenset({"added", "id", "size", "sha256"})
@@ -188,8 +188,8 @@ class Changes:
     settings: tuple[Row, ...]
 
 
-def read_answer(services: Services, job: Job, wish: ReportRequest, language: Language) -> dict[str, Any]:
-    """Give answer, hours and day of a finished analysis, or none; its form shows what is wished of it.
+def read_answer(services: Services, job: Job, asked: ReportRequest, language: Language) -> dict[str, Any]:
+    """Give answer, hours and day of a finished analysis, or none; the form shows ``asked``.
 
     Where a file is damaged, what is read before it is shown, and the damage is named.
     """
@@ -204,7 +204,7 @@ def read_answer(services: Services, job: Job, wish: ReportRequest, language: Lan
         shown["offers"] = find_offers(
             services, job, results.get("recording", {}).get("start") or "", language
         )
-        shown["day"] = _build_day(services, job, wish, language)
+        shown["day"] = _build_day(services, job, asked, language)
     except ResultDamaged as damaged:
         shown["damage"] = build_damage(services, damaged.facts, language)
     return shown
@@ -213,9 +213,9 @@ def read_answer(services: Services, job: Job, wish: ReportRequest, language: Lan
 def build_changes(
     services: Services, history: History, job: Job, before_id: str, language: Language
 ) -> Changes | None:
-    """Set an analysis beside the one that it corrects, or else beside the version before it."""
-    asked = (other for other in history.jobs if other.id == before_id)
-    before = next(asked, history.find_before(job))
+    """Compare an analysis with the one that it corrects, or else with the version before it."""
+    matching = (other for other in history.jobs if other.id == before_id)
+    before = next(matching, history.find_before(job))
     if before is None or job.state is JobState.FAILED:
         return None
     clock = find_clock(services, history)
@@ -233,7 +233,7 @@ def build_changes(
 
 
 def find_clock(services: Services, history: History) -> DayClock | None:
-    """Give the clock of the recording, as its newest report that can be read tells it."""
+    """Give the clock of the recording by its newest report that can be read."""
     for report in history.reports:
         with suppress(ResultDamaged):
             return _read_clock(find_results(services, report))
@@ -268,10 +268,10 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
     )
 
 
-def _build_day(services: Services, job: Job, wish: ReportRequest, language: Language) -> DayView | None:
+def _build_day(services: Services, job: Job, asked: ReportRequest, language: Language) -> DayView | None:
     """Leave the day out, and nothing else, where an older version has written none."""
     try:
-        return build_day(find_day(services, job), wish, language)
+        return build_day(find_day(services, job), asked, language)
     except NoSuchFile:
         return None
 
@@ -334,13 +334,13 @@ def analysis(
         return RedirectResponse(f"{find_base(request)}/analyses/{job.replaced_by}", status_code=303)
     history = History.of(services, job)
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
-    wish = attempt.request if attempt else job.request
+    asked = attempt.request if attempt else job.request
     report = history.find_report()
     values = {
         "row": build_row(job, language, now_utc()),
         "settings": build_settings(job, find_clock(services, history), language),
-        "job_request": wish,
-        "reason": wish.reason if attempt else "",
+        "job_request": asked,
+        "reason": asked.reason if attempt else "",
         "is_attempt": attempt is not None,
         "entry": build_entry(Entry(job, None), language),
         "d": load_wording(language, "day"),
@@ -354,7 +354,7 @@ def analysis(
         "failed": build_failed_row(history, job, language),
         "report": report if report is not None and report.id != job.id else None,
         **find_neighbours(services, request, job),
-        **read_answer(services, job, wish, language),
+        **read_answer(services, job, asked, language),
     }
     return render_page(request, "analysis.html", language, values)
 

@@ -1,4 +1,4 @@
-"""What the columns of an unknown table are: proposed from its head, said by a person, analysed by it."""
+"""Columns of an unknown table: proposed from its first rows, chosen by a person."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}/colu
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A field of the form: which column, counted from 1; 0 where nothing tells."""
+    """A field of the form: which column, counted from 1; 0 for none."""
 
     name: str
     vector: str
@@ -42,7 +42,7 @@ class Choice:
 def ask_columns(
     analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
 ) -> Response:
-    """Ask which column is what, with the first rows and what their names tell."""
+    """Ask which column is what, with the first rows and a proposal by their names."""
     job = services.store.get(analysis_id)
     with borrow_recording(services.storage, job.recording_id, job.sha256) as log:
         found = services.inspector.propose_columns(log, job.request)
@@ -60,12 +60,12 @@ def ask_columns(
 
 @router.post("")
 async def take_columns(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Analyse the recording by what was said of its columns."""
+    """Analyse the recording by the chosen columns."""
     form = await read_form(request)
     job = await run_in_threadpool(services.store.get, analysis_id)
-    wish = replace(job.request, profile=json.dumps(read_profile(form), sort_keys=True))
+    asked = replace(job.request, profile=json.dumps(read_profile(form), sort_keys=True))
     recording = (job.recording_id, job.sha256)
-    again = await run_in_threadpool(services.store.add_analysis, recording, wish, "web")
+    again = await run_in_threadpool(services.store.add_analysis, recording, asked, "web")
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 

@@ -49,7 +49,7 @@ def correct_request(before: ReportRequest, form: Form, clock: DayClock) -> Repor
         counts = "|".join(map(str, find_window_counts(pose)))
         raise BadParameter(name="calibration", value=str(len(windows)), allowed=f"{pose}: {counts}")
     diary = read_rows(form)
-    place_rows(diary, clock)  # so that a row that cannot be placed is told at once
+    place_rows(diary, clock)  # so that a row that cannot be placed is refused at once
     return replace(
         before,
         subject=_read_subject(first(form, "subject")),
@@ -89,8 +89,8 @@ def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
     for start, end in zip_longest(starts, ends, fillvalue=""):
         if start.strip() or end.strip():
             if not (start.strip() and end.strip()):
-                told = " – ".join(moment.strip() or "?" for moment in (start, end))
-                raise BadParameter(name="calibration", value=told[:60], allowed=clock.format_bounds())
+                window = " – ".join(moment.strip() or "?" for moment in (start, end))
+                raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
             yield _check_order(*(clock.read(moment.strip(), "calibration") for moment in (start, end)))
 
 

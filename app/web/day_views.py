@@ -14,7 +14,7 @@ from fusion.diary import KINDS, DiaryEntry, place_diary, read_diary
 from fusion.errors import UnusableDiary
 from fusion.recording import MICROSECONDS
 
-# Moments of a recording as people type and read them: the device's clock, or seconds where it has none.
+# Moments of a recording as people type and read them: on the device's clock, or in seconds without one.
 
 
 DAY_S = 86400.0
@@ -43,7 +43,7 @@ class DayClock:
         """An hour alone may mean two days."""
         return self.duration_s >= DAY_S
 
-    def tell(self, second: float) -> str:
+    def format(self, second: float) -> str:
         """Write a moment so that :meth:`read` gives it back, to the hundredth of a second."""
         if self.start is None:
             return f"{second:.2f}".rstrip("0").rstrip(".")
@@ -53,7 +53,7 @@ class DayClock:
 
     def format_bounds(self) -> str:
         """Write from when to when a moment may be."""
-        return f"{self.tell(0.0)} … {self.tell(self.duration_s)}"
+        return f"{self.format(0.0)} … {self.format(self.duration_s)}"
 
     def read(self, text: str, name: str) -> float:
         """Read a moment that a person typed, in seconds from the first sample.
@@ -82,8 +82,8 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[dict[str,
         {
             "kind": period.kind,
             "label": period.label,
-            "start": clock.tell(period.start_us / MICROSECONDS),
-            "end": clock.tell(period.end_us / MICROSECONDS),
+            "start": clock.format(period.start_us / MICROSECONDS),
+            "end": clock.format(period.end_us / MICROSECONDS),
         }
         for period in periods
     ]
@@ -126,7 +126,7 @@ class DayView:
     has_samples: bool
 
 
-def build_day(day: DayFile, wish: ReportRequest, language: Language) -> DayView:
+def build_day(day: DayFile, request: ReportRequest, language: Language) -> DayView:
     """Lay out what was found and what was asked."""
     clock, words = DayClock.of(day.facts), load_wording(language, "day")
     names = words["kind_name"]
@@ -134,18 +134,18 @@ def build_day(day: DayFile, wish: ReportRequest, language: Language) -> DayView:
         start=str(day.facts["start"] or ""),
         duration_s=clock.duration_s,
         needs_date=clock.needs_date,
-        rows=place_rows(wish.select_diary(), clock),
-        windows=(_build_window(0, day, wish, clock), _build_window(1, day, wish, clock)),
+        rows=place_rows(request.select_diary(), clock),
+        windows=(_build_window(0, day, request, clock), _build_window(1, day, request, clock)),
         proposals=_build_proposals(day.facts, clock, words, language),
         kinds=tuple((kind, str(names[kind])) for kind in KINDS),
         has_samples=bool(day.facts["calibration"]),
     )
 
 
-def _build_window(place: int, day: DayFile, wish: ReportRequest, clock: DayClock) -> Window:
-    asked, used = wish.calibration_windows_s, day.facts["calibration"]
-    start, end = map(clock.tell, asked[place]) if place < len(asked) else ("", "")
-    used_start, used_end = map(clock.tell, used[place][:2]) if place < len(used) else ("", "")
+def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> Window:
+    chosen, used = request.calibration_windows_s, day.facts["calibration"]
+    start, end = map(clock.format, chosen[place]) if place < len(chosen) else ("", "")
+    used_start, used_end = map(clock.format, used[place][:2]) if place < len(used) else ("", "")
     return Window(start, end, used_start, used_end)
 
 
@@ -159,8 +159,8 @@ def _build_proposals(
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     proposals = []
     for start_s, end_s, kind, score in (*still, *not_worn):
-        told = {"start": clock.tell(start_s), "end": clock.tell(end_s), "score": score}
-        proposals.append(Proposal(kind, told["start"], told["end"], fill(words[kind], told)))
+        facts = {"start": clock.format(start_s), "end": clock.format(end_s), "score": score}
+        proposals.append(Proposal(kind, facts["start"], facts["end"], fill(words[kind], facts)))
     return tuple(proposals)
 
 

@@ -81,10 +81,10 @@ def take_sample(request: Request, services: UsedServices, language: UsedLanguage
 
 def _add_sample(log: Path, services: Services, language: Language) -> Job:
     other: Language = "en" if language == "fr" else "fr"
-    wish = ReportRequest(
+    request = ReportRequest(
         log.name, SAMPLE_SUBJECT, "right", languages=(language, other), paper=services.settings.paper
     )
-    return Intake(services.store, services.storage, services.settings).take(log, wish, "web")
+    return Intake(services.store, services.storage, services.settings).take(log, request, "web")
 
 
 def _render(request: Request, template: str, language: Language, values: dict[str, object]) -> Response:

@@ -20,7 +20,7 @@ PER_PAGE = 50
 
 @dataclass(frozen=True, slots=True)
 class ShownEntry:
-    """A row of the list; ``told`` is what a report says at first sight, "" without one.
+    """A row of the list; ``told`` is the main figure of its report, "" without one.
 
     ``attempt``: a newer analysis that runs or has failed; the report of the row stays what it was.
     """
@@ -58,7 +58,7 @@ def read_filter(request: Request) -> LibraryFilter:
 
 def write_filter(wanted: LibraryFilter, **changes: str) -> str:
     """Write a filter as the query of an address."""
-    told = {
+    parameters = {
         "text": wanted.text,
         "first_day": wanted.first_day,
         "last_day": wanted.last_day,
@@ -66,7 +66,7 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
         "order": "" if wanted.order == "newest" else wanted.order,
         "batch": wanted.batch,
     }
-    return urlencode({name: value for name, value in (told | changes).items() if value})
+    return urlencode({name: value for name, value in (parameters | changes).items() if value})
 
 
 def build_library(

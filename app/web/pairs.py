@@ -137,10 +137,10 @@ def get_report(
 def analyse_alike(first: str, second: str, request: Request, services: UsedServices) -> Response:
     """Analyse the earlier recording by the settings of the later, so that only the work differs."""
     before, after = services.store.get(first), services.store.get(second)
-    wish = replace(before.request, method=after.request.method, pose=after.request.pose)
-    if len(wish.calibration_windows_s) != len(after.request.calibration_windows_s):
-        wish = replace(wish, calibration_windows_s=())
-    again = services.store.add_analysis((before.recording_id, before.sha256), wish, "web")
+    asked = replace(before.request, method=after.request.method, pose=after.request.pose)
+    if len(asked.calibration_windows_s) != len(after.request.calibration_windows_s):
+        asked = replace(asked, calibration_windows_s=())
+    again = services.store.add_analysis((before.recording_id, before.sha256), asked, "web")
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}?before={before.id}", status_code=303)
 
 

@@ -1,4 +1,4 @@
-"""From a job to what a page shows of it: words and numbers only, so that the templates need not think."""
+"""Views of a job for the pages: words and formatted numbers, so that the templates only place them."""
 
 import json
 from collections.abc import Mapping
@@ -201,7 +201,7 @@ def _format_meta(job: Job, words: Words, language: Language) -> tuple[str, ...]:
 
 
 def _format_no_side(job: Job, words: Words) -> str:
-    """A report of which nobody knows the arm says so; what has none, or compares, needs none."""
+    """State that the arm is unknown, where there is a report of one arm."""
     is_open = job.state is JobState.SUCCEEDED and job.request.reference is None
     return str(words["row"]["no_side"]) if is_open else ""
 
@@ -225,7 +225,7 @@ def _format_windows(job: Job, clock: DayClock | None, words: Words, language: La
     if not windows:
         return str(words["windows_proposed"])
     if clock is not None and clock.start is not None:
-        return "; ".join(f"{clock.tell(start_s)} – {clock.tell(end_s)}" for start_s, end_s in windows)
+        return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
     pairs = (
         {"start": format_number(start_s, 1, language), "end": format_number(end_s, 1, language)}
         for start_s, end_s in windows
@@ -240,12 +240,12 @@ def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str
         rows = place_rows(diary, clock) if clock else []
     except UnusableDiary:
         rows = []
-    told = [
+    shown = [
         f"{row['label'] or kinds[row['kind']]} {row['start']} – {row['end']}" for row in rows[:MOST_PERIODS]
     ]
-    if len(diary) > len(told):
-        told.append(f"+ {len(diary) - len(told)}" if told else str(len(diary)))
-    return "; ".join(told)
+    if len(diary) > len(shown):
+        shown.append(f"+ {len(diary) - len(shown)}" if shown else str(len(diary)))
+    return "; ".join(shown)
 
 
 def now_utc() -> datetime:

@@ -153,7 +153,7 @@ async def send_slowly(body: bytes, pause_s: float) -> Message:
 
 @pytest.mark.parametrize("body", [b"x", b""])
 def test_a_body_that_dribbles_is_given_up(body: bytes) -> None:
-    watch = _BodyWatch(lambda: send_slowly(body, 0.02), min_rate_bytes_per_s=1000, patience_s=0.05)
+    watch = _BodyWatch(lambda: send_slowly(body, 0.02), min_rate_bytes_per_s=1000, body_timeout_s=0.05)
 
     async def listen() -> None:
         for _ in range(20):
@@ -164,14 +164,14 @@ def test_a_body_that_dribbles_is_given_up(body: bytes) -> None:
 
 
 def test_a_body_that_stops_is_given_up() -> None:
-    watch = _BodyWatch(lambda: send_slowly(b"x", 60), min_rate_bytes_per_s=1000, patience_s=0.05)
+    watch = _BodyWatch(lambda: send_slowly(b"x", 60), min_rate_bytes_per_s=1000, body_timeout_s=0.05)
 
     with pytest.raises(SlowUpload):
         asyncio.run(watch.receive())
 
 
 def test_a_body_that_flows_is_heard_to_its_end() -> None:
-    watch = _BodyWatch(lambda: send_slowly(b"x" * 1000, 0.02), min_rate_bytes_per_s=1000, patience_s=0.05)
+    watch = _BodyWatch(lambda: send_slowly(b"x" * 1000, 0.02), min_rate_bytes_per_s=1000, body_timeout_s=0.05)
 
     async def listen() -> int:
         return sum([len((await watch.receive())["body"]) for _ in range(10)])

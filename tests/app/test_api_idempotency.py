@@ -82,7 +82,7 @@ def test_a_key_is_forgotten_after_its_term(client: TestClient) -> None:
     services = find_services(Request({"type": "http", "app": client.app}))
     client.post(URL, content=b"x", headers=KEY)
 
-    services.answers.age(3600.0, 3600.0)
+    services.responses.age(3600.0, 3600.0)
 
     assert client.post(URL, content=b"y", headers=KEY).status_code == 202
 

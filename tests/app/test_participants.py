@@ -13,7 +13,7 @@ from fusion.errors import UnusableDiary
 
 def read_one(text: str, folder: Path = Path()) -> dict[str, object]:
     (row,) = read_participants(text.encode(), folder)
-    return dict(row.said)
+    return dict(row.stated)
 
 
 def refusal(text: str) -> UnusableParticipants:
@@ -52,7 +52,7 @@ def test_french_headers_semicolons_and_a_spreadsheet_encoding_are_read() -> None
 
     (row,) = read_participants(text.encode("cp1252"), Path())
 
-    assert (row.file, row.said) == ("é.gt3x", {"subject": "S01", "side": "left"})
+    assert (row.file, row.stated) == ("é.gt3x", {"subject": "S01", "side": "left"})
 
 
 def test_a_diary_is_read_from_the_folder_of_the_list(tmp_path: Path) -> None:
