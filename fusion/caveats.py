@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from math import inf
-from types import MappingProxyType
 from typing import Self
+
+from fusion.errors import TERM, name_facts
 
 
 class Grade(IntEnum):
@@ -44,9 +45,7 @@ class Limit:
 
 
 NO_LIMIT = Limit()
-NO_FACTS: Mapping[str, str] = MappingProxyType({})
-TERM = "a fixed term"
-"""Of a fact that the words of both languages translate."""
+NO_FACTS = name_facts()
 FEW_H, POOR_H = 4, 2
 """Below so many hours analysed a recording is to be read with care, or poor (EXPOSURE.md A15)."""
 USELESS_SIGMA_DEG = 10.0
@@ -60,30 +59,34 @@ class Caveat(StrEnum):
     ----------
     grade
         What it does to the verdict as a rule.
-    facts
+    fact_meanings
         The names that :attr:`QualityFlag.facts` may hold, each with its unit or meaning.
     limit
         Where it counts one grade more.
     """
 
     grade: Grade
-    facts: Mapping[str, str]
+    fact_meanings: Mapping[str, str]
     limit: Limit
 
     def __new__(
-        cls, code: str, grade: Grade = CAUTION, facts: Mapping[str, str] = NO_FACTS, limit: Limit = NO_LIMIT
+        cls,
+        code: str,
+        grade: Grade = CAUTION,
+        fact_meanings: Mapping[str, str] = NO_FACTS,
+        limit: Limit = NO_LIMIT,
     ) -> Self:
         """Make a member whose value is its code; ``Caveat(code)`` finds it again."""
         caveat = str.__new__(cls, code)
         caveat._value_ = code
-        caveat.grade, caveat.facts, caveat.limit = grade, facts, limit
+        caveat.grade, caveat.fact_meanings, caveat.limit = grade, fact_meanings, limit
         return caveat
 
     # The file and its bytes.
-    TRUNC_TAIL = "W-TRUNC-TAIL", CAUTION, {"n": "bytes left out"}
+    TRUNC_TAIL = "W-TRUNC-TAIL", CAUTION, name_facts(n="bytes left out")
     CHECKSUM = "W-CHECKSUM", CAUTION
     RESYNC = "W-RESYNC", CAUTION
-    SESSION = "W-SESSION", CAUTION, {"n": "samples left out"}
+    SESSION = "W-SESSION", CAUTION, name_facts(n="samples left out")
     DUP_UPLOAD = "W-DUP-UPLOAD", NOTE
     DUP_FILE = "W-DUP-FILE", NOTE
     ENCODING = "W-ENCODING", NOTE
@@ -104,7 +107,7 @@ class Caveat(StrEnum):
     GAP = "W-GAP", NOTE, NO_FACTS, Limit(from_share=0.01)
     PAUSE = "W-PAUSE", CAUTION
     NAN = "W-NAN", CAUTION
-    ROWS_DROPPED = "W-ROWS-DROPPED", CAUTION, {"line": "first line left out"}
+    ROWS_DROPPED = "W-ROWS-DROPPED", CAUTION, name_facts(line="first line left out")
     DUP = "W-DUP", NOTE
     DUP_CONFLICT = "W-DUP-CONFLICT", CAUTION
     ORDER = "W-ORDER", NOTE
@@ -118,20 +121,20 @@ class Caveat(StrEnum):
     WRAP = "W-WRAP", CAUTION
     SEC_COUNT = "W-SEC-COUNT", NOTE
     JITTER = "W-JITTER", CAUTION
-    DRIFT = "W-DRIFT", CAUTION, {"nominal_hz": "Hz, stated", "rate_hz": "Hz, measured"}
+    DRIFT = "W-DRIFT", CAUTION, name_facts(nominal_hz="Hz, stated", rate_hz="Hz, measured")
     RATE = (
         "W-RATE",
         CAUTION,
-        {"rate_hz": "Hz, used", "rate_from": TERM, "other_hz": "Hz, the other possibility"},
+        name_facts(rate_hz="Hz, used", rate_from=TERM, other_hz="Hz, the other possibility"),
     )
-    RATE_CHANGE = "W-RATE-CHANGE", CAUTION, {"rate_hz": "Hz, of the longest such stretch"}
+    RATE_CHANGE = "W-RATE-CHANGE", CAUTION, name_facts(rate_hz="Hz, of the longest such stretch")
     TZ = "W-TZ", NOTE
     UTC = "W-UTC", NOTE
-    DST = "W-DST", NOTE, {"step_s": "s"}
-    OFFSET = "W-OFFSET", CAUTION, {"step_s": "s"}
-    NO_DATE = "W-NO-DATE", NOTE, {"time_of_day": "time of the first row"}
-    DATE_ORDER = "W-DATE-ORDER", CAUTION, {"date": "date of the first row, as read"}
-    START = "W-START", NOTE, {"header": "start by the header", "first": "time of the first row"}
+    DST = "W-DST", NOTE, name_facts(step_s="s")
+    OFFSET = "W-OFFSET", CAUTION, name_facts(step_s="s")
+    NO_DATE = "W-NO-DATE", NOTE, name_facts(time_of_day="time of the first row")
+    DATE_ORDER = "W-DATE-ORDER", CAUTION, name_facts(date="date of the first row, as read")
+    START = "W-START", NOTE, name_facts(header="start by the header", first="time of the first row")
     MULTIDAY = "W-MULTIDAY", CAUTION
     FEW_DAYS = "W-FEW-DAYS", CAUTION
     """Nothing raises it; its words are on the page of help."""
@@ -155,43 +158,43 @@ class Caveat(StrEnum):
             "rate_hz": "Hz, as read",
         },
     )
-    MIXED = "W-MIXED", CAUTION, {"percent": "% unexplained", "turns": "stretches"}
-    MIXED_PART = "W-MIXED-PART", CAUTION, {"turns": "turns unexplained"}
-    LAG = "W-LAG", CAUTION, {"lag_ms": "ms"}
+    MIXED = "W-MIXED", CAUTION, name_facts(percent="% unexplained", turns="stretches")
+    MIXED_PART = "W-MIXED-PART", CAUTION, name_facts(turns="turns unexplained")
+    LAG = "W-LAG", CAUTION, name_facts(lag_ms="ms")
     CLIP = "W-CLIP", NOTE, NO_FACTS, Limit(from_share=0.001)
     SPIKE = "W-SPIKE", CAUTION
-    STUCK_PART = "W-STUCK-PART", CAUTION, {"filled": TERM}
-    BIAS = "W-BIAS", CAUTION, {"g": "g between the two accelerometers"}
-    GYRO_DRIFT = "W-GYRO-DRIFT", CAUTION, {"dps": "deg/s"}
+    STUCK_PART = "W-STUCK-PART", CAUTION, name_facts(filled=TERM)
+    BIAS = "W-BIAS", CAUTION, name_facts(g="g between the two accelerometers")
+    GYRO_DRIFT = "W-GYRO-DRIFT", CAUTION, name_facts(dps="deg/s")
     UNTRUSTED = "W-UNTRUSTED", NOTE, NO_FACTS, Limit(from_share=0.01)
 
     # The sensor on the arm, and the pose.
-    NO_STILL = "W-NO-STILL", POOR, {"score": "fit to the pose, 0 to 1"}
+    NO_STILL = "W-NO-STILL", POOR, name_facts(score="fit to the pose, 0 to 1")
     POSE_SHORT = "W-POSE-SHORT", CAUTION
     POSE_DOUBT = "W-POSE-DOUBT", POOR
-    POSE_ALONE = "W-POSE-ALONE", CAUTION, {"deg": "deg (sigma)"}, Limit(above_deg=USELESS_SIGMA_DEG)
+    POSE_ALONE = "W-POSE-ALONE", CAUTION, name_facts(deg="deg (sigma)"), Limit(above_deg=USELESS_SIGMA_DEG)
     POSE_APART = (
         "W-POSE-APART",
         CAUTION,
-        {"deg": "deg (sigma)", "apart_deg": "deg from walking"},
+        name_facts(deg="deg (sigma)", apart_deg="deg from walking"),
         Limit(above_deg=USELESS_SIGMA_DEG),
     )
     LEAN = "W-LEAN", CAUTION
-    NPOSE = "W-NPOSE", NOTE, {"reads_low_by_up_to_deg": "deg"}
+    NPOSE = "W-NPOSE", NOTE, name_facts(reads_low_by_up_to_deg="deg")
     NONWEAR = "W-NONWEAR", CAUTION
     REMOUNT = (
         "W-REMOUNT",
         CAUTION,
-        {"calibrated": "parts with a calibration", "left_out": "parts without"},
+        name_facts(calibrated="parts with a calibration", left_out="parts without"),
         Limit(from_share=0.5),
     )
-    SLIP_DOUBT = "W-SLIP-DOUBT", CAUTION, {"apart_deg": "deg from the rest of the recording"}
-    UPSIDE = "W-UPSIDE", POOR, {"deg": "deg (median)"}
+    SLIP_DOUBT = "W-SLIP-DOUBT", CAUTION, name_facts(apart_deg="deg from the rest of the recording")
+    UPSIDE = "W-UPSIDE", POOR, name_facts(deg="deg (median)")
 
     # How much was analysed, and how.
-    LOWCOVER = "W-LOWCOVER", POOR, {"percent": "% analysed"}
+    LOWCOVER = "W-LOWCOVER", POOR, name_facts(percent="% analysed")
     SHORT = "W-SHORT", POOR
-    FEW_HOURS = "W-FEW-HOURS", CAUTION, {"hours": "h, less than"}, Limit(below_s=POOR_H * 3600.0)
-    PUBLISHED = "W-PUBLISHED", CAUTION, {"dps": "deg/s"}
+    FEW_HOURS = "W-FEW-HOURS", CAUTION, name_facts(hours="h, less than"), Limit(below_s=POOR_H * 3600.0)
+    PUBLISHED = "W-PUBLISHED", CAUTION, name_facts(dps="deg/s")
     DIARY = "W-DIARY", CAUTION
     OVERLAP = "W-OVERLAP", NOTE

@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from app.errors import InternalError
 from app.report.words.numbers import format_exact
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.recording import QualityFlag
 
 Fact = str | int | float
-UNKNOWN_PROBLEM = "E-INTERNAL"
+UNKNOWN_PROBLEM = InternalError.code
 
 
 @dataclass(frozen=True, slots=True)
