@@ -365,7 +365,7 @@ def analysis(
         "is_attempt": attempt is not None,
         "entry": show_entry(Entry(job, None), language),
         "d": load_wording(language, "day"),
-        "b": load_wording(language, "beside_page"),
+        "b": load_wording(language, "pair_pages"),
         "c": load_wording(language, "columns"),
         "asks_columns": job.problem_code in ASK_COLUMNS,
         "changes": show_changes(services, history, job, seen.before, language),
