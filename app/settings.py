@@ -29,8 +29,8 @@ class Settings(BaseSettings):
         region and keys stand in ``AWS_ENDPOINT``, ``AWS_REGION``, ``AWS_ACCESS_KEY_ID``,
         ``AWS_SECRET_ACCESS_KEY``.
     engine
-        How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL, for
-        workers on many machines.
+        How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL,
+        for workers on many machines.
     host, port
         Where the server listens. Only loopback is served until accounts exist; port 0 takes a free one.
     workers

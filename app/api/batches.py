@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.analyses import build_request, check_queue
 from app.api.analysis_models import AnalysisSettings
 from app.api.problems import PROBLEM_RESPONSES, validate_model
-from app.errors import NotFinished, ResultDamaged
+from app.errors import CANCELLED, NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
 from app.jobs.renewing import can_renew
@@ -20,7 +20,6 @@ from app.report.words.wording import Language
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import is_result_whole
 
-CANCELLED = "E-CANCELLED"
 RESULTS = "results.json"
 CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
 

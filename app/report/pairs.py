@@ -33,7 +33,7 @@ class PairSide:
 
 def load_pair_words(language: Language) -> Words:
     """Read the words of both reports."""
-    return load_wording(language, "beside")
+    return load_wording(language, "pairs")
 
 
 def build_two_bars(sides: tuple[PairSide, PairSide], language: Language) -> Figure:

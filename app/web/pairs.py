@@ -55,7 +55,7 @@ def find_trunks(services: Services, first: Job, second: Job, start: str) -> tupl
 def _offer(job: Job, start: str, other: Entry, language: Language) -> Offer:
     other_start = (other.answer.start if other.answer else None) or ""
     facts = {"name": other.job.file_name, "when": other_start[:16].replace("T", " ")}
-    words = load_wording(language, "beside_page")
+    words = load_wording(language, "pair_pages")
     if _are_arms(job, start, other.job, other_start):
         first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
         return Offer(f"/beside/pair?first={first.id}&second={second.id}", fill(words["with_pair"], facts))
@@ -101,7 +101,7 @@ Asked = Annotated[PairedJobs, Depends(find_asked)]
 def show_pair(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show two analyses side by side; for a pair, with the offset of the clocks to correct."""
     report, kind = services.pairs.make(asked), asked.request.kind
-    figures, b = report.read_figures(), load_wording(language, "beside_page")
+    figures, b = report.read_figures(), load_wording(language, "pair_pages")
     values: dict[str, Any] = {
         "kind": kind,
         "first": asked.first,
