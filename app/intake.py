@@ -1,4 +1,4 @@
-"""Recordings that lie on this computer already: those of a watched folder, and a sample.
+"""Intake of recordings that lie on this computer already: those of a watched folder, and a sample.
 
 A watched folder is for people who never open the page: a file that is put there, and no longer grows, is
 taken in and moved to ``taken`` within it. A folder inside it is a subject code: ``watched/S012/shift.gt3x``.
@@ -26,15 +26,15 @@ from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings
 from app.storage.store import COPY_BYTES, Storage
 
-LOOK_S = 2.0
-STOP_S = 10.0
+SCAN_PERIOD_S = 2.0
+STOP_LIMIT_S = 10.0
 TAKEN = "taken"
 LAST_ENDINGS = frozenset(PurePath(f"log{ending}").suffix for ending in ENDINGS)
 
 HAS_FOLDER_HANDLES = {os.open, os.rename} <= os.supports_dir_fd
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 _READ = os.O_RDONLY | _NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-"""A link is refused, and a pipe that was put in a file's place is not waited for."""
+"""A link is refused, and a pipe in place of a file is not waited for."""
 
 Signature = tuple[int, int]
 
@@ -43,13 +43,13 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Intake:
-    """Where recordings go that come without HTTP."""
+    """Stores and queues recordings that come without HTTP."""
 
     store: JobStore
     storage: Storage
     settings: Settings
 
-    def take(self, path: Path, request: ReportRequest, way_in: WayIn) -> Job:
+    def add(self, path: Path, request: ReportRequest, way_in: WayIn) -> Job:
         """Store a copy of a file and queue its analysis; the same bytes asked alike are not analysed twice.
 
         Raises
@@ -57,9 +57,9 @@ class Intake:
         FileTooLarge, DiskFull, OSError
         """
         with path.open("rb") as file:
-            return self.take_open(file, request, way_in)
+            return self.add_open(file, request, way_in)
 
-    def take_open(self, file: BinaryIO, request: ReportRequest, way_in: WayIn) -> Job:
+    def add_open(self, file: BinaryIO, request: ReportRequest, way_in: WayIn) -> Job:
         """Do the same with a file that is open.
 
         Raises
@@ -84,7 +84,7 @@ class Intake:
 
 @dataclass(slots=True)
 class FolderWatch:
-    """Looks into a folder again and again."""
+    """Scans a folder every two seconds."""
 
     intake: Intake
     folder: Path
@@ -95,32 +95,32 @@ class FolderWatch:
     _thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Look from now on, in a thread of its own."""
+        """Start to scan, in a thread of its own."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._thread = threading.Thread(target=self._go_on, name="folder-watch", daemon=True)
+        self._thread = threading.Thread(target=self._scan_on, name="folder-watch", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Look no more."""
+        """Stop scanning."""
         self._stopping.set()
         if self._thread is not None:
-            self._thread.join(STOP_S)
+            self._thread.join(STOP_LIMIT_S)
 
-    def look(self) -> list[Job]:
-        """Take in what has stopped growing since the last look; gives the analyses."""
+    def scan(self) -> list[Job]:
+        """Take in what has stopped growing since the last scan; gives the analyses."""
         entries = list(_walk_entries(self.folder))
         self._log_links(sum(entry.is_symlink() for entry in entries))
         found = dict(_choose_files(entries))
         ready = [path for path, signature in found.items() if self._seen.get(path) == signature]
         self._seen = found
         self._refused &= set(found.items())
-        jobs = [self._take(path) for path in sorted(ready)]
+        jobs = [self._add(path) for path in sorted(ready)]
         return [job for job in jobs if job is not None]
 
-    def _go_on(self) -> None:
-        while not self._stopping.wait(LOOK_S):
+    def _scan_on(self) -> None:
+        while not self._stopping.wait(SCAN_PERIOD_S):
             try:
-                self.look()
+                self.scan()
             except OSError as error:
                 logger.warning("the watched folder cannot be read (%s); trying again", error.strerror)
 
@@ -130,7 +130,7 @@ class FolderWatch:
             logger.warning("%d links in the watched folder are left alone: links are not followed", count)
         self._links = count
 
-    def _take(self, path: Path) -> Job | None:
+    def _add(self, path: Path) -> Job | None:
         """Take one file in; one that cannot be taken stays where it is and is logged once, not by name."""
         inside = path.relative_to(self.folder)
         subject = inside.parts[0] if len(inside.parts) > 1 else ""
@@ -139,7 +139,7 @@ class FolderWatch:
             request = ReportRequest(name, check_subject(subject), paper=paper)
             with _enter_folder(path.parent, is_watched=path.parent == self.folder) as handle:
                 with _open_plain(path, handle) as file:
-                    job = self.intake.take_open(file, request, "api")
+                    job = self.intake.add_open(file, request, "api")
                 self._move_to_taken(path, handle, job.id)
         except (AppError, OSError, ValueError) as error:
             self._log_refused(path, error)
@@ -171,7 +171,7 @@ class FolderWatch:
 
 
 def _describe_trouble(error: Exception) -> str:
-    """Name it without any word of the file's."""
+    """Describe an error without any word of the file's."""
     if isinstance(error, AppError):
         return error.code
     return (error.strerror or "") if isinstance(error, OSError) else "its name cannot be used"
@@ -179,7 +179,7 @@ def _describe_trouble(error: Exception) -> str:
 
 @contextmanager
 def _enter_folder(folder: Path, *, is_watched: bool) -> Iterator[int | None]:
-    """Hold a folder, so that nothing can be put in its place; only the watched one may be a link."""
+    """Hold a folder open, so that nothing can be put in its place; only the watched one may be a link."""
     if not HAS_FOLDER_HANDLES:
         yield None
         return

@@ -1,4 +1,4 @@
-"""Which recordings are to be done, and where the products of each go."""
+"""Plan of a run: which recordings are analysed, and where the products of each go."""
 
 import glob
 import hashlib
@@ -19,7 +19,7 @@ from app.report.words.subject import clean_text
 from app.request import ReportRequest, clean_file_name
 from app.storage.store import hash_file
 
-# Which folder holds the results of which recording: each keeps its own from run to run.
+# The folder of each recording: it stays the same from run to run.
 #
 # A folder is named after the file's stem; recordings of one stem are numbered. Which of them is whose is
 # recorded by the marker in the folder, not by the order in which they are found: a recording that joins the
@@ -50,7 +50,7 @@ Known = Callable[[Path], Mapping[str, str]]
 
 
 def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
-    """Give each recording its folder: the one it was given before, or one that is nobody else's."""
+    """Give each recording its folder: that of an earlier run, or one that no other recording has."""
     known, digest = cache(_read_marker), cache(hash_file)
     placed: dict[int, Path] = {}
     taken = {name.casefold() for name in TABLES}
@@ -66,7 +66,7 @@ def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
 
 
 def identify_place(log: Path) -> str:
-    """Tell one place on the disk from another without saying which it is."""
+    """Hash a place on the disk: it can be recognised, and not read back."""
     return hashlib.sha256(os.fsencode(os.path.normpath(log.absolute()))).hexdigest()[:16]
 
 
@@ -102,12 +102,12 @@ def _find_bytes(
 
 
 def _find_free(known: Known, _log: Path, folders: Iterable[Path]) -> Path | None:
-    """Find a folder that does not say whose it is: there is none yet, or it is of a release that did not."""
+    """Find a folder that names no recording: one that does not exist yet, or of an early release."""
     return next(path for path in folders if not known(path).get("place"))
 
 
 def _read_marker(folder: Path) -> Mapping[str, str]:
-    """Read whose the folder is; nothing where it is nobody's, or of a release that did not say."""
+    """Read which recording a folder names; nothing for no marker, or one of an early release."""
     try:
         values = json.loads((folder / MARKER).read_text("utf-8"))
     except (OSError, ValueError):
@@ -130,12 +130,12 @@ class Task:
 
     @property
     def name(self) -> str:
-        """Tell it apart from every other of the run."""
+        """Name that no other recording of the run has."""
         return self.path or format_path(Path(self.log.name))
 
     @property
     def origin(self) -> Origin:
-        """Say in the tables which recording it is."""
+        """What identifies the recording in the tables."""
         who = self.request
         return Origin(who.file_name, who.subject, who.side, self.name, self.folder.name)
 
@@ -181,7 +181,7 @@ def plan_joined(
     return plan_tasks(logs[:1], out, replace(request, joined=others), format_log, force=force)
 
 
-# Where the recordings of a run are named: one by one, by a folder, by a pattern, in a list.
+# Recordings are named one by one, by a folder, by a pattern or in a list.
 
 
 _UNUSUAL = frozenset("*?[")
@@ -199,7 +199,7 @@ class Found:
     base: Path = Path()
 
     def format_place(self, log: Path) -> str:
-        """Say where a recording lies, from the folder that was named; with no part of the way to that."""
+        """Write where a recording lies, relative to the folder that was named."""
         way = _lay_out(log)
         below = way.relative_to(self.base) if way.is_relative_to(self.base) else way
         return Path(format_path(below)).as_posix()

@@ -1,6 +1,6 @@
-"""The commands of the person who runs Acromion: backup, restore, verify, doctor."""
+"""The commands of the person who runs Acromion: serve, worker, backup, restore, verify, recover, doctor."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +16,7 @@ from app.settings import Settings
 
 if TYPE_CHECKING:
     from app.upkeep.backup import Copied
+    from app.upkeep.verify import Fault
 
 
 # Commands that keep running: the server and its workers.
@@ -37,7 +38,6 @@ def serve(
 ) -> None:
     """Serve the page and the API, with the workers that do the analyses."""
     from app.main import serve as serve_app  # noqa: PLC0415
-    from app.settings import Settings  # noqa: PLC0415
 
     try:
         settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
@@ -55,7 +55,6 @@ def worker(
     """Do queued analyses until stopped; any number may run beside the server."""
     from app.jobs.database.connect import check_whole, name_start_trouble  # noqa: PLC0415
     from app.jobs.worker import run_by_settings  # noqa: PLC0415
-    from app.settings import Settings  # noqa: PLC0415
 
     settings = Settings(data_dir=data)
     try:
@@ -67,8 +66,6 @@ def worker(
         print_problem("worker", refusal.code, refusal.facts, "en")
         raise typer.Exit(Exit.USAGE) from None
 
-
-FAILED, REFUSED = 1, 3
 
 DataOption = Annotated[
     Path | None,
@@ -122,7 +119,7 @@ def verify(
     _print_faults(lang, faults)
     if faults:
         _print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
-        raise typer.Exit(FAILED)
+        raise typer.Exit(Exit.SOME_FAILED)
     _print_sentence(lang, "verify", "good", number=str(number))
 
 
@@ -140,7 +137,7 @@ def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     _print_sentence(lang, "recover", "done", **facts)
     if done.troubles:
         _print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
-        raise typer.Exit(FAILED)
+        raise typer.Exit(Exit.SOME_FAILED)
 
 
 def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
@@ -154,40 +151,40 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
         _print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
         healthy = healthy and found.healthy
     if not healthy:
-        raise typer.Exit(FAILED)
+        raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
+def _verify_kept(data: Path | None) -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
     from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415
 
     settings = _find_settings(data)
     check_whole(settings.database_url)
     kept = list_kept(settings)
-    return len(kept), [(fault.name, fault.finding) for fault in find_faults(settings, kept)]
+    return len(kept), tuple(find_faults(settings, kept))
 
 
-def _verify_backup(file: Path) -> tuple[int, list[tuple[str, str]]]:
+def _verify_backup(file: Path) -> "tuple[int, Sequence[Fault]]":
     from app.upkeep.backup import find_damage  # noqa: PLC0415  the database, and only this needs it
 
     copied = find_damage(file)
-    return copied.promised, [(fault.name, fault.finding) for fault in copied.faults]
+    return copied.promised, copied.faults
 
 
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
-    """Tell how many files were copied and which were not whole; exit 1 where there are any."""
+    """Print how many files were copied and which were not whole; exit 1 where there are any."""
     if not copied.faults:
         _print_sentence(language, command, "done", number=str(copied.promised), **facts)
         return
-    _print_faults(language, [(fault.name, fault.finding) for fault in copied.faults])
+    _print_faults(language, copied.faults)
     counts = {"number": str(copied.promised), "faults": str(len(copied.faults))}
     _print_sentence(language, command, "not_whole", **counts, **facts)
-    raise typer.Exit(FAILED)
+    raise typer.Exit(Exit.SOME_FAILED)
 
 
-def _print_faults(language: Language, faults: list[tuple[str, str]]) -> None:
-    for name, finding in faults:
-        _print_sentence(language, "verify", finding, name=name)
+def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
+    for fault in faults:
+        _print_sentence(language, "verify", fault.finding, name=fault.name)
 
 
 def _find_settings(data: Path | None) -> Settings:
@@ -201,7 +198,7 @@ def _print_sentence(language: Language, command: str, sentence: str, /, **facts:
 
 @contextmanager
 def _refusals_printed(language: Language, settings: Settings) -> Iterator[None]:
-    """Tell a refusal in words, and end with its exit code."""
+    """Print a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
     from app.jobs.database.connect import name_start_trouble  # noqa: PLC0415
@@ -220,4 +217,4 @@ def _refusals_printed(language: Language, settings: Settings) -> Iterator[None]:
 def _print_refusal(refusal: AppError, language: Language) -> None:
     words = describe_problem(refusal.code, refusal.facts, language)
     typer.echo(f"{refusal.code} {words.title}\n  {words.detail}\n  {words.fix}", err=True)
-    raise typer.Exit(REFUSED) from None
+    raise typer.Exit(Exit.NOTHING_DONE) from None

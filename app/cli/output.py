@@ -38,7 +38,7 @@ class Exit(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is; ``left_s`` is a guess from the recordings analysed so far, None before the first."""
+    """How far a run is; ``left_s`` is estimated from those analysed so far, None before the first."""
 
     done: int
     all: int
@@ -113,7 +113,7 @@ def _print_stage(task: Task, stage: str | None, fraction: float) -> None:
 
 
 def print_outcome(outcome: Outcome, progress: Progress) -> None:
-    """Say where the report is and what it answers, or what is wrong and the cure."""
+    """Print where the report is and its answer, or the problem and its cure."""
     request = outcome.task.request
     if sys.stderr.isatty():
         typer.echo("\r\x1b[K", nl=False, err=True)
@@ -137,14 +137,14 @@ def _count(progress: Progress, language: Language) -> str:
 
 
 def print_failure(outcome: Outcome, _progress: Progress) -> None:
-    """Say only what went wrong."""
+    """Print only what went wrong."""
     if outcome.code:
         language = outcome.task.request.languages[0]
         print_problem(outcome.task.name, outcome.code, outcome.facts, language)
 
 
 def print_json(outcome: Outcome, progress: Progress) -> None:
-    """Say it in one line for a program: file, folder, code of the failure or null, how far the run is."""
+    """Print one line for a program: file, folder, code of the failure or null, how far the run is."""
     line = {
         "file": format_path(outcome.task.log),
         "folder": format_path(outcome.task.folder),

@@ -84,7 +84,7 @@ def _add_sample(log: Path, services: Services, language: Language) -> Job:
     request = ReportRequest(
         log.name, SAMPLE_SUBJECT, "right", languages=(language, other), paper=services.settings.paper
     )
-    return Intake(services.store, services.storage, services.settings).take(log, request, "web")
+    return Intake(services.store, services.storage, services.settings).add(log, request, "web")
 
 
 def _render(request: Request, template: str, language: Language, values: dict[str, object]) -> Response:

@@ -1,4 +1,4 @@
-"""What the library's page shows: rows, groups with their counts, pages."""
+"""Views of the library: rows, groups with their counts, pages."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Chip:
 
 
 def read_filter(request: Request) -> LibraryFilter:
-    """Read what was asked for; what cannot be is as if it had not been asked."""
+    """Read the filter of an address; a value that cannot be is ignored."""
     asked = request.query_params
     group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
     order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
@@ -109,7 +109,7 @@ def build_entry(entry: Entry, language: Language) -> ShownEntry:
 
 
 def _build_attempt(entry: Entry, language: Language) -> JobRow | None:
-    """Leave aside what a person has cancelled."""
+    """Build the row of a newer attempt, unless a person has cancelled it."""
     if entry.attempt is None or entry.attempt.state is JobState.CANCELLED:
         return None
     return build_row(entry.attempt, language, now_utc())

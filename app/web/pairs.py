@@ -147,10 +147,10 @@ def analyse_alike(first: str, second: str, request: Request, services: UsedServi
 def parse_offset(text: str) -> float | None:
     """Read seconds as people write them; None, where it is no number, leaves the offset to the clocks."""
     try:
-        seconds = float(text.strip().replace(",", "."))
+        offset_s = float(text.strip().replace(",", "."))
     except ValueError:
         return None
-    return seconds if abs(seconds) <= LONGEST_OFFSET_S else None
+    return offset_s if abs(offset_s) <= LONGEST_OFFSET_S else None
 
 
 def _offer_trunks(services: Services, asked: PairedJobs, figures: Mapping[str, Any]) -> tuple[Job, ...]:

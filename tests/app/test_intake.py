@@ -30,22 +30,22 @@ def put(watch: FolderWatch, name: str, content: bytes = b"recording") -> Path:
 
 def test_a_file_is_taken_once_it_no_longer_grows(watch: FolderWatch) -> None:
     path = put(watch, "shift.gt3x")
-    assert watch.look() == []
+    assert watch.scan() == []
     path.write_bytes(b"recording, longer")
-    assert watch.look() == []
+    assert watch.scan() == []
 
-    (job,) = watch.look()
+    (job,) = watch.scan()
 
     assert job.file_name == "shift.gt3x"
     assert job.size_bytes == len(b"recording, longer")
-    assert watch.look() == []
+    assert watch.scan() == []
 
 
 def test_a_file_that_was_taken_lies_among_the_taken(watch: FolderWatch) -> None:
     path = put(watch, "shift.gt3x")
-    watch.look()
+    watch.scan()
 
-    (job,) = watch.look()
+    (job,) = watch.scan()
 
     assert not path.exists()
     assert (watch.folder / "taken" / f"{job.id}_shift.gt3x").read_bytes() == b"recording"
@@ -53,9 +53,9 @@ def test_a_file_that_was_taken_lies_among_the_taken(watch: FolderWatch) -> None:
 
 def test_the_folder_of_a_file_is_its_subject(watch: FolderWatch) -> None:
     put(watch, "S012/shift.gt3x")
-    watch.look()
+    watch.scan()
 
-    (job,) = watch.look()
+    (job,) = watch.scan()
 
     assert job.request.subject == "S012"
 
@@ -66,9 +66,9 @@ def test_what_is_taken_is_told_on_the_server_s_paper(
     letter = settings.model_copy(update={"paper": "letter"})
     watch = FolderWatch(Intake(store, storage, letter), tmp_path)
     put(watch, "shift.gt3x")
-    watch.look()
+    watch.scan()
 
-    (job,) = watch.look()
+    (job,) = watch.scan()
 
     assert job.request.paper == "letter"
 
@@ -76,9 +76,9 @@ def test_what_is_taken_is_told_on_the_server_s_paper(
 def test_other_files_are_left_where_they_are(watch: FolderWatch) -> None:
     notes = put(watch, "notes.docx")
     hidden = put(watch, ".shift.gt3x.part")
-    watch.look()
+    watch.scan()
 
-    assert watch.look() == []
+    assert watch.scan() == []
     assert notes.exists()
     assert hidden.exists()
 
@@ -86,9 +86,9 @@ def test_other_files_are_left_where_they_are(watch: FolderWatch) -> None:
 def test_a_file_that_is_too_large_stays_and_stops_nobody(watch: FolderWatch) -> None:
     large = put(watch, "large.csv", bytes(1_000_001))
     put(watch, "shift.csv")
-    watch.look()
+    watch.scan()
 
-    (job,) = watch.look()
+    (job,) = watch.scan()
 
     assert job.file_name == "shift.csv"
     assert large.exists()
@@ -99,8 +99,8 @@ def test_the_same_bytes_are_analysed_once(watch: FolderWatch) -> None:
 
     for _ in range(2):
         put(watch, "shift.gt3x")
-        watch.look()
-        jobs += watch.look()
+        watch.scan()
+        jobs += watch.scan()
 
     assert len(jobs) == 2
     assert jobs[0].id == jobs[1].id
@@ -113,9 +113,9 @@ def test_no_line_of_the_log_names_the_subject_or_the_file(
     put(watch, "S012/Marie.gt3x")
     put(watch, "too long a code for a subject".ljust(200, "x") + "/Marie.gt3x")
     put(watch, "S013/Marie.gt3x", b"x" * 1_000_001)
-    watch.look()
+    watch.scan()
 
-    (job,) = watch.look()
+    (job,) = watch.scan()
 
     assert f"a file of the watched folder was taken in as {job.id}" in caplog.text
     assert "could not be taken in: E-BIG" in caplog.text
@@ -127,9 +127,9 @@ def test_a_link_to_a_file_is_left_alone(watch: FolderWatch, tmp_path: Path) -> N
     outside = tmp_path / "secret.csv"
     outside.write_bytes(b"not for the world")
     (watch.folder / "shift.csv").symlink_to(outside)
-    watch.look()
+    watch.scan()
 
-    assert watch.look() == []
+    assert watch.scan() == []
     assert (watch.folder / "shift.csv").is_symlink()
 
 
@@ -137,9 +137,9 @@ def test_a_link_to_a_folder_is_left_alone(watch: FolderWatch, tmp_path: Path) ->
     (tmp_path / "outside").mkdir()
     (tmp_path / "outside" / "shift.csv").write_bytes(b"not for the world")
     (watch.folder / "S012").symlink_to(tmp_path / "outside")
-    watch.look()
+    watch.scan()
 
-    assert watch.look() == []
+    assert watch.scan() == []
     assert (tmp_path / "outside" / "shift.csv").exists()
 
 
@@ -147,7 +147,7 @@ def test_links_are_logged_once(watch: FolderWatch, tmp_path: Path, caplog: pytes
     (watch.folder / "shift.csv").symlink_to(tmp_path / "secret.csv")
 
     for _ in range(3):
-        watch.look()
+        watch.scan()
 
     assert [record.getMessage() for record in caplog.records] == [
         "1 links in the watched folder are left alone: links are not followed"
@@ -159,7 +159,7 @@ def test_a_file_that_becomes_a_link_is_not_followed(
 ) -> None:
     path = put(watch, "shift.csv")
     (tmp_path / "secret.csv").write_bytes(b"not for the world")
-    watch.look()
+    watch.scan()
     held = intake._enter_folder
 
     def swap(folder: Path, *, is_watched: bool) -> AbstractContextManager[int | None]:
@@ -169,7 +169,7 @@ def test_a_file_that_becomes_a_link_is_not_followed(
 
     monkeypatch.setattr(intake, "_enter_folder", swap)
 
-    assert watch.look() == []
+    assert watch.scan() == []
     assert (tmp_path / "secret.csv").exists()
 
 
@@ -179,7 +179,7 @@ def test_a_folder_that_becomes_a_link_is_not_followed(
     path = put(watch, "S012/shift.csv")
     (tmp_path / "outside").mkdir()
     (tmp_path / "outside" / "shift.csv").write_bytes(b"not for the world")
-    watch.look()
+    watch.scan()
     held = intake._enter_folder
 
     def swap(folder: Path, *, is_watched: bool) -> AbstractContextManager[int | None]:
@@ -190,23 +190,23 @@ def test_a_folder_that_becomes_a_link_is_not_followed(
 
     monkeypatch.setattr(intake, "_enter_folder", swap)
 
-    assert watch.look() == []
+    assert watch.scan() == []
     assert (tmp_path / "outside" / "shift.csv").exists()
 
 
 def test_a_pipe_is_left_alone(watch: FolderWatch) -> None:
     os.mkfifo(watch.folder / "shift.csv")
-    watch.look()
+    watch.scan()
 
-    assert watch.look() == []
+    assert watch.scan() == []
 
 
 def test_nothing_is_moved_through_a_link(watch: FolderWatch, tmp_path: Path) -> None:
     (tmp_path / "outside").mkdir()
     (watch.folder / "taken").symlink_to(tmp_path / "outside")
     put(watch, "shift.csv")
-    watch.look()
-    watch.look()
+    watch.scan()
+    watch.scan()
 
     assert list((tmp_path / "outside").iterdir()) == []
 
@@ -216,10 +216,10 @@ def test_no_name_and_no_subject_reaches_the_log(watch: FolderWatch, caplog: pyte
     put(watch, "CANARY-S012/CANARY-shift.csv")
     put(watch, "CANARY-S013/CANARY-large.csv", bytes(1_000_001))
     put(watch, "CANARY\x85\u202e/shift.csv")
-    watch.look()
+    watch.scan()
 
-    watch.look()
-    watch.look()
+    watch.scan()
+    watch.scan()
 
     assert len(caplog.records) == 3  # one taken, two refused once each
     assert "CANARY" not in caplog.text
