@@ -30,7 +30,7 @@ _REPORT_FILES = ("answer.txt", "report.html", "report.pdf")
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """What the products in a folder were made from; written last, so that they are complete."""
+    """What the products in a folder were made from; it is written last, so that they are complete."""
 
     fingerprint: str
     input: str = ""
@@ -51,7 +51,7 @@ class Marker:
 
 
 def make_marker(task: Task) -> Marker:
-    """Say what the products of a task are made from: the same three give the same figures."""
+    """Build the marker of a task: the same input, settings and software give the same figures."""
     digest, settings = _hash_files(task), _write_settings(task)
     parts = [digest, task.request.file_name, settings, software_version(), software_revision()]
     fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -73,7 +73,7 @@ def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
 
 
 def is_up_to_date(task: Task) -> bool:
-    """Tell whether the report that is there holds the figures that the task would make."""
+    """Whether the report that is there holds the figures that the task would make."""
     before = read_marker(task.folder)
     if before is None or before.settings != _write_settings(task):  # the log need not be read
         return False
@@ -97,7 +97,7 @@ def _hash_figures(folder: Path) -> dict[str, str]:
 
 
 def find_changes(before: Marker, after: Marker) -> tuple[str, ...]:
-    """Name what is different: "input", the settings, or else the "engine"."""
+    """Find what differs: "input", the settings, or else the "engine"."""
     old, new = json.loads(before.settings), json.loads(after.settings)
     other_input = ("input",) if before.input and before.input != after.input else ()
     return (*other_input, *compare_settings(old, new)) or ("engine",)
@@ -115,13 +115,13 @@ def refuse_foreign_folder(folder: Path) -> None:
 
 
 def use_plain_names(folder: Path, language: Language) -> None:
-    """The report in the language asked is ``report.html``, its answer ``answer.txt``."""
+    """Rename the report in ``language`` to ``report.html``, its answer to ``answer.txt``."""
     for path in folder.glob(f"*.{language}.*"):
         path.rename(folder / f"{path.name.partition('.')[0]}{path.suffix}")
 
 
 def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
-    """Tell whether the report stands there in the language and the forms asked, and for that paper."""
+    """Whether the report is there in the language, the kinds and for the paper asked."""
     language = request.languages[0]
     if "pdf" in request.kinds and marker.papers.get(language, "a4") != request.paper:
         return False
@@ -131,7 +131,7 @@ def has_report(folder: Path, marker: Marker, request: ReportRequest) -> bool:
 
 
 def switch_language(folder: Path, marker: Marker, language: Language) -> None:
-    """Give the plain names to another language, of which the files stand there, and write that down."""
+    """Give the plain names to the files of another language, and note it in the marker."""
     if language == marker.language:
         return
     for name in _REPORT_FILES:
@@ -213,7 +213,7 @@ def _hold_alone(staging: Path) -> Iterator[None]:
 
 @contextmanager
 def _leave_unlockable() -> Iterator[None]:
-    """Go on where a network drive knows no locks; not where another holds this one."""
+    """Go on where a network drive has no locks; raise where another run holds the lock."""
     try:
         yield
     except BlockingIOError:
@@ -228,7 +228,7 @@ def _empty(folder: Path) -> None:
 
 
 def write_version(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
-    """Make a report of two in its folder, as a new version where its figures are others than before."""
+    """Write a report of two into its folder, as a new version where its figures changed."""
     restore_earlier(folder, figures)
     refuse_foreign_folder(folder)
     with open_staging(folder) as staging:

@@ -43,7 +43,7 @@ Read = Callable[[Any], Any]
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Takes ``10:30`` for text, as its reader does, and not for 630 (YAML 1.1 counts in sixties)."""
+    """Reads ``10:30`` as text, not as 630 (YAML 1.1 counts in sixties)."""
 
 
 _PlainLoader.yaml_implicit_resolvers = {

@@ -1,4 +1,4 @@
-"""Does the recordings of a run, each in a child process with limits; what is done is not done again."""
+"""Analyses the recordings of a run, each in a child process with limits; finished ones are not repeated."""
 
 import os
 import threading
@@ -44,7 +44,7 @@ from app.settings import Settings
 from app.storage.decoded import KnownLogs
 from fusion.errors import Fact
 
-# How many recordings this machine does at once.
+# How many recordings this machine analyses at once.
 
 
 NEED_BYTES = 1_200_000_000
@@ -92,7 +92,7 @@ class Outcome:
 
 
 def run_tasks(tasks: Sequence[Task], workers: int, on_progress: OnProgress) -> Iterator[Outcome]:
-    """Do the tasks, so many at once; outcomes come as they are ready, those of an earlier run first.
+    """Run the tasks, ``workers`` at once; outcomes come as they are ready, those of an earlier run first.
 
     When the caller stops asking (Ctrl-C), the analyses under way are ended and leave nothing behind.
     """

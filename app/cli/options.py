@@ -1,4 +1,4 @@
-"""Options that commands share, and how what was typed is read."""
+"""Options that commands share, and how they are parsed."""
 
 import sys
 from collections.abc import Callable, Iterable

@@ -75,7 +75,7 @@ def report_progress(
 
 @contextmanager
 def _handling_signals(how: Any, *numbers: int) -> Iterator[None]:
-    """Take signals so until the end of the block."""
+    """Handle these signals by ``how`` until the end of the block."""
     before = {number: signal.signal(number, how) for number in numbers}
     try:
         yield
@@ -85,7 +85,7 @@ def _handling_signals(how: Any, *numbers: int) -> Iterator[None]:
 
 
 def _account_for_rest(tasks: Sequence[Task], reached: Sequence[Task]) -> list[Outcome]:
-    """Say what became of the tasks that a cut run did not reach; a second Ctrl-C takes them for not done."""
+    """Give the outcomes of tasks that a cut run did not reach; a second Ctrl-C counts all as not done."""
     rest = [task for task in tasks if task not in reached]
     found: dict[str, Outcome | None] = {}
     with suppress(KeyboardInterrupt):

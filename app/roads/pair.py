@@ -78,9 +78,9 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
 
 
 def find_offset_s(left: Kept, right: Kept) -> float:
-    """Give by how many seconds the right recording began after the left, by their clocks.
+    """Find by how many seconds the right recording began after the left, by their clocks.
 
-    Where only one file tells its zone, both are taken for clocks of the same place.
+    Where only one file states its zone, both are taken for clocks of the same place.
 
     Raises
     ------
@@ -133,7 +133,12 @@ def _read(folder: Path) -> Kept:
 
 
 def _refuse_strangers(left: Kept, right: Kept) -> None:
-    """Two recordings of one arm, or one recording twice, would look like a perfectly even worker."""
+    """Refuse two recordings of one arm, or one twice: they would look like a perfectly even worker.
+
+    Raises
+    ------
+    CannotPair
+    """
     _refuse_same(left, right)
     if left.subject.side == "right" or right.subject.side == "left":
         raise CannotPair(why="side")

@@ -1,4 +1,4 @@
-"""From the logs of a request to one recording, read now or kept from an earlier time.
+"""From the logs of a request to one recording, read now or taken from the cache.
 
 It loads no more than reading takes, so that the first recording of a run is read while the rest of the
 science is still being loaded.
@@ -26,7 +26,7 @@ _SWITCH_S = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Logs:
-    """What is to be read, and where its samples may be kept or lie already."""
+    """The files to read, and the cache that may hold their samples."""
 
     log: Path
     request: ReportRequest

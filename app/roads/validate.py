@@ -80,7 +80,7 @@ def compare_files(log: Path, request: ReportRequest, reference: Reference, on_st
 
 
 def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:
-    """Read what is to be judged: a recording, which is fused, or else a file with its angle."""
+    """Read one side of the comparison: a recording, which is fused, or else a file with its angle."""
     with log.open("rb") as file:
         layout = tell_layout(file, request.file_name)
         if layout not in ANGLES_ONLY:
@@ -107,7 +107,7 @@ def _fuse(log: Path, request: ReportRequest, on_stage: OnStage) -> Side:
 def describe_comparison(
     comparison: Comparison, request: ReportRequest, reference: Reference
 ) -> ComparisonSubject:
-    """Say who and what was compared, and which software answers."""
+    """Build the subject of a validation: who and what was compared, by which software."""
     is_fused = comparison.ours.calibration_s is not None and comparison.ours.device not in {"angles", "mvn"}
     return ComparisonSubject(
         file_name=request.file_name,

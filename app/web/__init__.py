@@ -1,1 +1,1 @@
-"""."""
+"""The pages: routes that render templates, and the views that the templates show."""

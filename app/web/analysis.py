@@ -52,7 +52,7 @@ from fusion.errors import (
 )
 from fusion.recording import MICROSECONDS
 
-# The versions of a recording's report, what each changed, and the attempt after them that failed.
+# The versions of a recording's report, the changes in each, and a later attempt that failed.
 
 
 SHOWN = 200
@@ -78,7 +78,7 @@ class History:
 
     @classmethod
     def of(cls, services: Services, job: Job) -> "History":
-        """Read it; comparisons with a reference are no reports."""
+        """Read it, without comparisons with a reference, which are no reports."""
         found = services.store.list_page(JobFilter(recording_id=job.recording_id), SHOWN)
         return cls(tuple(other for other in found if other.request.reference is None))
 
@@ -93,7 +93,7 @@ class History:
         return max(earlier, key=lambda other: (other.request.version, other.created_at), default=None)
 
     def find_failed(self) -> Job | None:
-        """Give the newest analysis that counts if it failed, and with it what the person wanted."""
+        """Give the newest analysis that counts, if it failed: its request is what the person wanted."""
         newest = next((job for job in self.jobs if job.replaced_by is None), None)
         return newest if newest is not None and newest.state is JobState.FAILED else None
 
@@ -103,7 +103,7 @@ class History:
 
 
 def build_versions(history: History, shown: Job, language: Language) -> tuple[VersionRow, ...]:
-    """List what can be opened, the newest first; nothing where there is but the one that is shown.
+    """Build the rows of the versions, the newest first; none where only ``shown`` exists.
 
     A version that was computed more than once is there once: the one that is shown, or else the newest.
     """
@@ -129,7 +129,7 @@ def format_version(number: int, language: Language) -> str:
 
 
 def format_changes(job: Job, language: Language) -> str:
-    """Name what is different from the version before, as the report's first page does."""
+    """Write what differs from the version before, as the first page of the report does."""
     names = load_wording(language)["changed"]
     return ", ".join(str(names.get(name, name)) for name in job.request.changes)
 
@@ -279,7 +279,7 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
 
 
 def _build_day(services: Services, job: Job, asked: ReportRequest, language: Language) -> DayView | None:
-    """Leave the day out, and nothing else, where an older version has written none."""
+    """Build the day; None where an older version has written none."""
     try:
         return build_day(find_day(services, job), asked, language)
     except NoSuchFile:
@@ -388,7 +388,7 @@ def cancel(analysis_id: str, request: Request, services: UsedServices) -> Respon
 
 @router.post("/analyses/{analysis_id}/retry")
 def retry(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Ask for the same analysis once more; the recording is kept, whatever became of the last one."""
+    """Start the same analysis once more."""
     again = retry_job(services.store, services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
         again = services.store.add_analysis((again.recording_id, again.sha256), again.request, "web")
@@ -397,7 +397,7 @@ def retry(analysis_id: str, request: Request, services: UsedServices) -> Respons
 
 @router.post("/analyses/{analysis_id}/withdraw")
 def withdraw(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Leave the report as it is: the attempt after it that failed counts no more."""
+    """Keep the report as it is: the later attempt that failed no longer counts."""
     report = services.store.withdraw(analysis_id)
     return RedirectResponse(f"{find_base(request)}/analyses/{report.id}", status_code=303)
 

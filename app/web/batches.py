@@ -1,4 +1,4 @@
-"""Pages of batches that scripts have asked for: which there are, and what became of each analysis of one."""
+"""Pages of the batches that scripts started: all of them, and each with its analyses."""
 
 from dataclasses import replace
 from typing import Any

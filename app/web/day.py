@@ -27,7 +27,7 @@ from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableCalibration
 from fusion.pose.rules import rules_for, score_still_period
 
-# What a person corrects on the page of an analysis: whose arm, which pose and window, what the day held.
+# Corrections on the page of an analysis: arm, pose, window, periods of the day.
 
 
 COLUMNS = ("start", "end", "kind", "label")
@@ -84,7 +84,7 @@ def write_csv(rows: list[tuple[str, ...]], *, bom: str = "") -> bytes:
 
 
 def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
-    """Give the windows that were typed; an empty one is left to the proposal."""
+    """Read the windows that were typed; an empty one leaves the choice to the software."""
     starts, ends = form.get("window_start", []), form.get("window_end", [])
     for start, end in zip_longest(starts, ends, fillvalue=""):
         if start.strip() or end.strip():

@@ -1,4 +1,4 @@
-"""What the page of an analysis shows of its day: the form's rows, the proposals, the hours as a table."""
+"""Views of a day: rows of the form, proposals, hours as a table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class DayClock:
 
     @property
     def needs_date(self) -> bool:
-        """An hour alone may mean two days."""
+        """Whether an hour alone may mean two days."""
         return self.duration_s >= DAY_S
 
     def format(self, second: float) -> str:
@@ -94,7 +94,7 @@ WHOLE_DAY_POINTS = 600
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A calibration window as the form shows it: what was asked, or else what the software took."""
+    """A calibration window as the form shows it: what was asked, or else what the software used."""
 
     start: str
     end: str
@@ -127,7 +127,7 @@ class DayView:
 
 
 def build_day(day: DayFile, request: ReportRequest, language: Language) -> DayView:
-    """Lay out what was found and what was asked."""
+    """Build the view of a day and of its request."""
     clock, words = DayClock.of(day.facts), load_wording(language, "day")
     names = words["kind_name"]
     return DayView(

@@ -1,4 +1,4 @@
-"""Forms as browsers send them, read without a library: a few short fields, never a file."""
+"""Forms of short text fields, as browsers send them (urlencoded); forms with a file take other roads."""
 
 from collections.abc import Mapping
 from urllib.parse import parse_qsl

@@ -1,4 +1,4 @@
-"""The library's tables to take away, and the trash: thrown away, taken back, gone for good."""
+"""Tables of the library for download, and the trash: put in, take back, delete for good."""
 
 from collections.abc import Iterator
 from typing import Any, Literal

@@ -32,7 +32,7 @@ class ShownEntry:
 
     @property
     def active(self) -> JobRow | None:
-        """What goes on for the row just now."""
+        """The analysis of the row that is under way."""
         return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
 
 

@@ -1,4 +1,4 @@
-"""From a template and its values to a page: the one place that knows how pages are made."""
+"""Rendering: from a template and its values to a page, with its scripts and styles."""
 
 import gzip
 import hashlib
@@ -23,7 +23,7 @@ from app.report.words.wording import Language, fill, load_wording
 from app.services import LANGUAGE_COOKIE
 
 # Scripts, styles and drawings of the pages, under an address that changes with them, so that browsers keep
-# them for good. plotly's script comes from the installed package: nothing is asked of another host.
+# them for good. plotly's script comes from the installed package: no page loads anything from another host.
 
 
 FOLDER = Path(__file__).resolve().parent / "static"
@@ -82,7 +82,7 @@ def plotly(name: str, request: Request) -> Response:
 
 @cache
 def _read_packed() -> bytes:
-    """Compress it once: a third of the bytes, and the server holds no more of it."""
+    """Compress the script once: a third of the bytes to send and to hold."""
     return gzip.compress(_read_script(), 6, mtime=0)
 
 

@@ -1,4 +1,4 @@
-"""The pages of a comparison: a form for two files, then what came of it. No script is needed."""
+"""Pages of a comparison with a reference: a form for two files, then the result; they need no script."""
 
 import json
 from typing import Any

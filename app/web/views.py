@@ -66,7 +66,7 @@ class Fact:
 
 
 def build_row(job: Job, language: Language, now: datetime) -> JobRow:
-    """Show a job in the list."""
+    """Build the row of a job in the list."""
     words = load_wording(language, "page")
     state_word = str(words["state"][job.state.value])
     percent = round(100 * job.progress)
@@ -97,7 +97,7 @@ def _find_report(job: Job) -> str:
 
 
 def build_problem(job: Job, language: Language) -> ProblemBox | None:
-    """Say why a job failed; None when it did not."""
+    """Build the problem of a failed job; None for any other."""
     if job.problem_code is None:
         return None
     words = describe_problem(job.problem_code, job.problem_facts, language)
@@ -207,7 +207,7 @@ def _format_no_side(job: Job, words: Words) -> str:
 
 
 def _has_version(job: Job) -> bool:
-    """A first report needs no number, and what failed has none."""
+    """Whether the row shows a number: a first report needs none, and a failed analysis has none."""
     return job.request.version > 1 and job.state not in (JobState.FAILED, JobState.CANCELLED)
 
 
