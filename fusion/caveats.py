@@ -115,8 +115,8 @@ class Caveat(StrEnum):
     REVERSED = "W-REVERSED", NOTE
 
     # The clock and the rate.
-    CLOCK_BACK = "W-CLOCK-BACK", CAUTION
-    CLOCK_FWD = "W-CLOCK-FWD", CAUTION
+    CLOCK_BACK = "W-CLOCK-BACK", CAUTION, name_facts(step_s="s")
+    CLOCK_FWD = "W-CLOCK-FWD", CAUTION, name_facts(step_s="s")
     CLOCK_UNSET = "W-CLOCK-UNSET", NOTE
     WRAP = "W-WRAP", CAUTION
     SEC_COUNT = "W-SEC-COUNT", NOTE
