@@ -19,15 +19,14 @@ from numpy.typing import NDArray
 
 from fusion.numba_kernels import kernel
 from fusion.recording import Segment
+from fusion.still_limits import REST
 
 # Short looks, spread over a recording: how still it is, and what its sensors read then.
 
 
 PROBED_BLOCKS = 150
 BLOCK_S = 8.0
-STILL_S = 0.05
-OFFSET_S = 0.5
-STILL_G, STILL_DPS = 0.015, 3.0
+MEAN_S = 0.05
 RESTING_PART = 0.02
 """The gyroscope rests where it scatters by less than this part of its liveliest stretch."""
 
@@ -44,7 +43,7 @@ def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
 
 def moving_mean(segment: Segment, first: int, stop: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
-    width = max(3, round(STILL_S * segment.rate_hz))
+    width = max(3, round(MEAN_S * segment.rate_hz))
     if stop - first <= width:
         return np.empty((0, 3)), np.empty(0)
     return slide_mean(segment.acc_g[first:stop], width)
@@ -79,10 +78,10 @@ def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
     """
     rests, flat = [np.zeros((0, 3))], [np.zeros(0, np.bool_)]
     for segment, first, stop in probe_blocks(segments):
-        width = max(5, round(OFFSET_S * segment.rate_hz))
+        width = max(5, round(REST.window_s * segment.rate_hz))
         acc_g, acc_sd, acc_flat = _measure_stretches(segment.acc_g[first:stop], width)
         _, gyr_sd, gyr_flat = _measure_stretches(segment.gyr_dps[first:stop], width)
-        is_still = (acc_sd < STILL_G) & (gyr_sd < STILL_DPS)
+        is_still = (acc_sd < REST.acc_sd_g) & (gyr_sd < REST.gyro_sd_dps)
         rests.append(acc_g[is_still])
         flat.append((acc_flat | gyr_flat)[is_still])
     found, is_flat = np.concatenate(rests), np.concatenate(flat)
@@ -131,7 +130,7 @@ def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
     scatters, spread = list[float](), list[float]()
     for segment, first, stop in probe_blocks(segments):
         rows = segment.gyr_dps[first:stop]
-        mean, scatter, _ = _measure_stretches(rows, max(5, round(OFFSET_S * segment.rate_hz)))
+        mean, scatter, _ = _measure_stretches(rows, max(5, round(REST.window_s * segment.rate_hz)))
         means.extend(mean)
         scatters.extend(scatter)
         spread.append(_measure_stretches(rows, len(rows))[1].max())

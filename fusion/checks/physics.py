@@ -26,9 +26,9 @@ from fusion.checks.axes import (
     measure_lag,
     measure_scale,
 )
-from fusion.checks.clipping import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
+from fusion.checks.clipping import LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS, RANGE_SHARE, find_flat_range
 from fusion.checks.gravity_windows import (
-    STILL_S,
+    MEAN_S,
     GravityWindows,
     cut_windows,
     find_gyro_offset_dps,
@@ -53,7 +53,7 @@ from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_d
 Table = NDArray[np.float64]
 
 CELL_DEG, FEWEST_DIRECTIONS = 10.0, 6
-CELL_G, STILL_G = 0.002, 0.004
+CELL_SD_G, REST_SD_G = 0.002, 0.004
 """Standard deviation of the length at a direction, and of a single rest."""
 OFFSET_G = 0.04
 """What parts have, one standard deviation (LSM9DS1: 90 mg at most)."""
@@ -106,7 +106,7 @@ def measure_rest_scale(rests_g: Table) -> RestScale | None:
     if len(cell) == 0 or cell.max() + 1 < FEWEST_DIRECTIONS:
         return None
     reading_g, count = _average(rests_g, cell)
-    variance = CELL_G**2 + STILL_G**2 / count
+    variance = CELL_SD_G**2 + REST_SD_G**2 / count
     values, errors, left_g = _fit(reading_g, variance, np.ones((3, 1)))
     axes, axes_errors, axes_left_g = _fit(reading_g, variance, np.eye(3))
     return RestScale(float(values[0]), float(errors[0]), left_g, axes, axes_errors, axes_left_g)
@@ -247,7 +247,7 @@ def _measure_spread(segments: Sequence[Segment], *, is_rate: bool) -> float:
 
 def _measure_lengths(segment: Segment, first: int, stop: int, *, is_rate: bool) -> NDArray[np.float64]:
     samples = (segment.gyr_dps if is_rate else segment.acc_g)[first:stop]
-    width = max(3, round(STILL_S * segment.rate_hz))
+    width = max(3, round(MEAN_S * segment.rate_hz))
     if len(samples) < width:
         return np.empty(0)
     return np.asarray(np.linalg.norm(slide_mean(samples, width)[0], axis=1))
@@ -355,7 +355,7 @@ def _check_lag(recording: Recording, lag: SensorLag) -> Recording:
 def cut_whole_windows(segments: Sequence[Segment]) -> tuple[GravityWindows, float | None]:
     """Windows in which the gyroscope is not cut off, and the size at which it is; None where it never is."""
     cut_off = find_flat_range([segment.gyr_dps for segment in segments])
-    return cut_windows(segments, SAME_SHARE * (cut_off or np.inf)), cut_off
+    return cut_windows(segments, RANGE_SHARE * (cut_off or np.inf)), cut_off
 
 
 def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
@@ -363,9 +363,9 @@ def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
 
     ``is_cut``: the gyroscope's flat tops were seen, in whatever unit it was.
     """
-    acc_g = find_flat_range([segment.acc_g for segment in recording.segments], LEAST_ACC_G)
+    acc_g = find_flat_range([segment.acc_g for segment in recording.segments], LEAST_ACC_TOP_G)
     rates = [segment.gyr_dps for segment in recording.segments] if is_cut else []
-    gyr_dps = find_flat_range(rates, LEAST_GYR_DPS)
+    gyr_dps = find_flat_range(rates, LEAST_GYR_TOP_DPS)
     return replace(
         recording,
         acc_range_g=min((r for r in (acc_g, recording.acc_range_g) if r is not None), default=None),

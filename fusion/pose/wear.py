@@ -29,6 +29,7 @@ from fusion.pose.slips import Doubt, Slip, find_slips
 from fusion.recording import QualityFlag
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds, QuietTable, summarise_windows
+from fusion.still_limits import OFF_THE_ARM
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,8 @@ class WearRules:
     """What counts as off the arm. ``least_share`` of the calm moments: in such a part the pose is sought."""
 
     off_s: float = 600.0
-    still_acc_sd_g: float = 0.013
-    window_s: float = 10.0
+    still_acc_sd_g: float = OFF_THE_ARM.acc_sd_g
+    window_s: float = OFF_THE_ARM.window_s
     hole_s: float = 300.0
     least_share: float = 0.15
 

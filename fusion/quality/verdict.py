@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fusion.caveats import FEW_H, POOR_H, Caveat, Grade
 from fusion.exposure.types import Exposure
 from fusion.pose.calibrate import Calibration
+from fusion.pose.rules import NPOSE_ERROR_DEG
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 from fusion.sensor.model import GyroBias
@@ -60,7 +61,6 @@ def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
 
 
 HOUR_S = 3600.0
-NPOSE_ERROR_DEG = 15
 VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
 """By :class:`fusion.caveats.Grade`."""
 SIGNAL_REASONS = frozenset({"docked", "asleep", "clipped", "short-segment", "spikes", "stuck"})

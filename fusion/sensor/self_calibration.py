@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.numba_kernels import kernel
 from fusion.recording import FloatArray
 from fusion.sensor.accelerometer import (
@@ -127,10 +128,6 @@ def _turn_back(turn_rad: Table) -> Table:
 # random.
 
 
-RANGE_SHARE = 0.999
-FLAT_ROWS = 3
-LEAST_ACC_RANGE_G = 1.9
-LEAST_GYR_RANGE_DPS = 240.0
 LONGEST_REPAIR_S = 0.3
 MOST_TIMES = 3.0
 

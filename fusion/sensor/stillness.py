@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fusion.numba_kernels import kernel
 from fusion.recording import FloatArray
 from fusion.sensor.model import SensorRun
+from fusion.still_limits import MOMENT
 
 FloatTable = NDArray[np.float64]
 BLOCK_S = 0.25
@@ -154,9 +155,9 @@ class StillRules:
     bounded, no more.
     """
 
-    still_s: float = 1.5
-    acc_sd_g: float = 0.02
-    gyro_sd_dps: float = 1.4
+    still_s: float = MOMENT.window_s
+    acc_sd_g: float = MOMENT.acc_sd_g
+    gyro_sd_dps: float = MOMENT.gyro_sd_dps
     largest_bias_dps: float = 60.0
 
 

@@ -40,6 +40,7 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.timebase.clock import LARGEST_DRIFT, find_zone, follow_zone, hash_serial, trust_clock
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_gaps, flag_spans
+from fusion.still_limits import BOTH_ACCELEROMETERS
 
 # info.txt and the METADATA records of a `.gt3x`: what the device says about itself.
 
@@ -133,7 +134,6 @@ PROBED_EVERY_S = 16
 """One second in sixteen is enough evidence and costs nothing."""
 DEFAULT_SCALE = 256.0
 ROW_BYTES = 6
-STILL_G = 0.02
 FEWEST_STILL = 2
 LARGEST_DIFFERENCE_G = 0.2
 
@@ -174,11 +174,11 @@ def measure_bias_g(
     places = {int(unix_s): k for k, unix_s in enumerate(seconds.unix_s)}
     apart = []
     for second in seen:
-        if second.unix_s not in places or second.scatter > STILL_G * scale:
+        if second.unix_s not in places or second.scatter > BOTH_ACCELEROMETERS.acc_sd_g * scale:
             continue
         k = places[second.unix_s]
         rows = columns.acc[seconds.first_row[k] : seconds.first_row[k] + seconds.n_rows[k]].astype(np.float64)
-        if rows.std(axis=0).max() <= STILL_G:
+        if rows.std(axis=0).max() <= BOTH_ACCELEROMETERS.acc_sd_g:
             apart.append(float(np.linalg.norm(rows.mean(axis=0) - second.mean / scale)))
     return float(np.median(apart)) if len(apart) >= FEWEST_STILL else None
 
