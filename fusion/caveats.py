@@ -9,9 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from math import inf
+from types import MappingProxyType
 from typing import Self
 
-from fusion.errors import TERM, name_facts
+TERM = "a fixed term"
+"""The meaning of a fact that the words of both languages translate."""
+
+
+def name_facts(**meanings: str) -> Mapping[str, str]:
+    """Declare the facts that come with a code: each name with its unit or meaning."""
+    return MappingProxyType(meanings)
 
 
 class Grade(IntEnum):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fusion.recording import Float64Array
 from fusion.still_limits import POSE
 
 
@@ -55,15 +55,15 @@ def rules_for(device: str) -> CalibrationRules:
 
 
 def score_still_period(
-    duration_s: float, acc_sd_g: float, gravity_g: NDArray[np.float64], rules: CalibrationRules = OTHER_RULES
+    duration_s: float, acc_sd_g: float, gravity_g: Float64Array, rules: CalibrationRules = OTHER_RULES
 ) -> float:
     """Grade a still period, 0 to 1, as :func:`score_still_periods` does several."""
     return float(score_still_periods(duration_s, np.array([acc_sd_g]), gravity_g[None], rules)[0])
 
 
 def score_still_periods(
-    duration_s: float, acc_sd_g: NDArray[np.float64], gravity_g: NDArray[np.float64], rules: CalibrationRules
-) -> NDArray[np.float64]:
+    duration_s: float, acc_sd_g: Float64Array, gravity_g: Float64Array, rules: CalibrationRules
+) -> Float64Array:
     """Grade still periods of one length, (w,) and (w, 3): the product of how still, how near 1 g, how long.
 
     Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a
