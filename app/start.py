@@ -9,7 +9,7 @@ import gc
 import importlib
 import sys
 
-from app.jobs.children.fork_server import FOR_ONE, warm_up
+from app.jobs.children.fork_server import PRELOAD_READING, warm_up
 
 _ANALYSING = frozenset({"run", "exposure"})
 
@@ -18,7 +18,7 @@ def main() -> None:
     """Do what the command line asks."""
     asked = sys.argv[1:]
     if asked and asked[0] in _ANALYSING and "--help" not in asked:
-        warm_up(FOR_ONE)
+        warm_up(PRELOAD_READING)
     gc.disable()
     command_line = importlib.import_module("app.cli")
     gc.freeze()

@@ -63,7 +63,7 @@ async def take_bytes(
     LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload, DiskFull,
     TooMany
     """
-    with services.turns.take():
+    with services.upload_slots.take():
         return await _take_alone(request, services, upload_id, offset_bytes, checksum)
 
 

@@ -31,14 +31,14 @@ from app.storage.store import (
     Fetched,
     Mark,
     StoredRecording,
-    Verdicts,
+    VerifiedFiles,
     check_free,
-    name_full_disk,
-    name_recording,
-    name_result,
-    name_side,
+    format_recording_name,
+    format_result_name,
+    format_side_file_name,
     read_mark,
     too_large,
+    translate_disk_full,
 )
 
 if TYPE_CHECKING:
@@ -60,7 +60,9 @@ class BucketUpload:
     def __init__(self, bucket: S3Store, recording_id: str, max_bytes: int) -> None:
         self._bucket, self._id, self._max_bytes = bucket, recording_id, max_bytes
         self._sha256 = hashlib.sha256()
-        self._writer = obstore.open_writer(bucket, name_recording(recording_id), buffer_size=PART_BYTES)
+        self._writer = obstore.open_writer(
+            bucket, format_recording_name(recording_id), buffer_size=PART_BYTES
+        )
         self.size_bytes = 0
 
     def write(self, chunk: bytes) -> None:
@@ -74,14 +76,14 @@ class BucketUpload:
         if self.size_bytes > self._max_bytes:
             raise too_large(self.size_bytes, self._max_bytes)
         self._sha256.update(chunk)
-        with name_store_trouble():
+        with translate_store_errors():
             self._writer.write(chunk)
 
     def keep(self) -> StoredRecording:
         """End the put; from then on the recording can be read, and by all."""
-        with name_store_trouble():
+        with translate_store_errors():
             self._writer.close()
-            if obstore.head(self._bucket, name_recording(self._id))["size"] != self.size_bytes:
+            if obstore.head(self._bucket, format_recording_name(self._id))["size"] != self.size_bytes:
                 raise StoreAway
         return StoredRecording(self._id, self._sha256.hexdigest(), self.size_bytes)
 
@@ -95,10 +97,10 @@ class BucketStorage:
 
     root: Path
     bucket: S3Store
-    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
 
     @property
-    def is_near(self) -> bool:
+    def is_local(self) -> bool:
         """Each reading is a copy."""
         return False
 
@@ -106,12 +108,12 @@ class BucketStorage:
         """Make the folders of this machine, and see that the bucket answers."""
         FolderStorage(self.root).prepare()
         (self.root / "fetched").mkdir(exist_ok=True, mode=0o700)
-        with name_store_trouble():
+        with translate_store_errors():
             next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
 
     def identify(self) -> str:
         """Give the name of this bucket's contents, written in it once for all."""
-        with name_store_trouble():
+        with translate_store_errors():
             with suppress(FileNotFoundError):
                 return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
             obstore.put(self.bucket, "store.id", f"bucket-{secrets.token_hex(8)}".encode())
@@ -124,7 +126,7 @@ class BucketStorage:
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
         """Put a file of this machine as a recording; the caller removes the file after the commit."""
         stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        self.put(path, name_recording(stored.id))
+        self.put(path, format_recording_name(stored.id))
         return stored
 
     def fetch(self, name: str) -> Fetched:
@@ -134,23 +136,23 @@ class BucketStorage:
             mark = self._copy(name, into)
             return Fetched(into, mark, read_mark(into))
         except BaseException:
-            self.give_back(into)
+            self.release(into)
             raise
 
     def find_mark(self, name: str) -> Mark | None:
         """Give size and ETag of an object; None where there is none."""
-        with name_store_trouble(), suppress(FileNotFoundError):
+        with translate_store_errors(), suppress(FileNotFoundError):
             return _read_mark(obstore.head(self.bucket, name))
         return None
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
-        self._delete([name_recording(recording_id)])
-        self._delete([name_side(recording_id), *self._list(f"quarantine/{recording_id}.")])
+        self._delete([format_recording_name(recording_id)])
+        self._delete([format_side_file_name(recording_id), *self._list(f"quarantine/{recording_id}.")])
 
     def put(self, path: Path, name: str) -> None:
         """Put a file of this machine under a name."""
-        with name_store_trouble(), path.open("rb") as file:
+        with translate_store_errors(), path.open("rb") as file:
             obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
@@ -161,7 +163,7 @@ class BucketStorage:
         """Put the attempt's files, and keep no copy here; a second time there is nothing left to put."""
         folder = FolderStorage(self.root).attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
-            self.put(path, name_result(analysis_id, token, path.name))
+            self.put(path, format_result_name(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
@@ -174,7 +176,7 @@ class BucketStorage:
         FolderStorage(self.root).drop_analysis(analysis_id)
         self._delete(self._list(f"analyses/{analysis_id}/"))
 
-    def give_back(self, path: Path) -> None:
+    def release(self, path: Path) -> None:
         """Remove the copy."""
         path.unlink(missing_ok=True)
 
@@ -187,44 +189,44 @@ class BucketStorage:
         """
         check_free(self.root, min_free_bytes)
 
-    def list_names(self) -> Iterator[str]:
+    def find_names(self) -> Iterator[str]:
         """Name every recording and every result that is kept."""
-        with name_store_trouble():
+        with translate_store_errors():
             for kind in ("recordings", "analyses"):
                 for objects in obstore.list(self.bucket, kind):
                     yield from (found["path"] for found in objects)
 
-    def list_recordings(self) -> frozenset[str]:
+    def find_recordings(self) -> frozenset[str]:
         """Name everything that lies among the recordings, side files too."""
         return frozenset(name.removeprefix("recordings/") for name in self._list("recordings/"))
 
     def write_small(self, name: str, content: bytes) -> None:
         """Put a small object."""
-        with name_store_trouble():
+        with translate_store_errors():
             obstore.put(self.bucket, name, content)
 
     def read_small(self, name: str) -> bytes | None:
         """Get a small object; None where there is none."""
-        with name_store_trouble(), suppress(FileNotFoundError):
+        with translate_store_errors(), suppress(FileNotFoundError):
             return bytes(obstore.get(self.bucket, name).bytes())
         return None
 
-    def set_aside(self, name: str) -> bool:  # noqa: ARG002
+    def quarantine(self, name: str) -> bool:  # noqa: ARG002
         """Leave it in place: another machine may be about to write its row (``acromion verify`` names it)."""
         return False
 
-    def take_back(self, name: str) -> bool:  # noqa: ARG002
+    def unquarantine(self, name: str) -> bool:  # noqa: ARG002
         """Nothing to do: no recording is ever moved out of a bucket's place."""
         return False
 
-    def list_quarantine(self) -> tuple[str, ...]:
+    def find_quarantined(self) -> tuple[str, ...]:
         """Name what lies in quarantine, in the bucket and on this machine."""
         kept = (name.removeprefix("quarantine/") for name in self._list("quarantine/"))
-        return (*kept, *FolderStorage(self.root).list_quarantine())
+        return (*kept, *FolderStorage(self.root).find_quarantined())
 
-    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+    def find_attempts(self) -> tuple[tuple[str, str], ...]:
         """Give the folders of attempts on this machine: (analysis, token)."""
-        return FolderStorage(self.root).list_attempts()
+        return FolderStorage(self.root).find_attempts()
 
     def drop_temporary(self, min_age_s: float) -> int:
         """Remove temporary files and old copies of this machine."""
@@ -235,7 +237,7 @@ class BucketStorage:
         return len(copies) + FolderStorage(self.root).drop_temporary(min_age_s)
 
     def _copy(self, name: str, into: Path) -> Mark:
-        with name_store_trouble(), name_full_disk():
+        with translate_store_errors(), translate_disk_full():
             found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
             with into.open("wb") as file:
                 for chunk in found.stream(min_chunk_size=COPY_BYTES):
@@ -243,11 +245,11 @@ class BucketStorage:
         return _read_mark(found.meta)
 
     def _list(self, prefix: str) -> list[str]:
-        with name_store_trouble():
+        with translate_store_errors():
             return [found["path"] for page in obstore.list(self.bucket, prefix) for found in page]
 
     def _delete(self, names: list[str]) -> None:
-        with name_store_trouble(), suppress(FileNotFoundError):
+        with translate_store_errors(), suppress(FileNotFoundError):
             obstore.delete(self.bucket, names)
 
 
@@ -257,7 +259,7 @@ def _read_mark(found: "ObjectMeta") -> Mark:
 
 
 @contextmanager
-def name_store_trouble() -> Iterator[None]:
+def translate_store_errors() -> Iterator[None]:
     """Turn a store that does not answer into a refusal with a code."""
     try:
         yield

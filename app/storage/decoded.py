@@ -35,7 +35,7 @@ SPARE = 3
 logger = logging.getLogger(__name__)
 
 
-def name_entry(sha256: str, reading: str, revision: str) -> str:
+def hash_entry_key(sha256: str, reading: str, revision: str) -> str:
     """Give the key: ``reading`` is everything that was said about how to read the file, as text."""
     return hashlib.sha256(f"{sha256}\n{revision}\n{reading}".encode()).hexdigest()[:40]
 
@@ -74,7 +74,7 @@ class DecodedCache:
         except OSError:
             logger.warning("the decoded samples could not be kept", exc_info=True)
 
-    def list_digests(self) -> frozenset[str]:
+    def find_digests(self) -> frozenset[str]:
         """Give the SHA-256 of every file whose samples are here."""
         return frozenset(digest for _, digest in self._list_heads())
 

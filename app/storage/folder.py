@@ -12,21 +12,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from app.storage.private import FOLDER_MODE, create_file, make_folder
+from app.storage.permissions import FOLDER_MODE, create_file, make_folder
 from app.storage.store import (
     SIDE_SUFFIX,
     UNREADABLE,
     Fetched,
     Mark,
     StoredRecording,
-    Verdicts,
+    VerifiedFiles,
     check_free,
-    name_full_disk,
-    name_once,
     read_mark,
+    read_or_create_id,
     sync_file,
     sync_folder,
     too_large,
+    translate_disk_full,
 )
 
 TEMPORARY = re.compile(r"((rec_)?[0-9a-f]{16}(\.[0-9a-f]{8})?|restored)\.part")
@@ -53,12 +53,12 @@ class FolderUpload:
         if self.size_bytes > self._max_bytes:
             raise too_large(self.size_bytes, self._max_bytes)
         self._sha256.update(chunk)
-        with name_full_disk():
+        with translate_disk_full():
             self._file.write(chunk)
 
     def keep(self) -> StoredRecording:
         """Make the bytes durable under their final name."""
-        with name_full_disk():
+        with translate_disk_full():
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
@@ -78,10 +78,10 @@ class FolderStorage:
     """A folder of recordings and reports on this machine."""
 
     root: Path
-    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
 
     @property
-    def is_near(self) -> bool:
+    def is_local(self) -> bool:
         """Files are read in their place."""
         return True
 
@@ -92,12 +92,12 @@ class FolderStorage:
 
     def identify(self) -> str:
         """Give the name of this folder's contents, written in it once for all."""
-        return name_once(self.root / "store.id", "folder")
+        return read_or_create_id(self.root / "store.id", "folder")
 
     def open_upload(self, max_bytes: int) -> FolderUpload:
         """Start taking a recording under a new name."""
         name = f"rec_{secrets.token_hex(8)}"
-        with name_full_disk():
+        with translate_disk_full():
             return FolderUpload(self.root / "uploads" / f"{name}.part", self.recording(name), max_bytes)
 
     def recording(self, recording_id: str) -> Path:
@@ -107,7 +107,7 @@ class FolderStorage:
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
         """Give a durable file of this disk a second name, as a recording; the caller removes the first."""
         stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        with name_full_disk():
+        with translate_disk_full():
             os.link(path, self.recording(stored.id))
             sync_folder(self.root / "recordings")
         return stored
@@ -130,7 +130,7 @@ class FolderStorage:
         """Remove a recording, then its side file; no harm when they are gone."""
         for name in (recording_id, f"{recording_id}{SIDE_SUFFIX}"):
             if self.recording(name).is_dir():  # not of our making
-                self.set_aside(name)
+                self.quarantine(name)
             self.recording(name).unlink(missing_ok=True)
         for path in (self.root / "quarantine").glob(f"{recording_id}.*{SIDE_SUFFIX}"):
             path.unlink()
@@ -141,7 +141,7 @@ class FolderStorage:
         kept = self.root / name
         make_folder(kept.parent)
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
-        with name_full_disk():
+        with translate_disk_full():
             shutil.copyfile(path, part)
             sync_file(part)
             part.rename(kept)
@@ -155,7 +155,7 @@ class FolderStorage:
     def open_attempt(self, analysis_id: str, token: str) -> Path:
         """Make that folder, empty."""
         folder = self.attempt(analysis_id, token)
-        with name_full_disk():
+        with translate_disk_full():
             make_folder(folder.parent)
             folder.mkdir(mode=FOLDER_MODE)
         return folder
@@ -163,7 +163,7 @@ class FolderStorage:
     def keep_attempt(self, analysis_id: str, token: str) -> None:
         """Nothing to do: the attempt has sealed its own folder, and that is the place."""
 
-    def give_back(self, path: Path) -> None:
+    def release(self, path: Path) -> None:
         """Leave the file where it is kept."""
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
@@ -184,14 +184,14 @@ class FolderStorage:
         """
         check_free(self.root, max(min_free_bytes, 3 * expected_bytes))
 
-    def list_names(self) -> Iterator[str]:
+    def find_names(self) -> Iterator[str]:
         """Name every recording and every result that is kept."""
         for kind in ("recordings", "analyses"):
             for path in (self.root / kind).rglob("*"):
                 if path.is_file():
                     yield path.relative_to(self.root).as_posix()
 
-    def list_recordings(self) -> frozenset[str]:
+    def find_recordings(self) -> frozenset[str]:
         """Name everything that lies among the recordings, side files too."""
         with os.scandir(self.root / "recordings") as entries:
             return frozenset(entry.name for entry in entries)
@@ -199,7 +199,7 @@ class FolderStorage:
     def write_small(self, name: str, content: bytes) -> None:
         """Write a small file, durably, whole or not at all."""
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
-        with name_full_disk():
+        with translate_disk_full():
             make_folder((self.root / name).parent)
             with create_file(part) as file:
                 file.write(content)
@@ -215,7 +215,7 @@ class FolderStorage:
         except FileNotFoundError:
             return None
 
-    def set_aside(self, name: str) -> bool:
+    def quarantine(self, name: str) -> bool:
         """Move an unknown entry of the recordings into quarantine, under a name that is free there."""
         quarantine = self.root / "quarantine"
         make_folder(quarantine)
@@ -227,20 +227,20 @@ class FolderStorage:
         sync_folder(self.root / "recordings")
         return True
 
-    def take_back(self, name: str) -> bool:
+    def unquarantine(self, name: str) -> bool:
         """Move a recording back from quarantine."""
         (self.root / "quarantine" / name).rename(self.recording(name))
         sync_folder(self.root / "recordings")
         return True
 
-    def list_quarantine(self) -> tuple[str, ...]:
+    def find_quarantined(self) -> tuple[str, ...]:
         """Name what lies in quarantine."""
         try:
             return tuple(sorted(os.listdir(self.root / "quarantine")))  # noqa: PTH208 - names are all we need
         except FileNotFoundError:
             return ()
 
-    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+    def find_attempts(self) -> tuple[tuple[str, str], ...]:
         """Give the folders of attempts: (analysis, token)."""
         folders = (path for path in (self.root / "analyses").glob("*/*") if path.is_dir())
         return tuple((path.parent.name, path.name) for path in folders)

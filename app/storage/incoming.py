@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO
 
 from app.errors import TooMany
-from app.storage.store import hash_file, name_full_disk, sync_folder
+from app.storage.store import hash_file, sync_folder, translate_disk_full
 
 TAIL_SUFFIX = ".tail"
 """The last bytes of a file lie beside its first ones, in a file of this ending."""
@@ -31,7 +31,7 @@ class GrowingFile:
     """The file of one upload, open at the place where the next byte goes."""
 
     def __init__(self, path: Path, offset_bytes: int) -> None:
-        with name_full_disk():
+        with translate_disk_full():
             is_new = not path.exists()
             self._file: IO[bytes] = path.open("r+b" if not is_new else "xb")
             self._file.truncate(offset_bytes)
@@ -46,19 +46,19 @@ class GrowingFile:
         ------
         DiskFull
         """
-        with name_full_disk():
+        with translate_disk_full():
             self._file.write(chunk)
         self.offset_bytes += len(chunk)
 
     def flush(self) -> int:
         """Hand every byte taken so far to the system; gives where the file then ends."""
-        with name_full_disk():
+        with translate_disk_full():
             self._file.flush()
         return self.offset_bytes
 
     def sync(self) -> None:
         """Make every byte durable that was flushed; more may be written meanwhile."""
-        with name_full_disk():
+        with translate_disk_full():
             os.fsync(self._file.fileno())
             if self._folder is not None:
                 sync_folder(self._folder)
@@ -69,7 +69,7 @@ class GrowingFile:
 
 
 @dataclass(slots=True)
-class Turns:
+class UploadSlots:
     """How many uploads are taken at once: each costs memory while its bytes come. For one thread."""
 
     most: int
@@ -165,7 +165,7 @@ class Incoming:
         """
         part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
         try:
-            with name_full_disk():
+            with translate_disk_full():
                 part.write_bytes(tail)
                 part.replace(self._tail_path(upload_id))
         finally:

@@ -48,9 +48,9 @@ if sys.platform != "win32":
 
 COPY_BYTES = 1 << 20
 SIDE_SUFFIX = ".json"
-VERDICT_TERM_S = 3600.0
-MOST_VERDICTS = 100_000
-GLANCE_BYTES = 512 << 20
+VERIFIED_TERM_S = 3600.0
+MOST_VERIFIED = 100_000
+MOST_READ_FOR_PAGE_BYTES = 512 << 20
 """Largest recording that is read whole to show a page; a second of work at most, once an hour."""
 UNREADABLE = frozenset(
     {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EIO}
@@ -90,7 +90,7 @@ class Fetched:
     own_mark: Mark
 
 
-class Verdicts:
+class VerifiedFiles:
     """Which stored files were found to be what their rows say.
 
     A verdict counts for an hour at most, in this process, and until the mark changes. Damage is not
@@ -105,14 +105,16 @@ class Verdicts:
         """Tell whether the file was found whole a short while ago and has not changed since."""
         with self._lock:
             known = self._whole.get(name)
-        return known is not None and known[:2] == (sha256, mark) and self._clock() - known[2] < VERDICT_TERM_S
+        return (
+            known is not None and known[:2] == (sha256, mark) and self._clock() - known[2] < VERIFIED_TERM_S
+        )
 
     def remember(self, name: str, sha256: str, mark: Mark) -> None:
         """Remember that the file is whole; the oldest verdict goes where there are too many."""
         with self._lock:
             self._whole.pop(name, None)
             self._whole[name] = (sha256, mark, self._clock())
-            if len(self._whole) > MOST_VERDICTS:
+            if len(self._whole) > MOST_VERIFIED:
                 del self._whole[next(iter(self._whole))]
 
 
@@ -139,11 +141,11 @@ class Storage(Protocol):
     """
 
     @property
-    def verdicts(self) -> Verdicts:
+    def verified(self) -> VerifiedFiles:
         """Which files were found whole."""
 
     @property
-    def is_near(self) -> bool:
+    def is_local(self) -> bool:
         """Files can be read in their place; else each reading is a copy."""
 
     @property
@@ -186,16 +188,16 @@ class Storage(Protocol):
     def drop_analysis(self, analysis_id: str) -> None:
         """Remove every file of an analysis."""
 
-    def give_back(self, path: Path) -> None:
+    def release(self, path: Path) -> None:
         """Let go of a fetched file."""
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
         """Refuse before the first byte what would fill the disk. Raises DiskFull."""
 
-    def list_names(self) -> Iterator[str]:
+    def find_names(self) -> Iterator[str]:
         """Name every recording and every result that is kept, as :meth:`put` takes them."""
 
-    def list_recordings(self) -> frozenset[str]:
+    def find_recordings(self) -> frozenset[str]:
         """Name everything that lies among the recordings, side files too."""
 
     def write_small(self, name: str, content: bytes) -> None:
@@ -204,19 +206,19 @@ class Storage(Protocol):
     def read_small(self, name: str) -> bytes | None:
         """Read a small file of the store; None where there is none."""
 
-    def set_aside(self, name: str) -> bool:
+    def quarantine(self, name: str) -> bool:
         """Move an unknown entry of the recordings into quarantine; False where the store leaves it in place.
 
         A bucket does: another machine may be about to write the row.
         """
 
-    def take_back(self, name: str) -> bool:
+    def unquarantine(self, name: str) -> bool:
         """Move a recording back from quarantine; False where the store has moved none there."""
 
-    def list_quarantine(self) -> tuple[str, ...]:
+    def find_quarantined(self) -> tuple[str, ...]:
         """Name what lies in quarantine."""
 
-    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+    def find_attempts(self) -> tuple[tuple[str, str], ...]:
         """Give the folders of attempts on this machine: (analysis, token)."""
 
     def drop_temporary(self, min_age_s: float) -> int:
@@ -233,7 +235,7 @@ def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFi
         It is missing or altered, or was altered while it was lent.
     """
     damaged = ResultDamaged(name=file.name, analysis=analysis_id)
-    with _borrow(storage, name_result(analysis_id, token, file.name), file.sha256, damaged) as path:
+    with _borrow(storage, format_result_name(analysis_id, token, file.name), file.sha256, damaged) as path:
         yield path
 
 
@@ -246,35 +248,35 @@ def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterat
     StoreDamaged
         It is missing or altered, or was altered while it was lent.
     """
-    with _borrow(storage, name_recording(recording_id), sha256, StoreDamaged()) as path:
+    with _borrow(storage, format_recording_name(recording_id), sha256, StoreDamaged()) as path:
         yield path
 
 
 def is_result_whole(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> bool:
     """Tell whether a result is there and what its row says; reads it unless a verdict is remembered."""
-    return _is_whole(storage, name_result(analysis_id, token, file.name), file.sha256)
+    return _is_whole(storage, format_result_name(analysis_id, token, file.name), file.sha256)
 
 
 def is_recording_whole(storage: Storage, recording_id: str, sha256: str) -> bool:
     """Tell whether a recording is there and what its row says; reads it unless a verdict is remembered."""
-    return _is_whole(storage, name_recording(recording_id), sha256)
+    return _is_whole(storage, format_recording_name(recording_id), sha256)
 
 
 def seems_whole(storage: Storage, stored: StoredRecording) -> bool:
     """Tell the same of a recording whose page is shown: by its size alone where reading would take long."""
-    mark = storage.find_mark(name_recording(stored.id))
+    mark = storage.find_mark(format_recording_name(stored.id))
     if mark is None or mark[0] != stored.size_bytes:
         return False
-    is_read = storage.is_near and stored.size_bytes <= GLANCE_BYTES
+    is_read = storage.is_local and stored.size_bytes <= MOST_READ_FOR_PAGE_BYTES
     return not is_read or is_recording_whole(storage, stored.id, stored.sha256)
 
 
-def name_recording(recording_id: str) -> str:
+def format_recording_name(recording_id: str) -> str:
     """Name a recording in the store."""
     return f"recordings/{recording_id}"
 
 
-def name_result(analysis_id: str, token: str, name: str) -> str:
+def format_result_name(analysis_id: str, token: str, name: str) -> str:
     """Name a result in the store."""
     return f"analyses/{analysis_id}/{token}/{name}"
 
@@ -296,23 +298,23 @@ def read_mark(path: Path) -> Mark:
 @contextmanager
 def _borrow(storage: Storage, name: str, sha256: str, damaged: AppError) -> Iterator[Path]:
     """Lend a file after its bytes were compared, and see at the end that they are still the same."""
-    with _name_damage(name, damaged):
+    with _translate_read_errors(name, damaged):
         fetched = storage.fetch(name)
     try:
-        if not storage.verdicts.is_known(name, sha256, fetched.mark):
+        if not storage.verified.is_known(name, sha256, fetched.mark):
             _compare(fetched, name, sha256, damaged)
-            storage.verdicts.remember(name, sha256, fetched.mark)
+            storage.verified.remember(name, sha256, fetched.mark)
         yield fetched.path
-        with _name_damage(name, damaged):
+        with _translate_read_errors(name, damaged):
             is_same = read_mark(fetched.path) == fetched.own_mark
         if not is_same:
             _compare(fetched, name, sha256, damaged)
     finally:
-        storage.give_back(fetched.path)
+        storage.release(fetched.path)
 
 
 def _compare(fetched: Fetched, name: str, sha256: str, damaged: AppError) -> None:
-    with _name_damage(name, damaged):
+    with _translate_read_errors(name, damaged):
         found = hash_file(fetched.path)
     if found != sha256:
         logger.error("%s is damaged: its row says SHA-256 %s, its bytes %s", name, sha256, found)
@@ -320,7 +322,7 @@ def _compare(fetched: Fetched, name: str, sha256: str, damaged: AppError) -> Non
 
 
 @contextmanager
-def _name_damage(name: str, damaged: AppError) -> Iterator[None]:
+def _translate_read_errors(name: str, damaged: AppError) -> Iterator[None]:
     """Turn a file that is gone or cannot be read into a refusal with a code."""
     try:
         yield
@@ -333,7 +335,7 @@ def _name_damage(name: str, damaged: AppError) -> Iterator[None]:
 
 def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
     mark = storage.find_mark(name)
-    if mark is None or storage.verdicts.is_known(name, sha256, mark):
+    if mark is None or storage.verified.is_known(name, sha256, mark):
         return mark is not None
     try:
         with _borrow(storage, name, sha256, StoreDamaged()):
@@ -394,7 +396,7 @@ def write_durably(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
-def name_once(path: Path, kind: str) -> str:
+def read_or_create_id(path: Path, kind: str) -> str:
     """Give the name that stands in a small file, made up when it is first asked for."""
     if not path.exists():
         write_durably(path, f"{kind}-{secrets.token_hex(8)}".encode())
@@ -418,7 +420,7 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def name_side(recording_id: str) -> str:
+def format_side_file_name(recording_id: str) -> str:
     """Name the side file of a recording in the store."""
     return f"recordings/{recording_id}{SIDE_SUFFIX}"
 
@@ -429,7 +431,7 @@ def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:
 
 
 @contextmanager
-def name_full_disk() -> Iterator[None]:
+def translate_disk_full() -> Iterator[None]:
     """Turn "no space left" into a refusal with a code; let every other error through."""
     try:
         yield
@@ -449,10 +451,10 @@ _FOLDER_TROUBLE: Mapping[int, type[FolderUnusable]] = {
 
 
 @contextmanager
-def name_folder_trouble(folder: Path) -> Iterator[None]:
+def translate_folder_errors(folder: Path) -> Iterator[None]:
     """Turn an error of the system about a data folder, or anything in it, into a refusal with a code."""
     try:
-        with name_full_disk():
+        with translate_disk_full():
             yield
     except OSError as error:
         place = Path(os.fsdecode(error.filename)) if isinstance(error.filename, (str, bytes)) else folder
@@ -469,7 +471,7 @@ def check_folder(folder: Path) -> None:
     ------
     FolderUnusable, DiskFull
     """
-    with name_folder_trouble(folder):
+    with translate_folder_errors(folder):
         for name in ("", "uploads", "recordings", "analyses", "incoming"):
             place = folder / name
             if place.is_dir() or not name:

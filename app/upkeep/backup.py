@@ -27,25 +27,25 @@ from sqlalchemy import Connection, func, insert, select, text
 
 from app.errors import BackupRefused, DatabaseTooNew, NotEmpty
 from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
-from app.jobs.database.dump import read_rows, reflect_tables, settle_row, write_all_rows
+from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.migrate import upgrade
 from app.jobs.database.tables import REVISION, facts, schema_revision, uploads
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.private import FILE_MODE, create_file, make_folder
+from app.storage.permissions import FILE_MODE, create_file, make_folder
 from app.storage.store import (
     COPY_BYTES,
     SIDE_SUFFIX,
     FolderLock,
     Storage,
     hash_file,
-    name_full_disk,
     sync_file,
     sync_folder,
+    translate_disk_full,
 )
 from app.upkeep.recover import catch_up, find_unknown
-from app.upkeep.verify import Fault, KeptFile, list_files, list_kept
+from app.upkeep.verify import Fault, KeptFile, find_files, find_kept
 from app.version import software_version
 
 FORMAT = "acromion.backup/1"
@@ -88,7 +88,7 @@ def back_up(settings: Settings, path: Path) -> Copied:
 
 def _write(settings: Settings, part: Path, path: Path) -> Copied:
     part.unlink(missing_ok=True)
-    with name_full_disk():
+    with translate_disk_full():
         with _create(part) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
             manifest = _write_rows(settings, archive)
             copied = _write_files(settings, archive)
@@ -131,7 +131,7 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
     files = tuple(_list_promised(archive))
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:
-        still = {file.name for file in list_kept(settings)}
+        still = {file.name for file in find_kept(settings)}
         if any(fault.name not in still for fault in faults):
             raise _PurgedMeanwhileError
     unknown = tuple(Fault(f"recordings/{one}", "no_row") for one in _list_unknown(settings, storage))
@@ -161,7 +161,7 @@ def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> F
     except (PermissionError, IsADirectoryError):
         return Fault(file.name, "damaged")
     finally:
-        storage.give_back(path)
+        storage.release(path)
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")
 
 
@@ -185,7 +185,7 @@ def _read_chunk(source: IO[bytes]) -> bytes:
 
 def _list_promised(archive: zipfile.ZipFile) -> Iterator[KeptFile]:
     tables = ("recordings", "analyses", "result_files")
-    return list_files(*(tuple(read_rows(archive, table)) for table in tables))
+    return find_files(*(tuple(read_rows(archive, table)) for table in tables))
 
 
 @contextmanager
@@ -325,7 +325,7 @@ def _drop_tables(connection: Connection) -> None:
 def _restore_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
     storage = open_storage(settings)
     storage.prepare()
-    files, present = tuple(_list_promised(archive)), frozenset(storage.list_names())
+    files, present = tuple(_list_promised(archive)), frozenset(storage.find_names())
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
     strangers = sorted(present - {file.name for file in files} - beside)
     if strangers:
@@ -345,7 +345,7 @@ def _restore_file(
         return None
     part = storage.root / "uploads" / "restored.part"
     try:
-        with name_full_disk(), part.open("wb") as copy:
+        with translate_disk_full(), part.open("wb") as copy:
             found = _read_member(archive, f"files/{file.name}", copy.write)
         if found.sha256 == file.sha256 or (found.sha256 is not None and not is_present):
             storage.put(part, file.name)
@@ -361,7 +361,7 @@ def _is_whole(storage: Storage, file: KeptFile) -> bool:
     try:
         return hash_file(path) == file.sha256
     finally:
-        storage.give_back(path)
+        storage.release(path)
 
 
 def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: str) -> None:
@@ -370,7 +370,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: st
     else:
         upgrade(connection, to=revision)
     for table in reflect_tables(connection):
-        rows = [settle_row(table.name, row) for row in read_rows(archive, table.name)]
+        rows = [reset_row(table.name, row) for row in read_rows(archive, table.name)]
         kept = [row for row in rows if _is_restored(table.name, row)]
         if kept:
             connection.execute(insert(table), kept)

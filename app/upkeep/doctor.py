@@ -14,14 +14,14 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError
-from app.jobs.database.connect import check_whole, connect, name_start_trouble, open_database
+from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.jobs.store import JobStore
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.private import make_folder
-from app.upkeep.recover import find_unknown, list_strange
-from app.upkeep.verify import find_faults, list_kept, measure_kept
+from app.storage.permissions import make_folder
+from app.upkeep.recover import find_strange, find_unknown
+from app.upkeep.verify import find_faults, find_kept, measure_kept
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
 CLOCK_SKEW_S = 30.0
@@ -81,7 +81,7 @@ def _examine_disk(settings: Settings) -> Examination:
 def _examine_database(settings: Settings) -> Examination:
     """It answers, and its tables are ours."""
     try:
-        with name_start_trouble(settings):
+        with translate_start_errors(settings):
             check_whole(settings.database_url)
             engine = open_database(settings.database_url)
             engine.dispose()
@@ -122,7 +122,7 @@ def _examine_recordings(settings: Settings) -> Examination:
 def _examine_quarantine(settings: Settings) -> Examination:
     """Nothing lies there that somebody has to look at."""
     try:
-        names = list_strange(open_storage(settings))
+        names = find_strange(open_storage(settings))
     except (AppError, OSError):
         return Examination("quarantine", healthy=True)
     if not names:
@@ -136,7 +136,7 @@ def _examine_quarantine(settings: Settings) -> Examination:
 def _examine_bytes(settings: Settings) -> Examination:
     """Every stored byte is what its row says; a large store is left to ``acromion verify``."""
     try:
-        files = list_kept(settings)
+        files = find_kept(settings)
         if measure_kept(settings) > MOST_READ_BYTES:
             return Examination("bytes_unread", healthy=True)
         faults = [

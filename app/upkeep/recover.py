@@ -9,20 +9,20 @@ from typing import Literal
 from app.errors import UnknownRecordings
 from app.jobs.database.connect import bring_up_to_date
 from app.jobs.job import JobState
-from app.jobs.rows import TRASHED
+from app.jobs.queries import TRASHED
 from app.jobs.side_files import (
     Rows,
     SideFile,
     SideWriter,
     add_missing_rows,
     decode_side_file,
-    outdate_side_file,
-    spare_side_file,
+    mark_side_file_stale,
+    quarantine_side_file,
 )
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, name_recording, name_side
+from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
 
 # At a start: what lies in the store is compared with the rows, and nothing that is not known is removed.
 #
@@ -34,7 +34,7 @@ from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, name_recording, 
 
 
 SPARED = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
-"""The name of a side file that was newer than its row (:func:`app.jobs.side_files.spare_side_file`)."""
+"""The name of a side file that was newer than its row (:func:`app.jobs.side_files.quarantine_side_file`)."""
 TEMPORARY_S = 6 * 3600.0
 """A temporary file that nobody has written to for so long belongs to no upload under way."""
 
@@ -53,8 +53,8 @@ class Unknown:
 
 def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     """Compare the entries among the recordings with the rows."""
-    names = storage.list_recordings()  # first: what is stored meanwhile has its row when those are read
-    rows = store.list_recordings()
+    names = storage.find_recordings()  # first: what is stored meanwhile has its row when those are read
+    rows = store.find_recordings()
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
         return Unknown()
@@ -81,16 +81,16 @@ def check_known(store: JobStore, storage: Storage) -> Unknown:
     return unknown
 
 
-def return_known(store: JobStore, storage: Storage) -> int:
+def restore_known(store: JobStore, storage: Storage) -> int:
     """Move back from quarantine what has a row by now (its database was restored); gives the number."""
-    rows, present = store.list_recordings(), storage.list_recordings()
-    known = [name for name in storage.list_quarantine() if name in rows - present]
-    return sum(storage.take_back(name) for name in known)
+    rows, present = store.find_recordings(), storage.find_recordings()
+    known = [name for name in storage.find_quarantined() if name in rows - present]
+    return sum(storage.unquarantine(name) for name in known)
 
 
-def set_strange_aside(storage: Storage, unknown: Unknown) -> int:
+def quarantine_strange(storage: Storage, unknown: Unknown) -> int:
     """Move what is not known into quarantine; gives the number of entries moved."""
-    return sum(storage.set_aside(name) for name in unknown.strange)
+    return sum(storage.quarantine(name) for name in unknown.strange)
 
 
 def finish_purges(storage: Storage, unknown: Unknown) -> None:
@@ -101,14 +101,14 @@ def finish_purges(storage: Storage, unknown: Unknown) -> None:
         storage.drop_recording(str(side.recording["id"]))
 
 
-def list_strange(storage: Storage) -> tuple[str, ...]:
+def find_strange(storage: Storage) -> tuple[str, ...]:
     """Name what lies in quarantine and is not known; a spared side file of our own is."""
-    return tuple(name for name in storage.list_quarantine() if not SPARED.fullmatch(name))
+    return tuple(name for name in storage.find_quarantined() if not SPARED.fullmatch(name))
 
 
 def read_side_file(storage: Storage, recording_id: str) -> SideFile | None:
     """Read the side file of a recording; None where it is absent or not valid."""
-    return decode_side_file(storage.read_small(name_side(recording_id)), recording_id)
+    return decode_side_file(storage.read_small(format_side_file_name(recording_id)), recording_id)
 
 
 def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
@@ -117,8 +117,8 @@ def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
     One that counts by the side file of its recording stays: the database is an older copy. Returns how many
     were removed, and how many of those stay.
     """
-    found = storage.list_attempts()  # first: an attempt that begins meanwhile has its row when those are read
-    known, counted = store.list_analyses(), store.list_attempts()
+    found = storage.find_attempts()  # first: an attempt that begins meanwhile has its row when those are read
+    known, counted = store.find_analyses(), store.find_attempts()
     stale = [attempt for attempt in found if attempt[0] in known and attempt not in counted]
     newer = 0
     for analysis_id, token in stale:
@@ -139,13 +139,13 @@ def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, to
 def catch_up(store: JobStore, storage: Storage) -> int:
     """Write every side file that is absent or behind its row; gives their number."""
     writer = SideWriter(store.engine, store.reader, storage)
-    writer.note_absent(tuple(_list_without_side(store, storage)))
+    writer.mark_side_files_missing(tuple(_find_without_side(store, storage)))
     return writer.write_all()
 
 
-def _list_without_side(store: JobStore, storage: Storage) -> Iterator[str]:
-    names = storage.list_recordings()
-    for recording_id in sorted(store.list_with_side()):
+def _find_without_side(store: JobStore, storage: Storage) -> Iterator[str]:
+    names = storage.find_recordings()
+    for recording_id in sorted(store.find_with_side()):
         if f"{recording_id}{SIDE_SUFFIX}" not in names:
             yield recording_id
 
@@ -201,8 +201,8 @@ def _recover_into(store: JobStore, storage: Storage) -> Recovered:
 
 
 def _recover(store: JobStore, storage: Storage) -> Recovered:
-    names, before = storage.list_recordings(), store.list_recordings()
-    results = frozenset(storage.list_names())
+    names, before = storage.find_recordings(), store.find_recordings()
+    results = frozenset(storage.find_names())
     troubles: list[Trouble] = []
     added: Counter[str] = Counter()
     with_side = (name.removesuffix(SIDE_SUFFIX) for name in names if name.endswith(SIDE_SUFFIX))
@@ -237,11 +237,11 @@ def _bring_back(store: JobStore, storage: Storage, side: SideFile) -> tuple[Rows
     is_newer = 0 < revision < side.revision
     is_trashed = is_newer and side.recording["state"] == TRASHED and store.is_kept(recording_id)
     if is_newer:
-        spare_side_file(storage, side)
+        quarantine_side_file(storage, side)
     with store.engine.begin() as connection:
         rows = add_missing_rows(connection, side)
         if revision and (revision != side.revision or any(rows.values())):
-            outdate_side_file(connection, side)
+            mark_side_file_stale(connection, side)
     found: list[Finding] = ["newer"] * is_newer + ["trashed_since"] * is_trashed  # type: ignore[assignment]
     return rows, [Trouble(recording_id, finding) for finding in found]
 
@@ -255,7 +255,7 @@ def _count(rows: Rows) -> Counter[str]:
 def _find_absent(storage: Storage, rows: Rows, results: frozenset[str]) -> Iterator[Trouble]:
     """Name the bytes that rows brought back promise and that are not there."""
     for row in rows["recordings"]:
-        mark = storage.find_mark(name_recording(row["id"]))
+        mark = storage.find_mark(format_recording_name(row["id"]))
         if mark is None or mark[0] != row["size_bytes"]:
             yield Trouble(row["id"], "no_bytes" if mark is None else "cut")
     tokens = {row["id"]: row["token"] for row in rows["analyses"]}

@@ -13,12 +13,12 @@ from app.errors import BackupRefused
 from app.jobs.database.connect import READ_ONLY, connect
 from app.jobs.database.tables import analyses, recordings, result_files
 from app.jobs.job import JobState
-from app.jobs.rows import PURGING
+from app.jobs.queries import PURGING
 from app.jobs.side_files import decode_side_file
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, Storage, hash_file, name_side
-from app.upkeep.recover import list_strange
+from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name, hash_file
+from app.upkeep.recover import find_strange
 
 # The files that the rows promise, and what each must hash to.
 
@@ -63,7 +63,7 @@ class Fault:
     ]
 
 
-def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
+def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
     """Give every recording and every result that a row promises."""
     kept = [row for row in recordings if row["state"] != PURGING]
     for row in kept:
@@ -88,13 +88,13 @@ LOOKS, WRITER_S = 5, 0.2
 """How often, and after what pause, a side file that differs is compared again."""
 
 
-def list_kept(settings: Settings) -> tuple[KeptFile, ...]:
+def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
     """Give every file that the rows promise just now."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
     try:
         with engine.connect() as connection:
             tables = (recordings, analyses, result_files)
-            return tuple(list_files(*(_read(connection, table) for table in tables)))
+            return tuple(find_files(*(_read(connection, table) for table in tables)))
     finally:
         engine.dispose()
 
@@ -119,17 +119,17 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
     storage = open_storage(settings)
     storage.prepare()
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files if file.name.startswith("recordings/")}
-    strangers = set(storage.list_names()) - {file.name for file in files} - beside
+    strangers = set(storage.find_names()) - {file.name for file in files} - beside
     suspects = [fault for file in files if (fault := _check(storage, file))]
-    still = {file.name for file in list_kept(settings)} if suspects or strangers else set()
+    still = {file.name for file in find_kept(settings)} if suspects or strangers else set()
     yield from (fault for fault in suspects if fault.name in still)
     at_work = _list_attempts_under_way(settings) if strangers else ()
-    gone = strangers - set(storage.list_names()) if strangers else set()
+    gone = strangers - set(storage.find_names()) if strangers else set()
     for name in sorted(strangers - still - gone):
         if not name.startswith(at_work):
             yield Fault(name, "orphan")
     yield from _check_side_files(settings, storage)
-    yield from (Fault(name, "quarantine") for name in list_strange(storage))
+    yield from (Fault(name, "quarantine") for name in find_strange(storage))
 
 
 def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
@@ -144,10 +144,10 @@ def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
 
 
 def _compare_side_files(settings: Settings, storage: Storage) -> set[Fault]:
-    present = storage.list_recordings()
+    present = storage.find_recordings()
     faults = set()
     for recording_id, revision in _read_revisions(settings):
-        name = name_side(recording_id)
+        name = format_side_file_name(recording_id)
         side = decode_side_file(storage.read_small(name), recording_id)
         if side is None:
             is_there = f"{recording_id}{SIDE_SUFFIX}" in present
@@ -188,5 +188,5 @@ def _check(storage: Storage, file: KeptFile) -> Fault | None:
         damaged = hash_file(path) != file.sha256
     except FileNotFoundError:
         return Fault(file.name, "missing")
-    storage.give_back(path)
+    storage.release(path)
     return Fault(file.name, "damaged") if damaged else None

@@ -23,7 +23,7 @@ from app.jobs.children.fork_server import NotStarted, choose_context, end_child,
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
 from app.storage.decoded import NOTHING_KNOWN, KnownLogs
-from app.storage.store import ResultFile, name_full_disk, seal_folder
+from app.storage.store import ResultFile, seal_folder, translate_disk_full
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic
@@ -111,12 +111,12 @@ def load_and_make_report(
         importlib.import_module("app.roads.analyse").make_report(log, request, out, on_stage, known)
 
 
-def load_and_tell_again(finished: Path) -> MakeReport:
+def load_and_render_again(finished: Path) -> MakeReport:
     """Take the short road, from the finished analysis in a folder to its report in another language."""
-    return partial(_load_and_tell_again, finished)
+    return partial(_load_and_render_again, finished)
 
 
-def _load_and_tell_again(
+def _load_and_render_again(
     finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
     importlib.import_module("app.roads.analyse").make_report_again(finished, request, out, on_stage)
@@ -195,7 +195,7 @@ def _work(attempt: Attempt, pipe: Connection) -> None:
 
 def _try(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
-        with name_full_disk():
+        with translate_disk_full():
             attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
             return Finished(seal_folder(attempt.out))
     except (FusionError, AppError) as refusal:

@@ -42,7 +42,7 @@ def load(names: tuple[str, ...]) -> None:
     gc.enable()
 
 
-FOR_MANY, FOR_ONE = "app.jobs.children.preloaded", "app.jobs.children.preloaded_reading"
+PRELOAD_ALL, PRELOAD_READING = "app.jobs.children.preloaded", "app.jobs.children.preloaded_reading"
 """What the server loads before it serves: everything, or no more than the first child begins with."""
 
 TICK_S = 1.0
@@ -57,7 +57,7 @@ class NotStarted(Exception):
     """No child could be started: the machine's fault, never that of a file."""
 
 
-def choose_context(preloaded: str = FOR_MANY) -> Any:
+def choose_context(preloaded: str = PRELOAD_ALL) -> Any:
     """Prefer the fork server: it has imported the science already, and it has no threads of ours.
 
     ``preloaded`` counts until the server runs.
@@ -69,7 +69,7 @@ def choose_context(preloaded: str = FOR_MANY) -> Any:
     return context
 
 
-def warm_up(preloaded: str = FOR_MANY) -> None:
+def warm_up(preloaded: str = PRELOAD_ALL) -> None:
     """Have the fork server import the science now, so that the first job need not wait for it."""
     if choose_context(preloaded).get_start_method() == "forkserver":
         forkserver.ensure_running()

@@ -27,8 +27,8 @@ from app.errors import (
 )
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
 from app.settings import Settings
-from app.storage.private import create_file, make_folder
-from app.storage.store import check_folder, name_folder_trouble
+from app.storage.permissions import create_file, make_folder
+from app.storage.store import check_folder, translate_folder_errors
 
 READ_ONLY = {"acromion_read_only": True}
 _PREPARING = 0x6163726F  # any number of our own: who holds it prepares the tables
@@ -95,7 +95,7 @@ def check_writable(url: str, patience_s: int) -> None:
     else:
         patience = {"connect_timeout": patience_s, "options": f"-c lock_timeout={patience_s}s"}
         engine = create_engine(url, poolclass=NullPool, connect_args=patience)
-    with name_database_trouble(url), engine.begin() as connection:  # SQLite's write lock is taken here
+    with translate_database_errors(url), engine.begin() as connection:  # SQLite's write lock is taken here
         if connection.dialect.name == "postgresql":
             connection.execute(text("LOCK TABLE analyses IN ROW EXCLUSIVE MODE"))
 
@@ -111,7 +111,7 @@ def check_whole(url: str) -> None:
         return
     engine = connect(url).execution_options(**READ_ONLY)
     try:
-        with name_database_trouble(url), engine.connect() as connection:
+        with translate_database_errors(url), engine.connect() as connection:
             found = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
     finally:
         engine.dispose()
@@ -120,25 +120,25 @@ def check_whole(url: str) -> None:
 
 
 @contextmanager
-def name_start_trouble(settings: Settings) -> Iterator[None]:
+def translate_start_errors(settings: Settings) -> Iterator[None]:
     """Turn what keeps data folder or database from being opened into a refusal with a code."""
-    with name_folder_trouble(settings.data_dir), name_database_trouble(settings.database_url):
+    with translate_folder_errors(settings.data_dir), translate_database_errors(settings.database_url):
         yield
 
 
 @contextmanager
-def name_database_trouble(url: str) -> Iterator[None]:
+def translate_database_errors(url: str) -> Iterator[None]:
     """Turn an error of the database into a refusal with a code; let bugs through."""
     try:
         yield
     except DBAPIError as error:
-        refusal = explain_trouble(error, url)
+        refusal = classify_error(error, url)
         if refusal is None:
             raise
         raise refusal from error
 
 
-def explain_trouble(error: DBAPIError, url: str) -> AppError | None:
+def classify_error(error: DBAPIError, url: str) -> AppError | None:
     """Tell a full disk, a damaged, a locked and an absent database from each other; None for a bug."""
     words = " ".join(str(error.orig).split())
     if any(sign in words for sign in FULL_DISK):
@@ -217,7 +217,7 @@ def _find_file(url: str) -> str:
 def _explain_unwritable(file: Path) -> AppError | None:
     try:
         check_folder(file.parent)
-        with name_folder_trouble(file.parent), file.open("r+b"):
+        with translate_folder_errors(file.parent), file.open("r+b"):
             return None
     except AppError as refusal:
         return refusal

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import Connection, MetaData, Table
 
 from app.jobs.database.tables import metadata
-from app.storage.private import create_file, make_folder
+from app.storage.permissions import create_file, make_folder
 from app.storage.store import sync_file, sync_folder
 
 ROWS_AT_ONCE = 1000
@@ -59,7 +59,7 @@ def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
                 yield json.loads(line)
 
 
-def settle_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
+def reset_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
     """Make a row true of another place: an analysis that ran waits again; no side file is written yet."""
     if table == "recordings" and "side_revision" in row:
         return row | {"side_revision": 0}

@@ -49,7 +49,7 @@ def create_file(path: Path) -> IO[bytes]:
     return open(path, "x+b", opener=_open_private)  # Path.open knows no opener
 
 
-def close_to_others(data_dir: Path, database: Path | None = None) -> None:
+def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
     """Put right what an earlier release, or a wide umask, left readable to others.
 
     Only what bears one of our names; the folder itself only when it holds nothing else. ``database``: the
@@ -68,7 +68,7 @@ def close_to_others(data_dir: Path, database: Path | None = None) -> None:
         _close(database.with_name(name))  # type: ignore[union-attr]
 
 
-def is_open_to_others(path: Path) -> bool:
+def is_readable_by_others(path: Path) -> bool:
     """Tell whether anybody else may read it; False where there are no such modes, and for a link."""
     if sys.platform == "win32":
         return False
@@ -82,7 +82,7 @@ def _name_database(name: str) -> tuple[str, ...]:
 
 def _close(path: Path) -> None:
     with suppress(FileNotFoundError, PermissionError):  # it may be another user's
-        if is_open_to_others(path):
+        if is_readable_by_others(path):
             path.chmod(stat.S_IMODE(path.stat().st_mode) & ~OTHERS)
 
 
