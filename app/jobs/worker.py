@@ -48,7 +48,7 @@ IDLE_S = 0.25
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0
-"""A shutdown may kill the child before its worker: only a worker that outlives it for so long counts a death."""
+"""A shutdown may kill the child first: a death counts only where the worker outlives it for so long."""
 
 logger = logging.getLogger(__name__)
 
