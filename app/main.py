@@ -9,6 +9,7 @@ import webbrowser
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from ipaddress import ip_address
+from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
@@ -178,7 +179,8 @@ def _prepare_database(settings: Settings) -> None:
     lock = FolderLock(settings.data_dir)
     try:
         check_folder(settings.data_dir)
-        restrict_permissions(settings.data_dir, find_database_file(settings.database_url))
+        file = find_database_file(settings.database_url)
+        restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
         _check_recordings(settings)

@@ -2,10 +2,10 @@
 
     recordings/<recording>.json              its side file
     recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
-    analyses/<analysis>/<attempt>/<file>     put before the row that says that the attempt counts
+    analyses/<analysis>/<attempt>/<file>     put before the row that states that the attempt counts
 
-No conditional put is relied on (not every S3 server has it): names are random, and rows decide. The folder of
-this machine holds the work in hand and nothing that may not be lost.
+No conditional put is used (not every S3 server has it): names are random, and rows decide. The folder of this
+machine holds temporary files only, which may be lost.
 """
 
 import hashlib
@@ -46,16 +46,16 @@ if TYPE_CHECKING:
     from obstore.store import RetryConfig
 
 PART_BYTES = 8 << 20
-PATIENCE: "RetryConfig" = {"max_retries": 4, "retry_timeout": timedelta(seconds=20)}
+RETRIES: "RetryConfig" = {"max_retries": 4, "retry_timeout": timedelta(seconds=20)}
 
 
 def open_bucket(settings: Settings) -> "BucketStorage":
     """Open ``s3://bucket``; endpoint, region and keys come from the usual ``AWS_*`` variables."""
-    return BucketStorage(settings.data_dir, S3Store.from_url(settings.object_store, retry_config=PATIENCE))
+    return BucketStorage(settings.data_dir, S3Store.from_url(settings.object_store, retry_config=RETRIES))
 
 
 class BucketUpload:
-    """Bytes on their way into a bucket: sent on as they come, in parts, and hashed."""
+    """Bytes that arrive for a bucket: sent on as they come, in parts, and hashed."""
 
     def __init__(self, bucket: S3Store, recording_id: str, max_bytes: int) -> None:
         self._bucket, self._id, self._max_bytes = bucket, recording_id, max_bytes
@@ -66,7 +66,7 @@ class BucketUpload:
         self.size_bytes = 0
 
     def write(self, chunk: bytes) -> None:
-        """Take the next bytes.
+        """Send the next bytes.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class BucketUpload:
             self._writer.write(chunk)
 
     def keep(self) -> StoredRecording:
-        """End the put; from then on the recording can be read, and by all."""
+        """End the put; from then on every machine can read the recording."""
         with translate_store_errors():
             self._writer.close()
             if obstore.head(self._bucket, format_recording_name(self._id))["size"] != self.size_bytes:
@@ -88,12 +88,12 @@ class BucketUpload:
         return StoredRecording(self._id, self._sha256.hexdigest(), self.size_bytes)
 
     def discard(self) -> None:
-        """Send no more. Parts of a put that never ends show nowhere; a rule of the bucket removes them."""
+        """Send no more. Parts of an unfinished put are invisible; a rule of the bucket removes them."""
 
 
 @dataclass(frozen=True, slots=True)
 class BucketStorage:
-    """A bucket, and a folder of this machine for the work in hand."""
+    """A bucket, and a folder of this machine for temporary files; ``Storage`` documents the methods."""
 
     root: Path
     bucket: S3Store
@@ -105,14 +105,14 @@ class BucketStorage:
         return False
 
     def prepare(self) -> None:
-        """Make the folders of this machine, and see that the bucket answers."""
+        """Create the folders of this machine, and check that the bucket answers."""
         FolderStorage(self.root).prepare()
         (self.root / "fetched").mkdir(exist_ok=True, mode=0o700)
         with translate_store_errors():
             next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
 
     def identify(self) -> str:
-        """Give the name of this bucket's contents, written in it once for all."""
+        """Give the permanent id of this bucket's contents; the first call creates it."""
         with translate_store_errors():
             with suppress(FileNotFoundError):
                 return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
@@ -120,7 +120,7 @@ class BucketStorage:
             return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
 
     def open_upload(self, max_bytes: int) -> BucketUpload:
-        """Start taking a recording under a new name."""
+        """Start an upload of a recording under a new name."""
         return BucketUpload(self.bucket, f"rec_{secrets.token_hex(8)}", max_bytes)
 
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
@@ -130,7 +130,7 @@ class BucketStorage:
         return stored
 
     def fetch(self, name: str) -> Fetched:
-        """Copy an object to this machine, whatever it holds."""
+        """Copy an object to this machine, unverified."""
         into = self.root / "fetched" / secrets.token_hex(8)
         try:
             mark = self._copy(name, into)
@@ -148,7 +148,7 @@ class BucketStorage:
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
         self._delete([format_recording_name(recording_id)])
-        self._delete([format_side_file_name(recording_id), *self._list(f"quarantine/{recording_id}.")])
+        self._delete([format_side_file_name(recording_id), *self._find(f"quarantine/{recording_id}.")])
 
     def put(self, path: Path, name: str) -> None:
         """Put a file of this machine under a name."""
@@ -156,32 +156,32 @@ class BucketStorage:
             obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
-        """Make an empty folder on this machine for the files of one attempt."""
+        """Create an empty folder on this machine for the files of one attempt."""
         return FolderStorage(self.root).open_attempt(analysis_id, token)
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
-        """Put the attempt's files, and keep no copy here; a second time there is nothing left to put."""
+        """Put the attempt's files and remove them here; a second call finds nothing left to put."""
         folder = FolderStorage(self.root).attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
             self.put(path, format_result_name(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
-        """Remove what an attempt that does not count has left, here and in the bucket."""
+        """Remove the files of an attempt that does not count, here and in the bucket."""
         FolderStorage(self.root).drop_attempt(analysis_id, token)
-        self._delete(self._list(f"analyses/{analysis_id}/{token}/"))
+        self._delete(self._find(f"analyses/{analysis_id}/{token}/"))
 
     def drop_analysis(self, analysis_id: str) -> None:
         """Remove every file of an analysis."""
         FolderStorage(self.root).drop_analysis(analysis_id)
-        self._delete(self._list(f"analyses/{analysis_id}/"))
+        self._delete(self._find(f"analyses/{analysis_id}/"))
 
     def release(self, path: Path) -> None:
         """Remove the copy."""
         path.unlink(missing_ok=True)
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:  # noqa: ARG002
-        """Refuse when this machine has no room for its work; the recording itself goes to the bucket.
+        """Refuse when this machine has no room for temporary files; the recording goes to the bucket.
 
         Raises
         ------
@@ -190,15 +190,15 @@ class BucketStorage:
         check_free(self.root, min_free_bytes)
 
     def find_names(self) -> Iterator[str]:
-        """Name every recording and every result that is kept."""
+        """Give the name of every stored recording and result."""
         with translate_store_errors():
             for kind in ("recordings", "analyses"):
                 for objects in obstore.list(self.bucket, kind):
                     yield from (found["path"] for found in objects)
 
     def find_recordings(self) -> frozenset[str]:
-        """Name everything that lies among the recordings, side files too."""
-        return frozenset(name.removeprefix("recordings/") for name in self._list("recordings/"))
+        """Give every name among the recordings, those of side files too."""
+        return frozenset(name.removeprefix("recordings/") for name in self._find("recordings/"))
 
     def write_small(self, name: str, content: bytes) -> None:
         """Put a small object."""
@@ -212,16 +212,16 @@ class BucketStorage:
         return None
 
     def quarantine(self, name: str) -> bool:  # noqa: ARG002
-        """Leave it in place: another machine may be about to write its row (``acromion verify`` names it)."""
+        """Leave it in place: another machine may be about to write its row (``acromion verify`` finds it)."""
         return False
 
     def unquarantine(self, name: str) -> bool:  # noqa: ARG002
-        """Nothing to do: no recording is ever moved out of a bucket's place."""
+        """Do nothing: no recording of a bucket is ever moved into quarantine."""
         return False
 
     def find_quarantined(self) -> tuple[str, ...]:
-        """Name what lies in quarantine, in the bucket and on this machine."""
-        kept = (name.removeprefix("quarantine/") for name in self._list("quarantine/"))
+        """Give the names of everything in quarantine, in the bucket and on this machine."""
+        kept = (name.removeprefix("quarantine/") for name in self._find("quarantine/"))
         return (*kept, *FolderStorage(self.root).find_quarantined())
 
     def find_attempts(self) -> tuple[tuple[str, str], ...]:
@@ -244,7 +244,7 @@ class BucketStorage:
                     file.write(chunk)
         return _read_mark(found.meta)
 
-    def _list(self, prefix: str) -> list[str]:
+    def _find(self, prefix: str) -> list[str]:
         with translate_store_errors():
             return [found["path"] for page in obstore.list(self.bucket, prefix) for found in page]
 
@@ -260,7 +260,7 @@ def _read_mark(found: "ObjectMeta") -> Mark:
 
 @contextmanager
 def translate_store_errors() -> Iterator[None]:
-    """Turn a store that does not answer into a refusal with a code."""
+    """Turn errors of a store that does not answer into a refusal with a code."""
     try:
         yield
     except FileNotFoundError:
@@ -268,6 +268,6 @@ def translate_store_errors() -> Iterator[None]:
     except BaseError as error:
         raise StoreAway from error
     except OSError as error:
-        if error.errno is None:  # obstore's writers say it so; the system's own errors have a number
+        if error.errno is None:  # an error of obstore's writers; the system's own errors have a number
             raise StoreAway from error
         raise
