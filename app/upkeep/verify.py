@@ -1,8 +1,9 @@
-"""Compare every file with what its row says, and find those of which no row speaks."""
+"""Verify: compare every stored file with its row, and find the files without one."""
 
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -20,8 +21,8 @@ from app.storage.open import open_storage
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name, hash_file
 from app.upkeep.recover import find_strange
 
-# The files that the rows promise, and what each must hash to.
-
+RECHECKS, RECHECK_PAUSE_S = 5, 0.2
+"""How often, and after what pause, a side file that differs is compared again."""
 
 _NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)
 
@@ -36,15 +37,15 @@ class KeptFile:
     sha256: str
 
     def fetch(self, storage: Storage) -> Path:
-        """Give it as a file of this machine, whatever it holds: what is compared or saved is always read."""
+        """Give it as a file of this machine, unverified."""
         return storage.fetch(self.name).path
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it.
+    """A file that differs from its row, or that has no row; a side file may be behind or ahead of it.
 
-    ``known``: the backup that holds the file says so.
+    ``known_...``: the backup that holds the file lists the fault itself.
     """
 
     name: str
@@ -64,7 +65,7 @@ class Fault:
 
 
 def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
-    """Give every recording and every result that a row promises."""
+    """Find every recording and every result that a row promises."""
     kept = [row for row in recordings if row["state"] != PURGING]
     for row in kept:
         yield _name(f"recordings/{row['id']}", row["sha256"])
@@ -78,43 +79,31 @@ def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator
 
 
 def _name(name: str, sha256: str) -> KeptFile:
-    """Trust no name of a backup more than its letters."""
+    """Check a name, which may come from a foreign backup, before it becomes a path."""
     if not _NAME.fullmatch(name):
         raise BackupRefused(why=name[:80])
     return KeptFile(name, sha256)
 
 
-LOOKS, WRITER_S = 5, 0.2
-"""How often, and after what pause, a side file that differs is compared again."""
-
-
 def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
-    """Give every file that the rows promise just now."""
-    engine = connect(settings.database_url).execution_options(**READ_ONLY)
-    try:
-        with engine.connect() as connection:
-            tables = (recordings, analyses, result_files)
-            return tuple(find_files(*(_read(connection, table) for table in tables)))
-    finally:
-        engine.dispose()
+    """Find every file that the rows promise now."""
+    with _reading(settings) as connection:
+        tables = (recordings, analyses, result_files)
+        return tuple(find_files(*(_read(connection, table) for table in tables)))
 
 
 def measure_kept(settings: Settings) -> int:
     """Add up the sizes of all recordings and results by their rows, in bytes."""
-    engine = connect(settings.database_url).execution_options(**READ_ONLY)
     sizes = [select(func.coalesce(func.sum(table.c.size_bytes), 0)) for table in (recordings, result_files)]
-    try:
-        with engine.connect() as connection:
-            return sum(int(connection.execute(size).scalar_one()) for size in sizes)
-    finally:
-        engine.dispose()
+    with _reading(settings) as connection:
+        return sum(int(connection.execute(size).scalar_one()) for size in sizes)
 
 
 def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fault]:
-    """Read every file and compare it with its row, and name the files without one.
+    """Read every file and compare it with its row, and find the files without one.
 
-    The server may run meanwhile: a file whose row went is no fault, nor is one whose row came, or that an
-    attempt under way is making.
+    The server may run meanwhile: a file whose row was deleted or added since is no fault, nor is a file that
+    an attempt under way writes.
     """
     storage = open_storage(settings)
     storage.prepare()
@@ -123,7 +112,7 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
     suspects = [fault for file in files if (fault := _check(storage, file))]
     still = {file.name for file in find_kept(settings)} if suspects or strangers else set()
     yield from (fault for fault in suspects if fault.name in still)
-    at_work = _list_attempts_under_way(settings) if strangers else ()
+    at_work = _find_attempts_under_way(settings) if strangers else ()
     gone = strangers - set(storage.find_names()) if strangers else set()
     for name in sorted(strangers - still - gone):
         if not name.startswith(at_work):
@@ -133,12 +122,12 @@ def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fau
 
 
 def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
-    """Compare every side file with its row; one that differs is read again: a writer may be at work."""
+    """Compare every side file with its row; one that differs is read again: the server may be writing it."""
     suspects = _compare_side_files(settings, storage)
-    for _ in range(LOOKS):
+    for _ in range(RECHECKS):
         if not suspects:
             return
-        time.sleep(WRITER_S)
+        time.sleep(RECHECK_PAUSE_S)
         suspects &= _compare_side_files(settings, storage)
     yield from sorted(suspects, key=lambda fault: fault.name)
 
@@ -159,21 +148,25 @@ def _compare_side_files(settings: Settings, storage: Storage) -> set[Fault]:
 
 def _read_revisions(settings: Settings) -> list[tuple[str, int]]:
     """Give every recording with the revision of its row."""
-    engine = connect(settings.database_url).execution_options(**READ_ONLY)
     query = select(recordings.c.id, recordings.c.revision).where(recordings.c.state != PURGING)
-    try:
-        with engine.connect() as connection:
-            return [(row.id, row.revision) for row in connection.execute(query)]
-    finally:
-        engine.dispose()
+    with _reading(settings) as connection:
+        return [(row.id, row.revision) for row in connection.execute(query)]
 
 
-def _list_attempts_under_way(settings: Settings) -> tuple[str, ...]:
+def _find_attempts_under_way(settings: Settings) -> tuple[str, ...]:
+    """Give the folders of the running attempts, as prefixes of names."""
+    query = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
+    with _reading(settings) as connection:
+        return tuple(f"analyses/{row.id}/{row.token}/" for row in connection.execute(query))
+
+
+@contextmanager
+def _reading(settings: Settings) -> Iterator[Connection]:
+    """Connect to the database for one reading."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
-    asked = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
     try:
         with engine.connect() as connection:
-            return tuple(f"analyses/{row.id}/{row.token}/" for row in connection.execute(asked))
+            yield connection
     finally:
         engine.dispose()
 
