@@ -43,7 +43,7 @@ from app.report.export.naming import pack_files
 from app.report.words.wording import Language
 from app.request import Paper, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
-from app.storage.day_file import NAME as DAY_NAME
+from app.storage.day_file import DAY_NAME
 from app.storage.store import StoredRecording
 
 # Answering as soon as an analysis ends; waiting for a thread even when cancelled.

@@ -24,7 +24,7 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
 
     Only an analysis that was asked for on the page corrects its recording, and only once it has a report: a
     correction that fails does not reach later analyses. A present value that no analysis was ever asked with
-    was entered by somebody else since, and stays.
+    was entered by somebody else in the meantime, and stays.
     """
     about = (recordings.c.id, *(recordings.c[name] for name in FIELDS))
     query = select(analyses.c.request, analyses.c.way_in, *about).join(
@@ -34,13 +34,13 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
     asked = ReportRequest.from_json(row.request)
     if row.way_in != "web" or asked.reference is not None:
         return
-    changed = _list_changed(connection, row, asked)
+    changed = _find_changed(connection, row, asked)
     if changed:
         grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
         connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
 
 
-def _list_changed(connection: Connection, row: Row[Any], asked: ReportRequest) -> dict[str, object]:
+def _find_changed(connection: Connection, row: Row[Any], asked: ReportRequest) -> dict[str, object]:
     """Give the columns that the recording is to take over."""
     present = {"subject": row.subject, "side": row.side, "diary": read_diary(row.diary)}
     corrected = {name: getattr(asked, name) for name in FIELDS}

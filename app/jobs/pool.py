@@ -24,7 +24,7 @@ class Worker:
     """One process, the pipe of its heartbeat (none on Windows), and how long it has been silent."""
 
     process: subprocess.Popen[bytes]
-    heartbeat: int | None
+    heartbeat_fd: int | None
     silence: SilenceCount
 
     def must_be_replaced(self) -> bool:
@@ -32,7 +32,7 @@ class Worker:
         if self.process.poll() is not None:
             logger.warning("worker %d ended with %s", self.process.pid, self.process.returncode)
             return True
-        if self.heartbeat is None or not self.silence.is_too_long(heard=read_heartbeat(self.heartbeat)):
+        if self.heartbeat_fd is None or not self.silence.is_too_long(heard=read_heartbeat(self.heartbeat_fd)):
             return False
         logger.error("worker %d does not come back; another takes its place", self.process.pid)
         return True
@@ -42,8 +42,8 @@ class Worker:
         self.process.kill()
         with suppress(subprocess.TimeoutExpired):  # a process that waits for a dead disk
             self.process.wait(STOP_S)
-        if self.heartbeat is not None:
-            os.close(self.heartbeat)
+        if self.heartbeat_fd is not None:
+            os.close(self.heartbeat_fd)
 
 
 class WorkerPool:

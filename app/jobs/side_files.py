@@ -60,7 +60,7 @@ class SideFile:
 
 
 def decode_side_file(content: bytes | None, recording_id: str) -> SideFile | None:
-    """Read a side file; None where it is absent, damaged, or of another recording."""
+    """Read the content of a side file; None where it is absent, damaged, or of another recording."""
     try:
         found = json.loads(content or b"")
         side = SideFile(int(found["revision"]), found["rows"])

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-NAME = "day.bin"
-STEP = 16
+DAY_NAME = "day.bin"
+ROWS_PER_STEP = 16
 LEVELS = 4
-HUNDREDTHS = 100
+UNITS_PER_DEG = 100
 INVALID = -1
 ALIGN_BYTES = 64
 
@@ -66,7 +66,7 @@ def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, An
 
 def _pack_segment(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, Any]:
     """Append the arrays of a segment to ``arrays``; gives their head, with their shapes in this order."""
-    rows = np.where(np.isnan(segment.angle_deg), INVALID, np.rint(segment.angle_deg * HUNDREDTHS))
+    rows = np.where(np.isnan(segment.angle_deg), INVALID, np.rint(segment.angle_deg * UNITS_PER_DEG))
     packed = [rows.astype("<i2"), *_reduce_levels(rows.astype("<i2")), segment.quiet.astype("<f4")]
     arrays.extend(packed)
     return {
@@ -81,7 +81,7 @@ def _reduce_levels(rows: Angles) -> Iterator[Angles]:
     """Give the lowest and highest angle of every 16, 256, ... rows, each of shape (m, 2)."""
     low = high = rows
     for _ in range(LEVELS):
-        low, high = _reduce(low, high, STEP)
+        low, high = _reduce(low, high, ROWS_PER_STEP)
         yield np.stack([low, high], axis=1)
 
 
@@ -169,9 +169,9 @@ def open_day(path: Path) -> DayFile:
 
 def _cut_segment(segment: _OpenSegment, from_s: float, to_s: float, rows_per_value: float) -> Stretch:
     """Cut a stretch from the coarsest level that is fine enough, and reduce it further."""
-    level = min(LEVELS, int(np.log(rows_per_value) / np.log(STEP) + 1e-9))
-    step = max(1, round(rows_per_value / STEP**level))
-    rows, row_s = segment.levels[level], STEP**level / segment.rate_hz
+    level = min(LEVELS, int(np.log(rows_per_value) / np.log(ROWS_PER_STEP) + 1e-9))
+    step = max(1, round(rows_per_value / ROWS_PER_STEP**level))
+    rows, row_s = segment.levels[level], ROWS_PER_STEP**level / segment.rate_hz
     first = max(0, int((from_s - segment.start_s) / (row_s * step))) * step
     stop = min(len(rows), int(np.ceil((to_s - segment.start_s) / (row_s * step)) + 1) * step)
     low, high = _reduce(rows[first:stop, 0], rows[first:stop, 1], step)
@@ -179,4 +179,4 @@ def _cut_segment(segment: _OpenSegment, from_s: float, to_s: float, rows_per_val
 
 
 def _to_degrees(rows: Angles) -> list[float | None]:
-    return [None if value == INVALID else value / HUNDREDTHS for value in rows.tolist()]
+    return [None if value == INVALID else value / UNITS_PER_DEG for value in rows.tolist()]

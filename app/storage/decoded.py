@@ -29,7 +29,7 @@ from fusion.recording import QualityFlag, Recording, Segment, Span
 
 CRC_BYTES = 4
 LONGEST_HEAD_BYTES = 16 << 20
-SPARE = 3
+SPARE_TIMES = 3
 """An entry is kept only where this many times its size is free."""
 
 logger = logging.getLogger(__name__)
@@ -67,7 +67,7 @@ class DecodedCache:
         size_bytes = sum(segment.acc_g.nbytes + segment.gyr_dps.nbytes for segment in recording.segments)
         try:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            if size_bytes > self.max_bytes or shutil.disk_usage(self.folder).free < SPARE * size_bytes:
+            if size_bytes > self.max_bytes or shutil.disk_usage(self.folder).free < SPARE_TIMES * size_bytes:
                 return
             self._make_room(size_bytes)
             self._write(key, recording)

@@ -17,7 +17,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -140,17 +140,9 @@ def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
         still = {file.name for file in find_kept(settings)}
         if any(fault.name not in still for fault in faults):
             raise _PurgedMeanwhileError
-    unknown = tuple(Fault(f"recordings/{one}", "no_row") for one in _find_unknown(settings, storage))
-    return Copied(len(files), (*faults, *unknown))
-
-
-def _find_unknown(settings: Settings, storage: Storage) -> tuple[str, ...]:
-    """Find the recordings that the database does not know: no backup holds them."""
-    store = JobStore(settings.database_url)
-    try:
-        return find_unknown(store, storage).recoverable
-    finally:
-        store.close()
+    with closing(JobStore(settings.database_url)) as store:  # no backup holds a recording without a row
+        unknown = find_unknown(store, storage).recoverable
+    return Copied(len(files), (*faults, *(Fault(f"recordings/{one}", "no_row") for one in unknown)))
 
 
 def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
@@ -295,19 +287,12 @@ def restore(settings: Settings, path: Path) -> Copied:
             copied = _restore_files(settings, archive)
             _drop_tables(connection)
             _restore_rows(connection, archive, manifest["revision"])
-        _write_side_files(settings)
+        with closing(JobStore(settings.database_url)) as store:
+            catch_up(store, open_storage(settings))
         return copied
     finally:
         engine.dispose()
         lock.release()
-
-
-def _write_side_files(settings: Settings) -> None:
-    store = JobStore(settings.database_url)
-    try:
-        catch_up(store, open_storage(settings))
-    finally:
-        store.close()
 
 
 def _check_no_rows(connection: Connection) -> None:

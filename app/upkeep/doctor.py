@@ -6,6 +6,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -108,11 +109,8 @@ def _examine_store(settings: Settings) -> Examination:
 def _examine_recordings(settings: Settings) -> Examination:
     """Check that every stored recording has a row."""
     try:
-        store = JobStore(settings.database_url)
-        try:
+        with closing(JobStore(settings.database_url)) as store:
             unknown = find_unknown(store, open_storage(settings)).recoverable
-        finally:
-            store.close()
     except (AppError, SQLAlchemyError, OSError):
         return Examination("recordings", healthy=True)  # database and store have checks of their own
     facts = {"number": str(len(unknown))} if unknown else {}

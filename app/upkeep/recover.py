@@ -12,6 +12,7 @@ At a start nothing unknown is removed:
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Literal
 
@@ -143,15 +144,10 @@ def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, to
 def catch_up(store: JobStore, storage: Storage) -> int:
     """Write every side file that is absent or behind its row; gives their number."""
     writer = SideWriter(store.engine, store.reader, storage)
-    writer.mark_side_files_missing(tuple(_find_without_side(store, storage)))
-    return writer.write_all()
-
-
-def _find_without_side(store: JobStore, storage: Storage) -> Iterator[str]:
     names = storage.find_recordings()
-    for recording_id in sorted(store.find_with_side()):
-        if f"{recording_id}{SIDE_SUFFIX}" not in names:
-            yield recording_id
+    missing = [one for one in sorted(store.find_with_side()) if f"{one}{SIDE_SUFFIX}" not in names]
+    writer.mark_side_files_missing(missing)
+    return writer.write_all()
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,17 +184,11 @@ def recover(settings: Settings) -> Recovered:
     lock = FolderLock(settings.data_dir)
     try:
         bring_up_to_date(settings.database_url, settings.data_dir / "backups")
-        return _recover_into(JobStore(settings.database_url), storage)
+        with closing(JobStore(settings.database_url)) as store:
+            store.check_belongs(storage.identify())
+            return _recover(store, storage)
     finally:
         lock.release()
-
-
-def _recover_into(store: JobStore, storage: Storage) -> Recovered:
-    try:
-        store.check_belongs(storage.identify())
-        return _recover(store, storage)
-    finally:
-        store.close()
 
 
 def _recover(store: JobStore, storage: Storage) -> Recovered:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Table, func, select
+from sqlalchemy import Connection, func, select
 
 from app.errors import BackupRefused
 from app.jobs.database.connect import READ_ONLY, connect
@@ -87,9 +87,10 @@ def _name(name: str, sha256: str) -> KeptFile:
 
 def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
     """Find every file that the rows promise now."""
+    tables = (recordings, analyses, result_files)
     with _reading(settings) as connection:
-        tables = (recordings, analyses, result_files)
-        return tuple(find_files(*(_read(connection, table) for table in tables)))
+        rows = [[row._asdict() for row in connection.execute(select(table))] for table in tables]
+    return tuple(find_files(*rows))
 
 
 def measure_kept(settings: Settings) -> int:
@@ -169,10 +170,6 @@ def _reading(settings: Settings) -> Iterator[Connection]:
             yield connection
     finally:
         engine.dispose()
-
-
-def _read(connection: Connection, table: Table) -> tuple[dict[str, object], ...]:
-    return tuple(row._asdict() for row in connection.execute(select(table)))
 
 
 def _check(storage: Storage, file: KeptFile) -> Fault | None:
