@@ -11,6 +11,7 @@ from datetime import datetime
 
 import numpy as np
 
+from fusion.caveats import Caveat
 from fusion.errors import EpochFile, NoGyroscope, TooShort, UnknownColumns
 from fusion.readers.gt3x.read import parse_offset_s
 from fusion.readers.source import Source
@@ -101,7 +102,7 @@ def _flag_rate(header: dict[str, str], grid: Grid) -> tuple[QualityFlag, ...]:
     nominal_hz, true_hz = header_rate_hz(header), MICROSECONDS / grid.period_us
     if abs(true_hz - nominal_hz) <= LARGEST_DRIFT * nominal_hz:
         return ()
-    return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
+    return (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
 
 
 def parse_start(header: dict[str, str]) -> datetime | None:

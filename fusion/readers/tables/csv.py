@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fusion.caveats import Caveat
 from fusion.errors import TooShort, UnknownColumns, UnknownRate
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import COUNTER, PAUSE
@@ -180,7 +181,7 @@ def flag_told_rate(
     told = "told" if rate_hz else "layout"
     source = "header" if choose_rate_hz(layout, None) else told
     used_hz = round(MICROSECONDS / grid.period_us, 3)
-    return (QualityFlag("W-RATE", facts={"rate_hz": used_hz, "rate_from": source}),)
+    return (QualityFlag(Caveat.RATE, facts={"rate_hz": used_hz, "rate_from": source}),)
 
 
 def flag_drift(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:
@@ -189,7 +190,7 @@ def flag_drift(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:
     true_hz = MICROSECONDS / grid.period_us
     if nominal_hz <= 0.0 or abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
         return ()
-    return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
+    return (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
 
 
 def find_stated_hz(layout: TextLayout) -> float:

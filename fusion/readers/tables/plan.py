@@ -8,6 +8,7 @@ from statistics import median
 
 import numpy as np
 
+from fusion.caveats import Caveat
 from fusion.errors import NoGyroscope, UnknownColumns
 from fusion.readers.gt3x.read import name_offset
 from fusion.readers.tables.careful_path import CALENDAR_TIME, COUNTER, IGNORED, NUMERIC_TIME, STAMP
@@ -148,7 +149,7 @@ def settle_stamps(rows: TableRows, layout: TextLayout, plan: TablePlan) -> tuple
         is_wall_clock=is_calendar and not has_offset,
     )
     if is_calendar and has_offset:
-        turned = any(flag.code == "W-REVERSED" for flag in flags)
+        turned = any(flag.code == Caveat.REVERSED for flag in flags)
         changes = [change.turn_round() for change in reversed(rows.changes)] if turned else rows.changes
         flags += flag_changes(changes, int(rows.columns.stamps[0]))
     return flags
@@ -178,10 +179,10 @@ def tell_clock(layout: TextLayout, plan: TablePlan, first_stamp_us: int) -> Tabl
     elif start is None and plan.stamp_kind == CALENDAR_TIME:
         start = _read_stamp(layout, first_stamp_us)
         if layout.dates is not None and not layout.dates.has_date and start is not None:
-            flags = (QualityFlag("W-NO-DATE", facts={"time_of_day": f"{start:%H:%M:%S}"}),)
+            flags = (QualityFlag(Caveat.NO_DATE, facts={"time_of_day": f"{start:%H:%M:%S}"}),)
             start = None
         elif layout.dates is not None and layout.dates.is_doubtful and start is not None:
-            flags = (QualityFlag("W-DATE-ORDER", facts={"date": f"{start:%Y-%m-%d}"}),)
+            flags = (QualityFlag(Caveat.DATE_ORDER, facts={"date": f"{start:%Y-%m-%d}"}),)
     elif start is None and counts_since_1970(plan, first_stamp_us):
         start = read_epoch(first_stamp_us)
     return judge_clock(start, flags)
@@ -200,7 +201,7 @@ def _compare_starts(
     if abs(told - stamp) <= START_TOLERANCE:
         return told, ()
     facts = {"header": f"{told:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
-    return stamp, (QualityFlag("W-START", facts=facts),)
+    return stamp, (QualityFlag(Caveat.START, facts=facts),)
 
 
 def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
@@ -210,7 +211,7 @@ def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> 
     if offset is None:
         return TableClock(start, None, (*flags, *unset))
     if not offset:
-        flags = (*flags, QualityFlag("W-UTC"))
+        flags = (*flags, QualityFlag(Caveat.UTC))
     return TableClock(start, name_offset(round(offset.total_seconds())), (*flags, *unset))
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import CutByExcel, UnreadableRows
 from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
 from fusion.readers.samples import MOST_ROWS, SampleColumns, drop_blank_rows
@@ -239,11 +240,11 @@ class TableRows:
         flags = list(self.blank)
         if bad > tail:
             line = int(self.tally[FIRST_BAD_LINE]) + self.first_line
-            flags.append(QualityFlag("W-ROWS-DROPPED", bad - tail, facts={"line": line}))
+            flags.append(QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": line}))
         for code, count in (
-            ("W-TRUNC-TAIL", tail),
-            ("W-NAN", self.tally[ABSENT]),
-            ("W-HEADER-REPEAT", self.tally[HEADERS]),
+            (Caveat.TRUNC_TAIL, tail),
+            (Caveat.NAN, self.tally[ABSENT]),
+            (Caveat.HEADER_REPEAT, self.tally[HEADERS]),
         ):
             if count:
                 flags.append(QualityFlag(code, int(count)))

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, Segment, Span, flag_spans
 
@@ -376,7 +377,7 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
     spans = [
         Span(int(stamps[a] - stamps[0]), int(us)) for (a, _), us in zip(stretches, length_us, strict=True)
     ]
-    return flag_spans("W-RATE-CHANGE", spans, rate_hz=rate_hz)
+    return flag_spans(Caveat.RATE_CHANGE, spans, rate_hz=rate_hz)
 
 
 def are_too_many(holes: Holes, rows: int) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
 from fusion.readers.timebase.grid import steps_between
@@ -119,7 +120,7 @@ def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFla
     if count_backward(columns.stamps) == 0:
         return ()  # of all kernels this one takes longest to compile, and few files need it
     late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP * period_us)
-    return (QualityFlag("W-ORDER", late),) if late else ()
+    return (QualityFlag(Caveat.ORDER, late),) if late else ()
 
 
 @njit(cache=True, nogil=True)
@@ -184,7 +185,7 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
         return ()
     step_us = float(np.median(steps[steps > 0]))
     spread_runs(stamps, edges.astype(np.int64), step_us, find_usual_counts(counts))
-    return (QualityFlag("W-JITTER"),)
+    return (QualityFlag(Caveat.JITTER),)
 
 
 def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
@@ -210,7 +211,7 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
             continue
         at_s = float(stamps[place + 1] - hour_us - stamps[0]) / MICROSECONDS
         stamps[place + 1 :] -= np.int64(hour_us)
-        flags += (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": hour_us // MICROSECONDS}),)
+        flags += (QualityFlag(Caveat.DST, 1, 0.0, at_s, at_s, {"step_s": hour_us // MICROSECONDS}),)
     return flags
 
 
@@ -252,7 +253,7 @@ def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     if repeated == 0:
         return ()
     columns.keep(kept)
-    return (QualityFlag("W-DUP", repeated),)
+    return (QualityFlag(Caveat.DUP, repeated),)
 
 
 @njit(cache=True, nogil=True)
@@ -388,7 +389,7 @@ def turn_round(columns: SampleColumns) -> tuple[QualityFlag, ...]:
         return ()
     for values in (columns.acc, columns.gyr, columns.stamps):
         turn_rows(values.reshape(len(values), -1), columns.rows)
-    return (QualityFlag("W-REVERSED"),)
+    return (QualityFlag(Caveat.REVERSED),)
 
 
 @njit(cache=True, nogil=True)
@@ -419,8 +420,8 @@ def order_pieces(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     repeated = int((begins - pieces.first).sum())
     places = [(int(begins[k]), int(pieces.stop[k])) for k in order]
     gather_rows(columns, places)
-    flags = (QualityFlag("W-PIECES", moved),)
-    return (*flags, QualityFlag("W-DUP", repeated)) if repeated else flags
+    flags = (QualityFlag(Caveat.PIECES, moved),)
+    return (*flags, QualityFlag(Caveat.DUP, repeated)) if repeated else flags
 
 
 def find_begins(
@@ -490,7 +491,7 @@ def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag
     if tick_us == 0 or count_backward(stamps) == 0:
         return ()
     wraps = _unwrap_even(stamps, tick_us) or lift_wraps(stamps, 2 ** BITS[0] * tick_us, MARGIN_US)
-    return (QualityFlag("W-WRAP", wraps),) if wraps else ()
+    return (QualityFlag(Caveat.WRAP, wraps),) if wraps else ()
 
 
 def _unwrap_even(stamps: NDArray[np.int64], tick_us: int) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.repair import (
@@ -227,11 +228,11 @@ def _take_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[QualityF
     if dropped == 0:
         return ()
     columns.keep(kept)
-    return (QualityFlag("W-ROWS-DROPPED", dropped),)
+    return (QualityFlag(Caveat.ROWS_DROPPED, dropped),)
 
 
 def _tell_timed(rows: int) -> tuple[QualityFlag, ...]:
-    return (QualityFlag("W-CLOCK-FWD", rows),) if rows else ()
+    return (QualityFlag(Caveat.CLOCK_FWD, rows),) if rows else ()
 
 
 def settle_rows(

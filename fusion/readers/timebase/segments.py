@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.tables.careful_path import PAUSE
@@ -90,7 +91,7 @@ def _cut_even_rows(
     dropped = int(np.count_nonzero(~is_even))
     columns.keep(is_even)
     grid = cut_stamped(columns)
-    return replace(grid, flags=(*mended, QualityFlag("W-ROWS-DROPPED", dropped), *grid.flags))
+    return replace(grid, flags=(*mended, QualityFlag(Caveat.ROWS_DROPPED, dropped), *grid.flags))
 
 
 def _fit_runs(
@@ -136,9 +137,9 @@ def place_segments(columns: SampleColumns, holes: Holes, runs: list[FittedRun]) 
 def flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
     """Say how the clock was; ``replaced``: stamps that were put into line."""
     found = {
-        "W-CLOCK-FWD": replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
-        "W-CLOCK-BACK": int(np.count_nonzero(holes.step_us < 0)),
-        "W-JITTER": int(jitter > JITTER_PART),
+        Caveat.CLOCK_FWD: replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
+        Caveat.CLOCK_BACK: int(np.count_nonzero(holes.step_us < 0)),
+        Caveat.JITTER: int(jitter > JITTER_PART),
     }
     return tuple(QualityFlag(code, count) for code, count in found.items() if count)
 
@@ -171,5 +172,5 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     flags = flag_gaps(segments, duration_us)
     n_pauses = int(np.count_nonzero(np.diff(pauses)))
     if n_pauses:
-        flags += (QualityFlag("W-PAUSE", n_pauses),)
+        flags += (QualityFlag(Caveat.PAUSE, n_pauses),)
     return Grid(tuple(segments), duration_us, flags, period_us, 0.0)
