@@ -45,7 +45,7 @@ class SlowRoad:
     def _watch_beats(self) -> None:
         end_s = time.monotonic() + 20
         while len(self.beats) < 3 and time.monotonic() < end_s:
-            (claim,) = self._store.list_claims()
+            (claim,) = self._store.find_claims()
             if claim.beats not in self.beats:
                 self.beats.append(claim.beats)
             time.sleep(0.02)
@@ -415,11 +415,11 @@ def test_the_lease_of_a_silent_holder_elsewhere_runs_out(store: JobStore, add_jo
     add_job()
     store.claim(Claimer("another computer", 1, "10"))
     watch = LeaseWatch(identify_self(), lease_s=0.05)
-    watch.find_abandoned(store.list_claims())
+    watch.find_abandoned(store.find_claims())
 
     time.sleep(0.1)
 
-    assert len(watch.find_abandoned(store.list_claims())) == 1
+    assert len(watch.find_abandoned(store.find_claims())) == 1
 
 
 def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: AddJob) -> None:
@@ -428,12 +428,12 @@ def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: Ad
     assert claimed is not None
     assert claimed.token is not None
     watch = LeaseWatch(identify_self(), lease_s=0.05)
-    watch.find_abandoned(store.list_claims())
+    watch.find_abandoned(store.find_claims())
     time.sleep(0.1)
 
     store.beat(job.id, claimed.token, "fusing", 0.5)
 
-    assert watch.find_abandoned(store.list_claims()) == ()
+    assert watch.find_abandoned(store.find_claims()) == ()
 
 
 @pytest.mark.parametrize("way", ["fetch", "keep_attempt"])
