@@ -225,6 +225,9 @@ GROUPS = (
     HOUR_VARIATION,
     EVA_SUMMARY,
 )
+SINGLE_GROUPS = (RECOVERY, FREQUENCY)
+"""Those of which an exposure has one record, or none."""
+
 REST_TABLE = (
     "recovery_neutral_slow_percent",
     "recovery_neutral_slow_per_h",
@@ -233,7 +236,7 @@ REST_TABLE = (
     "inclination_velocity_zero_crossings_per_h",
     "inclination_velocity_mpf_hz",
 )
-"""The rows of the report's table of rest and change of direction; :data:`RECOVERY` and :data:`FREQUENCY`."""
+"""The rows of the report's table of rest and change of direction, of the single groups."""
 
 
 def read_figures(results: Results) -> dict[str, Cell]:

@@ -9,10 +9,9 @@ from app.report.figures import (
     CYCLES_COUNT,
     ENTRIES_PER_H,
     EPISODES,
-    FREQUENCY,
     PERCENTILE,
-    RECOVERY,
     REST_TABLE,
+    SINGLE_GROUPS,
     STAY_LONGEST_S,
     STAY_MEDIAN_S,
     STAY_P90_S,
@@ -208,7 +207,7 @@ def _tabulate_long_stays(exposure: Exposure, entry: Words, language: Language) -
 def _tabulate_rest(exposure: Exposure, entry: Words, language: Language) -> Table:
     values = {
         name: value
-        for group in (RECOVERY, FREQUENCY)
+        for group in SINGLE_GROUPS
         if (record := getattr(exposure, group.key)) is not None
         for name, value in group.name_values(record).items()
     }

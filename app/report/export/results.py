@@ -16,11 +16,10 @@ from app.report.figures import (
     ENTRIES_PER_H,
     EPISODES,
     EVA_SUMMARY,
-    FREQUENCY,
     HOUR_VARIATION,
     PERCENTILE,
-    RECOVERY,
     SHARE_ABOVE,
+    SINGLE_GROUPS,
     TIME_ABOVE,
     VELOCITIES,
     VELOCITY,
@@ -157,7 +156,7 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         "by_period": [_describe_period(part) for part in exposure.by_period],
         "by_task": [{"periods": part.periods, **_describe_period(part)} for part in exposure.by_task],
         "intervals": _describe_intervals(exposure.intervals),
-        **{group.key: _describe(group, getattr(exposure, group.key)) for group in (RECOVERY, FREQUENCY)},
+        **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
         "variation": {
             "by_hour": {
                 figure: HOUR_VARIATION.describe(varied) for figure, varied in exposure.hour_variation.items()
