@@ -59,11 +59,13 @@ def test_a_range_is_read_by_the_name_of_its_figure() -> None:
     assert "time_above_30_percent" not in ranges
 
 
-def test_every_column_of_figures_is_a_declared_figure() -> None:
-    known = {*read_figures(results_of()), "warnings", "error_code", "path", "folder"}
-    columns = {column.name for column in SUMMARY if not column.name.endswith(("_low", "_high"))}
+@pytest.mark.parametrize("columns", [SUMMARY, PERIODS], ids=["summary", "periods"])
+def test_every_number_in_a_table_is_a_declared_figure(columns: tuple[Column, ...]) -> None:
+    declared = {figure.name for group in GROUPS for figure in group.figures}
+    known = {*declared, *read_figures(results_of()), "{figure}_low", "{figure}_high"}
 
-    assert columns - known == set()
+    numbers = {column.pattern for column in columns if column.kind == "number"}
+    assert numbers - known == ({"start_s", "end_s", "periods"} if columns is PERIODS else set())
 
 
 def test_every_row_of_the_table_of_rest_has_words() -> None:
