@@ -195,7 +195,7 @@ def flag_gaps(
     return flag_spans("W-GAP", find_missing(segments, duration_us, excluded))
 
 
-def flag_spans(code: str, spans: Sequence[Span], **facts: str) -> tuple[QualityFlag, ...]:
+def flag_spans(code: str, spans: Sequence[Span], **facts: str | float) -> tuple[QualityFlag, ...]:
     """One flag for all spans of a kind: how many, how long together, where (the longest); none for none."""
     if not spans:
         return ()

@@ -18,7 +18,7 @@ from fusion.readers.tables.layout import decode_head, find_form, find_layout, re
 from fusion.readers.tables.machine_words import NOT_PLAIN, take_plain
 from fusion.readers.tables.plan import plan_table
 from fusion.readers.tables.rows import read_table
-from fusion.readers.timebase.grid import fit_line, open_rows
+from fusion.readers.timebase.row_kernels import fit_line, open_rows
 from tests.fusion.table_builder import HEADER
 
 NO_HOLES = np.empty(0, np.int64)

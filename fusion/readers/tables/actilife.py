@@ -20,8 +20,7 @@ from fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, find
 from fusion.readers.tables.plan import judge_clock, settle_stamps, tell_clock
 from fusion.readers.tables.rows import TablePlan, read_table
 from fusion.readers.timebase.clock import LARGEST_DRIFT, hash_serial
-from fusion.readers.timebase.grid import Grid
-from fusion.readers.timebase.segments import cut_counted, cut_stamped
+from fusion.readers.timebase.grid import Grid, cut_counted, cut_stamped
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)

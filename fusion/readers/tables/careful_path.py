@@ -227,9 +227,6 @@ LINES, BLANKS, BAD, ABSENT, HEADERS, FIRST_BAD_LINE, LAST_BAD_LINE, SAMPLES = ra
 """Places in the tally: lines; blank ones; unreadable ones; rows with a value that is absent; repeated
 headers; where the first and last unreadable line stood; rows that were meant to be there."""
 TALLY_PLACES = 8
-PAUSE = 1 << 32
-"""Added to the row number at a blank line or a new header where the layout has no time: a break of unknown
-length."""
 Rules = tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 """Header line; target of each column (-1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate);
 column of each target, -1 for none; delimiter, decimal mark, kind of stamp, power of ten from stamps to

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from fusion.errors import TooShort, UnknownColumns, UnknownRate
+from fusion.readers.samples import PAUSE
 from fusion.readers.source import Source
-from fusion.readers.tables.careful_path import COUNTER, PAUSE
+from fusion.readers.tables.careful_path import COUNTER
 from fusion.readers.tables.columns import choose_vector
 from fusion.readers.tables.layout import TextForm, TextLayout, find_form, flag_text, read_layout, sniff_layout
 from fusion.readers.tables.plan import (
@@ -24,9 +25,8 @@ from fusion.readers.tables.plan import (
 from fusion.readers.tables.profile import ColumnProfile, apply_profile
 from fusion.readers.tables.rows import TablePlan, TableRows, read_table
 from fusion.readers.timebase.clock import LARGEST_DRIFT, hash_serial
-from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid
-from fusion.readers.timebase.repair import leave_out_repeats
-from fusion.readers.timebase.segments import cut_counted, cut_stamped
+from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
+from fusion.readers.timebase.row_times import leave_out_repeats
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 ARDUINO_BURST_ROWS = 119

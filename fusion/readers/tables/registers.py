@@ -20,9 +20,8 @@ from fusion.readers.tables.careful_path import IGNORED, NUMERIC_TIME, STAMP
 from fusion.readers.tables.layout import TextLayout, find_form, sniff_layout
 from fusion.readers.tables.rows import TablePlan, read_table
 from fusion.readers.timebase.clock import trust_clock
-from fusion.readers.timebase.grid import Grid
+from fusion.readers.timebase.grid import Grid, cut_stamped
 from fusion.readers.timebase.row_times import settle_rows
-from fusion.readers.timebase.segments import cut_stamped
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fusion.errors import CutByExcel, UnreadableRows
 from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
-from fusion.readers.samples import MOST_ROWS, SampleColumns, drop_blank_rows
+from fusion.readers.samples import MOST_ROWS, PAUSE, SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import (
     ABSENT,
@@ -22,7 +22,6 @@ from fusion.readers.tables.careful_path import (
     LAST_BAD_LINE,
     LINES,
     NUMBER,
-    PAUSE,
     SAMPLES,
     SPACE,
     STAMP,
