@@ -24,7 +24,7 @@ from fusion.readers.tables.columns import (
     settle_unit,
     understand_column,
 )
-from fusion.readers.tables.plan import TableClock, judge_clock, read_epoch
+from fusion.readers.tables.rows import TableClock, judge_clock, read_epoch
 from fusion.readers.timebase.clock import datetime_at_us
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
 from fusion.readers.timebase.row_times import settle_rows
