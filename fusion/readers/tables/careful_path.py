@@ -226,6 +226,26 @@ headers; where the first and last unreadable line stood; rows that were meant to
 TALLY_PLACES = 8
 
 
+class LineForm(NamedTuple):
+    """What stands on a line.
+
+    Attributes
+    ----------
+    targets
+        For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    delimiter, decimal
+        Codes of the characters.
+    stamp_kind, stamp_exponent
+        Where the stamps come from, and the power of ten to microseconds.
+    """
+
+    targets: NDArray[np.int64]
+    delimiter: int
+    decimal: int
+    stamp_kind: int
+    stamp_exponent: int
+
+
 class Rules(NamedTuple):
     """How the lines of a table are to be read.
 
@@ -233,24 +253,16 @@ class Rules(NamedTuple):
     ----------
     header
         Bytes of the header line.
-    targets
-        For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    line
+        The form of a line: few values, because every line is read with it.
     columns, scales
         Shape (7,): the column of each target, -1 for none, and its factor.
-    delimiter, decimal
-        Codes of the characters.
-    stamp_kind, stamp_exponent
-        Where the stamps come from, and the power of ten to microseconds.
     """
 
     header: NDArray[np.uint8]
-    targets: NDArray[np.int64]
+    line: LineForm
     columns: NDArray[np.int64]
     scales: NDArray[np.float64]
-    delimiter: int
-    decimal: int
-    stamp_kind: int
-    stamp_exponent: int
 
 
 class Destination(NamedTuple):
@@ -264,14 +276,14 @@ class Destination(NamedTuple):
 
 @inner_making_arrays
 def take_stamp(
-    buffer: NDArray[np.uint8], at: int, rules: Rules, stamps: NDArray[np.int64]
+    buffer: NDArray[np.uint8], at: int, form: LineForm, stamps: NDArray[np.int64]
 ) -> tuple[int, int]:
     """Read the stamp column into ``stamps[0]``; return where it ends and what it is."""
-    if rules.stamp_kind == CALENDAR_TIME:
-        at, stamps[0], kind = take_calendar(buffer, at, rules.delimiter)
+    if form.stamp_kind == CALENDAR_TIME:
+        at, stamps[0], kind = take_calendar(buffer, at, form.delimiter)
         return at, kind
-    at, mantissa, exponent, kind = take_number(buffer, at, rules.delimiter, rules.decimal)
-    stamps[0] = scale_stamp(mantissa, exponent + rules.stamp_exponent)
+    at, mantissa, exponent, kind = take_number(buffer, at, form.delimiter, form.decimal)
+    stamps[0] = scale_stamp(mantissa, exponent + form.stamp_exponent)
     return at, kind
 
 
@@ -279,12 +291,12 @@ def take_stamp(
 def take_row(
     buffer: NDArray[np.uint8],
     at: int,
-    rules: Rules,
+    form: LineForm,
     fields: NDArray[np.float64],
     stamps: NDArray[np.int64],
 ) -> tuple[int, int]:
     """Read one line into ``fields``, shape (7,), and ``stamps[0]``; return its end and its worst field."""
-    targets, delimiter, decimal = rules.targets, rules.delimiter, rules.decimal
+    targets, delimiter, decimal = form.targets, form.delimiter, form.decimal
     worst = NUMBER
     for column in range(len(targets)):
         if column > 0:
@@ -299,7 +311,7 @@ def take_row(
             fields[target] = scale_decimal(mantissa, exponent)
             worst = max(worst, kind if abs(fields[target]) < LARGEST_VALUE else UNREADABLE)
         elif target == STAMP:
-            at, kind = take_stamp(buffer, at, rules, stamps)
+            at, kind = take_stamp(buffer, at, form, stamps)
             worst = max(worst, kind)
         else:
             at = skip_field(buffer, at, delimiter)
@@ -308,12 +320,16 @@ def take_row(
 
 @inner_making_arrays
 def keep_row(
-    fields: NDArray[np.float64], scales: NDArray[np.float64], destination: Destination, row: int
+    fields: NDArray[np.float64],
+    scales: NDArray[np.float64],
+    acc: NDArray[np.float32],
+    gyr: NDArray[np.float32],
+    row: int,
 ) -> None:
     """Scale the fields of a line into its row."""
     for axis in range(3):
-        destination.acc[row, axis] = fields[1 + axis] * scales[1 + axis]
-        destination.gyr[row, axis] = fields[4 + axis] * scales[4 + axis]
+        acc[row, axis] = fields[1 + axis] * scales[1 + axis]
+        gyr[row, axis] = fields[4 + axis] * scales[4 + axis]
 
 
 @inner_making_arrays

@@ -383,9 +383,11 @@ def take_plain_stamps(
     stamps: NDArray[np.int64],
 ) -> int:
     """Read the stamps of a run of lines by the layout's kind of stamp."""
-    if rules.stamp_kind == CALENDAR_TIME:
-        return take_calendars(buffer, fields, step, rules.delimiter, stamps)
-    return take_stamps(buffer, fields, step, (spread_mark(rules.decimal), rules.stamp_exponent), stamps)
+    if rules.line.stamp_kind == CALENDAR_TIME:
+        return take_calendars(buffer, fields, step, rules.line.delimiter, stamps)
+    return take_stamps(
+        buffer, fields, step, (spread_mark(rules.line.decimal), rules.line.stamp_exponent), stamps
+    )
 
 
 @inner_making_arrays
@@ -397,9 +399,9 @@ def take_readings(
     ``reach``: first row to fill, how many lines at most.
     """
     row, most = reach
-    n_columns = len(rules.targets)
+    n_columns = len(rules.line.targets)
     rows = count_regular(lines.ends, n_columns, most)
-    dots = spread_mark(rules.decimal)
+    dots = spread_mark(rules.line.decimal)
     for target in range(1, 7):
         column = rules.columns[target]
         step = (n_columns, lines.end_bytes - 1 if column == n_columns - 1 else 0)
@@ -415,11 +417,11 @@ def take_plain_rows(
     """Read the plain lines at the first mark as :func:`take_readings`, with their stamps; return how many."""
     row, _ = reach
     rows = take_readings(buffer, lines, rules, destination, reach)
-    if rules.stamp_kind == COUNTER:
+    if rules.line.stamp_kind == COUNTER:
         for k in range(rows):
             destination.stamps[row + k] = destination.tally[SAMPLES] + k
         return rows
-    n_columns, column = len(rules.targets), rules.columns[STAMP]
+    n_columns, column = len(rules.line.targets), rules.columns[STAMP]
     step = (n_columns, lines.end_bytes - 1 if column == n_columns - 1 else 0)
     return take_plain_stamps(buffer, lines.marks[column:], step, rules, destination.stamps[row : row + rows])
 
@@ -441,17 +443,17 @@ def parse_line(
     """
     tally, stamps = destination.tally, destination.stamps
     is_header = starts_with(buffer, at, rules.header)
-    if is_header or is_blank(buffer, at, rules.delimiter):
+    if is_header or is_blank(buffer, at, rules.line.delimiter):
         tally[HEADERS if is_header else BLANKS] += 1
         tally[SAMPLES] += PAUSE
         return next_line(buffer, at), 0
     fields = np.zeros(7)
-    at, kind = take_row(buffer, at, rules, fields, stamps[row:])
-    if rules.stamp_kind == COUNTER:
+    at, kind = take_row(buffer, at, rules.line, fields, stamps[row:])
+    if rules.line.stamp_kind == COUNTER:
         stamps[row] = tally[SAMPLES]
     tally[SAMPLES] += 1
     if kind == NUMBER:
-        keep_row(fields, rules.scales, destination, row)
+        keep_row(fields, rules.scales, destination.acc, destination.gyr, row)
     else:
         note_loss(kind, tally)
     return next_line(buffer, at), int(kind == NUMBER)
@@ -469,9 +471,9 @@ def has_all_columns(columns: NDArray[np.int64]) -> bool:
 @inner_making_arrays
 def find_lines(piece: Piece, rules: Rules) -> tuple[int, int]:
     """Find the ends of fields and lines where the plain path can be tried; no lines where it cannot."""
-    if rules.delimiter == SPACE or not has_all_columns(rules.columns):
+    if rules.line.delimiter == SPACE or not has_all_columns(rules.columns):
         return 0, 0
-    return find_marks(piece.buffer, (piece.first, piece.stop), rules.delimiter, piece.marks, piece.ends)
+    return find_marks(piece.buffer, (piece.first, piece.stop), rules.line.delimiter, piece.marks, piece.ends)
 
 
 @kernel_making_arrays
@@ -502,16 +504,16 @@ def parse_plain_lines(piece: Piece, rules: Rules, destination: Destination, row:
     if rows == 0:
         return row, piece.first
     tally, stamps = destination.tally, destination.stamps[row : row + rows]
-    if rules.stamp_kind == COUNTER:
+    if rules.line.stamp_kind == COUNTER:
         number = int(tally[SAMPLES])
         stamps[:] = np.arange(number, number + rows)
     else:
-        column, n_columns = int(rules.columns[STAMP]), len(rules.targets)
+        column, n_columns = int(rules.columns[STAMP]), len(rules.line.targets)
         fields, step = piece.marks[column:], (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
-        if rules.stamp_kind == CALENDAR_TIME:
-            rows = take_calendars(piece.buffer, fields, step, rules.delimiter, stamps)
+        if rules.line.stamp_kind == CALENDAR_TIME:
+            rows = take_calendars(piece.buffer, fields, step, rules.line.delimiter, stamps)
         else:
-            form = (np.uint64(spread_mark(rules.decimal)), rules.stamp_exponent)
+            form = (np.uint64(spread_mark(rules.line.decimal)), rules.line.stamp_exponent)
             rows = take_stamps(piece.buffer, fields, step, form, stamps)
     tally[LINES] += rows
     tally[SAMPLES] += rows

@@ -28,6 +28,7 @@ from fusion.readers.tables.careful_path import (
     STAMP,
     TALLY_PLACES,
     Destination,
+    LineForm,
     Rules,
 )
 from fusion.readers.tables.columns import IN_MICROSECONDS, Column, TimeUnit, choose_vector, settle_unit
@@ -272,13 +273,15 @@ def make_rules(plan: TablePlan) -> Rules:
             columns[target] = column
     return Rules(
         header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
-        targets=np.array(plan.targets, np.int64),
+        line=LineForm(
+            targets=np.array(plan.targets, np.int64),
+            delimiter=ord(layout.delimiter),
+            decimal=ord(layout.decimal),
+            stamp_kind=plan.stamp_kind,
+            stamp_exponent=plan.stamp_exponent,
+        ),
         columns=columns,
         scales=np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale]),
-        delimiter=ord(layout.delimiter),
-        decimal=ord(layout.decimal),
-        stamp_kind=plan.stamp_kind,
-        stamp_exponent=plan.stamp_exponent,
     )
 
 
