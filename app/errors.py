@@ -1,43 +1,49 @@
-"""What can go wrong around the science; :mod:`app.errors` says what each class comes to.
+"""What can go wrong around the science, each class with its code, its facts and what it comes to.
 
-    AppError
-      BadParameter     what was asked for cannot be (422)
-      UnusableSettings, UnusableParticipants, UnusableList   a file that steers a run cannot be used
-      UploadRefused    the bytes were not taken: FileTooLarge 413, DiskFull 507, SlowUpload 408
-                       (tus: WrongOffset 409, UnknownProtocol 412, LockedUpload 423, WrongDigest 460)
-      Busy             the queue is full (503); TooMany: so many uploads at once are not taken (429)
-      StaleVersion     changed by somebody else meanwhile (412)
-      KeyReused        the idempotency key names another request (422); KeyInUse: it is under way (409);
-                       PurgedSince: what it made has been deleted for good (410)
-      ForeignWebhook   a webhook may not lead there (422)
-      NotHere          no such page, recording or analysis (404)
-      NotFinished      the analysis has not ended yet (409)
-      CannotPair       two analyses are not both arms of one shift (422)
-      NoSuchFile       the analysis ended without this file (404); NoSuchRange: not so many bytes (416)
-      NotAllowed       another site asks (403, 421), or a method that does not exist here (405)
-      ServerRefused    the server cannot start like this: ForeignAddress, PortTaken, FolderTaken,
-                       FolderUnusable (FolderReadOnly, FolderForbidden, FolderIsFile),
-                       StoreMismatch, DatabaseTooOld, DatabaseTooNew, DatabaseDamaged, DatabaseLocked
-                       NotInstalled, NotEmpty, BackupRefused
-      DatabaseAway     the database does not answer (503); StoreAway: the bucket does not
-      StoreDamaged     the stored bytes are no longer those that came (410); ResultDamaged: nor those of a
-                       report, which can be made again
-      AttemptFailed    the analysis was stopped: Interrupted, Crashed, OutOfMemory, OutOfTime, InternalError
-
-As in :mod:`fusion.errors`, a class has a code and facts, never a sentence.
+As in :mod:`fusion.errors`, a class has a code and facts, never a sentence. A class without an outcome of its
+own has its parent's.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, TypeVar
 
-from fusion.errors import Fact, FusionError
+from fusion.errors import TERM, Fact, FusionError, name_facts
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """HTTP status, exit code of the command line, and whether trying again may help."""
+
+    status: int
+    exit_code: int
+    retryable: bool = False
+
+
+BUG = Outcome(500, 3, retryable=True)
+REFUSED_BY_THE_SCIENCE = Outcome(422, 3)
+"""Of every :class:`fusion.errors.FusionError`, which knows neither HTTP nor a command line."""
+
+# Codes that no class carries: nothing raises them.
+UNREADABLE_PATH = "E-FILE"
+NO_RECORDING = "E-NO-RECORDING"
+CANCELLED = "E-CANCELLED"
 
 
 class AppError(Exception):
-    """``code`` says why and ``facts`` fill the sentence."""
+    """``code`` says why and ``facts`` fill the sentence.
+
+    Attributes
+    ----------
+    outcome
+        What it comes to, over HTTP and on the command line.
+    fact_meanings
+        The names that ``facts`` may hold, each with its unit or meaning.
+    """
 
     code: ClassVar[str]
+    outcome: ClassVar[Outcome] = BUG
+    fact_meanings = name_facts()
 
     def __init__(self, **facts: Fact) -> None:
         super().__init__(self.code, facts)
@@ -53,57 +59,80 @@ class RecordedProblem(Exception):
 
 
 class BadParameter(AppError):
-    """A value that cannot be. Facts: name, value, allowed."""
+    """A value that cannot be."""
 
     code = "E-PARAMETER"
+    outcome = Outcome(422, 2)
+    fact_meanings = name_facts(name="of the value", value="as given", allowed="what can be")
 
 
 class UnusableSettings(AppError):
-    """A settings file cannot be used. Facts: line or name, why, value, allowed, nearest."""
+    """A settings file cannot be used."""
 
     code = "E-SETTINGS"
+    outcome = Outcome(422, 2)
+    fact_meanings = name_facts(
+        name="setting",
+        why=TERM,
+        value="as written",
+        allowed="what can be",
+        nearest="setting of a like name",
+        line="line",
+    )
 
 
 class UnusableParticipants(AppError):
-    """A list of participants cannot be used. Facts: line, why, value, allowed."""
+    """A list of participants cannot be used."""
 
     code = "E-PARTICIPANTS"
+    outcome = Outcome(422, 2)
+    fact_meanings = name_facts(why=TERM, value="as written", allowed="what can be", line="line")
 
 
 class UnusableList(AppError):
-    """A list of recordings cannot be used. Facts: line, why, value."""
+    """A list of recordings cannot be used."""
 
     code = "E-LIST"
+    outcome = Outcome(422, 2)
+    fact_meanings = name_facts(why=TERM, value="as written", line="line")
 
 
 class BadChecksum(BadParameter):
-    """No checksum that could be compared. Facts: value, allowed."""
+    """No checksum that could be compared."""
 
     code = "E-CHECKSUM"
+    outcome = Outcome(400, 2)
+    fact_meanings = name_facts(value="as given", allowed="what can be")
 
 
 class UploadRefused(AppError):
     """The bytes were not taken."""
 
     code = "E-UPLOAD"
+    outcome = Outcome(400, 3, retryable=True)
 
 
 class FileTooLarge(UploadRefused):
-    """More bytes than allowed. Facts: n, max (GB)."""
+    """More bytes than allowed."""
 
     code = "E-BIG"
+    outcome = Outcome(413, 3)
+    fact_meanings = name_facts(n="GB", max="GB")
 
 
 class DiskFull(UploadRefused):
     """Too little space is left to take a recording."""
 
     code = "E-DISK"
+    outcome = Outcome(507, 3, retryable=True)
+    fact_meanings = name_facts(tries="attempts")
 
 
 class SlowUpload(UploadRefused):
     """The bytes came too slowly."""
 
     code = "E-SLOW"
+    outcome = Outcome(408, 3, retryable=True)
 
 
 class BrokenUpload(UploadRefused):
@@ -113,119 +142,145 @@ class BrokenUpload(UploadRefused):
 
 
 class WrongOffset(UploadRefused):
-    """The bytes do not begin where the upload ended. Facts: expected."""
+    """The bytes do not begin where the upload ended."""
 
     code = "E-OFFSET"
+    outcome = Outcome(409, 3, retryable=True)
+    fact_meanings = name_facts(expected="byte")
 
 
 class LockedUpload(UploadRefused):
     """Another request writes to the same upload."""
 
     code = "E-LOCKED"
+    outcome = Outcome(423, 3, retryable=True)
 
 
 class WrongDigest(UploadRefused):
     """What arrived is not what was sent."""
 
     code = "E-DIGEST"
+    outcome = Outcome(460, 3, retryable=True)
 
 
 class WrongLength(UploadRefused):
     """The length is missing or wrong."""
 
     code = "E-LENGTH"
+    outcome = Outcome(400, 3)
 
 
 class WrongMediaType(UploadRefused):
-    """The body is of a kind that is not taken here. Facts: found, allowed."""
+    """The body is of a kind that is not taken here."""
 
     code = "E-MEDIA"
+    outcome = Outcome(415, 3)
+    fact_meanings = name_facts(found="media type", allowed="media types")
 
 
 class UnknownProtocol(UploadRefused):
-    """Another version of the upload protocol. Facts: allowed."""
+    """Another version of the upload protocol."""
 
     code = "E-PROTOCOL"
+    outcome = Outcome(412, 3)
+    fact_meanings = name_facts(allowed="versions")
 
 
 class Busy(AppError):
     """More work waits than is allowed."""
 
     code = "E-BUSY"
+    outcome = Outcome(503, 3, retryable=True)
 
 
 class TooMany(AppError):
-    """As many uploads as are taken at once are under way. Facts: max."""
+    """As many uploads as are taken at once are under way."""
 
     code = "E-TOO-MANY"
+    outcome = Outcome(429, 3, retryable=True)
+    fact_meanings = name_facts(max="uploads at once")
 
 
 class KeyReused(AppError):
     """The idempotency key was used for another request."""
 
     code = "E-KEY-REUSED"
+    outcome = Outcome(422, 2)
 
 
 class KeyInUse(AppError):
     """The request with this idempotency key is still under way."""
 
     code = "E-KEY-IN-USE"
+    outcome = Outcome(409, 3, retryable=True)
 
 
 class PurgedSince(AppError):
     """What a request with this idempotency key made has been deleted for good."""
 
     code = "E-PURGED"
+    outcome = Outcome(410, 3)
 
 
 class ForeignWebhook(AppError):
-    """A webhook may not lead there. Facts: url."""
+    """A webhook may not lead there."""
 
     code = "E-WEBHOOK"
+    outcome = Outcome(422, 2)
+    fact_meanings = name_facts(url="address")
 
 
 class StaleVersion(AppError):
     """Somebody else has changed it meanwhile."""
 
     code = "E-STALE"
+    outcome = Outcome(412, 3)
 
 
 class NotHere(AppError):
-    """No such page, recording or analysis. Facts: id, where one was named."""
+    """No such page, recording or analysis."""
 
     code = "E-NOT-FOUND"
+    outcome = Outcome(404, 3)
+    fact_meanings = name_facts(id="of what was asked for")
 
 
 class NoSuchFile(NotHere):
-    """The analysis ended without this file. Facts: name."""
+    """The analysis ended without this file."""
 
     code = "E-NO-FILE"
+    fact_meanings = name_facts(name="of the file")
 
 
 class NoSuchRange(AppError):
-    """A part of a file behind its end. Facts: size (bytes)."""
+    """A part of a file behind its end."""
 
     code = "E-RANGE"
+    outcome = Outcome(416, 2)
+    fact_meanings = name_facts(size="bytes")
 
 
 class CannotPair(AppError):
-    """Two analyses cannot be set side by side. Facts: why ("offset", "apart", "side", "same",
-    "kept").
-    """
+    """Two analyses cannot be set side by side."""
 
     code = "E-PAIR"
+    outcome = Outcome(422, 3)
+    fact_meanings = name_facts(why=TERM)
 
 
 class NotFinished(AppError):
-    """The analysis has not ended yet. Facts: state."""
+    """The analysis has not ended yet."""
 
     code = "E-NOT-FINISHED"
+    outcome = Outcome(409, 3, retryable=True)
+    fact_meanings = name_facts(state=TERM)
 
 
 class NotAllowed(AppError):
     """Not for this caller."""
 
     code = "E-NOT-ALLOWED"
+    outcome = Outcome(403, 2)
 
 
 class ForeignOrigin(NotAllowed):
@@ -235,179 +290,219 @@ class ForeignOrigin(NotAllowed):
 
 
 class ForeignHostName(NotAllowed):
-    """The request names a host that this server is not. Facts: host."""
+    """The request names a host that this server is not."""
 
     code = "E-HOST-NAME"
+    outcome = Outcome(421, 2)
+    fact_meanings = name_facts(host="name")
 
 
 class WrongVerb(NotAllowed):
-    """The address does not know this method. Facts: method."""
+    """The address does not know this method."""
 
     code = "E-METHOD"
+    outcome = Outcome(405, 2)
+    fact_meanings = name_facts(method="of the request", allowed="methods")
 
 
 class ServerRefused(AppError):
     """The server cannot start like this."""
 
     code = "E-SERVER"
+    outcome = Outcome(503, 2)
 
 
 class ForeignAddress(ServerRefused):
-    """Only loopback is served until accounts exist. Facts: host."""
+    """Only loopback is served until accounts exist."""
 
     code = "E-HOST"
+    fact_meanings = name_facts(host="address")
 
 
 class PortTaken(ServerRefused):
-    """Another program listens there. Facts: host, port."""
+    """Another program listens there."""
 
     code = "E-PORT"
+    fact_meanings = name_facts(host="address", port="number")
 
 
 class FolderTaken(ServerRefused):
-    """Another server works in this data folder. Facts: folder."""
+    """Another server works in this data folder."""
 
     code = "E-FOLDER-IN-USE"
+    fact_meanings = name_facts(folder="path")
 
 
 class FolderUnusable(ServerRefused):
-    """The data folder cannot be used. Facts: folder, why."""
+    """The data folder cannot be used."""
 
     code = "E-FOLDER"
+    fact_meanings = name_facts(folder="path", why="by the system")
 
 
 class FolderReadOnly(FolderUnusable):
-    """The data folder is on a disk that can only be read. Facts: folder."""
+    """The data folder is on a disk that can only be read."""
 
     code = "E-FOLDER-READ-ONLY"
+    fact_meanings = name_facts(folder="path")
 
 
 class FolderForbidden(FolderUnusable):
-    """The user of this process may not write in the data folder. Facts: folder."""
+    """The user of this process may not write in the data folder."""
 
     code = "E-FOLDER-PERMISSION"
+    fact_meanings = name_facts(folder="path")
 
 
 class FolderIsFile(FolderUnusable):
-    """A file stands where the data folder should be. Facts: folder."""
+    """A file stands where the data folder should be."""
 
     code = "E-FOLDER-FILE"
+    fact_meanings = name_facts(folder="path")
 
 
 class DatabaseDamaged(ServerRefused):
-    """The file of the database is damaged; it is never replaced by itself. Facts: file, why."""
+    """The file of the database is damaged; it is never replaced by itself."""
 
     code = "E-DATABASE-DAMAGED"
+    fact_meanings = name_facts(file="path", why="by the database")
 
 
 class DatabaseLocked(ServerRefused):
-    """Another process holds the database and does not let go. Facts: file, pid (where it is known)."""
+    """Another process holds the database and does not let go."""
 
     code = "E-DATABASE-LOCKED"
+    fact_meanings = name_facts(file="path", pid="process, where known")
 
 
 class DatabaseTooOld(ServerRefused):
-    """The tables are of an earlier release, and only the server migrates. Facts: found, needed."""
+    """The tables are of an earlier release, and only the server migrates."""
 
     code = "E-DATABASE-OLD"
+    fact_meanings = name_facts(found="revision", needed="revision")
 
 
 class DatabaseTooNew(ServerRefused):
-    """The tables are of a later release. Facts: found, needed."""
+    """The tables are of a later release."""
 
     code = "E-DATABASE-NEW"
+    fact_meanings = name_facts(found="revision", needed="revision")
 
 
 class StoreMismatch(ServerRefused):
-    """The database belongs to another folder or bucket. Facts: found, needed."""
+    """The database belongs to another folder or bucket."""
 
     code = "E-STORE-OTHER"
+    fact_meanings = name_facts(found="store", needed="store")
 
 
 class UnknownRecordings(ServerRefused):
     """The store holds recordings that the database does not know: it is lost, older or foreign."""
 
     code = "E-UNKNOWN-RECORDINGS"
+    fact_meanings = name_facts(number="recordings", first="key of one")
 
 
 class NotEmpty(ServerRefused):
-    """A backup is restored only where nothing is. Facts: number, where (a table, or a file in the store)."""
+    """A backup is restored only where nothing is."""
 
     code = "E-NOT-EMPTY"
+    fact_meanings = name_facts(number="rows or files", where="table, or file in the store")
 
 
 class BackupRefused(ServerRefused):
-    """The backup cannot be written or read as it is. Facts: why."""
+    """The backup cannot be written or read as it is."""
 
     code = "E-BACKUP"
+    fact_meanings = name_facts(why="by the system")
 
 
 class NotInstalled(ServerRefused):
-    """What many machines need is not installed. Facts: name."""
+    """What many machines need is not installed."""
 
     code = "E-NOT-INSTALLED"
+    fact_meanings = name_facts(name="of the package")
 
 
 class StoreAway(AppError):
     """The bucket does not answer."""
 
     code = "E-STORE"
+    outcome = Outcome(503, 3, retryable=True)
 
 
 class StoreDamaged(AppError):
     """The stored bytes are no longer those that came."""
 
     code = "E-STORE-DAMAGED"
+    outcome = Outcome(410, 3)
 
 
 class ResultDamaged(AppError):
-    """A file of a finished analysis is missing or not what was made. Facts: name, analysis, again (the
-    analysis that replaces it, where there is one).
-    """
+    """A file of a finished analysis is missing or not what was made."""
 
     code = "E-RESULT-DAMAGED"
+    outcome = Outcome(410, 3, retryable=True)
+    fact_meanings = name_facts(
+        name="of the file",
+        analysis="identity",
+        again="identity of the analysis that replaces it",
+    )
 
 
 class DatabaseAway(AppError):
-    """The database does not answer. Facts: why, at a start."""
+    """The database does not answer."""
 
     code = "E-DATABASE"
+    outcome = Outcome(503, 3, retryable=True)
+    fact_meanings = name_facts(why="by the system, at a start")
 
 
 class AttemptFailed(AppError):
     """The analysis was stopped."""
 
     code = "E-STOPPED"
+    outcome = Outcome(500, 3)
 
 
 class Interrupted(AttemptFailed):
-    """The computer or the program ended before this recording was done. Facts: times, on a server."""
+    """The computer or the program ended before this recording was done."""
 
     code = "E-INTERRUPTED"
+    outcome = Outcome(503, 130, retryable=True)
+    fact_meanings = name_facts(times="interruptions, on a server")
 
 
 class Crashed(AttemptFailed):
-    """The analysis died as often as is allowed, while its worker lived. Facts: attempts."""
+    """The analysis died as often as is allowed, while its worker lived."""
 
     code = "E-CRASHED"
+    outcome = Outcome(422, 3, retryable=True)
+    fact_meanings = name_facts(attempts="attempts")
 
 
 class OutOfMemory(AttemptFailed):
-    """The analysis needs more memory than allowed. Facts: max (GB)."""
+    """The analysis needs more memory than allowed."""
 
     code = "E-MEMORY"
+    outcome = Outcome(422, 3)
+    fact_meanings = name_facts(max="GB")
 
 
 class OutOfTime(AttemptFailed):
-    """The analysis takes longer than allowed. Facts: s."""
+    """The analysis takes longer than allowed."""
 
     code = "E-TIMEOUT"
+    outcome = Outcome(422, 3)
+    fact_meanings = name_facts(s="s")
 
 
 class InternalError(AttemptFailed):
-    """A bug; the traceback is in the log under this reference. Facts: reference."""
+    """A bug; the traceback is in the log under this reference."""
 
     code = "E-INTERNAL"
+    outcome = BUG
+    fact_meanings = name_facts(reference="in the log")
 
 
 @dataclass(frozen=True, slots=True)
@@ -419,69 +514,14 @@ class StudyProblem:
     facts: Mapping[str, Fact] = field(default_factory=dict)
 
 
-# The one table from an error's class to its outcome: HTTP status, exit code, whether to try again.
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """HTTP status, exit code of the command line, and whether trying again may help."""
-
-    status: int
-    exit_code: int
-    retryable: bool = False
-
-
-OUTCOMES: Mapping[type[Exception], Outcome] = {
-    FusionError: Outcome(422, 3),
-    BadParameter: Outcome(422, 2),
-    UnusableSettings: Outcome(422, 2),
-    UnusableParticipants: Outcome(422, 2),
-    UnusableList: Outcome(422, 2),
-    BadChecksum: Outcome(400, 2),
-    UploadRefused: Outcome(400, 3, retryable=True),
-    FileTooLarge: Outcome(413, 3),
-    DiskFull: Outcome(507, 3, retryable=True),
-    SlowUpload: Outcome(408, 3, retryable=True),
-    WrongOffset: Outcome(409, 3, retryable=True),
-    LockedUpload: Outcome(423, 3, retryable=True),
-    WrongDigest: Outcome(460, 3, retryable=True),
-    WrongLength: Outcome(400, 3),
-    WrongMediaType: Outcome(415, 3),
-    UnknownProtocol: Outcome(412, 3),
-    Busy: Outcome(503, 3, retryable=True),
-    TooMany: Outcome(429, 3, retryable=True),
-    StaleVersion: Outcome(412, 3),
-    KeyReused: Outcome(422, 2),
-    KeyInUse: Outcome(409, 3, retryable=True),
-    PurgedSince: Outcome(410, 3),
-    ForeignWebhook: Outcome(422, 2),
-    NotHere: Outcome(404, 3),
-    NoSuchRange: Outcome(416, 2),
-    CannotPair: Outcome(422, 3),
-    NotFinished: Outcome(409, 3, retryable=True),
-    NotAllowed: Outcome(403, 2),
-    ForeignHostName: Outcome(421, 2),
-    WrongVerb: Outcome(405, 2),
-    ServerRefused: Outcome(503, 2),
-    StoreAway: Outcome(503, 3, retryable=True),
-    StoreDamaged: Outcome(410, 3),  # gone: what this address promised is not there any more, and no bug
-    ResultDamaged: Outcome(410, 3, retryable=True),
-    DatabaseAway: Outcome(503, 3, retryable=True),
-    AttemptFailed: Outcome(500, 3),
-    Interrupted: Outcome(503, 130, retryable=True),
-    Crashed: Outcome(422, 3, retryable=True),
-    OutOfMemory: Outcome(422, 3),
-    OutOfTime: Outcome(422, 3),
-    InternalError: Outcome(500, 3, retryable=True),
-}
-
-
 Refusal = TypeVar("Refusal", bound=Exception)
 
 
 def find_outcome(error: type[Exception]) -> Outcome:
-    """Look the class up, or else its nearest ancestor; a class of nobody's is a bug."""
-    return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), OUTCOMES[InternalError])
+    """Give what a class of error comes to; any that is not a refusal is a bug."""
+    if issubclass(error, AppError):
+        return error.outcome
+    return REFUSED_BY_THE_SCIENCE if issubclass(error, FusionError) else BUG
 
 
 def find_outcome_of_code(code: str) -> Outcome:

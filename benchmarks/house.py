@@ -2,25 +2,81 @@
 
     python -m benchmarks.house
 
-The figures are mirrors, not gates. Static ones are read from the source of ``app`` and ``fusion``; what one
-recording passes is traced in this process (``analyse(read_recording(...))``, a simulated LSM9DS1 table).
+The figures are mirrors, not gates. Static ones are read from the source of ``app`` and ``fusion``. What one
+recording passes is traced: a file counts when one of its functions runs (its import alone does not count), in
+any process that the command starts. The recordings are simulated.
 """
 
 import ast
+import inspect
+import os
 import re
+import subprocess
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType
 
-from fusion import analyse, read_recording
 from fusion.simulation import simulate_shift, write_shift
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("app", "fusion")
 CAVEAT = re.compile(r"W-[A-Z][A-Z-]+")
+TRACER = f"""
+import os, sys, threading
+seen, folder = set(), os.environ["HOUSE_TRACE"]
+def note(frame, event, argument):
+    code = frame.f_code
+    name = code.co_filename
+    if name not in seen and code.co_flags & {inspect.CO_OPTIMIZED}:
+        seen.add(name)
+        if name.startswith({str(ROOT)!r}):
+            with open(os.path.join(folder, str(os.getpid())), "a") as file:
+                file.write(name + chr(10))
+def start():
+    seen.clear()
+    threading.setprofile(note)
+    sys.setprofile(note)
+os.register_at_fork(after_in_child=start)
+start()
+"""
+"""What every Python process of a traced command runs first (``sitecustomize``)."""
+ANALYSE = (
+    "import sys; from fusion import analyse, read_recording; analyse(read_recording(open(sys.argv[1], 'rb')))"
+)
+CHILD = """
+import sys; from pathlib import Path
+from app.jobs.children.attempt import load_and_make_report
+from app.request import ReportRequest
+load_and_make_report(Path(sys.argv[1]), ReportRequest(file_name="x.gt3x"), Path(sys.argv[2]), lambda *_: True)
+"""
+UNITS = frozenset(
+    [
+        "s",
+        "ms",
+        "us",
+        "ns",
+        "min",
+        "h",
+        "hz",
+        "khz",
+        "deg",
+        "dps",
+        "rad",
+        "rads",
+        "g",
+        "mg",
+        "mps2",
+        "mv",
+        "bytes",
+        "kib",
+        "mib",
+        "gib",
+        "percent",
+        "points",
+    ]
+)
 
 
 def main() -> None:
@@ -34,31 +90,48 @@ def main() -> None:
         "lines": sum(text.count("\n") for text in sources.values()),
         f"largest folder, files ({largest.relative_to(ROOT)})": most,
         "files over 600 lines": sum(text.count("\n") > 600 for text in sources.values()),
-        "files that analyse(read_recording(x.csv)) passes": len(trace_files()),
+        **trace_recordings(),
         "longest import chain between rooms of fusion/": measure_chain(trees),
         "private functions used once": count_used_once(sources, trees),
         "Python files with a W-code as a literal": count_caveat_files(trees),
+        "numbers with a unit in their name, percent": share_with_unit(trees),
+        "of these that are float, percent": share_with_unit(trees, ("float",)),
         "words in docs/ outside tables": count_words(),
     }
     print("| | now |", "|---|---|", *(f"| {name} | {value:,} |" for name, value in rows.items()), sep="\n")
 
 
-def trace_files() -> set[str]:
-    """Give the files of ours in which a function runs while one recording is read and analysed."""
-    passed: set[str] = set()
+def trace_recordings() -> dict[str, int]:
+    """Count the files that one recording passes: in the child, from the command line, by Python."""
+    acromion = str(Path(sys.executable).with_name("acromion"))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        table = str(write_shift(folder / "table", simulate_shift("lsm9ds1", 0.02, seed=1))[0])
+        binary = str(write_shift(folder / "binary", simulate_shift("gt9x", 0.1, seed=1))[0])
+        (folder / "out").mkdir()
+        return {
+            "files one .gt3x passes in the child": trace(
+                folder / "child", [sys.executable, "-c", CHILD, binary, str(folder / "out")]
+            ),
+            "files one .gt3x passes by acromion run": trace(
+                folder / "run", [acromion, "run", binary, "--out", str(folder / "reports")]
+            ),
+            "files that analyse(read_recording(x.csv)) passes": trace(
+                folder / "python", [sys.executable, "-c", ANALYSE, table]
+            ),
+        }
 
-    def note(frame: FrameType, _event: str, _argument: object) -> None:
-        passed.add(frame.f_code.co_filename)
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = write_shift(Path(folder), simulate_shift("lsm9ds1", 0.02, seed=1))[0]
-        sys.setprofile(note)
-        try:
-            with path.open("rb") as file:
-                analyse(read_recording(file))
-        finally:
-            sys.setprofile(None)
-    return {name for name in passed if name.startswith(str(ROOT / "fusion"))}
+def trace(folder: Path, command: list[str]) -> int:
+    """Count the files of ours in which a function runs while a command runs, in all its processes."""
+    notes = folder / "notes"
+    notes.mkdir(parents=True)
+    (folder / "sitecustomize.py").write_text(TRACER)
+    paths = os.pathsep.join((str(folder), str(ROOT)))
+    environment = {**os.environ, "PYTHONPATH": paths, "HOUSE_TRACE": str(notes)}
+    subprocess.run(command, env=environment, check=True, capture_output=True, cwd=folder)
+    passed = {line for note in notes.iterdir() for line in note.read_text().splitlines()}
+    return sum(name.startswith((f"{ROOT}/app/", f"{ROOT}/fusion/")) for name in passed)
 
 
 def measure_chain(trees: dict[Path, ast.Module]) -> int:
@@ -110,6 +183,24 @@ def _is_caveat(node: ast.AST) -> bool:
     return (
         isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(CAVEAT.fullmatch(node.value))
     )
+
+
+def share_with_unit(trees: dict[Path, ast.Module], types: tuple[str, ...] = ("float", "int")) -> int:
+    """Give the percentage of numbers (parameters and fields) whose name ends in, or holds, a unit."""
+    names = [name for tree in trees.values() for name in _list_numbers(tree, types)]
+    return round(100 * sum(not UNITS.isdisjoint(name.lower().split("_")) for name in names) / len(names))
+
+
+def _list_numbers(tree: ast.Module, types: tuple[str, ...]) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg):
+            name = node.arg
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            name = node.target.id
+        else:
+            continue
+        if node.annotation is not None and ast.unparse(node.annotation).removesuffix(" | None") in types:
+            yield name
 
 
 def count_words() -> int:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pyarrow import compute as pc
 from pyarrow import csv
 
+from fusion.caveats import Caveat
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import (
     EmptyFile,
@@ -289,9 +290,9 @@ def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> t
     missing_s = (duration_us - present_us) / MICROSECONDS
     if missing_s < 0.5 / segments[0].rate_hz:
         return ()
-    return (QualityFlag("W-GAP", max(len(segments) - 1, 1), round(missing_s, 6)),)
+    return (QualityFlag(Caveat.GAP, max(len(segments) - 1, 1), round(missing_s, 6)),)
 
 
 def _flag_rows(rows: _Rows) -> tuple[QualityFlag, ...]:
-    dropped = (QualityFlag("W-ROWS-DROPPED", rows.dropped),) if rows.dropped else ()
-    return (*dropped, QualityFlag("W-LOCALE")) if rows.has_commas else dropped
+    dropped = (QualityFlag(Caveat.ROWS_DROPPED, rows.dropped),) if rows.dropped else ()
+    return (*dropped, QualityFlag(Caveat.LOCALE)) if rows.has_commas else dropped

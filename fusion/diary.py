@@ -21,6 +21,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Literal, get_args
 
+from fusion.caveats import Caveat
 from fusion.errors import UnusableDiary
 from fusion.recording import MICROSECONDS, QualityFlag, Span
 
@@ -382,7 +383,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
         for period in inside
     )
     outside = len(whole) - len(inside)
-    left_aside = (QualityFlag("W-DIARY", outside),) if outside else ()
+    left_aside = (QualityFlag(Caveat.DIARY, outside),) if outside else ()
     return Placed(cut, (*left_aside, *_flag_overlaps(cut)))
 
 
@@ -410,7 +411,8 @@ def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
         return ()
     spans_s = tuple(sorted((a / MICROSECONDS, b / MICROSECONDS) for a, b in shared))
     seconds = sum(b - a for a, b in spans_s)
-    return (QualityFlag("W-OVERLAP", len(spans_s), seconds, spans_s[0][0], spans_s[-1][1], spans_s=spans_s),)
+    first_s, last_s = spans_s[0][0], spans_s[-1][1]
+    return (QualityFlag(Caveat.OVERLAP, len(spans_s), seconds, first_s, last_s, spans_s=spans_s),)
 
 
 def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tuple[int, int]]:

@@ -1,8 +1,9 @@
 """Why no number can be given.
 
-An error means that no number can be given; a flag (:class:`fusion.recording.QualityFlag`) means a number
-with a caveat; anything else that is raised is a bug. An error carries a fixed code and facts, never a
-sentence: the sentences live in the wording files of ``app/report/words``.
+An error means that no number can be given; a caveat (:mod:`fusion.caveats`) means a number with something to
+know about it; anything else that is raised is a bug. An error carries a fixed code and facts, never a
+sentence: the sentences stand under its code in ``app/report/words``, and the table in ``docs/codes.md`` is
+generated from here.
 
     FusionError
       UnreadableFile
@@ -12,18 +13,35 @@ sentence: the sentences live in the wording files of ``app/report/words``.
       UnusableDiary     the list of periods that came with it cannot be followed
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar
 
 Fact = str | int | float
+TERM = "a fixed term"
+"""The meaning of a fact that the words of both languages translate."""
+
+
+def name_facts(**meanings: str) -> Mapping[str, str]:
+    """Declare the facts that come with a code: each name with its unit or meaning."""
+    return MappingProxyType(meanings)
+
+
+PLACE = name_facts(line="line of the file", byte="byte of the file", clock="time in the recording")
+"""Where in the file it is, of any refusal that knows it."""
 
 
 class FusionError(Exception):
     """No number can be given; ``code`` says why and ``facts`` fill the sentence.
 
-    The facts ``line``, ``byte`` and ``clock``, where present, are the place in the file.
+    Attributes
+    ----------
+    fact_meanings
+        The names that ``facts`` may hold, each with its unit or meaning; those of :data:`PLACE` beside them.
     """
 
     code: ClassVar[str]
+    fact_meanings = name_facts()
 
     def __init__(self, **facts: Fact) -> None:
         super().__init__(self.code, facts)
@@ -40,6 +58,7 @@ class UnknownFormat(UnreadableFile):
     """The bytes are something other than a recording with acceleration and angular rate."""
 
     code = "E-TYPE"
+    fact_meanings = name_facts(kind="what the bytes are")
 
 
 class EmptyFile(UnknownFormat):
@@ -49,9 +68,14 @@ class EmptyFile(UnknownFormat):
 
 
 class WrongExtension(UnknownFormat):
-    """The name says one format, the content another. Facts: ext, kind, right."""
+    """The name says one format, the content another."""
 
     code = "E-EXT"
+    fact_meanings = name_facts(
+        ext="extension of the name",
+        kind="what the bytes are",
+        right="extension that fits",
+    )
 
 
 class OldDevice(UnknownFormat):
@@ -61,25 +85,28 @@ class OldDevice(UnknownFormat):
 
 
 class NoGyroscope(UnknownFormat):
-    """Acceleration only: elevation in motion cannot be told from acceleration. Facts: cure (the device)."""
+    """Acceleration only: elevation in motion cannot be told from acceleration."""
 
     code = "E-NO-GYRO"
+    fact_meanings = name_facts(cure="device")
 
 
 class EpochFile(UnknownFormat):
-    """Counts or epochs instead of raw samples. Facts: sec."""
+    """Counts or epochs instead of raw samples."""
 
     code = "E-EPOCH"
+    fact_meanings = name_facts(sec="s of an epoch")
 
 
 class UnknownColumns(UnknownFormat):
-    """A table whose columns are not recognised. Facts: list."""
+    """A table whose columns are not recognised."""
 
     code = "E-COLS"
+    fact_meanings = name_facts(list="names of the columns")
 
 
 class AmbiguousDecimal(UnknownFormat):
-    """The comma is both separator and decimal mark. Facts: line."""
+    """The comma is both separator and decimal mark."""
 
     code = "E-DECIMAL"
 
@@ -88,54 +115,63 @@ class DamagedFile(UnreadableFile):
     """It was a recording once."""
 
     code = "E-CORRUPT"
+    fact_meanings = name_facts(p="% damaged")
 
 
 class BlankFile(DamagedFile):
-    """Every byte is zero: room was kept, nothing was written. Facts: n (bytes)."""
+    """Every byte is zero: room was kept, nothing was written."""
 
     code = "E-BLANK"
+    fact_meanings = name_facts(n="bytes")
 
 
 class TruncatedArchive(DamagedFile):
-    """The archive has lost its index. Facts: n (bytes)."""
+    """The archive has lost its index."""
 
     code = "E-ZIP-TRUNC"
+    fact_meanings = name_facts(n="bytes")
 
 
 class CorruptArchive(DamagedFile):
-    """A member fails its integrity check. Facts: member."""
+    """A member fails its integrity check."""
 
     code = "E-ZIP-CRC"
+    fact_meanings = name_facts(member="name in the archive")
 
 
 class UnsafeArchive(DamagedFile):
-    """The archive is refused before it can do harm. Facts: reason."""
+    """The archive is refused before it can do harm."""
 
     code = "E-ZIP-UNSAFE"
+    fact_meanings = name_facts(reason=TERM, limit="bytes, members or ratio, at most", count="members")
 
 
 class MissingMember(DamagedFile):
-    """A part of the archive is missing. Facts: member."""
+    """A part of the archive is missing."""
 
     code = "E-GT3X-PART"
+    fact_meanings = name_facts(member="name in the archive")
 
 
 class RefusedXml(DamagedFile):
-    """XML with entities or a document type, cut off, or no MVNX. Facts: reason."""
+    """XML with entities or a document type, cut off, or no MVNX."""
 
     code = "E-XML"
+    fact_meanings = name_facts(reason=TERM)
 
 
 class MissingSegment(UnreadableFile):
-    """A motion capture without what the angle is taken from. Facts: segment."""
+    """A motion capture without what the angle is taken from."""
 
     code = "E-SEGMENT"
+    fact_meanings = name_facts(segment="name of the body segment")
 
 
 class UnreadableRows(DamagedFile):
-    """More than 5 % of the lines cannot be read. Facts: k, line."""
+    """More than 5 % of the lines cannot be read."""
 
     code = "E-ROW"
+    fact_meanings = name_facts(k="lines")
 
 
 class CutByExcel(DamagedFile):
@@ -151,29 +187,42 @@ class UnusableRecording(FusionError):
 
 
 class UnknownRate(UnusableRecording):
-    """The sampling rate cannot be determined. Facts: m (measured), cure; unit (of the header's times), and
-    other_unit with other_hz, the rate that it would give.
-    """
+    """The sampling rate cannot be determined."""
 
     code = "E-RATE"
+    fact_meanings = name_facts(
+        m="Hz, measured",
+        cure=TERM,
+        unit="of the header's times",
+        other_unit="of those times, instead",
+        other_hz="Hz, by that unit",
+    )
 
 
 class UnusableTime(UnusableRecording):
-    """No usable time. Facts: why."""
+    """No usable time."""
 
     code = "E-TIME"
+    fact_meanings = name_facts(why=TERM)
 
 
 class WrongScale(UnusableRecording):
     """At rest no 1 g (facts: g; or low_g, high_g), or a rate that no part can read (dps)."""
 
     code = "E-SCALE"
+    fact_meanings = name_facts(
+        g="g at rest",
+        low_g="g at rest, least",
+        high_g="g at rest, most",
+        dps="deg/s, largest",
+    )
 
 
 class MixedColumns(UnusableRecording):
-    """Gravity does not turn as the gyroscope says. Facts: percent (unexplained), turns; or lag_ms."""
+    """Gravity does not turn as the gyroscope says."""
 
     code = "E-MIXED"
+    fact_meanings = name_facts(percent="% unexplained", turns="stretches", lag_ms="ms")
 
 
 class ExchangedSensors(UnusableRecording):
@@ -183,47 +232,63 @@ class ExchangedSensors(UnusableRecording):
 
 
 class TooShort(UnusableRecording):
-    """Less than 10 s could be analysed. Facts: s; left_out (what left out most), left_out_s, cure."""
+    """Less than 10 s could be analysed."""
 
     code = "E-SHORT"
+    fact_meanings = name_facts(s="s analysed", left_out=TERM, left_out_s="s", cure=TERM)
 
 
 class TooLong(UnusableRecording):
-    """More rows than any device records. Facts: rows, most (millions)."""
+    """More rows than any device records."""
 
     code = "E-LONG"
+    fact_meanings = name_facts(rows="millions of rows", most="millions of rows")
 
 
 class DeadSensor(UnusableRecording):
-    """A channel never changes its value, or stops at one row in ten. Facts: sensor, axis."""
+    """A channel never changes its value, or stops at one row in ten."""
 
     code = "E-DEAD"
+    fact_meanings = name_facts(sensor=TERM, axis="x, y or z")
 
 
 class UnusableCalibration(UnusableRecording):
-    """The calibration window asked for is not usable. Facts: why, start_s, end_s."""
+    """The calibration window asked for is not usable."""
 
     code = "E-CALIBRATION"
+    fact_meanings = name_facts(why=TERM, start_s="s", end_s="s")
 
 
 class WrongAngle(UnusableRecording):
-    """An elevation outside 0 to 180 deg. Facts: value, line."""
+    """An elevation outside 0 to 180 deg."""
 
     code = "E-ANGLE"
+    fact_meanings = name_facts(value="deg")
 
 
 class UnusableDiary(FusionError):
-    """Rows of the diary cannot be used. Facts: line, why, cure, value, text; other (a second line). Those of
-    the second row that cannot be used end in ``_2``, and so on; ``more`` counts what is not told.
+    """Rows of the diary cannot be used.
+
+    The facts of the second row that cannot be used end in ``_2``, and so on.
     """
 
     code = "E-DIARY"
+    fact_meanings = name_facts(
+        why=TERM,
+        cure=TERM,
+        value="as written",
+        text="as written",
+        other="line of a second row",
+        diary="name of the file",
+        more="rows not told",
+    )
 
 
 class UnusableJoin(UnusableRecording):
-    """Files that are not one shift of one device. Facts: why."""
+    """Files that are not one shift of one device."""
 
     code = "E-JOIN"
+    fact_meanings = name_facts(why=TERM)
 
 
 class UnknownAxis(UnusableRecording):
@@ -239,15 +304,24 @@ class UnusableComparison(FusionError):
 
 
 class NotAligned(UnusableComparison):
-    """No shift of the clocks surely fits. Facts: r, least; or motion_s, least_s; or best, rival."""
+    """No shift of the clocks surely fits."""
 
     code = "E-ALIGN"
+    fact_meanings = name_facts(
+        r="correlation",
+        least="correlation",
+        motion_s="s",
+        least_s="s",
+        best="worth of the best shift",
+        rival="of another",
+    )
 
 
 class NothingInCommon(UnusableComparison):
-    """Under this shift of the clocks the two have no time in common. Facts: s."""
+    """Under this shift of the clocks the two have no time in common."""
 
     code = "E-OVERLAP"
+    fact_meanings = name_facts(s="s in common")
 
 
 class NoReference(UnusableComparison):
@@ -257,18 +331,21 @@ class NoReference(UnusableComparison):
 
 
 class UnusableTasks(FusionError):
-    """A list of tasks that cannot be used. Facts: line, why."""
+    """A list of tasks that cannot be used."""
 
     code = "E-TASKS"
+    fact_meanings = name_facts(why=TERM)
 
 
 class UnusableStudy(FusionError):
-    """A study folder in which nothing can be compared. Facts: why."""
+    """A study folder in which nothing can be compared."""
 
     code = "E-STUDY"
+    fact_meanings = name_facts(why=TERM)
 
 
 class UnusableProfile(FusionError):
-    """A column profile that says nothing usable. Facts: why, name."""
+    """A column profile that says nothing usable."""
 
     code = "E-PROFILE"
+    fact_meanings = name_facts(why=TERM, name="field of the profile")

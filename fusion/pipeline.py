@@ -7,6 +7,7 @@ from typing import BinaryIO, Literal
 
 from fusion.angle_files import AngleFile, calibrate_alone, lay_file
 from fusion.angle_series import read_angle_series
+from fusion.caveats import Caveat
 from fusion.conventions import MethodName, Pose
 from fusion.diary import DiaryEntry, Placed, divide_day, list_exclusions, place_diary
 from fusion.elevation import Elevation, estimate_elevation
@@ -146,7 +147,7 @@ def _doubt_pose(samples: CalibratedSamples) -> float:
     calibration = samples.calibration
     held_s = min(still.duration_s for still in calibration.windows)
     held_deg = min(UNHELD_SIGMA_DEG, POSE_SIGMA_DEG * math.sqrt(max(1.0, HELD_S / held_s)))
-    if any(flag.code == "W-NO-STILL" for flag in samples.flags):
+    if any(flag.code == Caveat.NO_STILL for flag in samples.flags):
         held_deg = UNHELD_SIGMA_DEG
     return max(held_deg, calibration.sigma_deg)
 
@@ -204,7 +205,7 @@ def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, 
 def _doubt(recording: Recording, fused: Elevation, exclusions: tuple[Span, ...]) -> tuple[QualityFlag, ...]:
     """Flag, with its times, what the signal itself makes doubtful."""
     return (
-        *flag_spans("W-NONWEAR", propose_nonwear(recording, exclusions)),
+        *flag_spans(Caveat.NONWEAR, propose_nonwear(recording, exclusions)),
         *flag_untrusted(recording, fused, exclusions),
     )
 

@@ -8,6 +8,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
+
 LONGEST_BRIDGE_US = 50_000
 
 MOST_TOLD = 100
@@ -22,6 +24,8 @@ MICROSECONDS = 1_000_000
 class QualityFlag:
     """A caveat on the numbers: one line of the data-quality box.
 
+    ``code`` is a :class:`fusion.caveats.Caveat`, which declares the ``facts``; it is a plain text where the
+    findings of an earlier version were read again.
     ``first_s`` and ``last_s`` are seconds from the first sample, None where the caveat has no place;
     ``spans_s`` are the stretches (start, end) it is about, where they are known.
     """
@@ -192,10 +196,10 @@ def flag_gaps(
     segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[QualityFlag, ...]:
     """Say where time is missing (W-GAP)."""
-    return flag_spans("W-GAP", find_missing(segments, duration_us, excluded))
+    return flag_spans(Caveat.GAP, find_missing(segments, duration_us, excluded))
 
 
-def flag_spans(code: str, spans: Sequence[Span], **facts: str | float) -> tuple[QualityFlag, ...]:
+def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> tuple[QualityFlag, ...]:
     """One flag for all spans of a kind: how many, how long together, where (the longest); none for none."""
     if not spans:
         return ()
@@ -203,4 +207,4 @@ def flag_spans(code: str, spans: Sequence[Span], **facts: str | float) -> tuple[
     first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
     longest = sorted(spans, key=lambda span: -span.duration_us)[:MOST_TOLD]
     told = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
-    return (QualityFlag(code, len(spans), total_s, first_s, last_s, facts, told),)
+    return (QualityFlag(caveat, len(spans), total_s, first_s, last_s, facts, told),)

@@ -11,7 +11,7 @@ from app.api.analyses import build_request, check_queue
 from app.api.files import read_result
 from app.api.problems import PROBLEM_RESPONSES, take_model
 from app.api.wishes import AnalysisSettings
-from app.errors import NotFinished, ResultDamaged
+from app.errors import CANCELLED, NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
 from app.jobs.renewing import can_renew
@@ -21,7 +21,6 @@ from app.report.words.wording import Language
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import is_result_whole
 
-CANCELLED = "E-CANCELLED"
 RESULTS = "results.json"
 CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
 

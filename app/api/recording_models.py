@@ -15,6 +15,7 @@ from app.errors import BadParameter
 from app.jobs.recordings import Description, Place, RecordingFilter, StoredRow
 from app.report.words.wording import Language
 from app.request import clean_file_name
+from fusion.caveats import Caveat
 from fusion.conventions import Side
 
 # Long lists, page by page.
@@ -61,7 +62,7 @@ def cut_page(
 
 
 Text = Annotated[str, Field(max_length=200), AfterValidator(take_subject)]
-SENT_BEFORE = "W-DUP-UPLOAD"
+SENT_BEFORE = Caveat.DUP_UPLOAD
 Note = Annotated[str, Field(max_length=2000)]
 
 

@@ -27,7 +27,7 @@ from app.batch.folder import (
     write_marker,
 )
 from app.batch.plan import MARKER, Task
-from app.errors import Crashed, Interrupted
+from app.errors import UNREADABLE_PATH, Crashed, Interrupted
 from app.jobs.children.attempt import (
     Attempt,
     Finished,
@@ -124,7 +124,7 @@ def do_task(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
     try:
         return _do_or_repeat(task, go_on)
     except OSError as error:
-        return Outcome(task, code="E-FILE", facts={"why": error.strerror or str(error)})
+        return Outcome(task, code=UNREADABLE_PATH, facts={"why": error.strerror or str(error)})
 
 
 def find_done(task: Task) -> Outcome | None:

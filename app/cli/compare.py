@@ -23,7 +23,7 @@ from app.cli.options import (
     take_subject,
 )
 from app.cli.output import Exit, choose_exit, print_problem, report_progress
-from app.errors import AppError, find_outcome
+from app.errors import UNREADABLE_PATH, AppError, find_outcome
 from app.request import Language, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
 from fusion.errors import FusionError
@@ -101,7 +101,7 @@ def _keep(folder: Path, figures: str, language: Language, make: Callable[[Path],
         print_problem(folder.name, refusal.code, refusal.facts, language)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     except OSError as error:
-        print_problem(str(folder), "E-FILE", {"why": error.strerror or ""}, language)
+        print_problem(str(folder), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
     for line in (folder / "answer.txt").read_text("utf-8").splitlines():
@@ -201,5 +201,5 @@ def _telling(name: str, language: Language) -> Iterator[None]:
         print_problem(name, refusal.code, refusal.facts, language)
         raise typer.Exit(find_outcome(type(refusal)).exit_code) from None
     except OSError as error:
-        print_problem(name, "E-FILE", {"why": error.strerror or ""}, language)
+        print_problem(name, UNREADABLE_PATH, {"why": error.strerror or ""}, language)
         raise typer.Exit(Exit.NOTHING_DONE) from None

@@ -8,6 +8,7 @@ import typer
 
 from app.cli.options import LanguageOption, ProfileOption, read_profile_file
 from app.cli.output import Exit, print_problem
+from app.errors import UNREADABLE_PATH
 from app.version import software_revision, software_version
 from fusion.errors import FusionError
 
@@ -31,7 +32,7 @@ def inspect(
         print_problem(path.name, refusal.code, refusal.facts, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     except OSError as error:
-        print_problem(path.name, "E-FILE", {"why": error.strerror or ""}, lang)
+        print_problem(path.name, UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     typer.echo(
         json.dumps(facts, indent=1, ensure_ascii=False) if as_json else describe_inspection(facts, lang)

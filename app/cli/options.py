@@ -10,7 +10,7 @@ import typer
 from app.batch.inputs import Participant, read_participants, read_settings
 from app.batch.plan import read_list
 from app.cli.output import Exit, print_problem
-from app.errors import AppError
+from app.errors import UNREADABLE_PATH, AppError, UnusableList
 from app.request import (
     SUBJECT_ALLOWED,
     WINDOW_ALLOWED,
@@ -93,9 +93,9 @@ def _take_file(path: Path | None, language: Language, nothing: T, read: Callable
     except (FusionError, AppError) as refusal:
         print_problem(str(refusal.facts.get("diary", path.name)), refusal.code, refusal.facts, language)
     except OSError as error:
-        print_problem(path.name, "E-FILE", {"why": error.strerror or ""}, language)
+        print_problem(path.name, UNREADABLE_PATH, {"why": error.strerror or ""}, language)
     except UnicodeDecodeError:
-        print_problem(path.name, "E-LIST", {"why": "not text"}, language)
+        print_problem(path.name, UnusableList.code, {"why": "not text"}, language)
     raise typer.Exit(Exit.USAGE)
 
 

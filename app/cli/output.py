@@ -17,7 +17,7 @@ import typer
 from app.batch.plan import Task, show_path
 from app.batch.run import Outcome, find_done, run_tasks
 from app.batch.tables import write_tables
-from app.errors import Interrupted
+from app.errors import UNREADABLE_PATH, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
 from app.report.words.messages import describe_problem
@@ -182,7 +182,7 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
             with _taking(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):  # the tables are a second's work
                 write_tables(out, outcomes, request, datetime.now(UTC))
         except OSError as error:
-            print_problem(str(out), "E-FILE", {"why": error.strerror or ""}, language)
+            print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
             is_any_good = any(outcome.code is None for outcome in outcomes)
             raise typer.Exit(Exit.SOME_FAILED if is_any_good else Exit.NOTHING_DONE) from None
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:

@@ -37,6 +37,7 @@ from app.cli.output import (
     tell_outcome,
     tell_problem,
 )
+from app.errors import NO_RECORDING
 from app.report.words.wording import fill, load_wording
 from app.request import Language, Paper, ReportRequest
 from fusion.conventions import MethodName, Pose
@@ -164,7 +165,7 @@ def _plan(
     language = request.languages[0]
     found = find_recordings(paths, out, inputs)
     if not found.logs:
-        print_problem(", ".join(map(str, paths)), "E-NO-RECORDING", {}, language)
+        print_problem(", ".join(map(str, paths)), NO_RECORDING, {}, language)
         raise typer.Exit(Exit.NOTHING_DONE if paths else Exit.USAGE)
     if found.others:
         _note("others", language, n=str(found.others))

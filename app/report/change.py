@@ -71,7 +71,7 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
     return Report(
         language=language,
         title=words["title"],
-        subtitle=load_wording(language)["report"]["subtitle"],
+        subtitle=load_wording(language)["heading"]["subtitle"],
         header=header,
         verdict=_tell_verdict(compared, words),
         sentences=_tell_changes(compared, words, language),

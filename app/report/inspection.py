@@ -8,10 +8,11 @@ from app.report.words.messages import describe_flag, tell_facts
 from app.report.words.numbers import format_exact, format_long_duration, format_number
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
+from fusion.caveats import Caveat
 from fusion.recording import QualityFlag
 
 _MOST_LINES = 10
-_CORRECTION = "W-UNITS"
+_CORRECTION = Caveat.UNITS
 _TOLD_ABOVE = frozenset({"jitter_us", "time_exponent"})
 """What the reader understood and another line tells."""
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")

@@ -137,7 +137,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     return Report(
         language=language,
         title=words["title"],
-        subtitle=load_wording(language)["report"]["subtitle"],
+        subtitle=load_wording(language)["heading"]["subtitle"],
         header=header,
         verdict=_tell_verdict(sides, words, language),
         sentences=_tell_answers(pair, words, language),

@@ -33,7 +33,7 @@ class Beside:
 
 def load_beside_words(language: Language) -> Words:
     """Read the words of both reports."""
-    return load_wording(language, "beside")
+    return load_wording(language, "pairs")
 
 
 def build_two_bars(sides: tuple[Beside, Beside], language: Language) -> Figure:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.errors import StudyProblem
+from app.errors import UNREADABLE_PATH, StudyProblem
 from app.formats import ENDINGS
 from app.report.agreement.export import build_validation
 from app.report.agreement.study_report import StudyFacts, build_study
@@ -139,7 +139,7 @@ def describe_failure(name: str, error: FusionError | OSError) -> StudyProblem:
     """Turn an exception into a problem of the study."""
     if isinstance(error, FusionError):
         return StudyProblem(name, error.code, error.facts)
-    return StudyProblem(name, "E-FILE", {"why": error.strerror or ""})
+    return StudyProblem(name, UNREADABLE_PATH, {"why": error.strerror or ""})
 
 
 # The road of a study: every comparison by the one road, then the table over people.

@@ -41,6 +41,16 @@ from app.web.views import (
     show_settings,
     tell_time,
 )
+from fusion.errors import (
+    ExchangedSensors,
+    MixedColumns,
+    UnknownColumns,
+    UnknownFormat,
+    UnknownRate,
+    UnusableProfile,
+    UnusableTime,
+    WrongScale,
+)
 from fusion.recording import MICROSECONDS
 
 # The versions of a recording's report, what each changed, and the attempt after them that failed.
@@ -278,7 +288,17 @@ def _show_day(services: Services, job: Job, wish: ReportRequest, language: Langu
 
 
 ASK_COLUMNS = frozenset(
-    {"E-MIXED", "E-SWAPPED", "E-COLS", "E-RATE", "E-SCALE", "E-TIME", "E-TYPE", "E-PROFILE"}
+    refusal.code
+    for refusal in (
+        MixedColumns,
+        ExchangedSensors,
+        UnknownColumns,
+        UnknownRate,
+        WrongScale,
+        UnusableTime,
+        UnknownFormat,
+        UnusableProfile,
+    )
 )
 """Refusals that a person may cure by saying what the columns are."""
 
@@ -345,7 +365,7 @@ def analysis(
         "is_attempt": attempt is not None,
         "entry": show_entry(Entry(job, None), language),
         "d": load_wording(language, "day"),
-        "b": load_wording(language, "beside_page"),
+        "b": load_wording(language, "pair_pages"),
         "c": load_wording(language, "columns"),
         "asks_columns": job.problem_code in ASK_COLUMNS,
         "changes": show_changes(services, history, job, seen.before, language),

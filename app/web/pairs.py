@@ -187,7 +187,7 @@ def list_trunks(services: Services, first: Job, second: Job, start: str) -> tupl
 def _offer(job: Job, start: str, other: Entry, language: Language) -> Offer:
     other_start = (other.answer.start if other.answer else None) or ""
     facts = {"name": other.job.file_name, "when": other_start[:16].replace("T", " ")}
-    words = load_wording(language, "beside_page")
+    words = load_wording(language, "pair_pages")
     if _are_arms(job, start, other.job, other_start):
         first, second = (job, other.job) if job.request.side == "left" else (other.job, job)
         return Offer(f"/beside/pair?first={first.id}&second={second.id}", fill(words["with_pair"], facts))
@@ -231,7 +231,7 @@ Asked = Annotated[BesideRequest, Depends(read_asked)]
 def show_beside(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show two analyses side by side; for a pair, with the offset of the clocks to correct."""
     folder = set_beside(services, asked)
-    figures, b = read_figures(folder, asked.kind), load_wording(language, "beside_page")
+    figures, b = read_figures(folder, asked.kind), load_wording(language, "pair_pages")
     values: dict[str, Any] = {
         "kind": asked.kind,
         "first": asked.first,

@@ -24,6 +24,7 @@ from defusedxml.expatreader import create_parser
 
 from fusion.angle_files.types import AngleFile, AngleFileOptions, Vector
 from fusion.angle_files.vertical import Up, measure_from_up, take_up_of_quaternion, take_up_of_row
+from fusion.caveats import Caveat
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
 from fusion.readers.samples import check_rows
 from fusion.readers.source import CHUNK_BYTES, Source, hash_source
@@ -81,7 +82,7 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
         up=up[present],
         axis=axis,
         start=frames.find_start(),
-        flags=() if options.side else (QualityFlag("W-SIDE-ASSUMED"),),
+        flags=() if options.side else (QualityFlag(Caveat.SIDE_ASSUMED),),
         understood=_describe(frames, side, axis),
     )
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fusion.angle_files.types import AngleFile
 from fusion.angle_files.vertical import measure_from_up
 from fusion.angle_series import AngleRows, lay_angles
+from fusion.caveats import Caveat
 from fusion.elevation import Elevation
 from fusion.errors import UnknownAxis
 from fusion.recording import FloatArray, QualityFlag, Recording
@@ -60,7 +61,7 @@ def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...])
     window_s = windows_s[0] if windows_s else _find_still(file)
     shifted_s = (window_s[0] + file.first_s, window_s[1] + file.first_s)
     calibrated = calibrate_file(file, shifted_s)
-    flag = QualityFlag("W-NPOSE", facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
+    flag = QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
     told = {"calibration_s": f"{window_s[0]:g} - {window_s[1]:g}"}
     return replace(calibrated, flags=(*file.flags, flag), understood={**file.understood, **told})
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.checks.gravity_windows import (
     WINDOW_S,
     GravityWindows,
@@ -54,7 +55,7 @@ def flag_odd_parts(windows: GravityWindows, model: GyroModel) -> tuple[QualityFl
     seconds = sum(end_s - start_s for start_s, end_s in spans_s)
     facts = {"turns": int(odd.sum())}
     first_s, last_s = spans_s[0][0], spans_s[-1][1]
-    return (QualityFlag("W-MIXED-PART", len(spans_s), seconds, first_s, last_s, facts, spans_s),)
+    return (QualityFlag(Caveat.MIXED_PART, len(spans_s), seconds, first_s, last_s, facts, spans_s),)
 
 
 def _mark_odd(left_g: Table, miss_g: Table, blind_g: Table) -> NDArray[np.bool_]:

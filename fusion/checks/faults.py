@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.checks.stopped import (
     MOVED_DPS,
     MOVED_G,
@@ -112,12 +113,12 @@ def _leave_holes(segment: Segment, stuck: Ranges) -> list[Pair]:
 
 
 def _tells_stuck(flag: QualityFlag) -> bool:
-    return flag.code == "W-STUCK-PART" and flag.facts.get("filled") == "stuck"
+    return flag.code == Caveat.STUCK_PART and flag.facts.get("filled") == "stuck"
 
 
 def _flag_stuck(excluded: tuple[Span, ...]) -> tuple[QualityFlag, ...]:
     spans = sorted((span for span in excluded if span.reason == "stuck"), key=lambda span: span.start_us)
-    return flag_spans("W-STUCK-PART", spans, filled="stuck")
+    return flag_spans(Caveat.STUCK_PART, spans, filled="stuck")
 
 
 def _part_rows(segment: Segment, stuck: Ranges, stops: Sequence[Stop]) -> tuple[list[Pair], list[Pair]]:
@@ -271,7 +272,7 @@ def exclude_faults(recording: Recording, searched: Recording | None = None) -> R
     """
     spikes = [span for segment in recording.segments for span in _mend_spikes(segment)]
     if spikes:
-        flags = (*recording.flags, *flag_spans("W-SPIKE", spikes))
+        flags = (*recording.flags, *flag_spans(Caveat.SPIKE, spikes))
         recording = replace(recording, excluded=(*recording.excluded, *spikes), flags=flags)
     is_same = searched is not None and _tell(recording) == _tell(searched)
     return recording if is_same else exclude_stuck(recording)

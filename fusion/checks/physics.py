@@ -13,6 +13,7 @@ from math import isclose, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.checks.axes import (
     GOOD_SCORE,
     MOST_DPS,
@@ -154,7 +155,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 def flag_correction(recording: Recording, what: str, evidence: str, facts: Facts) -> Recording:
     """Say what was put right, and by what evidence (W-UNITS)."""
-    flag = QualityFlag("W-UNITS", facts={"what": what, "evidence": evidence, **facts})
+    flag = QualityFlag(Caveat.UNITS, facts={"what": what, "evidence": evidence, **facts})
     return replace(recording, flags=(*recording.flags, flag))
 
 
@@ -347,7 +348,8 @@ def _check_lag(recording: Recording, lag: SensorLag) -> Recording:
         raise MixedColumns(lag_ms=int(lag_ms))
     if not lag.is_likely:
         return recording
-    return replace(recording, flags=(*recording.flags, QualityFlag("W-LAG", facts={"lag_ms": int(lag_ms)})))
+    flag = QualityFlag(Caveat.LAG, facts={"lag_ms": int(lag_ms)})
+    return replace(recording, flags=(*recording.flags, flag))
 
 
 def cut_whole_windows(segments: Sequence[Segment]) -> tuple[GravityWindows, float | None]:
@@ -405,7 +407,7 @@ def _assume(recording: Recording, unit: str, factor: float, evidence: FrameEvide
     if evidence is None or not evidence.is_doubtful:
         return taken
     percent = round(100.0 * evidence.as_read.score)
-    doubt = QualityFlag("W-MIXED", facts={"percent": percent, "turns": evidence.lively})
+    doubt = QualityFlag(Caveat.MIXED, facts={"percent": percent, "turns": evidence.lively})
     return replace(taken, flags=(*taken.flags, doubt))
 
 
@@ -455,7 +457,7 @@ def _doubt_rate(recording: Recording, factor: float) -> Recording:
     if recording.understood.get("time") not in COUNTED:
         return recording
     told_hz, other_hz = round(recording.rate_hz, 3), round(recording.rate_hz / factor, 1)
-    doubt = QualityFlag("W-RATE", facts={"rate_from": "doubted", "rate_hz": told_hz, "other_hz": other_hz})
+    doubt = QualityFlag(Caveat.RATE, facts={"rate_from": "doubted", "rate_hz": told_hz, "other_hz": other_hz})
     return replace(recording, flags=(*recording.flags, doubt))
 
 

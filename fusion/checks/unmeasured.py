@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.checks.stopped import (
     LEAST_PART,
     MOST_TIMES,
@@ -115,9 +116,9 @@ def _leave_out(recording: Recording, find: Callable[[Segment], Rows], filled: st
     pairs = list(zip(recording.segments, found, strict=True))
     spans = [place_rows(segment, int(a), int(b)) for segment, runs in pairs for a, b in runs]
     segments = tuple(piece for segment, runs in pairs for piece in open_hole(segment, runs))
-    flags = tuple(flag for flag in recording.flags if flag.code != "W-GAP")
+    flags = tuple(flag for flag in recording.flags if flag.code != Caveat.GAP)
     flags += flag_gaps(segments, recording.duration_us, recording.excluded)
-    flags += flag_spans("W-STUCK-PART", spans, filled=filled)
+    flags += flag_spans(Caveat.STUCK_PART, spans, filled=filled)
     return replace(recording, segments=segments, flags=flags)
 
 

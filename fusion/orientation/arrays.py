@@ -5,18 +5,17 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import UnusableRecording
+from fusion.errors import TERM, UnusableRecording, name_facts
 from fusion.recording import FloatArray
 
 
 class UnusableArrays(UnusableRecording, ValueError):
-    """The arrays cannot be fused.
-
-    Facts: why ("shape", "numbers", "finite", "rate", "empty", "method", "axis", or "unit" with the length
-    ``g``).
-    """
+    """The arrays cannot be fused."""
 
     code = "E-ARRAYS"
+    fact_meanings = name_facts(
+        why=TERM, acc="shape", gyr="shape", axis="as given", g="g, median length", rate_hz="Hz"
+    )
 
 
 UNIT_WITHIN = 0.01

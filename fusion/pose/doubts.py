@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.conventions import Pose
 from fusion.pose.postures import NEAR_DEG, SURE_STRIDING, Moments, cos_deg, find_angle_deg, find_commonest
 from fusion.pose.rules import OTHER_RULES, rules_for
@@ -27,8 +28,6 @@ SHORT_SIGMA_DEG, ALONE_SIGMA_DEG = 6.0, 35.0
 purpose and begun by a pose; and anywhere else. Ours: decision 38 has the simulated days without walking.
 """
 WITHIN = 1.96
-USELESS_SIGMA_DEG = 10.0
-"""A range of 20 deg to both sides: 30 cannot be told from 60 deg."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +106,10 @@ def flag_evidence(evidence: PoseEvidence, still: StillPeriod) -> tuple[QualityFl
         return ()
     facts = {"deg": round(evidence.sigma_deg, 1)}
     if evidence.apart_deg is None:
-        return (_flag("W-POSE-ALONE", still, facts),)
+        return (_flag(Caveat.POSE_ALONE, still, facts),)
     if evidence.apart_deg > UNLIKE_WALKING_DEG:
-        return (_flag("W-POSE-DOUBT", still),)
-    return (_flag("W-POSE-APART", still, {**facts, "apart_deg": round(evidence.apart_deg)}),)
+        return (_flag(Caveat.POSE_DOUBT, still),)
+    return (_flag(Caveat.POSE_APART, still, {**facts, "apart_deg": round(evidence.apart_deg)}),)
 
 
 def _compare_walking(worn: WornParts, still: StillPeriod) -> float | None:
@@ -125,25 +124,25 @@ def _compare_walking(worn: WornParts, still: StillPeriod) -> float | None:
 
 def flag_unseen_lean(pose: Pose, still: StillPeriod) -> tuple[QualityFlag, ...]:
     """W-LEAN: no sensor on the arm can tell whether the trunk was leaning in the window that we proposed."""
-    return (_flag("W-LEAN", still),) if pose == "side-lean" else ()
+    return (_flag(Caveat.LEAN, still),) if pose == "side-lean" else ()
 
 
 def flag_unquiet(still: StillPeriod) -> tuple[QualityFlag, ...]:
     """W-NO-STILL where a proposal had to make do with less than 5 s."""
     if still.duration_s >= OTHER_RULES.length_s - 0.5:
         return ()
-    return (_flag("W-NO-STILL", still, {"score": still.score}),)
+    return (_flag(Caveat.NO_STILL, still, {"score": still.score}),)
 
 
 def flag_short_windows(windows: tuple[StillPeriod, ...]) -> tuple[QualityFlag, ...]:
     """W-POSE-SHORT for each window that a person asked for and that is shorter than 5 s."""
     short = (still for still in windows if still.duration_s < OTHER_RULES.length_s - 1e-6)
-    return tuple(_flag("W-POSE-SHORT", still) for still in short)
+    return tuple(_flag(Caveat.POSE_SHORT, still) for still in short)
 
 
-def _flag(code: str, still: StillPeriod, facts: dict[str, float] | None = None) -> QualityFlag:
+def _flag(caveat: Caveat, still: StillPeriod, facts: dict[str, float] | None = None) -> QualityFlag:
     end_s = still.start_s + still.duration_s
-    return QualityFlag(code, 1, still.duration_s, still.start_s, end_s, dict(facts or {}))
+    return QualityFlag(caveat, 1, still.duration_s, still.start_s, end_s, dict(facts or {}))
 
 
 # Turns that cannot be told for sure: what is left out for them, and what is kept with a wider range.
@@ -231,5 +230,5 @@ def flag_doubted_parts(parts: Sequence[DoubtedPart], duration_s: float) -> Itera
     seconds = sum(end_s - start_s for start_s, end_s in spans)
     apart_deg = round(max(part.angle_deg for part in parts))
     yield QualityFlag(
-        "W-SLIP-DOUBT", len(parts), seconds, spans[0][0], spans[-1][1], {"apart_deg": apart_deg}, spans
+        Caveat.SLIP_DOUBT, len(parts), seconds, spans[0][0], spans[-1][1], {"apart_deg": apart_deg}, spans
     )

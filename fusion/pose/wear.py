@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.pose.postures import (
     Moments,
     build_frame,
@@ -321,4 +322,4 @@ def flag_remounts(parts: Sequence[AxisPart], duration_s: float) -> tuple[Quality
     left_out = sum(part.arm_axis is None for part in parts)
     facts = {"calibrated": len(parts) - left_out, "left_out": left_out}
     seconds = sum(end_s - start_s for start_s, end_s in spans)
-    return (QualityFlag("W-REMOUNT", len(parts), seconds, spans[0][0], spans[-1][1], facts, tuple(spans)),)
+    return (QualityFlag(Caveat.REMOUNT, len(parts), seconds, spans[0][0], spans[-1][1], facts, tuple(spans)),)

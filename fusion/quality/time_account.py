@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.checks.clipping import FLAT_ROWS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
@@ -206,13 +207,13 @@ def flag_untrusted(
         spans += [Span(int(a), int(b - a), "untrusted") for a, b in times_us]
     if sum(span.duration_us for span in spans) < MICROSECONDS:
         return ()
-    return flag_spans("W-UNTRUSTED", spans)
+    return flag_spans(Caveat.UNTRUSTED, spans)
 
 
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
     """W-POSE-DOUBT where half or more of a calibration window is not trusted: all angles rest on it."""
     return tuple(
-        QualityFlag("W-POSE-DOUBT", 1, still.duration_s, still.start_s, still.start_s + still.duration_s)
+        QualityFlag(Caveat.POSE_DOUBT, 1, still.duration_s, still.start_s, still.start_s + still.duration_s)
         for still in calibration.windows
         if 2.0 * _trust(elevation, still.start_s, still.start_s + still.duration_s) <= 1.0
     )

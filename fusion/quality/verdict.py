@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import FEW_H, POOR_H, Caveat, Grade
 from fusion.exposure.types import Exposure
 from fusion.pose.calibrate import Calibration
-from fusion.pose.doubts import USELESS_SIGMA_DEG
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
 from fusion.sensor.model import GyroBias
@@ -35,7 +35,7 @@ def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
     places = (int(np.argmin(bias.bias_dps[:, axis])), int(np.argmax(bias.bias_dps[:, axis])))
     first_s, last_s = sorted(float(bias.time_s[place]) for place in places)
     facts = {"dps": round(float(spread_dps[axis]), 2)}
-    return (QualityFlag("W-GYRO-DRIFT", 1, last_s - first_s, first_s, last_s, facts),)
+    return (QualityFlag(Caveat.GYRO_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
 
 
 def flag_published(bias: GyroBias, static_dps: NDArray[np.float64]) -> tuple[QualityFlag, ...]:
@@ -44,7 +44,7 @@ def flag_published(bias: GyroBias, static_dps: NDArray[np.float64]) -> tuple[Qua
     Fact ``dps``: how far the offset of this recording got from that one, as `smoothed` follows it.
     """
     farthest_dps = float(np.linalg.norm(bias.bias_dps - static_dps, axis=1).max())
-    return (QualityFlag("W-PUBLISHED", facts={"dps": round(farthest_dps, 2)}),)
+    return (QualityFlag(Caveat.PUBLISHED, facts={"dps": round(farthest_dps, 2)}),)
 
 
 def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
@@ -56,29 +56,14 @@ def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
     if exposure.analysed_s < LEAST_ANALYSED_S or exposure.percentiles_deg[50] <= RAISED_DEG:
         return ()
     facts = {"deg": round(exposure.percentiles_deg[50], 1)}
-    return (QualityFlag("W-UPSIDE", 1, exposure.analysed_s, facts=facts),)
+    return (QualityFlag(Caveat.UPSIDE, 1, exposure.analysed_s, facts=facts),)
 
 
 HOUR_S = 3600.0
-FEW_H, POOR_H = 4, 2
-"""Below so many hours analysed a recording is to be read with care, or poor (EXPOSURE.md A15)."""
 NPOSE_ERROR_DEG = 15
 VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
-NOTE, CAUTION, POOR = range(3)
-
-# Caveats that say how a file was read, or stand in words beside the figures; they do not lower the verdict.
-NOTES = frozenset(
-    {
-        "W-BATTERY", "W-CLOCK-UNSET", "W-DOCKED", "W-DST", "W-DUP", "W-DUP-FILE", "W-DUP-UPLOAD",
-        "W-ENCODING", "W-FIRMWARE", "W-HEADER-REPEAT", "W-LOCALE", "W-NO-DATE", "W-NPOSE", "W-ORDER",
-        "W-OVERLAP", "W-PIECES", "W-PRECISION", "W-REVERSED", "W-SEC-COUNT", "W-START", "W-TZ",
-        "W-UTC",
-    }
-)  # fmt: skip
-GRAVE = frozenset({"W-LOWCOVER", "W-NO-STILL", "W-POSE-DOUBT", "W-SHORT", "W-UPSIDE"})
+"""By :class:`fusion.caveats.Grade`."""
 SIGNAL_REASONS = frozenset({"docked", "asleep", "clipped", "short-segment", "spikes", "stuck"})
-# Caveats that count from a share of the recorded time on.
-SHARES = {"W-GAP": 0.01, "W-UNTRUSTED": 0.01, "W-CLIP": 0.001}
 
 
 def assess_quality(
@@ -101,36 +86,32 @@ def assess_quality(
     own = _find_own_flags(recording, calibration, time, exclusions)
     flags = [*given, *(flag for flag in own if flag.code not in told)]
     flags = sorted(flags, key=lambda flag: -grade_flag(flag, time))  # stable: reading order within
-    worst = max((grade_flag(flag, time) for flag in flags), default=NOTE)
-    reasons = dict.fromkeys(flag.code for flag in flags if grade_flag(flag, time) > NOTE)
+    worst = max((grade_flag(flag, time) for flag in flags), default=Grade.NOTE)
+    reasons = dict.fromkeys(flag.code for flag in flags if grade_flag(flag, time) > Grade.NOTE)
     return Quality(VERDICTS[worst], tuple(reasons), tuple(flags))
 
 
-def grade_flag(flag: QualityFlag, time: TimeAccount) -> int:
-    """Say how grave a caveat is: a note, a caution, or reason enough for a poor verdict."""
-    if flag.code in SHARES:
-        return CAUTION if flag.seconds * MICROSECONDS >= SHARES[flag.code] * time.recorded_us else NOTE
-    if flag.code == "W-FEW-HOURS":
-        return POOR if flag.seconds < POOR_H * HOUR_S else CAUTION
-    if flag.code == "W-REMOUNT":
-        return POOR if 2 * flag.seconds * MICROSECONDS >= time.recorded_us else CAUTION
-    if flag.code in {"W-POSE-ALONE", "W-POSE-APART"}:
-        return POOR if float(flag.facts["deg"]) > USELESS_SIGMA_DEG else CAUTION
-    if flag.code in GRAVE:
-        return POOR
-    return NOTE if flag.code in NOTES else CAUTION
+def grade_flag(flag: QualityFlag, time: TimeAccount) -> Grade:
+    """Give the grade that is declared for a caveat, or the next where it passes its limit."""
+    caveat = Caveat(flag.code)
+    is_graver = (
+        flag.seconds * MICROSECONDS >= caveat.limit.from_share * time.recorded_us
+        or flag.seconds < caveat.limit.below_s
+        or float(flag.facts.get("deg", 0.0)) > caveat.limit.above_deg
+    )
+    return Grade(caveat.grade + is_graver)
 
 
 def _find_own_flags(
     recording: Recording, calibration: Calibration | None, time: TimeAccount, exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
     holes = find_holes(recording, _list_diary(exclusions))
-    yield from flag_spans("W-GAP", holes)
-    yield from flag_spans("W-CLIP", [span for span in exclusions if span.reason == "clipped"])
+    yield from flag_spans(Caveat.GAP, holes)
+    yield from flag_spans(Caveat.CLIP, [span for span in exclusions if span.reason == "clipped"])
     yield from _flag_untrusted(recording, time, holes, exclusions)
     yield from _flag_length(recording, time, exclusions)
     if calibration is not None and calibration.pose == "n-pose":
-        yield QualityFlag("W-NPOSE", facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
+        yield QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
 
 
 def _list_diary(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
@@ -166,7 +147,7 @@ def _flag_untrusted(
     )
     untrusted_us = time.missing_us - bridged_us - sum(span.duration_us for span in holes)
     if untrusted_us >= MICROSECONDS:
-        yield QualityFlag("W-UNTRUSTED", seconds=untrusted_us / MICROSECONDS)
+        yield QualityFlag(Caveat.UNTRUSTED, seconds=untrusted_us / MICROSECONDS)
 
 
 def _is_within(time_us: float, spans: tuple[Span, ...]) -> bool:
@@ -181,9 +162,9 @@ def _flag_length(
     wanted_us = time.recorded_us - sum(span.duration_us for span in _list_diary(exclusions))
     share_percent = 100.0 * time.analysed_us / max(wanted_us, 1)
     if 2 * time.analysed_us < wanted_us:
-        yield QualityFlag("W-LOWCOVER", seconds=analysed_s, facts={"percent": round(share_percent, 1)})
+        yield QualityFlag(Caveat.LOWCOVER, seconds=analysed_s, facts={"percent": round(share_percent, 1)})
     if analysed_s < 60.0 and recording.holds_samples:
-        yield QualityFlag("W-SHORT", seconds=analysed_s)
+        yield QualityFlag(Caveat.SHORT, seconds=analysed_s)
     elif analysed_s < FEW_H * HOUR_S:
         limit_h = POOR_H if analysed_s < POOR_H * HOUR_S else FEW_H
-        yield QualityFlag("W-FEW-HOURS", seconds=analysed_s, facts={"hours": limit_h})
+        yield QualityFlag(Caveat.FEW_HOURS, seconds=analysed_s, facts={"hours": limit_h})

@@ -12,6 +12,7 @@ from datetime import datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.checks.axes import judge_frame, measure_scale
 from fusion.checks.gravity_windows import GravityWindows, GyroModel, find_gyro_offset_dps, measure_miss
 from fusion.checks.physics import cut_whole_windows, find_rest_g, name_axes
@@ -127,7 +128,7 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
         "gaps": [_describe_span(gap) for gap in gaps[:LISTED_GAPS]],
         "excluded": [{**_describe_span(span), "reason": span.reason} for span in recording.excluded],
         "bridged_rows": bridged_rows,
-        "counter_wraps": sum(flag.count for flag in recording.flags if flag.code == "W-WRAP"),
+        "counter_wraps": sum(flag.count for flag in recording.flags if flag.code == Caveat.WRAP),
         "sanity": measure_sanity(recording),
         "acc_range_g": recording.acc_range_g,
         "gyr_range_dps": recording.gyr_range_dps,
@@ -159,7 +160,7 @@ MAX_UNPACKED_BYTES = 8 << 20
 LONGEST_RECORDING = timedelta(days=366)
 _STAMPED = {"calendar", "number since 1970"}
 _LONGEST_COUNT_US = 1 << 32  # a count of 32 bits, the usual one, begins anew after 72 minutes
-_CLOCK_DOUBTS = {"W-CLOCK-BACK", "W-CLOCK-FWD", "W-CLOCK-UNSET"}
+_CLOCK_DOUBTS = {Caveat.CLOCK_BACK, Caveat.CLOCK_FWD, Caveat.CLOCK_UNSET}
 _GZIP_WINDOW = 16 + zlib.MAX_WBITS
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")  # APPNOTE 4.3.7: one before each member of a zip
 _DEVICE_TEXT = re.compile(rb"PK\x03\x04.{22}\x08\x00..info\.txt", re.DOTALL)
@@ -211,7 +212,7 @@ def _inspect_text(head: bytes, file_name: str, rate_hz: float | None, tail: byte
         raise
     except FusionError:  # too short, dead, without time: the rest may tell otherwise
         return HeadFacts()
-    if any(flag.code == "W-REVERSED" for flag in recording.flags):
+    if any(flag.code == Caveat.REVERSED for flag in recording.flags):
         return replace(_tell(recording), start=None)  # it begins where the file ends
     end = None if tail is None else _find_last_row(recording, (lines, tail), file_name, rate_hz)
     return replace(_tell(recording), end=end)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.checks.stopped import LEAST_PART, MOST_TIMES, count_filler_runs, has_equal_sizes, mark_fillers
 from fusion.checks.unmeasured import is_too_frequent, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
@@ -164,4 +165,4 @@ def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     if dropped in (0, columns.rows):
         return ()
     columns.keep(~is_blank)
-    return (QualityFlag("W-ROWS-DROPPED", dropped),)
+    return (QualityFlag(Caveat.ROWS_DROPPED, dropped),)

@@ -139,13 +139,13 @@ def test_every_field_of_real_results_is_explained(shift_gt3x: Path, tmp_path: Pa
     diary = (DiaryEntry(60.0, 120.0, "task", "shelves"), DiaryEntry(120.0, 180.0, "break"))
     make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",), diary=diary), tmp_path)
     results = json.loads((tmp_path / "results.json").read_text("utf-8"))
-    explained = set(load_wording("en", "fields")["field"])
+    explained = set(load_wording("en", "fields"))
 
     assert [path for path in list_paths(results) if not is_explained(path, explained)] == []
 
 
 def test_fields_are_explained_in_both_languages() -> None:
-    english, french = (load_wording(language, "fields")["field"] for language in LANGUAGES)
+    english, french = (load_wording(language, "fields") for language in LANGUAGES)
 
     assert list(english) == list(french)
 

@@ -14,7 +14,7 @@ import app.report.words.wording
 import app.web
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
-from app.report.words.wording import load_wording
+from app.report.words.wording import Part, load_wording
 from app.web.views import format_size
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
@@ -209,8 +209,8 @@ def test_no_page_names_another_host(client: TestClient) -> None:
     assert all(address.startswith("http://localhost:8080") for address in addresses)
 
 
-@pytest.mark.parametrize("name", ["page", "day", "help", "beside_page", "columns"])
-def test_both_languages_have_the_same_words(name: str) -> None:
+@pytest.mark.parametrize("name", ["page", "day", "help", "pair_pages", "columns"])
+def test_both_languages_have_the_same_words(name: Part) -> None:
     assert list_keys(load_wording("en", name)) == list_keys(load_wording("fr", name))
 
 
@@ -224,7 +224,7 @@ def test_every_word_of_the_page_is_used() -> None:
     folder = Path(app.web.__path__[0])
     sources = [*folder.glob("*.py"), *(folder.parents[1] / "templates" / "web").glob("*.html")]
     code = "".join(path.read_text() for path in sources)
-    wording = Path(app.report.words.wording.__file__).parent / "page.en.toml"
+    wording = Path(app.report.words.wording.__file__).parent / "en.toml"
     built = (
         "state",
         "stage",
@@ -237,7 +237,7 @@ def test_every_word_of_the_page_is_used() -> None:
         "pose_name",
     )
 
-    for table, words in tomllib.loads(wording.read_text()).items():
+    for table, words in tomllib.loads(wording.read_text())["page"].items():
         if table not in built and isinstance(words, dict):
             unused = [key for key in words if key not in code and key not in built]
             assert unused in ([], ["open_en", "open_fr", "pdf_en", "pdf_fr"], ["side_left", "side_right"])

@@ -13,6 +13,7 @@ from app.main import create_app
 from app.report.words.messages import describe_problem
 from app.report.words.wording import LANGUAGES, Language
 from app.settings import Settings
+from fusion.caveats import Caveat
 from fusion.errors import FusionError
 from tests.badfiles.expected import ALWAYS, BAD_FILES
 from tests.badfiles.outcomes import BadFile
@@ -52,6 +53,7 @@ def test_it_is_read_with_its_warnings_and_times(bad: BadFile) -> None:
     assert {flag.code for flag in analysis.quality.flags} - ALWAYS == bad.warnings
     assert seen_s == pytest.approx([bad.analysed_s, bad.missing_s, bad.excluded_s], abs=0.006)
     assert time.analysed_us + time.missing_us + time.excluded_us == time.recorded_us
+    assert all(flag.facts.keys() <= Caveat(flag.code).fact_meanings.keys() for flag in analysis.quality.flags)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fusion.caveats import Caveat
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.quality import flag_spans, flag_untrusted, propose_nonwear
 from fusion.recording import QualityFlag, Recording, Segment, Span
@@ -64,13 +65,13 @@ def test_what_the_diary_leaves_out_already_is_not_proposed(end_min: int, count: 
 
 
 def test_a_caveat_tells_where_its_stretches_lie() -> None:
-    (flag,) = flag_spans("W-GAP", [Span(0, 2_000_000), Span(5_000_000, 1_000_000)])
+    (flag,) = flag_spans(Caveat.GAP, [Span(0, 2_000_000), Span(5_000_000, 1_000_000)])
 
     assert flag == QualityFlag("W-GAP", 2, 3.0, 0.0, 6.0, spans_s=((0.0, 2.0), (5.0, 6.0)))
 
 
 def test_of_many_stretches_the_hundred_longest_are_told() -> None:
-    (flag,) = flag_spans("W-GAP", [Span(1000 * k, k + 1) for k in range(150)])
+    (flag,) = flag_spans(Caveat.GAP, [Span(1000 * k, k + 1) for k in range(150)])
 
     assert (flag.count, len(flag.spans_s), flag.spans_s[0][0]) == (150, 100, 0.05)
 

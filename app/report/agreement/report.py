@@ -47,7 +47,7 @@ def build_agreement(
         limits=Note(words["limits"]["title"], tuple(words["limits"]["paragraphs"])),
         sections=_build_sections(comparison, subject, words, language),
         report_id=report_id,
-        footer=fill(common["report"]["footer"], facts),
+        footer=fill(common["heading"]["footer"], facts),
         made_of=None,
         words={**common["label"], **words["label"]},
     )

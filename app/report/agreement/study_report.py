@@ -64,7 +64,7 @@ def build_study(
         limits=Note(words["limits"]["title"], tuple(words["limits"]["paragraphs"])),
         sections=_build_sections(entries, cells, problems, words, language),
         report_id=facts.report_id,
-        footer=fill(common["report"]["footer"], told),
+        footer=fill(common["heading"]["footer"], told),
         made_of=None,
         words={**common["label"], **words["label"], "attachment": entry["attachment"]},
     )

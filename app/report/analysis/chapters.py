@@ -134,7 +134,7 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
     told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
     others = "; ".join(_tell_name(flag, language) for flag in counted[1:])
     others = others.replace("; ", "\u00a0; ") if language == "fr" else others
-    return f"{told} {fill(words['report']['also'], {'others': others})}" if others else told
+    return f"{told} {fill(words['heading']['also'], {'others': others})}" if others else told
 
 
 def _tell_name(flag: QualityFlag, language: Language) -> str:
@@ -151,7 +151,7 @@ def _tell_not_analysed(findings: Findings, words: Words, language: Language) -> 
         return ""
     parts = sorted(_list_away(findings, words), key=lambda part: -part[1])
     told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, language)}" for name, us in parts)
-    return fill(words["report"]["not_analysed"], {"parts": told})
+    return fill(words["heading"]["not_analysed"], {"parts": told})
 
 
 def _list_away(findings: Findings, words: Words) -> Iterator[tuple[str, int]]:

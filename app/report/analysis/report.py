@@ -139,8 +139,8 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
     header, footer = _build_header(findings, subject, clock, words), _tell_footer(findings, subject, words)
     return Report(
         language=language,
-        title=words["report"]["title"],
-        subtitle=words["report"]["subtitle"],
+        title=words["heading"]["title"],
+        subtitle=words["heading"]["subtitle"],
         header=header,
         verdict=tell_verdict(findings, words, language),
         sentences=tell_answers(findings.exposure, Teller(words, language, clock, arm)),
@@ -170,7 +170,7 @@ def _build_header(findings: Findings, subject: ReportSubject, clock: Clock, word
         Pair(label["date"], _tell_date(findings, clock, words)),
         Pair(label["arm"], words["side"][subject.side or "unknown"]),
         Pair(label["device"], words["device"].get(findings.recording.device, words["device"]["other"])),
-        Pair(label["analysed"], fill(words["report"]["of"], {"part": analysed, "whole": recorded})),
+        Pair(label["analysed"], fill(words["heading"]["of"], {"part": analysed, "whole": recorded})),
     )
 
 
@@ -183,7 +183,7 @@ def _tell_date(findings: Findings, clock: Clock, words: Words) -> str:
         "start": format_clock(clock.start, clock.language),
         "end": format_clock(end, clock.language),
     }
-    return fill(words["report"]["from_to"], facts)
+    return fill(words["heading"]["from_to"], facts)
 
 
 def _build_limits(findings: Findings, words: Words) -> Note:
@@ -193,7 +193,7 @@ def _build_limits(findings: Findings, words: Words) -> Note:
 
 def _tell_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:
     facts = {"version": subject.software.version, "id": identify_report(findings, subject)}
-    return fill(words["report"]["footer"], facts)
+    return fill(words["heading"]["footer"], facts)
 
 
 def _tell_brief(header: tuple[Pair, ...], footer: str, words: Words) -> str:
@@ -213,4 +213,4 @@ def _tell_amendment(subject: ReportSubject, words: Words) -> str:
         "changes": ", ".join(changed),
         "reason": clean_text(subject.reason),
     }
-    return fill(words["report"]["amended"], facts)
+    return fill(words["heading"]["amended"], facts)

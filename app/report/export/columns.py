@@ -372,7 +372,7 @@ def list_paths(value: Any, path: str = "") -> Iterator[str]:
 
 
 def _describe_fields() -> list[Row]:
-    english, french = (load_wording(language, "fields")["field"] for language in ("en", "fr"))
+    english, french = (load_wording(language, "fields") for language in ("en", "fr"))
     return [_describe("results.json", path, "", english[path], french[path]) for path in english]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from app.report.findings import CalibrationFacts, Findings, MethodFacts, StillFacts
 from app.report.words.numbers import Clock
 from app.report.words.subject import ReportSubject
+from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS, Convention
 from fusion.exposure.types import (
     ElevationBin,
@@ -331,7 +332,7 @@ def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
     return [
         {"kind": "not_worn", "start_s": start_s, "end_s": end_s}
         for flag in flags
-        if flag.code == "W-NONWEAR"
+        if flag.code == Caveat.NONWEAR
         for start_s, end_s in flag.spans_s
     ]
 

@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from app.errors import InternalError
 from app.report.words.numbers import format_exact
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.recording import QualityFlag
 
 Fact = str | int | float
-UNKNOWN_PROBLEM = "E-INTERNAL"
+UNKNOWN_PROBLEM = InternalError.code
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True)
-class Caveat:
+class CaveatWords:
     """A line of the data-quality box: a short name and what it means for the figures."""
 
     title: str
@@ -45,14 +46,14 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     )
 
 
-def describe_flag(flag: QualityFlag, language: Language) -> Caveat:
+def describe_flag(flag: QualityFlag, language: Language) -> CaveatWords:
     """Say what a caveat means; one without words shows its code."""
     words = load_wording(language)
     entry = words["flag"].get(flag.code)
     if entry is None:
-        return Caveat(flag.code, "")
+        return CaveatWords(flag.code, "")
     told = _tell_facts(flag.facts, words, language)
-    return Caveat(fill(entry["title"], told), fill(entry["detail"], told))
+    return CaveatWords(fill(entry["title"], told), fill(entry["detail"], told))
 
 
 def tell_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:

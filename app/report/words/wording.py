@@ -1,4 +1,7 @@
-"""The sentences people read, one TOML file for each language; the code knows only their keys."""
+"""The sentences that people read: one TOML file for each language, a table for each part of the product.
+
+The code knows only the keys.
+"""
 
 import re
 import tomllib
@@ -9,6 +12,19 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 Language = Literal["en", "fr"]
+Part = Literal[
+    "report",
+    "pairs",
+    "agreement",
+    "run",
+    "fields",
+    "page",
+    "day",
+    "columns",
+    "pair_pages",
+    "help",
+    "operations",
+]
 Words = Mapping[str, Any]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 
@@ -22,15 +38,18 @@ _NO_BREAK_SPACE = "\u00a0"
 
 
 @cache
-def load_wording(language: Language, name: str = "report") -> Words:
-    """Read the words of the report (``en.toml``) or, with ``name="page"``, of the page (``page.en.toml``).
+def load_wording(language: Language, part: Part = "report") -> Words:
+    """Read one part of the words: those of the report, of the pages, of the commands, ...
 
     The files are written with plain spaces and straight apostrophes; the no-break spaces of French
     punctuation and the curly apostrophe are set here, so that no translator has to type them.
     """
-    file_name = f"{language}.toml" if name == "report" else f"{name}.{language}.toml"
-    words = tomllib.loads((_FOLDER / file_name).read_text(encoding="utf-8"))
-    return MappingProxyType(_set_all(words, language))
+    return MappingProxyType(_set_all(_read_language(language)[part], language))
+
+
+@cache
+def _read_language(language: Language) -> dict[str, Any]:
+    return tomllib.loads((_FOLDER / f"{language}.toml").read_text(encoding="utf-8"))
 
 
 def fill(text: str, facts: Mapping[str, str]) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.grid import (
@@ -72,12 +73,12 @@ def order_blocks(
     kept = ordered.take(~is_double)
     other_rows = int(blocks.n_rows[~is_own].sum())
     counts = {
-        "W-SESSION": int(np.count_nonzero(~is_own)),
-        "W-ORDER": late,
-        "W-DUP": identical,
-        "W-DUP-CONFLICT": int(np.count_nonzero(is_double)) - identical,
+        Caveat.SESSION: int(np.count_nonzero(~is_own)),
+        Caveat.ORDER: late,
+        Caveat.DUP: identical,
+        Caveat.DUP_CONFLICT: int(np.count_nonzero(is_double)) - identical,
     }
-    facts = {"W-SESSION": {"n": other_rows}}
+    facts = {Caveat.SESSION: {"n": other_rows}}
     flags = tuple(
         QualityFlag(code, count, facts=facts.get(code, {})) for code, count in counts.items() if count
     )

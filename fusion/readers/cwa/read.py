@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
 from fusion.readers.cwa.blocks import (
     BAD_CHECKSUMS,
@@ -277,8 +278,8 @@ def flag_unstamped(grid: Grid) -> tuple[QualityFlag, ...]:
     """No block has a stamp: the header's rate is all that is known of time."""
     rate_hz = round(MICROSECONDS / grid.period_us, 3)
     return (
-        QualityFlag("W-CLOCK-UNSET"),
-        QualityFlag("W-RATE", facts={"rate_hz": rate_hz, "rate_from": "header"}),
+        QualityFlag(Caveat.CLOCK_UNSET),
+        QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "header"}),
     )
 
 
@@ -289,14 +290,14 @@ def flag_damage(log: BlockLog, blocks: Blocks, grid: Grid) -> tuple[QualityFlag,
     stamps_us = blocks.anchor_us[np.clip(places, 0, len(blocks) - 1)] - blocks.anchor_us[0]
     first_s, last_s = np.clip(stamps_us / MICROSECONDS, 0.0, end_s).tolist()
     counts = {
-        "W-CHECKSUM": int(log.tally[BAD_CHECKSUMS]),
-        "W-RESYNC": int(log.tally[RESYNCS]),
-        "W-ROWS-DROPPED": log.n_plain + log.n_strange,
+        Caveat.CHECKSUM: int(log.tally[BAD_CHECKSUMS]),
+        Caveat.RESYNC: int(log.tally[RESYNCS]),
+        Caveat.ROWS_DROPPED: log.n_plain + log.n_strange,
     }
     flags = tuple(QualityFlag(code, n, 0.0, first_s, last_s) for code, n in counts.items() if n)
     tail_bytes = int(log.tally[TAIL_BYTES])
     if tail_bytes:
-        flags += (QualityFlag("W-TRUNC-TAIL", 1, 0.0, end_s, end_s, {"n": tail_bytes}),)
+        flags += (QualityFlag(Caveat.TRUNC_TAIL, 1, 0.0, end_s, end_s, {"n": tail_bytes}),)
     return flags
 
 
@@ -307,7 +308,7 @@ def flag_plan(
     flags: tuple[QualityFlag, ...] = ()
     if header.planned_end_s is not None and started_us is not None:
         early_s = header.planned_end_s - (started_us + grid.duration_us) / MICROSECONDS
-        flags += (QualityFlag("W-EARLY-END"),) if early_s > EARLY_END_S else ()
+        flags += (QualityFlag(Caveat.EARLY_END),) if early_s > EARLY_END_S else ()
     rate_hz = max(grid.segments, key=len).rate_hz
     rates_hz: list[float] = nominal_hz(np.unique(blocks.rate_code)).tolist()
     nominal = min(rates_hz, key=lambda asked_hz: abs(asked_hz - rate_hz))

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.recording import QualityFlag
 
 LONGEST_GAP_S = 86_400
@@ -151,7 +152,7 @@ def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...
 
 
 def _flag_clock(step_s: int, at_s: int) -> QualityFlag:
-    code = "W-CLOCK-BACK" if step_s < 0 else "W-CLOCK-FWD"
+    code = Caveat.CLOCK_BACK if step_s < 0 else Caveat.CLOCK_FWD
     return QualityFlag(code, 1, 0.0, float(at_s), float(at_s), {"step_s": step_s})
 
 
@@ -165,10 +166,10 @@ def order_seconds(seconds: Seconds, acc: NDArray[np.float32], gyr: NDArray[np.fl
     whole = single.keep(~partial)
     runs, clock_flags = find_runs(whole)
     counts = {
-        "W-CLOCK-FWD": repaired,
-        "W-DUP": identical,
-        "W-DUP-CONFLICT": differing,
-        "W-SEC-COUNT": int((single.n_rows < np.median(single.n_rows)).sum()),
+        Caveat.CLOCK_FWD: repaired,
+        Caveat.DUP: identical,
+        Caveat.DUP_CONFLICT: differing,
+        Caveat.SEC_COUNT: int((single.n_rows < np.median(single.n_rows)).sum()),
     }
     flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count)
     zeros = dict.fromkeys(int(whole.unix_s[run.first]) - run.start_s for run in runs)

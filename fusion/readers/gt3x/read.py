@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
 from fusion.readers import archives as gt3x_archive
 from fusion.readers.gt3x import log as gt3x_events
@@ -211,13 +212,13 @@ def flag_file(
 ) -> tuple[QualityFlag, ...]:
     """Caveats that come from the records and from info.txt."""
     counts = {
-        "W-ROWS-DROPPED": log.n_undecoded,
-        "W-RESETS": int(text.number("Unexpected Resets") or 0),
-        "W-ENCODING": int(text.encoding != "utf-8"),
-        "W-TZ": int(_is_zone_unclear(text, counts_utc=log.events.counts_utc)),
-        "W-EARLY-END": int(_ended_early_s(text, timeline) > EARLY_END_S),
-        "W-BATTERY": int(0 < log.events.battery_mv < LOW_BATTERY_MV),
-        "W-FIRMWARE": int(_has_turned_axes(text)),
+        Caveat.ROWS_DROPPED: log.n_undecoded,
+        Caveat.RESETS: int(text.number("Unexpected Resets") or 0),
+        Caveat.ENCODING: int(text.encoding != "utf-8"),
+        Caveat.TZ: int(_is_zone_unclear(text, counts_utc=log.events.counts_utc)),
+        Caveat.EARLY_END: int(_ended_early_s(text, timeline) > EARLY_END_S),
+        Caveat.BATTERY: int(0 < log.events.battery_mv < LOW_BATTERY_MV),
+        Caveat.FIRMWARE: int(_has_turned_axes(text)),
     }
     flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count > 0)
     return flag_damage(log.scan, timeline) + flags + flag_rates(text, log, timeline, segments)
@@ -229,12 +230,12 @@ def flag_damage(scan: ScanTally, timeline: Timeline) -> tuple[QualityFlag, ...]:
     first_s, last_s = (float(min(max(0, place), timeline.runs[-1].end_s)) for place in places)
     flags = tuple(
         QualityFlag(code, count, 0.0, first_s, last_s)
-        for code, count in (("W-CHECKSUM", scan.bad_checksums), ("W-RESYNC", scan.resyncs))
+        for code, count in ((Caveat.CHECKSUM, scan.bad_checksums), (Caveat.RESYNC, scan.resyncs))
         if count
     )
     if scan.tail_bytes:
         end_s = float(timeline.runs[-1].end_s)
-        flags += (QualityFlag("W-TRUNC-TAIL", 1, 0.0, end_s, end_s, {"n": scan.tail_bytes}),)
+        flags += (QualityFlag(Caveat.TRUNC_TAIL, 1, 0.0, end_s, end_s, {"n": scan.tail_bytes}),)
     return flags
 
 
@@ -246,11 +247,11 @@ def flag_rates(
     rate_hz = round(max(segments, key=len).rate_hz, 3)
     flags: tuple[QualityFlag, ...] = ()
     if contradicts_header(seen, text.number("Sample Rate")):
-        flags += (QualityFlag("W-RATE", facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
+        flags += (QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
     flags += flag_drift(IMU_RATE_HZ, rate_hz)
     bias_g = measure_bias_g(seen, text, timeline, log.columns)
     if bias_g is not None and bias_g > LARGEST_DIFFERENCE_G:
-        flags += (QualityFlag("W-BIAS", facts={"g": round(bias_g, 3)}),)
+        flags += (QualityFlag(Caveat.BIAS, facts={"g": round(bias_g, 3)}),)
     return flags
 
 
@@ -466,8 +467,8 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
             *changes,
             *asides,
             *unset,
-            *flag_spans("W-SLEEP", [span for span in excluded if span.reason == "asleep"]),
-            *flag_spans("W-DOCKED", [span for span in excluded if span.reason == "docked"]),
+            *flag_spans(Caveat.SLEEP, [span for span in excluded if span.reason == "asleep"]),
+            *flag_spans(Caveat.DOCKED, [span for span in excluded if span.reason == "docked"]),
             *flag_gaps(segments, duration_us, excluded),
         ),
         understood=_describe(text, log, timeline),
@@ -513,7 +514,7 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
     asides: tuple[QualityFlag, ...] = ()
     if end_s - covered[-1][1] > LONGEST_GAP_S:
         end_s = covered[-1][1]
-        asides += (QualityFlag("W-CLOCK-FWD", 1, 0.0, float(end_s), float(end_s)),)
+        asides += (QualityFlag(Caveat.CLOCK_FWD, 1, 0.0, float(end_s), float(end_s)),)
     docked = gt3x_events.merge_seconds(
         second for second in map(timeline.place_s, log.events.docked_s) if 0 <= second < end_s
     )
@@ -521,7 +522,7 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
     for start_unix_s, end_unix_s in gt3x_events.pair_sleep(log.events.sleep, log.scan.last_unix_s):
         early_s = -timeline.place_s(start_unix_s)
         if 0 < early_s <= LONGEST_GAP_S:
-            asides += (QualityFlag("W-SLEEP", 1, float(early_s)),)
+            asides += (QualityFlag(Caveat.SLEEP, 1, float(early_s)),)
         start_s = max(0, -early_s)
         stop_s = min(end_s, timeline.place_s(end_unix_s))
         asleep += gt3x_events.cut_out(start_s, stop_s, sorted([*covered, *docked]))

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import UnknownRate
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.clock import datetime_at_us, is_clock_set
@@ -208,7 +209,7 @@ class TimeUnit:
             **names,
             "rate_hz": rate_hz,
         }
-        return (QualityFlag("W-UNITS", facts=facts),)
+        return (QualityFlag(Caveat.UNITS, facts=facts),)
 
     def refuse_doubtful(self, columns: SampleColumns) -> None:
         """Refuse rows so slow by the header that only the readings can tell, where they do not.

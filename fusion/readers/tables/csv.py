@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fusion.caveats import Caveat
 from fusion.errors import TooShort, UnknownColumns, UnknownRate
 from fusion.readers.samples import PAUSE
 from fusion.readers.source import Source
@@ -178,7 +179,7 @@ def flag_told_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[
     told = "told" if rate_hz else "layout"
     source = "header" if choose_rate_hz(plan.layout, None) else told
     used_hz = round(MICROSECONDS / grid.period_us, 3)
-    return (QualityFlag("W-RATE", facts={"rate_hz": used_hz, "rate_from": source}),)
+    return (QualityFlag(Caveat.RATE, facts={"rate_hz": used_hz, "rate_from": source}),)
 
 
 def _flag_stated_rate(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:

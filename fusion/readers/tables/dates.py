@@ -11,6 +11,7 @@ from datetime import UTC, date, datetime, timedelta
 from functools import lru_cache
 from typing import Literal
 
+from fusion.caveats import Caveat
 from fusion.errors import UnusableTime
 from fusion.readers.timebase.clock import datetime_at_us, is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag
@@ -427,6 +428,6 @@ def flag_changes(changes: Iterable[OffsetChange], first_stamp_us: int) -> tuple[
     return tuple(
         QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": change.after_s - change.before_s})
         for change in list(changes)[:MOST_CHANGES]
-        for code in ["W-DST" if change.is_daylight_saving else "W-OFFSET"]
+        for code in [Caveat.DST if change.is_daylight_saving else Caveat.OFFSET]
         for at_s in [(change.at_us - first_stamp_us) / MICROSECONDS]
     )

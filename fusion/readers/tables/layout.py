@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import AmbiguousDecimal, UnknownColumns, UnknownFormat
 from fusion.readers.archives import UnpackedFile
 from fusion.readers.source import Source, read_chunks
@@ -430,9 +431,9 @@ def is_utf8(source: Source) -> bool:
 def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
     """Caveats that the writing itself gives."""
     found = {
-        "W-ENCODING": find_form(source.head).encoding is not None or not is_utf8(source),
-        "W-LOCALE": layout.decimal == ",",
-        "W-PRECISION": is_rounded(layout),
+        Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8(source),
+        Caveat.LOCALE: layout.decimal == ",",
+        Caveat.PRECISION: is_rounded(layout),
     }
     return tuple(QualityFlag(code) for code, is_found in found.items() if is_found)
 

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pyarrow import compute as pc
 
+from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
 from fusion.readers.samples import SampleColumns, check_rows, drop_blank_rows
 from fusion.readers.source import Source
@@ -217,7 +218,7 @@ def _build(
     grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
     flags = (*blank, *changes, *grid.flags)
     if absent:
-        flags = (QualityFlag("W-NAN", absent), *flags)
+        flags = (QualityFlag(Caveat.NAN, absent), *flags)
     return Recording(
         device="other",
         sha256="",

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import TooShort
 from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source, read_chunks
@@ -70,7 +71,7 @@ def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # n
     columns.trim()
     flags = drop_blank_rows(columns)
     if lost_bytes:
-        flags += (QualityFlag("W-TRUNC-TAIL", facts={"n": lost_bytes}),)
+        flags += (QualityFlag(Caveat.TRUNC_TAIL, facts={"n": lost_bytes}),)
     return _build(columns, flags, "LSM9DS1 registers, 26-byte records")
 
 
@@ -115,7 +116,7 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
     n_rows = columns.rows
     grid: Grid = cut_stamped(columns)
     start, unset = trust_clock(datetime.fromtimestamp(first_us / MICROSECONDS, UTC))
-    mirrored = QualityFlag("W-UNITS", facts={"what": "left-handed", "evidence": "layout", "turned": "x"})
+    mirrored = QualityFlag(Caveat.UNITS, facts={"what": "left-handed", "evidence": "layout", "turned": "x"})
     return Recording(
         device="lsm9ds1",
         sha256="",

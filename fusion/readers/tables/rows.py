@@ -10,6 +10,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import CutByExcel, NoGyroscope, UnknownColumns, UnreadableRows
 from fusion.readers.samples import MOST_ROWS, SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
@@ -207,11 +208,11 @@ class TableRows:
         tail = int(self.is_cut and bad > 0 and self.tally[LAST_BAD_LINE] == self.tally[LINES])
         flags = list(self.blank)
         if bad > tail:
-            flags.append(QualityFlag("W-ROWS-DROPPED", bad - tail, facts={"line": self.first_bad_line}))
+            flags.append(QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": self.first_bad_line}))
         for code, count in (
-            ("W-TRUNC-TAIL", tail),
-            ("W-NAN", self.tally[ABSENT]),
-            ("W-HEADER-REPEAT", self.tally[HEADERS]),
+            (Caveat.TRUNC_TAIL, tail),
+            (Caveat.NAN, self.tally[ABSENT]),
+            (Caveat.HEADER_REPEAT, self.tally[HEADERS]),
         ):
             if count:
                 flags.append(QualityFlag(code, int(count)))
@@ -341,7 +342,7 @@ def settle_stamps(rows: TableRows) -> tuple[QualityFlag, ...]:
         is_wall_clock=is_calendar and not has_offset,
     )
     if is_calendar and has_offset:
-        turned = any(flag.code == "W-REVERSED" for flag in flags)
+        turned = any(flag.code == Caveat.REVERSED for flag in flags)
         changes = [change.turn_round() for change in reversed(rows.changes)] if turned else rows.changes
         flags += flag_changes(changes, int(rows.columns.stamps[0]))
     return flags
@@ -379,10 +380,10 @@ def tell_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
     elif start is None and plan.stamp_kind == CALENDAR_TIME:
         start = _read_stamp(layout, first_stamp_us)
         if layout.dates is not None and not layout.dates.has_date and start is not None:
-            flags = (QualityFlag("W-NO-DATE", facts={"time_of_day": f"{start:%H:%M:%S}"}),)
+            flags = (QualityFlag(Caveat.NO_DATE, facts={"time_of_day": f"{start:%H:%M:%S}"}),)
             start = None
         elif layout.dates is not None and layout.dates.is_doubtful and start is not None:
-            flags = (QualityFlag("W-DATE-ORDER", facts={"date": f"{start:%Y-%m-%d}"}),)
+            flags = (QualityFlag(Caveat.DATE_ORDER, facts={"date": f"{start:%Y-%m-%d}"}),)
     elif start is None and counts_since_1970(plan, first_stamp_us):
         start = read_epoch(first_stamp_us)
     return judge_clock(start, flags)
@@ -401,7 +402,7 @@ def _compare_starts(
     if abs(told - stamp) <= START_TOLERANCE:
         return told, ()
     facts = {"header": f"{told:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
-    return stamp, (QualityFlag("W-START", facts=facts),)
+    return stamp, (QualityFlag(Caveat.START, facts=facts),)
 
 
 def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
@@ -411,7 +412,7 @@ def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> 
     if offset is None:
         return TableClock(start, None, (*flags, *unset))
     if not offset:
-        flags = (*flags, QualityFlag("W-UTC"))
+        flags = (*flags, QualityFlag(Caveat.UTC))
     return TableClock(start, format_offset(round(offset.total_seconds())), (*flags, *unset))
 
 

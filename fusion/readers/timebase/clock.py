@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta, timezone
 from functools import cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
+from fusion.caveats import Caveat
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 # Clocks that follow a zone: the offset at the first sample, and whether it changed before the last.
@@ -61,7 +62,7 @@ def follow_zone(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> FollowedZ
         return FollowedZone(start, ())
     at_s = _find_change_s(first_unix_s, duration_s, zone)
     step_s = round((after - before).total_seconds())
-    return FollowedZone(start, (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": step_s}),))
+    return FollowedZone(start, (QualityFlag(Caveat.DST, 1, 0.0, at_s, at_s, {"step_s": step_s}),))
 
 
 @cache
@@ -119,7 +120,7 @@ def trust_clock(start: datetime | None) -> tuple[datetime | None, tuple[QualityF
     """Give the clock only where it can have been set, and a caveat where it was not (W-CLOCK-UNSET)."""
     if start is None or is_clock_set(start):
         return start, ()
-    return None, (QualityFlag("W-CLOCK-UNSET"),)
+    return None, (QualityFlag(Caveat.CLOCK_UNSET),)
 
 
 def datetime_at_us(unix_us: int) -> datetime | None:
@@ -141,7 +142,7 @@ def flag_drift(nominal_hz: float, true_hz: float) -> tuple[QualityFlag, ...]:
     """Flag a rate that is more than 0.5 % off the nominal one (W-DRIFT)."""
     if nominal_hz and abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
         return ()
-    return (QualityFlag("W-DRIFT", facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
+    return (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
 
 
 def parse_offset_s(text: str) -> int | None:
@@ -165,7 +166,7 @@ def format_offset(offset_s: int) -> str:
 
 def flag_days(recording: Recording) -> Recording:
     """Say, once, where a recording spans more than a day."""
-    flags = tuple(flag for flag in recording.flags if flag.code != "W-MULTIDAY")
+    flags = tuple(flag for flag in recording.flags if flag.code != Caveat.MULTIDAY)
     if recording.duration_us > DAY_US:
-        flags += (QualityFlag("W-MULTIDAY", -(-recording.duration_us // DAY_US)),)
+        flags += (QualityFlag(Caveat.MULTIDAY, -(-recording.duration_us // DAY_US)),)
     return replace(recording, flags=flags)

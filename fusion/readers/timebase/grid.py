@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.samples import PAUSE, SampleColumns
 from fusion.readers.timebase.row_kernels import (
@@ -156,7 +157,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
     flags = flag_gaps(segments, duration_us)
     n_pauses = int(np.count_nonzero(np.diff(pauses)))
     if n_pauses:
-        flags += (QualityFlag("W-PAUSE", n_pauses),)
+        flags += (QualityFlag(Caveat.PAUSE, n_pauses),)
     return Grid(tuple(segments), duration_us, flags, period_us, 0.0)
 
 
@@ -167,7 +168,7 @@ def _cut_even_rows(
     dropped = int(np.count_nonzero(~is_even))
     columns.keep(is_even)
     grid = cut_stamped(columns)
-    return replace(grid, flags=(*mended, QualityFlag("W-ROWS-DROPPED", dropped), *grid.flags))
+    return replace(grid, flags=(*mended, QualityFlag(Caveat.ROWS_DROPPED, dropped), *grid.flags))
 
 
 def _fit_runs(
@@ -223,9 +224,9 @@ def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
 def flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
     """Say how the clock was; ``replaced``: stamps that were put into line."""
     found = {
-        "W-CLOCK-FWD": replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
-        "W-CLOCK-BACK": int(np.count_nonzero(holes.step_us < 0)),
-        "W-JITTER": int(jitter > JITTER_PART),
+        Caveat.CLOCK_FWD: replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
+        Caveat.CLOCK_BACK: int(np.count_nonzero(holes.step_us < 0)),
+        Caveat.JITTER: int(jitter > JITTER_PART),
     }
     return tuple(QualityFlag(code, count) for code, count in found.items() if count)
 
@@ -254,7 +255,7 @@ def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
         return ()
     step_us = float(np.median(steps[steps > 0]))
     spread_runs(stamps, edges.astype(np.int64), step_us, find_usual_counts(counts))
-    return (QualityFlag("W-JITTER"),)
+    return (QualityFlag(Caveat.JITTER),)
 
 
 def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -281,7 +282,7 @@ def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFla
     if count_backward(columns.stamps) == 0:
         return ()  # of all kernels this one takes longest to compile, and few files need it
     late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP * period_us)
-    return (QualityFlag("W-ORDER", late),) if late else ()
+    return (QualityFlag(Caveat.ORDER, late),) if late else ()
 
 
 # The sample period.
@@ -462,4 +463,4 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
     spans = [
         Span(int(stamps[a] - stamps[0]), int(us)) for (a, _), us in zip(stretches, length_us, strict=True)
     ]
-    return flag_spans("W-RATE-CHANGE", spans, rate_hz=rate_hz)
+    return flag_spans(Caveat.RATE_CHANGE, spans, rate_hz=rate_hz)

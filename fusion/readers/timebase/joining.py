@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 
+from fusion.caveats import Caveat
 from fusion.checks.stopped import cut_rows
 from fusion.errors import UnusableJoin
 from fusion.readers.timebase.clock import flag_days, is_change_of_offset
@@ -37,7 +38,7 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
         joined = replace(joined, flags=(*joined.flags, *_flag_change(starts[0], start, offset_us)))
     repeated = len(recordings) - len(ordered)
     if repeated:
-        joined = replace(joined, flags=(*joined.flags, QualityFlag("W-DUP-FILE", repeated)))
+        joined = replace(joined, flags=(*joined.flags, QualityFlag(Caveat.DUP_FILE, repeated)))
     hashes = "\n".join(recording.sha256 for recording in ordered)
     return flag_days(
         replace(
@@ -78,11 +79,11 @@ def _append(joined: Recording, later: Recording, offset_us: int) -> Recording:
     duration_us = max(joined.duration_us, offset_us + later.duration_us)
     between = [Span(joined.duration_us, -overlap_us)] if overlap_us < -1 else []
     flags = (*joined.flags, *(_move_flag(flag, offset_us) for flag in later.flags))
-    flags += flag_spans("W-GAP", between)
+    flags += flag_spans(Caveat.GAP, between)
     if overlap_us > 0:
         at_s = offset_us / MICROSECONDS
         flags += (
-            QualityFlag("W-DUP", 1, overlap_us / MICROSECONDS, at_s, joined.duration_us / MICROSECONDS),
+            QualityFlag(Caveat.DUP, 1, overlap_us / MICROSECONDS, at_s, joined.duration_us / MICROSECONDS),
         )
     return replace(joined, segments=segments, excluded=excluded, duration_us=duration_us, flags=flags)
 
@@ -91,7 +92,7 @@ def _flag_change(first: datetime, start: datetime, offset_us: int) -> tuple[Qual
     offsets_s = [round((one.utcoffset() or timedelta()).total_seconds()) for one in (first, start)]
     if offsets_s[0] == offsets_s[1]:
         return ()
-    code = "W-DST" if is_change_of_offset(start, *offsets_s) else "W-OFFSET"
+    code = Caveat.DST if is_change_of_offset(start, *offsets_s) else Caveat.OFFSET
     at_s = offset_us / MICROSECONDS
     return (QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": offsets_s[1] - offsets_s[0]}),)
 

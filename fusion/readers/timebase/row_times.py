@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.caveats import Caveat
 from fusion.errors import UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
@@ -123,7 +124,7 @@ def turn_round(columns: SampleColumns) -> tuple[QualityFlag, ...]:
         return ()
     for values in (columns.acc, columns.gyr, columns.stamps):
         turn_rows(values.reshape(len(values), -1), columns.rows)
-    return (QualityFlag("W-REVERSED"),)
+    return (QualityFlag(Caveat.REVERSED),)
 
 
 # A wall clock that followed daylight saving.
@@ -161,7 +162,7 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
             continue
         at_s = float(stamps[place + 1] - hour_us - stamps[0]) / MICROSECONDS
         stamps[place + 1 :] -= np.int64(hour_us)
-        flags += (QualityFlag("W-DST", 1, 0.0, at_s, at_s, {"step_s": hour_us // MICROSECONDS}),)
+        flags += (QualityFlag(Caveat.DST, 1, 0.0, at_s, at_s, {"step_s": hour_us // MICROSECONDS}),)
     return flags
 
 
@@ -189,7 +190,7 @@ def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag
     if tick_us == 0 or count_backward(stamps) == 0:
         return ()
     wraps = _unwrap_even(stamps, tick_us) or lift_wraps(stamps, 2 ** BITS[0] * tick_us, MARGIN_US)
-    return (QualityFlag("W-WRAP", wraps),) if wraps else ()
+    return (QualityFlag(Caveat.WRAP, wraps),) if wraps else ()
 
 
 def _unwrap_even(stamps: NDArray[np.int64], tick_us: int) -> int:
@@ -390,11 +391,11 @@ def _take_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[QualityF
     if dropped == 0:
         return ()
     columns.keep(kept)
-    return (QualityFlag("W-ROWS-DROPPED", dropped),)
+    return (QualityFlag(Caveat.ROWS_DROPPED, dropped),)
 
 
 def _tell_timed(rows: int) -> tuple[QualityFlag, ...]:
-    return (QualityFlag("W-CLOCK-FWD", rows),) if rows else ()
+    return (QualityFlag(Caveat.CLOCK_FWD, rows),) if rows else ()
 
 
 # Rows that stand in a table twice: a copy that went on from too early, or a file put after itself.
@@ -422,7 +423,7 @@ def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     if repeated == 0:
         return ()
     columns.keep(kept)
-    return (QualityFlag("W-DUP", repeated),)
+    return (QualityFlag(Caveat.DUP, repeated),)
 
 
 # Pieces that stand in the wrong order. (text)
@@ -450,8 +451,8 @@ def order_pieces(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     repeated = int((begins - pieces.first).sum())
     places = [(int(begins[k]), int(pieces.stop[k])) for k in order]
     gather_rows(columns, places)
-    flags = (QualityFlag("W-PIECES", moved),)
-    return (*flags, QualityFlag("W-DUP", repeated)) if repeated else flags
+    flags = (QualityFlag(Caveat.PIECES, moved),)
+    return (*flags, QualityFlag(Caveat.DUP, repeated)) if repeated else flags
 
 
 def find_begins(

@@ -1,0 +1,123 @@
+"""Write every code with its title, its outcome and its facts, from the declarations.
+
+python -m benchmarks.codes > docs/codes.md
+"""
+
+from collections.abc import Iterator, Mapping
+from math import isfinite
+
+import fusion.orientation.arrays  # noqa: F401 (declares a refusal of its own)
+from app.errors import (
+    CANCELLED,
+    NO_RECORDING,
+    REFUSED_BY_THE_SCIENCE,
+    UNREADABLE_PATH,
+    AppError,
+    find_outcome,
+    list_refusals,
+)
+from app.report.words.messages import describe_flag, describe_problem
+from fusion.caveats import Caveat, Grade
+from fusion.errors import FusionError
+from fusion.recording import QualityFlag
+
+PAGE = """# Codes
+
+Made from the code: `python -m benchmarks.codes > docs/codes.md`. Titles are those of the English words; the
+page `/problems/CODE` of a server, and `GET /api/v1/problems/CODE`, give each code in full in both languages.
+
+## Caveats
+
+A number, with something to know about it. They are declared in `fusion/caveats.py`. A note leaves the verdict
+good; a caution or a poor lowers it to that.
+
+| code | title | counts as | facts |
+|---|---|---|---|
+{caveats}
+
+## Refusals of a file
+
+No number can be given. They are declared in `fusion/errors.py`; HTTP status {status}, exit code {exit_code}.
+Beside its own facts each may tell the place: `line`, `byte`, `clock`.
+
+| code | title | facts |
+|---|---|---|
+{refusals}
+
+## Refusals around it
+
+Of uploads, requests, the server and the attempt to analyse. They are declared in `app/errors.py`. "again":
+trying again may help.
+
+| code | title | HTTP | exit | again | facts |
+|---|---|---|---|---|---|
+{others}
+
+## Codes of the command line and the batch
+
+Told beside a file, never raised: {bare}.
+"""
+
+
+def write_document() -> str:
+    """Give the page."""
+    refusals = list_refusals()
+    return PAGE.format(
+        status=REFUSED_BY_THE_SCIENCE.status,
+        exit_code=REFUSED_BY_THE_SCIENCE.exit_code,
+        caveats="\n".join(_describe_caveat(caveat) for caveat in Caveat),
+        refusals="\n".join(_describe_refusals(refusals)),
+        others="\n".join(_describe_others(refusals)),
+        bare=", ".join(
+            f"`{code}` ({describe_problem(code, {}, 'en').title})"
+            for code in (UNREADABLE_PATH, NO_RECORDING, CANCELLED)
+        ),
+    )
+
+
+def _describe_caveat(caveat: Caveat) -> str:
+    title = describe_flag(QualityFlag(caveat), "en").title
+    return f"| `{caveat}` | {title} | {_describe_grade(caveat)} | {_describe_facts(caveat.fact_meanings)} |"
+
+
+def _describe_grade(caveat: Caveat) -> str:
+    usual, limit = caveat.grade.name.lower(), caveat.limit
+    beyond = {
+        f"from {100 * limit.from_share:g} % of the recorded time on": isfinite(limit.from_share),
+        f"below {limit.below_s / 3600:g} h": limit.below_s > 0.0,
+        f"above {limit.above_deg:g} deg": isfinite(limit.above_deg),
+    }
+    graver = (
+        f"; {Grade(caveat.grade + 1).name.lower()} {where}" for where, is_set in beyond.items() if is_set
+    )
+    return usual + "".join(graver)
+
+
+def _describe_refusals(refusals: tuple[type[FusionError] | type[AppError], ...]) -> Iterator[str]:
+    for kind in refusals:
+        if issubclass(kind, FusionError):
+            title = describe_problem(kind.code, {}, "en").title
+            yield f"| `{kind.code}` | {title} | {_describe_facts(find_own_facts(kind))} |"
+
+
+def _describe_others(refusals: tuple[type[FusionError] | type[AppError], ...]) -> Iterator[str]:
+    for kind in refusals:
+        if issubclass(kind, AppError):
+            title, outcome = describe_problem(kind.code, {}, "en").title, find_outcome(kind)
+            again = "yes" if outcome.retryable else "no"
+            told = _describe_facts(find_own_facts(kind))
+            yield f"| `{kind.code}` | {title} | {outcome.status} | {outcome.exit_code} | {again} | {told} |"
+
+
+def find_own_facts(kind: type[FusionError] | type[AppError]) -> Mapping[str, str]:
+    """Give the facts that a class declares itself; it does not take over its parent's."""
+    own: Mapping[str, str] = vars(kind).get("fact_meanings", {})
+    return own
+
+
+def _describe_facts(meanings: Mapping[str, str]) -> str:
+    return "; ".join(f"`{name}`: {meaning}" for name, meaning in meanings.items())
+
+
+if __name__ == "__main__":
+    print(write_document(), end="")

@@ -1,0 +1,200 @@
+"""Every caveat once: its code, its grade, the facts that come with it. The order is that of the listing.
+
+A caveat is a number with something to know about it (an error, :mod:`fusion.errors`, means no number).
+:class:`fusion.recording.QualityFlag` is one caveat of one recording. The words stand under the same code in
+``app/report/words``; the table in ``docs/codes.md`` is generated from here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from math import inf
+from typing import Self
+
+from fusion.errors import TERM, name_facts
+
+
+class Grade(IntEnum):
+    """What a caveat does to the verdict: nothing, "caution", "poor" (EXPOSURE.md A15)."""
+
+    NOTE = 0
+    CAUTION = 1
+    POOR = 2
+
+
+NOTE, CAUTION, POOR = Grade
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Where a caveat counts one grade more than it usually does.
+
+    Attributes
+    ----------
+    from_share
+        Share of the recorded time that the caveat concerns, from which on it does.
+    below_s
+        Seconds that the caveat concerns, below which it does.
+    above_deg
+        Value of the fact ``deg`` above which it does.
+    """
+
+    from_share: float = inf
+    below_s: float = 0.0
+    above_deg: float = inf
+
+
+NO_LIMIT = Limit()
+NO_FACTS = name_facts()
+FEW_H, POOR_H = 4, 2
+"""Below so many hours analysed a recording is to be read with care, or poor (EXPOSURE.md A15)."""
+USELESS_SIGMA_DEG = 10.0
+"""A range of 20 deg to both sides: 30 cannot be told from 60 deg."""
+
+
+class Caveat(StrEnum):
+    """A code (``str(Caveat.GAP)`` is "W-GAP") with what is declared of it.
+
+    Attributes
+    ----------
+    grade
+        What it does to the verdict as a rule.
+    fact_meanings
+        The names that :attr:`QualityFlag.facts` may hold, each with its unit or meaning.
+    limit
+        Where it counts one grade more.
+    """
+
+    grade: Grade
+    fact_meanings: Mapping[str, str]
+    limit: Limit
+
+    def __new__(
+        cls,
+        code: str,
+        grade: Grade = CAUTION,
+        fact_meanings: Mapping[str, str] = NO_FACTS,
+        limit: Limit = NO_LIMIT,
+    ) -> Self:
+        """Make a member whose value is its code; ``Caveat(code)`` finds it again."""
+        caveat = str.__new__(cls, code)
+        caveat._value_ = code
+        caveat.grade, caveat.fact_meanings, caveat.limit = grade, fact_meanings, limit
+        return caveat
+
+    # The file and its bytes.
+    TRUNC_TAIL = "W-TRUNC-TAIL", CAUTION, name_facts(n="bytes left out")
+    CHECKSUM = "W-CHECKSUM", CAUTION
+    RESYNC = "W-RESYNC", CAUTION
+    SESSION = "W-SESSION", CAUTION, name_facts(n="samples left out")
+    DUP_UPLOAD = "W-DUP-UPLOAD", NOTE
+    DUP_FILE = "W-DUP-FILE", NOTE
+    ENCODING = "W-ENCODING", NOTE
+    LOCALE = "W-LOCALE", NOTE
+    HEADER_REPEAT = "W-HEADER-REPEAT", NOTE
+    PRECISION = "W-PRECISION", NOTE
+    SIDE_ASSUMED = "W-SIDE-ASSUMED", CAUTION
+
+    # The device.
+    BATTERY = "W-BATTERY", NOTE
+    FIRMWARE = "W-FIRMWARE", NOTE
+    RESETS = "W-RESETS", CAUTION
+    DOCKED = "W-DOCKED", NOTE
+    SLEEP = "W-SLEEP", CAUTION
+    EARLY_END = "W-EARLY-END", CAUTION
+
+    # Rows: absent, repeated, out of order.
+    GAP = "W-GAP", NOTE, NO_FACTS, Limit(from_share=0.01)
+    PAUSE = "W-PAUSE", CAUTION
+    NAN = "W-NAN", CAUTION
+    ROWS_DROPPED = "W-ROWS-DROPPED", CAUTION, name_facts(line="first line left out")
+    DUP = "W-DUP", NOTE
+    DUP_CONFLICT = "W-DUP-CONFLICT", CAUTION
+    ORDER = "W-ORDER", NOTE
+    PIECES = "W-PIECES", NOTE
+    REVERSED = "W-REVERSED", NOTE
+
+    # The clock and the rate.
+    CLOCK_BACK = "W-CLOCK-BACK", CAUTION
+    CLOCK_FWD = "W-CLOCK-FWD", CAUTION
+    CLOCK_UNSET = "W-CLOCK-UNSET", NOTE
+    WRAP = "W-WRAP", CAUTION
+    SEC_COUNT = "W-SEC-COUNT", NOTE
+    JITTER = "W-JITTER", CAUTION
+    DRIFT = "W-DRIFT", CAUTION, name_facts(nominal_hz="Hz, stated", rate_hz="Hz, measured")
+    RATE = (
+        "W-RATE",
+        CAUTION,
+        name_facts(rate_hz="Hz, used", rate_from=TERM, other_hz="Hz, the other possibility"),
+    )
+    RATE_CHANGE = "W-RATE-CHANGE", CAUTION, name_facts(rate_hz="Hz, of the longest such stretch")
+    TZ = "W-TZ", NOTE
+    UTC = "W-UTC", NOTE
+    DST = "W-DST", NOTE, name_facts(step_s="s")
+    OFFSET = "W-OFFSET", CAUTION, name_facts(step_s="s")
+    NO_DATE = "W-NO-DATE", NOTE, name_facts(time_of_day="time of the first row")
+    DATE_ORDER = "W-DATE-ORDER", CAUTION, name_facts(date="date of the first row, as read")
+    START = "W-START", NOTE, name_facts(header="start by the header", first="time of the first row")
+    MULTIDAY = "W-MULTIDAY", CAUTION
+    FEW_DAYS = "W-FEW-DAYS", CAUTION
+    """Nothing raises it; its words are on the page of help."""
+
+    # The signal.
+    UNITS = (
+        "W-UNITS",
+        CAUTION,
+        {
+            "what": TERM,
+            "evidence": TERM,
+            "factor": "times",
+            "factor_x": "times",
+            "factor_y": "times",
+            "factor_z": "times",
+            "g": "g at rest, as read",
+            "order": "order of the axes",
+            "turned": "axes turned over",
+            "unit": "unit named",
+            "read_as": "unit read",
+            "rate_hz": "Hz, as read",
+        },
+    )
+    MIXED = "W-MIXED", CAUTION, name_facts(percent="% unexplained", turns="stretches")
+    MIXED_PART = "W-MIXED-PART", CAUTION, name_facts(turns="turns unexplained")
+    LAG = "W-LAG", CAUTION, name_facts(lag_ms="ms")
+    CLIP = "W-CLIP", NOTE, NO_FACTS, Limit(from_share=0.001)
+    SPIKE = "W-SPIKE", CAUTION
+    STUCK_PART = "W-STUCK-PART", CAUTION, name_facts(filled=TERM)
+    BIAS = "W-BIAS", CAUTION, name_facts(g="g between the two accelerometers")
+    GYRO_DRIFT = "W-GYRO-DRIFT", CAUTION, name_facts(dps="deg/s")
+    UNTRUSTED = "W-UNTRUSTED", NOTE, NO_FACTS, Limit(from_share=0.01)
+
+    # The sensor on the arm, and the pose.
+    NO_STILL = "W-NO-STILL", POOR, name_facts(score="fit to the pose, 0 to 1")
+    POSE_SHORT = "W-POSE-SHORT", CAUTION
+    POSE_DOUBT = "W-POSE-DOUBT", POOR
+    POSE_ALONE = "W-POSE-ALONE", CAUTION, name_facts(deg="deg (sigma)"), Limit(above_deg=USELESS_SIGMA_DEG)
+    POSE_APART = (
+        "W-POSE-APART",
+        CAUTION,
+        name_facts(deg="deg (sigma)", apart_deg="deg from walking"),
+        Limit(above_deg=USELESS_SIGMA_DEG),
+    )
+    LEAN = "W-LEAN", CAUTION
+    NPOSE = "W-NPOSE", NOTE, name_facts(reads_low_by_up_to_deg="deg")
+    NONWEAR = "W-NONWEAR", CAUTION
+    REMOUNT = (
+        "W-REMOUNT",
+        CAUTION,
+        name_facts(calibrated="parts with a calibration", left_out="parts without"),
+        Limit(from_share=0.5),
+    )
+    SLIP_DOUBT = "W-SLIP-DOUBT", CAUTION, name_facts(apart_deg="deg from the rest of the recording")
+    UPSIDE = "W-UPSIDE", POOR, name_facts(deg="deg (median)")
+
+    # How much was analysed, and how.
+    LOWCOVER = "W-LOWCOVER", POOR, name_facts(percent="% analysed")
+    SHORT = "W-SHORT", POOR
+    FEW_HOURS = "W-FEW-HOURS", CAUTION, name_facts(hours="h, less than"), Limit(below_s=POOR_H * 3600.0)
+    PUBLISHED = "W-PUBLISHED", CAUTION, name_facts(dps="deg/s")
+    DIARY = "W-DIARY", CAUTION
+    OVERLAP = "W-OVERLAP", NOTE
