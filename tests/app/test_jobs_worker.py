@@ -287,12 +287,16 @@ def test_an_analysis_outlasts_the_death_of_the_fork_server(
 def test_a_fork_server_that_does_not_answer_is_replaced(
     store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def end_and_wait_longer() -> None:
+        monkeypatch.setattr(forking, "START_TICKS", 180)
+        end_fork_server()
+
     job = add_job()
     warm_up_and_wait()
     hanging = find_fork_server()
     os.kill(hanging, signal.SIGSTOP)
-    monkeypatch.setattr(forking, "START_TICKS", 5)
-    monkeypatch.setattr(forking, "START_TRIES", 100)  # another may take longer than that to load
+    monkeypatch.setattr(forking, "START_TICKS", 1)
+    monkeypatch.setattr(forking, "end_fork_server", end_and_wait_longer)  # another may take long to load
 
     run_next(bench(stand_ins.write_report))
 
@@ -306,6 +310,8 @@ def test_a_fork_server_that_reports_no_end_holds_no_worker(
     store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     job = add_job()
+    monkeypatch.setattr(forking, "TICK_S", 0.1)
+    monkeypatch.setattr(forking, "START_TICKS", 1800)
     monkeypatch.setattr(forking, "END_TICKS", 2)
     thread = threading.Thread(target=run_next, args=(bench(stand_ins.write_in_a_second),))
     thread.start()
