@@ -13,7 +13,7 @@ HEADER = ("turn", "left out", "told", "valid %, least", "RMSE deg, worst", "in t
 
 PROSE = f"""\
 Days of {HOURS:g} h on which the sensor turns in the first minutes, when little but the pose was held. The
-rest of the day is to be kept, and read from a window in which the arm hung as in walking. *Told*: days with a
+rest of the day is to be kept and read from a window in which the arm hung as in walking. *Told*: days with a
 caveat that names it (W-REMOUNT, W-SLIP-DOUBT, W-POSE-APART, W-POSE-DOUBT). *In the range*: valid rows within
 1.96 times the standard deviation of their second and of the pose together."""
 
