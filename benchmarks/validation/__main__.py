@@ -29,8 +29,8 @@ SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance", "good_s
 TITLE = "# Validation of arm elevation"
 PREFACE = """\
 `python -m benchmarks.validation` writes this document. Every figure is an angle in degrees unless it says
-otherwise, and compares the software with a reference: optical motion capture (BROAD) or the exact angle of a
-simulated arm. No real person with a reference for the upper arm is among the data.
+otherwise, and compares the software with a reference: optical motion capture (BROAD) or the exact angle
+of a simulated arm. No real person with a reference for the upper arm is among the data.
 
 `smoothed` is the default for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer,
 Roy, Poitras and Campeau-Lecours, `live` the causal one for feedback.
@@ -40,49 +40,53 @@ Not everything is blind:
 - The odd half of BROAD was seen while two parameters were chosen: the gyroscope's lag
   (`SmoothedParameters.gyro_lag_s`, first 1 ms, now none) and the rounds in the search for its bias
   (`BiasSettings.rounds`, first three, now two).
-- Window, bound and rule of the readings from the moving arm (`fusion/sensor/self_calibration.py`) were chosen
-  with the tasks of all five people and both halves of BROAD in view; decision 9 tests the rule on others.
-- The amplitudes of the simulated tasks were chosen after `published` had been seen beside the paper's Table 1.
+- Window, bound and rule of the readings from the moving arm (`fusion/sensor/self_calibration.py`) were
+  chosen with the tasks of all five people and both halves of BROAD in view; decision 9 tests the rule on
+  others.
+- The amplitudes of the simulated tasks were chosen after `published` had been seen beside the paper's
+  Table 1.
 - The simulated sensor knows no soft tissue: its errors are a lower bound for a worn one."""
 WHY_MISSED = """\
 ## Where a goal is missed: what was tried, and why
 
 **`smoothed` on the ten tasks, LSM9DS1, separate: throws.** The accelerometer's offset remains. In these
 recordings the arm nearly always hangs when it is still, and |a| = 1 g shows the offset only along the
-directions seen; across them the moving arm shows it (decision 9). A minute of throws alone has no window of
-4 s that is calm enough, and livelier windows bent BROAD's fast trials, whose sensor is good. The band around
-the angle grows with what the directions leave open.
+directions seen; across them the moving arm shows it (decision 9). A minute of throws alone has no window
+of 4 s that is calm enough, and livelier windows bent BROAD's fast trials, whose sensor is good. The band
+around the angle grows with what the directions leave open.
 
 **A 30 deg bin of one simulated hour, LSM9DS1.** In this hour (seed 10) the arm spends 3.7 % of the time
 within half a degree of 30 deg, so that a hundredth of a degree counts; with the exact offset and gain it
-reads 0.04 points. An hour does not show enough directions to find them as exactly, and priors that fit the
-simulated part better would be tuned to it.
+reads 0.04 points. An hour does not show enough directions to find them as exactly, and priors that fit
+the simulated part better would be tuned to it.
 
-**Turns that are undone.** Walking identifies a stretch between two turns; in the 20 minutes of one simulated
-day, half of them a break, nobody walks. An hour at the wheel between two on foot, with nothing turned, looks
-as different (0.06 of 2 on one of 60 hard days): a bound that finds the turn would leave out such an hour.
+**Turns that are undone.** Walking identifies a stretch between two turns; in the 20 minutes of one
+simulated day, half of them a break, nobody walks. An hour at the wheel between two on foot, with nothing
+turned, looks as different (0.06 of 2 on one of 60 hard days): a bound that finds the turn would leave out
+such an hour.
 
 **8 h at 100 Hz.** The machine is shared, so that times move by a tenth and more.
 
-**`published`, pattern of Table 1.** The ranks agree in part, the sizes do not. The amplitudes are ours, the
-paper's are not given, and the paper's errors hold skin, muscle and Xsens MVN's own error. Another weight of
-the slerp (the sweep is printed) or other amplitudes bring single tasks nearer; choosing them to hit the table
-would only hide that they are unknown.
+**`published`, pattern of Table 1.** The ranks agree in part, the sizes do not. The amplitudes are ours,
+the paper's are not given, and the paper's errors hold skin, muscle and Xsens MVN's own error. Another
+weight of the slerp (the sweep is printed) or other amplitudes bring single tasks nearer; choosing them to
+hit the table would only hide that they are unknown.
 
 **BROAD at 286 Hz.** A cubic in place of a straight line between samples, with the first coning term, was
 kept. Filter nodes at every sample and self-calibration were tried, too. Time constants from 2.6 to 3.5 s,
-other motion windows, rounds and weights scored 0.302 to 0.304 on the even half, low-passes of other orders
-and shapes 0.303 to 0.305, so nothing was changed. The best time constant for each trial, chosen by the truth, would give 0.318 over all. BROAD's
-gyroscope is about 1 ms late against its accelerometer; with that lag `smoothed` comes to about 0.31 deg, but
-a recording does not show the lag, and it differs between parts, so it is not assumed. Rectangular integration
-happens to undo it.
+other motion windows, rounds and weights scored 0.302 to 0.304 on the even half, low-passes of other
+orders and shapes 0.303 to 0.305, so nothing was changed. The best time constant for each trial, chosen by
+the truth, would give 0.318 over all. BROAD's gyroscope is about 1 ms late against its accelerometer; with
+that lag `smoothed` comes to about 0.31 deg, but a recording does not show the lag, and it differs between
+parts, so it is not assumed. Rectangular integration happens to undo it.
 
 **First call.** The compiler costs this time: loading it (numba, and scipy, which numba loads, 0.4 s) and
-compiling eight kernels (decision 39). A later call in a new process misses its goal, with all imports, by what
-numpy and numba take to load and to run the first compiled function: about 0.65 s.
+compiling eight kernels (decision 39). A later call in a new process misses its goal, with all imports, by
+what numpy and numba take to load and to run the first compiled function: about 0.65 s.
 
-**Offset of +10, -20, +15 deg/s with no rest, `live`.** Not a goal: a causal estimator that is never at rest
-has no reference for a bias of 27 deg/s; VQF's fails alike. `has_rested` of `live` says whether it has rested."""
+**Offset of +10, -20, +15 deg/s with no rest, `live`.** Not a goal: a causal estimator that is never at
+rest has no reference for a bias of 27 deg/s; VQF's fails alike. `has_rested` of `live` says whether it
+has rested."""
 
 
 def main() -> None:

@@ -52,10 +52,10 @@ estimator, a range of 2000 deg/s and rejection of acceleration that is off by mo
 itself; where both give the same to the last digit, the correction did not step in."""
 
 STRESS_PROSE = f"""\
-The same trials, changed; one configuration of each estimator for all cases. *Offset*: added to all three axes
-of the gyroscope. *No rest*: cut from the first movement to the last. *Clipped*: both sensors cut at
-{CLIPPED_G:.0f} g and {CLIPPED_DPS:.0f} deg/s. Madgwick and Mahony of `ahrs` take minutes for each case and are
-left out. Degrees, aligned as above, raw in brackets."""
+The same trials, changed; one configuration of each estimator for all cases. *Offset*: added to all three
+axes of the gyroscope. *No rest*: cut from the first movement to the last. *Clipped*: both sensors cut at
+{CLIPPED_G:.0f} g and {CLIPPED_DPS:.0f} deg/s. Madgwick and Mahony of `ahrs` take minutes for each case
+and are left out. Degrees, aligned as above, raw in brackets."""
 
 
 def offset_a_little(trial: Trial) -> Trial:

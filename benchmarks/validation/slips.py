@@ -32,29 +32,29 @@ ALONG = np.array([0.0, 0.0, 1.0])
 
 PROSE = f"""\
 Simulated days of {HOURS:g} h ({RATE_HZ:g} Hz, both devices, seeds {SEEDS[0]} to {SEEDS[-1]}) on which the
-worn sensor turns across the arm's axis, at a tenth, half and nine tenths of the day, within {ABRUPT_S:g} s or
-over {GRADUAL_S / 60:g} minutes. The gyroscope feels the turn, as when a strap slips, so that only the postures
-show it. The pose is proposed by the software. *Left out*: days on which some part was left out or read from an
-axis of its own. *Told*: days with a caveat that names a turn or a pose apart from walking. *Valid*: share of
-valid rows, the least of the days. *RMSE*: of these rows, the worst day. *In the band*: share of these rows
-within 1.96 times the standard deviation given for each second (the pose left out), the worst day. Where less
-than half is valid, the verdict is poor. The rules were set on other days, of even seeds
-([decision 38](decisions/0038-what-confirms-the-axis.md)).
+worn sensor turns across the arm's axis, at a tenth, half and nine tenths of the day, within {ABRUPT_S:g}
+s or over {GRADUAL_S / 60:g} minutes. The gyroscope feels the turn, as when a strap slips, so that only
+the postures show it. The pose is proposed by the software. *Left out*: days on which some part was left
+out or read from an axis of its own. *Told*: days with a caveat that names a turn or a pose apart from
+walking. *Valid*: share of valid rows, the least of the days. *RMSE*: of these rows, the worst day. *In
+the band*: share of these rows within 1.96 times the standard deviation given for each second (the pose
+left out), the worst day. Where less than half is valid, the verdict is poor. The rules were set on other
+days, of even seeds ([decision 38](decisions/0038-what-confirms-the-axis.md)).
 
-Not told: a turn shortly before the end of the recording, after which nobody walked; those rows stay valid and
-are wrong by up to the turn. After a turn at a tenth of the day the rest is read from a window like walking,
-some degrees off (after one of 20 or 30 deg by up to 20), which is in the pose's standard deviation and not in
-the band. Hours of other work without any walking look like a turn and are left out
-(tests/fusion/test_other_work.py). A turn about the arm's own axis does not change the angle. Days without any
-turn, of an hour (seeds {QUIET_SEEDS[0]} to {QUIET_SEEDS[-1]}) and of {BACK_HOURS:g} hours (the odd ones), are
-to raise no caveat. The recordings of BROAD and of the project are shorter than the ten minutes that the search
-needs."""
+Not told: a turn shortly before the end of the recording, after which nobody walked; those rows stay valid
+and are wrong by up to the turn. After a turn at a tenth of the day the rest is read from a window like
+walking, some degrees off (after one of 20 or 30 deg by up to 20), which is in the pose's standard
+deviation and not in the band. Hours of other work without any walking look like a turn and are left out
+(tests/fusion/test_other_work.py). A turn about the arm's own axis does not change the angle. Days without
+any turn, of an hour (seeds {QUIET_SEEDS[0]} to {QUIET_SEEDS[-1]}) and of {BACK_HOURS:g} hours (the odd
+ones), are to raise no caveat. The recordings of BROAD and of the project are shorter than the ten minutes
+that the search needs."""
 
 BACK_PROSE = f"""\
-Days of {BACK_HOURS:g} h, with the sensor turned at {100 * BACK_AT:g} % of the day and pushed back to its first
-place after 20 minutes or an hour. *Valid between*: share of valid rows while it sat turned, the most of the
-days: read from an axis of their own where the turn was found, wrong by up to the turn where it was not. On the
-days of seed 1 nobody walks in those 20 minutes."""
+Days of {BACK_HOURS:g} h, with the sensor turned at {100 * BACK_AT:g} % of the day and pushed back to its
+first place after 20 minutes or an hour. *Valid between*: share of valid rows while it sat turned, the
+most of the days: read from an axis of their own where the turn was found, wrong by up to the turn where
+it was not. On the days of seed 1 nobody walks in those 20 minutes."""
 
 
 def list_turns(seed: int) -> Iterator[tuple[tuple[float, float, bool], Turn]]:
