@@ -27,7 +27,7 @@ GRADUAL_S = 600.0
 LIMIT_DEG = 10.0
 BACK_HOURS, BACK_AT, BACK_MINUTES, BACK_ANGLES_DEG = 3.0, 0.4, (20.0, 60.0), (20.0, 30.0, 45.0, 60.0, 90.0)
 SURE_DEG, BACK_SURE_DEG = 60.0, 45.0
-HEADER = ("turn", "left out", "told", "valid %, least", "RMSE deg, worst", "in the band %, worst")
+HEADER = ("turn", "left out", "named", "valid %, least", "RMSE deg, worst", "in the band %, worst")
 ALONG = np.array([0.0, 0.0, 1.0])
 
 PROSE = f"""\
@@ -35,13 +35,13 @@ Simulated days of {HOURS:g} h ({RATE_HZ:g} Hz, both devices, seeds {SEEDS[0]} to
 worn sensor turns across the arm's axis, at a tenth, half and nine tenths of the day, within {ABRUPT_S:g}
 s or over {GRADUAL_S / 60:g} minutes. The gyroscope feels the turn, as when a strap slips, so that only
 the postures show it. The pose is proposed by the software. *Left out*: days on which some part was left
-out or read from an axis of its own. *Told*: days with a caveat that names a turn or a pose apart from
+out or read from an axis of its own. *Named*: days with a caveat that names a turn or a pose apart from
 walking. *Valid*: share of valid rows, the least of the days. *RMSE*: of these rows, the worst day. *In
 the band*: share of these rows within 1.96 times the standard deviation given for each second (the pose
 left out), the worst day. Where less than half is valid, the verdict is poor. The rules were set on other
 days, of even seeds ([decision 38](decisions/0038-what-confirms-the-axis.md)).
 
-Not told: a turn shortly before the end of the recording, after which nobody walked; those rows stay valid
+Not named: a turn shortly before the end of the recording, after which nobody walked; those rows stay valid
 and are wrong by up to the turn. After a turn at a tenth of the day the rest is read from a window like
 walking, some degrees off (after one of 20 or 30 deg by up to 20), which is in the pose's standard
 deviation and not in the band. Hours of other work without any walking look like a turn and are left out
@@ -147,7 +147,7 @@ def _draw_case(name: str, days: Sequence[Turned]) -> list[str]:
     return [
         name,
         f"{sum(day.is_found for day in days)}/{len(days)}",
-        f"{sum(day.is_told for day in days)}/{len(days)}",
+        f"{sum(day.is_named for day in days)}/{len(days)}",
         f"{min(day.valid_percent for day in days):.1f}",
         f"{max(day.rmse_deg for day in days):.2f}",
         f"{min(day.covered_percent for day in days):.1f}",
@@ -164,7 +164,7 @@ def _judge_slips(
         for day in days
     ]
     missed = sum(not day.is_found for day in large)
-    alarms = sum(day.is_found or day.is_told for day in unturned)
+    alarms = sum(day.is_found or day.is_named for day in unturned)
     what = f"turns of {SURE_DEG:g} deg and more, ten minutes or more before the end: "
     return (
         judge(what + "not found", missed, 0, f"of {len(large)}", 0),
