@@ -9,6 +9,7 @@ import webbrowser
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from ipaddress import ip_address
+from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
@@ -27,7 +28,7 @@ from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
 from app.api.pairs import router as pair_routes
 from app.api.plain_text import PlainText
-from app.api.problems import classify_error, respond_to_refusal
+from app.api.problems import Refusal, respond_to_refusal, translate_error
 from app.api.recordings import router as recording_routes
 from app.api.side_files import SideFiles
 from app.api.uploads import router as upload_routes
@@ -48,9 +49,9 @@ from app.intake import FolderWatch, Intake
 from app.jobs.database.connect import (
     bring_up_to_date,
     check_whole,
-    explain_trouble,
+    classify_error,
     find_database_file,
-    name_start_trouble,
+    translate_start_errors,
 )
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
@@ -58,7 +59,7 @@ from app.logs import start_logging
 from app.services import Services, open_services
 from app.settings import Settings
 from app.storage.open import load_extra, open_storage
-from app.storage.private import close_to_others, make_folder
+from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder
 from app.upkeep.recover import check_known
 from app.version import software_version
@@ -148,7 +149,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     start_logging()
     listener = listen(settings)
     try:
-        with name_start_trouble(settings):
+        with translate_start_errors(settings):
             _prepare_database(settings)
             application = create_app(settings)
     except BaseException:
@@ -184,7 +185,8 @@ def _prepare_database(settings: Settings) -> None:
     lock = FolderLock(settings.data_dir)
     try:
         check_folder(settings.data_dir)
-        close_to_others(settings.data_dir, find_database_file(settings.database_url))
+        file = find_database_file(settings.database_url)
+        restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
         _check_recordings(settings)
@@ -225,7 +227,9 @@ def check_loopback(host: str) -> None:
 def respond_to_error(request: Request, error: Exception) -> Response:
     """Respond to any refusal or bug: with a problem document under ``/api``, a page elsewhere."""
     refusal = (
-        _classify_trouble(request, error) if isinstance(error, DBAPIError) else classify_error(request, error)
+        _translate_database_error(request, error)
+        if isinstance(error, DBAPIError)
+        else translate_error(request, error)
     )
     if isinstance(refusal, WrongVerb):
         refusal = WrongVerb(method=request.method, allowed=", ".join(_find_methods(request)))
@@ -237,7 +241,7 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     return response
 
 
-def _is_read_by_person(request: Request, refusal: FusionError | AppError | RecordedProblem) -> bool:
+def _is_read_by_person(request: Request, refusal: Refusal) -> bool:
     """Whether a browser has opened a damaged file: its page offers to analyse again."""
     return isinstance(refusal, ResultDamaged) and "text/html" in request.headers.get("accept", "")
 
@@ -249,12 +253,12 @@ def _find_methods(request: Request) -> list[str]:
     return sorted({method for route in here for method in getattr(route, "methods", None) or ()})
 
 
-def _classify_trouble(request: Request, error: DBAPIError) -> FusionError | AppError | RecordedProblem:
+def _translate_database_error(request: Request, error: DBAPIError) -> Refusal:
     """Tell apart a full disk, a damaged database, one that does not answer, and a bug."""
     services: Services = request.app.state.services
-    refusal = explain_trouble(error, services.settings.database_url)
+    refusal = classify_error(error, services.settings.database_url)
     if refusal is None:
-        return classify_error(request, error)
+        return translate_error(request, error)
     if isinstance(refusal, DiskFull):
         return refusal
     logger.error("the database does not answer: %s", error.orig)

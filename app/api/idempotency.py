@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import AppError, KeyInUse, KeyReused, PurgedSince
-from app.jobs.idempotency import GONE, AnswerStore, KeptAnswer
+from app.jobs.idempotency import GONE, KeptResponse, ResponseStore
 
 LONGEST_KEY = 255
 PASSING = frozenset({408, 409, 423, 429})
@@ -26,7 +26,7 @@ Respond = Callable[[Request, AppError], Response]
 class Idempotency:
     """Middleware that keeps the responses of the routes."""
 
-    def __init__(self, app: ASGIApp, responses: AnswerStore, respond: Respond) -> None:
+    def __init__(self, app: ASGIApp, responses: ResponseStore, respond: Respond) -> None:
         self._app, self._responses, self._respond = app, responses, respond
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -43,7 +43,7 @@ class Idempotency:
             response = await self._repeat(known, scope, listener)
             await response(scope, receive, send)
 
-    async def _repeat(self, known: KeptAnswer, scope: Scope, listener: "_Listener") -> Response:
+    async def _repeat(self, known: KeptResponse, scope: Scope, listener: "_Listener") -> Response:
         """Give the kept response once the whole request has proved to be the same; else the refusal."""
         if known.status is None:
             return self._respond(Request(scope), KeyInUse())
@@ -98,11 +98,11 @@ class _Listener:
     def is_final(self) -> bool:
         return self.is_drained and self.status < 500 and self.status not in PASSING
 
-    def keep(self) -> KeptAnswer:
-        return KeptAnswer(self.digest.hexdigest(), self.status, tuple(self.headers), bytes(self.body))
+    def keep(self) -> KeptResponse:
+        return KeptResponse(self.digest.hexdigest(), self.status, tuple(self.headers), bytes(self.body))
 
 
-async def _is_same(known: KeptAnswer, listener: _Listener) -> bool:
+async def _is_same(known: KeptResponse, listener: _Listener) -> bool:
     while not listener.is_drained:
         if (await listener.receive())["type"] == "http.disconnect":
             break

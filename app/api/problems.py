@@ -194,7 +194,7 @@ def respond_to_refusal(request: Request, error: Refusal) -> JSONResponse:
     )
 
 
-def classify_error(request: Request, error: Exception) -> Refusal:
+def translate_error(request: Request, error: Exception) -> Refusal:
     """Give errors of the framework, and bugs, one of our codes."""
     if isinstance(error, Refusal):
         return error

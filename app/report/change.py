@@ -10,6 +10,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.report.export.results import round_all
+from app.report.figures import format_figure
 from app.report.findings import Kept
 from app.report.model import Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
@@ -27,7 +28,7 @@ from app.report.pairs import (
     load_pair_words,
 )
 from app.report.render.write import sign_off
-from app.report.words.numbers import NONE, format_angle, format_number, format_percent, format_rate
+from app.report.words.numbers import NONE, format_number
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.comparison import (
@@ -152,8 +153,8 @@ def _format_changes(compared: DayComparison, words: Words, language: Language) -
 def _format_change(change: FigureChange, words: Words, language: Language) -> str:
     entry = words["sentence"]
     facts = {
-        "before": _format_value(change.before, change.name, language),
-        "after": _format_value(change.after, change.name, language),
+        "before": format_figure(change.before, change.name, language),
+        "after": format_figure(change.after, change.name, language),
         "change": _format_difference(change, words, language),
         "detectable": _format_detectable(change, words, language),
     }
@@ -165,8 +166,8 @@ def _build_changes(compared: DayComparison, words: Words, language: Language) ->
     rows = tuple(
         (
             entry["figure"][change.name],
-            _format_value(change.before, change.name, language),
-            _format_value(change.after, change.name, language),
+            format_figure(change.before, change.name, language),
+            format_figure(change.after, change.name, language),
             _format_difference(change, words, language),
             _format_detectable(change, words, language),
             entry["verdict"][change.verdict],
@@ -177,12 +178,6 @@ def _build_changes(compared: DayComparison, words: Words, language: Language) ->
         entry["caption"], tuple(entry["columns"]), rows, note=fill(entry["note"], {"source": SOURCE})
     )
     return Section("changes", entry["title"], tables=(table,))
-
-
-def _format_value(value: float, name: str, language: Language) -> str:
-    if name.endswith("_percent"):
-        return format_percent(value, language)
-    return format_angle(value, language, 1) if name.endswith("_deg") else format_rate(value, language)
 
 
 def _format_difference(change: FigureChange, words: Words, language: Language) -> str:
@@ -201,4 +196,4 @@ def _format_points(value: float, name: str, words: Words, language: Language) ->
     if name.endswith("_percent"):
         form = "points" if round(abs(value), 1) >= 2 else "points_under_two"
         return fill(words[form], {"value": format_number(value, 1, language)})
-    return _format_value(value, name, language)
+    return format_figure(value, name, language)
