@@ -508,7 +508,7 @@ def inspect_upload(
     row = services.uploads.get(upload_id)
     head, tail = read_preview_bytes(services, row)
     request = ReportRequest(row.about.file_name, rate_hz=rate_hz)
-    return HeadView(**services.inspector.look_at_head(head, tail, request))
+    return HeadView(**services.inspector.preview(head, tail, request))
 
 
 def view_upload(row: UploadRow) -> UploadView:

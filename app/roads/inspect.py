@@ -91,7 +91,7 @@ def write_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnS
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")
 
 
-def write_head_inspection(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+def write_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Inspect the first bytes of a file that is still on its way, and its last ones where they have come."""
     on_stage("reading", 0.0)
     tail_path = log.with_suffix(TAIL_SUFFIX)

@@ -89,9 +89,6 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[dict[str,
     ]
 
 
-WHOLE_DAY_POINTS = 600
-
-
 @dataclass(frozen=True, slots=True)
 class Window:
     """A calibration window as the form shows it: what was asked, or else what the software used."""

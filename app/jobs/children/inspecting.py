@@ -24,9 +24,9 @@ def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnS
     importlib.import_module("app.roads.inspect").write_inspection(log, request, out, on_stage)
 
 
-def load_and_inspect_head(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+def load_and_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Inspect the first bytes of a file."""
-    importlib.import_module("app.roads.inspect").write_head_inspection(log, request, out, on_stage)
+    importlib.import_module("app.roads.inspect").write_preview(log, request, out, on_stage)
 
 
 def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -51,7 +51,7 @@ class Inspector:
     settings: Settings
     folder: Path
     inspect: MakeReport = load_and_inspect
-    inspect_head: MakeReport = load_and_inspect_head
+    make_preview: MakeReport = load_and_preview
     _turns: threading.BoundedSemaphore = field(
         default_factory=lambda: threading.BoundedSemaphore(MOST_CONCURRENT)
     )
@@ -84,7 +84,7 @@ class Inspector:
         """
         return _read(self._run(log, request, self.inspect, "inspection.json"))
 
-    def look_at_head(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
+    def preview(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
         """Inspect the first bytes of a recording and, where they are known, its last.
 
         Raises
@@ -96,7 +96,7 @@ class Inspector:
             log.write_bytes(head)
             if tail is not None:
                 log.with_suffix(TAIL_SUFFIX).write_bytes(tail)
-            return _read(self._run(log, request, self.inspect_head, "inspection.json"))
+            return _read(self._run(log, request, self.make_preview, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
         """Give the names of a table's columns, and what they may be.
