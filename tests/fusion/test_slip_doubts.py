@@ -15,7 +15,7 @@ from fusion.pose.wear import Wear, WearPart
 from fusion.recording import Recording
 from fusion.simulation import simulate_shift
 from tests.factories import record
-from tests.fusion.test_remount import RATE_HZ
+from tests.fusion.test_reattachment import RATE_HZ
 from tests.fusion.test_slips import TURNED_S, push_back
 
 UP = np.array([0.0, 0.0, 1.0])
