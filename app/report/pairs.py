@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Any
 
-from app.report.analysis.chapters import tell_accuracy
+from app.report.analysis.chapters import format_accuracy
 from app.report.analysis.figures import build_parts, share_below
 from app.report.charts.distribution import Curve, draw_two_curves
 from app.report.charts.svg import NARROW, WIDE
@@ -102,7 +102,7 @@ def build_limits(sides: tuple[Beside, Beside], language: Language) -> tuple[Note
     """Give what the figures cannot say, how accurate each method is, and the intended use."""
     words = load_wording(language)
     limits, use = words["limits"], words["intended_use"]
-    accuracy = dict.fromkeys(tell_accuracy(side.kept.findings, words) for side in sides)
+    accuracy = dict.fromkeys(format_accuracy(side.kept.findings, words) for side in sides)
     paragraphs = (*limits["paragraphs"], *accuracy)
     return Note(limits["title"], paragraphs), Note(use["title"], (use["text"],))
 
@@ -126,7 +126,7 @@ def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...
         clean_text(subject.file_name) or unknown,
         findings.recording.sha256[:16] + "…",
         words["device"].get(findings.recording.device, words["device"]["other"]),
-        f"{tell_time(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
+        f"{tell_time(kept, language)}, {clock.format(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
         load_beside_words(language)["pair"]["verdict"][findings.quality.verdict],
         f"{method.name} {method.version}" if method else NONE,

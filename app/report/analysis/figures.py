@@ -8,7 +8,7 @@ from math import isfinite, nan
 
 import numpy as np
 
-from app.report.analysis.day import Day, draw_up_day
+from app.report.analysis.day import Day, build_timeline
 from app.report.charts.bars import PartRow, Slice, draw_bar, draw_parts
 from app.report.charts.day import DayLabels, draw_day
 from app.report.charts.distribution import Distribution, HeatMap, MarkedPercentile, draw_apdf, draw_eva
@@ -106,17 +106,17 @@ def build_eva(eva: Eva, words: Words, language: Language) -> Figure:
 
 def _lay_out(eva: Eva, entry: Words, language: Language) -> HeatMap:
     return HeatMap(
-        rows=name_classes(eva.angle_edges_deg, "°"),
-        columns=name_classes(eva.duration_edges_s, "\u202fs"),
+        rows=format_classes(eva.angle_edges_deg, "°"),
+        columns=format_classes(eva.duration_edges_s, "\u202fs"),
         percent=eva.percent.tolist(),
-        told=tuple(_tell_all(row, language) for row in eva.percent),
-        row_sums=_tell_all(eva.percent.sum(axis=1), language),
-        column_sums=_tell_all(eva.percent.sum(axis=0), language),
+        told=tuple(_format_all(row, language) for row in eva.percent),
+        row_sums=_format_all(eva.percent.sum(axis=1), language),
+        column_sums=_format_all(eva.percent.sum(axis=0), language),
         axes=tuple(entry["axes"]),
     )
 
 
-def _tell_all(values: Sequence[float], language: Language) -> tuple[str, ...]:
+def _format_all(values: Sequence[float], language: Language) -> tuple[str, ...]:
     return tuple(format_number(float(value), 1, language) for value in values)
 
 
@@ -128,7 +128,7 @@ def _tabulate_map(shown: HeatMap, entry: Words) -> Table:
     return Table(entry["title"], (shown.axes[0], *shown.columns, shown.axes[2]), tuple(rows))
 
 
-def name_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
+def format_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
     """Name classes by their edges: "3–7 s"; the last may be open."""
     return tuple(
         f"≥ {low:g}{unit}" if high is None else f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges)
@@ -169,8 +169,8 @@ def _slice_exposure(exposure: Exposure, language: Language) -> list[Slice]:
 
 def build_day(findings: Findings, clock: Clock, words: Words) -> Figure:
     """Build the timeline of the day."""
-    day = draw_up_day(findings, clock, words)
-    labels = _label_day(findings, day, words)
+    day = build_timeline(findings, clock, words)
+    labels = _build_labels(findings, day, words)
     return Figure(
         title=labels.title,
         alternative=labels.description,
@@ -180,22 +180,24 @@ def build_day(findings: Findings, clock: Clock, words: Words) -> Figure:
     )
 
 
-def _label_day(findings: Findings, day: Day, words: Words) -> DayLabels:
+def _build_labels(findings: Findings, day: Day, words: Words) -> DayLabels:
     entry, clock = words["day"], day.clock
     percent = next((w.percent_above_60 for w in findings.exposure.peak_windows if w.length_s == 900), None)
     worst = fill(entry["worst"], {"percent": format_percent(percent, clock.language)})
     facts = {
-        "start": clock.tell(0),
-        "end": clock.tell(day.duration_s),
+        "start": clock.format(0),
+        "end": clock.format(day.duration_s),
         "p10": format_angle(findings.exposure.percentiles_deg.get(10), clock.language),
         "p50": format_angle(findings.exposure.percentiles_deg.get(50), clock.language),
         "p90": format_angle(findings.exposure.percentiles_deg.get(90), clock.language),
-        "marks": "; ".join(f"{m.label}, {clock.tell(m.start_s)}–{clock.tell(m.end_s)}" for m in day.marks),
+        "marks": "; ".join(
+            f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks
+        ),
     }
-    return label_day(entry["title"], fill(entry["alternative"], facts), words, worst)
+    return build_day_labels(entry["title"], fill(entry["alternative"], facts), words, worst)
 
 
-def label_day(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
+def build_day_labels(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
     """Give the words of a timeline; those of its legend are the same in every report."""
     entry = words["day"]
     return DayLabels(
@@ -213,7 +215,7 @@ def _tabulate_day(day: Day, words: Words) -> Table:
     entry, language = words["day"], day.clock.language
     rows = tuple(
         (
-            day.clock.tell(band.start_s),
+            day.clock.format(band.start_s),
             format_angle(band.low_deg, language),
             format_angle(band.middle_deg, language),
             format_angle(band.high_deg, language),

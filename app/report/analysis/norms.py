@@ -73,27 +73,27 @@ def _compare(item: _Measured, reason: str, words: Words, language: Language) -> 
         why = common["reason"][f"{reason}_{item.key}" if reason == "not_computed" else reason]
         statement = fill(common["does_not_apply"], {"reason": why})
         return Reference(entry["name"], entry["source"], statement, "", "")
-    facts = _tell_values(item, language)
+    facts = _format_values(item, language)
     statement = fill(entry["statement"], facts)
     return Reference(entry["name"], entry["source"], statement, statement, _draw(item, entry, facts, words))
 
 
-def _tell_values(item: _Measured, language: Language) -> dict[str, str]:
+def _format_values(item: _Measured, language: Language) -> dict[str, str]:
     """Write the measured value with our decimals and the published one as it was published."""
-    value = _tell_published(item.value, item.unit, language)
+    value = _format_published(item.value, item.unit, language)
     if item.unit == "percent":
         value = format_percent(item.value, language)
     told = format_range if item.unit == "percent" else format_angle_range
-    low = _tell_published(item.low, item.unit, language) if item.low is not None else ""
+    low = _format_published(item.low, item.unit, language) if item.low is not None else ""
     return {
         "value": value,
-        "high": _tell_published(item.high, item.unit, language),
+        "high": _format_published(item.high, item.unit, language),
         "low": low,
         "range": told(item.interval, language),
     }
 
 
-def _tell_published(value: float | None, unit: str, language: Language) -> str:
+def _format_published(value: float | None, unit: str, language: Language) -> str:
     sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s"}[unit]
     return f"{format_number(value, 0, language)}{sign}"
 

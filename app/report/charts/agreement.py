@@ -50,11 +50,11 @@ def draw_study(
     }
     rows = _Rows(device, shown, errors_deg)
     drawn = {width: _draw(rows, width, told, entry, language) for width in (WIDE, NARROW)}
-    table = tuple((clean_text(cell.task), *_tell_row(cell, language)) for cell in shown)
+    table = tuple((clean_text(cell.task), *_format_row(cell, language)) for cell in shown)
     return Figure(*told, drawn[WIDE], drawn[NARROW], Table(title, tuple(entry["columns"]), table))
 
 
-def _tell_row(cell: StudyCell, language: Language) -> tuple[str, str]:
+def _format_row(cell: StudyCell, language: Language) -> tuple[str, str]:
     paper = find_paper_row(cell)
     return (
         format_angle(cell.rmse_deg.mean, language, 2),

@@ -147,7 +147,8 @@ def draw_two_curves(
     for curve, style in zip(curves, _STYLES, strict=True):
         points = (place(degrees, percent) for degrees, percent in enumerate(curve.below_percent))
         body.append(svg.path("M" + "L".join(points), style))
-    return svg.picture(width, bottom + 34, f"curves{width:.0f}", words, [*body, *_name_curves(curves, left)])
+    body += _draw_curve_names(curves, left)
+    return svg.picture(width, bottom + 34, f"curves{width:.0f}", words, body)
 
 
 def _draw_curve_frame(
@@ -172,7 +173,7 @@ def _draw_curve_frame(
     return [*body, svg.text(right, bottom + 30, across, "soft", "end"), svg.text(0, 28, upwards)]
 
 
-def _name_curves(curves: tuple[Curve, Curve], left: float) -> list[str]:
+def _draw_curve_names(curves: tuple[Curve, Curve], left: float) -> list[str]:
     body, x = [], left
     for curve, style in zip(curves, _STYLES, strict=True):
         body += [svg.line(x, 6, x + 26, 6, style), svg.text(x + 31, 10, curve.name, "ink")]

@@ -38,7 +38,7 @@ class Origin:
     version: int
 
 
-def name_file(origin: Origin, kind: str) -> str:
+def format_file_name(origin: Origin, kind: str) -> str:
     """Name a file ``subject_date_side_report_v1.fr.pdf``; ``kind`` is our own name for it, ``report.fr.pdf``.
 
     What is not known is left out; without a subject code the file's stem stands first. Only signs that every
@@ -50,11 +50,11 @@ def name_file(origin: Origin, kind: str) -> str:
     return "_".join(part for part in parts if part) + f".{ending}"
 
 
-def name_report(results: Mapping[str, Any], version: int, ending: str) -> str:
+def format_report_name(results: Mapping[str, Any], version: int, ending: str) -> str:
     """Name the report of what ``results.json`` holds."""
     told = results["recording"]
     origin = Origin(told["subject"], told["file_name"], told["start"] or "", told["side"] or "", version)
-    return name_file(origin, f"report.{ending}")
+    return format_file_name(origin, f"report.{ending}")
 
 
 def _make_safe(text: str) -> str:

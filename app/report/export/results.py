@@ -192,7 +192,7 @@ def _describe_episodes(episodes: Episodes) -> dict[str, object]:
 
 
 def _describe_window(window: PeakWindow, clock: Clock) -> dict[str, object]:
-    start = _tell_iso(window.start_s, clock)
+    start = _format_iso(window.start_s, clock)
     return {"length_s": window.length_s, "start": start, **WINDOWS.describe(window)}
 
 
@@ -240,9 +240,9 @@ def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
         "code": flag.code,
         "count": flag.count,
         "seconds": flag.seconds,
-        "first": _tell_place(flag.first_s, clock),
-        "last": _tell_place(flag.last_s, clock),
-        "spans": [[_tell_place(at, clock) for at in span] for span in flag.spans_s],
+        "first": _format_place(flag.first_s, clock),
+        "last": _format_place(flag.last_s, clock),
+        "spans": [[_format_place(at, clock) for at in span] for span in flag.spans_s],
     }
 
 
@@ -256,13 +256,13 @@ def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
     ]
 
 
-def _tell_place(seconds: float | None, clock: Clock) -> str | None:
+def _format_place(seconds: float | None, clock: Clock) -> str | None:
     if seconds is None or clock.start is not None:
-        return _tell_iso(seconds, clock)
+        return _format_iso(seconds, clock)
     return f"PT{round(seconds, _DECIMALS):g}S"
 
 
-def _tell_iso(seconds: float | None, clock: Clock) -> str | None:
+def _format_iso(seconds: float | None, clock: Clock) -> str | None:
     moment = None if seconds is None else clock.at(seconds)
     return moment.isoformat() if moment else None
 

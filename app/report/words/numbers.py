@@ -168,14 +168,14 @@ class Clock:
             return self.start + passed
         return (self.start.astimezone(UTC) + passed).astimezone(self.start.tzinfo)
 
-    def tell(self, seconds: float, *, with_seconds: bool = False) -> str:
+    def format(self, seconds: float, *, with_seconds: bool = False) -> str:
         """Write the time: "10:42", or "2:44:00" since the first sample."""
         moment = self.at(seconds)
         if moment is None:
             return format_elapsed(seconds)
         return format_clock(moment, self.language, with_seconds=with_seconds)
 
-    def label_tick(self, seconds: float) -> str:
+    def format_tick(self, seconds: float) -> str:
         """Write the time under an axis."""
         moment = self.at(seconds)
         return format_elapsed(seconds) if moment is None else format_hour(moment, self.language)
