@@ -1,4 +1,4 @@
-"""One analysis beside another: whether the change is larger than days differ anyway, and what else differs.
+"""One analysis beside another: is the change larger than the day-to-day variation, and what else differs?
 
 Pure. :func:`describe_comparison` is what ``comparison.json`` and the API give, :func:`build_comparison` the
 report for people; both come from :func:`fusion.comparison.compare_days`.
@@ -127,7 +127,7 @@ def _build_header(sides: tuple[Beside, Beside], language: Language) -> tuple[Pai
 
 
 def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
-    """Say first whether like is compared with like."""
+    """State whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
     for name in NO_TWO_DAYS:

@@ -87,7 +87,7 @@ class Group:
         return self.path.rpartition(".")[2]
 
     def describe(self, record: object) -> dict[str, Any]:
-        """Lay out a record of the exposure as it stands in ``results.json``."""
+        """Describe a record of the exposure as it stands in ``results.json``."""
         return {f.key: getattr(record, f.attribute or f.key) for f in self.figures}
 
     def name_values(self, record: object, name: str = "") -> dict[str, Any]:
@@ -300,7 +300,7 @@ class Column:
         return {key: str(value) for key, value in self.facts.items()}
 
     def explain(self, language: Language, table: Literal["summary", "periods"] = "summary") -> str:
-        """Say what the column means: in words of its own, or those of its field in ``results.json``."""
+        """Give the meaning of the column: its own words, or those of its field in ``results.json``."""
         words = load_wording(language, "tables")[table]
         text = words.get(self.name) or words.get(self.pattern)
         return (

@@ -1,4 +1,4 @@
-"""What `acromion inspect` found, in lines for people; every figure stands in its JSON as well."""
+"""The output of `acromion inspect` as lines for people; its JSON holds every figure too."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -14,7 +14,7 @@ from fusion.recording import QualityFlag
 _MOST_LINES = 10
 _CORRECTION = Caveat.UNITS
 _TOLD_ABOVE = frozenset({"jitter_us", "time_exponent"})
-"""What the reader understood and another line tells."""
+"""Facts that the reader found and another line gives already."""
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 _NUMBERS = frozenset(
     {"samples", "records", "missing_seconds", "nominal_rate_hz", "rate_hz", "t_pose_elevation_deg"}
@@ -68,7 +68,7 @@ def _format_understood(
 
 
 def _format_corrections(warnings: Iterable[Mapping[str, Any]], words: Words, language: Language) -> str:
-    """Name each axis, sign, order, unit and scale that was found wrong, and undone or assumed."""
+    """Write each axis, sign, order, unit and scale that was wrong or not stated, and was put right."""
     found = (warning["facts"] for warning in warnings if warning["code"] == _CORRECTION)
     return _join((fill(words["correction"], format_facts(facts, language)) for facts in found), words)
 

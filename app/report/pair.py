@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from app.report.analysis.charts import build_day_labels
 from app.report.analysis.day import Day, build_timeline, shift_day
-from app.report.analysis.figures import build_day_labels
 from app.report.charts.day import draw_two_days
 from app.report.charts.svg import NARROW, WIDE
 from app.report.export.results import round_all
 from app.report.findings import Kept
-from app.report.model import Figure, Pair, Report, Section, Table, VerdictLine
+from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
     Beside,
     build_curves,
@@ -244,7 +244,7 @@ def _tell_clock(pair: ArmPair, words: Words, language: Language) -> str:
     return f"{fill(entry[order], facts)} {entry[pair.offset_from]}"
 
 
-def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language) -> Figure:
+def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language) -> Chart:
     """Draw both days one above the other on the clock of the one that began first."""
     entry, report_words = load_beside_words(language)["days"], load_wording(language)
     first_s = min(0.0, pair.offset_s)
@@ -258,7 +258,7 @@ def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language)
         days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
     told = fill(entry["alternative"], {"start": clock.format(0), "end": clock.format(whole_s)})
     labels = build_day_labels(entry["title"], told, report_words)
-    return Figure(
+    return Chart(
         title=entry["title"],
         alternative=told,
         wide=draw_two_days(days, labels, WIDE),

@@ -1,12 +1,12 @@
-"""What stands behind the first page: hours, all figures, quality, time, method, provenance."""
+"""The chapters after the first page: hours, all figures, quality, time, method, provenance."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from app.report.analysis.charts import build_parts, build_spread, is_drawable
 from app.report.analysis.day import format_reason
-from app.report.analysis.figures import build_parts, build_spread, is_drawable
 from app.report.analysis.tables import build_measures
 from app.report.export.results import SCHEMA, identify_report
 from app.report.findings import Findings, StillFacts
@@ -35,7 +35,7 @@ from fusion.exposure.types import Interval, PartExposure
 from fusion.quality.types import TimePart
 from fusion.recording import MICROSECONDS, QualityFlag
 
-# Every published value beside the measured one, with what it is and whom it is of.
+# ------------------------------------------------------------------ published values
 
 
 def build_published(findings: Findings, words: Words, language: Language) -> Section:
@@ -70,7 +70,7 @@ def _format_value(value: float, reference: Reference, language: Language, decima
 
 
 def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
-    """Say why nothing is set beside them, where all lack it for one reason."""
+    """Give the reason why no reference has a measured value beside it, where all have the same one."""
     reasons = {item.reason for item in compared} - {"not computed"}
     if not reasons or "" in reasons:
         return ""
@@ -78,8 +78,7 @@ def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
     return fill(words["comparison"]["does_not_apply"], {"reason": why})
 
 
-# What limits the figures, for the first page: the verdict with every grave reason, what was not analysed,
-# what the ranges hold, and how accurate the method is.
+# ------------------------------------------------------------------ what limits the figures
 
 
 SHORTEST_DRAWN_S = 1800.0
@@ -108,7 +107,7 @@ def format_pose_caution(findings: Findings, words: Words) -> str:
 
 
 def format_accuracy(findings: Findings, words: Words) -> str:
-    """Say how accurate the method of these figures is known to be, and what of a sensor goes unnoticed."""
+    """Describe the known accuracy of the method, and which faults of a sensor are not detected."""
     told, name = words["accuracy"], findings.method.name if findings.method else "ready"
     return (
         f"{told[name]} {told['turned']}" if name in {"smoothed", "published", "live"} else str(told["ready"])
@@ -144,7 +143,7 @@ def _format_flag(flag: QualityFlag, language: Language) -> str:
 
 
 def _format_not_analysed(findings: Findings, words: Words, language: Language) -> str:
-    """Say what time is in no figure, the most of it first."""
+    """Describe the time that no figure includes, the largest part first."""
     time = findings.time
     away_us = time.missing_us + time.excluded_us
     if away_us < max(LEAST_SHARE * time.recorded_us, MINUTE_S * MICROSECONDS):
@@ -228,7 +227,7 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
 
 
 def _drop_told_ranges(part: PartExposure) -> PartExposure:
-    """A task of one period has the period's ranges, which stand under that already."""
+    """Leave out the ranges of a task of one period: they stand under the period already."""
     return part if part.periods > 1 else replace(part, intervals={})
 
 
@@ -332,7 +331,7 @@ def _format_place(seconds: float | None, clock: Clock) -> str:
 
 
 def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
-    """Show that analysed, missing and excluded add up to what was recorded, to the microsecond."""
+    """Tabulate analysed, missing and excluded time, which add up to the recorded time to the microsecond."""
     time, entry = findings.time, words["time"]
     amounts = [
         (entry["analysed"], time.analysed_us),
@@ -354,7 +353,7 @@ def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
 
 
 def _tabulate_time_parts(findings: Findings, clock: Clock, words: Words) -> Table:
-    """Show what the diary made of the day: each kind of time, adding up to what was recorded."""
+    """Tabulate each kind of time in the diary; all add up to the recorded time."""
     entry, whole_us = words["time_parts"], max(findings.time.recorded_us, 1)
     rows = tuple(
         (

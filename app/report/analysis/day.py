@@ -55,7 +55,7 @@ class Day:
 
 
 def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
-    """Lay out the day."""
+    """Build the timeline of a recording."""
     duration_s = findings.recording.duration_us / MICROSECONDS
     bands = _build_bands(findings.exposure.minutes, duration_s)
     left_out = merge_spans(findings.exclusions)
@@ -73,7 +73,7 @@ def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
 
 
 def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: str) -> Day:
-    """Lay a day on a longer axis that begins ``by_s`` before it; what it does not reach is called absent."""
+    """Move a day onto a longer axis that begins ``by_s`` earlier; time outside the day is marked ``absent``."""
     runs = tuple(
         tuple(replace(b, start_s=b.start_s + by_s, end_s=b.end_s + by_s) for b in run) for run in day.runs
     )
@@ -84,7 +84,7 @@ def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: st
 
 
 def format_reason(reason: str, words: Words) -> str:
-    """Call a reason for leaving time out by its name; an unknown one (a diary's own word) stays."""
+    """Write a reason for leaving time out; an unknown one (a diary's own word) stays as it is."""
     return str(words["reason"].get(reason, reason or words["day"]["left_out"]))
 
 

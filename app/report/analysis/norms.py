@@ -1,8 +1,8 @@
-"""Published values beside the measured ones, and why not where they cannot be compared.
+"""Published values beside the measured ones, or the reason why the two cannot be compared.
 
-Only references whose value was read in its source (EXPOSURE.md A10) stand here. The velocity proposal was
-made from accelerometers: it is compared with ``generalised_accelerometer`` alone, for a fused velocity
-reads two to four times lower and would reassure falsely (Fan et al. 2021).
+Each reference value was read in its source (EXPOSURE.md A10). The velocity proposal was made from
+accelerometers, so that only ``generalised_accelerometer`` is compared with it: a fused velocity reads two to
+four times lower and would reassure falsely (Fan et al. 2021).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _measure(exposure: Exposure) -> tuple[_Measured, ...]:
 
 
 def _find_reason(findings: Findings) -> str:
-    """Say why nothing at all can be compared; empty where it can."""
+    """Give the reason why no figure can be compared; empty where they can."""
     if findings.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
         return "short"
     return "poor" if findings.quality.verdict == "poor" else ""

@@ -1,4 +1,4 @@
-"""From what was found to a report: choose, round, order, say. Pure; nothing here knows HTML or PDF."""
+"""From findings to the content of a report: choose, round, order, word. Pure, and without HTML or PDF."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from app.report.analysis.chapters import (
     format_accuracy,
     format_pose_caution,
 )
+from app.report.analysis.charts import build_bar, build_day
 from app.report.analysis.day import WORST_WINDOW_S
-from app.report.analysis.figures import build_bar, build_day
 from app.report.analysis.norms import compare_with_references
 from app.report.export.results import identify_report
 from app.report.findings import Findings
@@ -37,7 +37,7 @@ from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.exposure.types import Entries, Episodes, Exposure, Interval
 from fusion.recording import MICROSECONDS
 
-# The answer in three plain sentences; an interval only where the exposure carries one.
+# The answer in three plain sentences; a range only where the exposure has one.
 
 
 MAIN_THRESHOLD_DEG = 60
@@ -55,7 +55,7 @@ class SentenceContext:
 
 
 def format_answers(exposure: Exposure, teller: SentenceContext) -> tuple[str, str, str]:
-    """Say how long, how often and when the arm was raised above 60 deg."""
+    """Write how long, how often and when the arm was raised above 60 deg."""
     return (
         _format_time_above(exposure, teller),
         _format_entries(exposure, teller),
@@ -93,7 +93,7 @@ def _choose_entries(entries: Entries) -> str:
 
 
 def _format_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: SentenceContext) -> str:
-    """Say how long the longest stay was, with its range, and, where known, when it began."""
+    """Write how long the longest stay was, with its range, and when it began where that is known."""
     if not episodes.longest_s:
         return ""
     interval = ranges.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
@@ -132,7 +132,7 @@ __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 
 
 def build_report(findings: Findings, subject: ReportSubject, language: Language) -> Report:
-    """Turn what was found into all that a template may use, in one language."""
+    """Turn findings into all that a template may use, in one language."""
     words = load_wording(language)
     clock = Clock(findings.recording.start, language)
     arm = words["arm"][subject.side or "unknown"]
@@ -203,7 +203,7 @@ def _format_brief(header: tuple[Pair, ...], footer: str, words: Words) -> str:
 
 
 def _format_amendment(subject: ReportSubject, words: Words) -> str:
-    """Say that a report replaces an earlier one; a first one says nothing."""
+    """Write that a report replaces an earlier one; empty for a first report."""
     if subject.version < 2:
         return ""
     changed = (words["changed"].get(name, clean_text(name)) for name in subject.changes)

@@ -40,7 +40,7 @@ from fusion.exposure.types import Cycles, ElevationBin, Exposure, PeakWindow, Ti
 
 
 def build_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
-    """List all figures as tables; a table without rows is left out."""
+    """Build the tables of all figures; a table without rows is left out."""
     language, entry = clock.language, words["measure"]
     tables = (
         _tabulate_bins(exposure.bins, entry, language),
@@ -74,7 +74,7 @@ def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[s
 
 
 def _tabulate_percentiles(exposure: Exposure, entry: Words, language: Language) -> Table:
-    """Lay the percentiles out in one row, which is how they are compared; their ranges under them."""
+    """Tabulate the percentiles in one row, which is how they are compared, with their ranges below."""
     said, ranks = entry["percentiles"], sorted(exposure.percentiles_deg)
     if not ranks:
         return Table("", (), ())
@@ -187,7 +187,7 @@ def _format_window(window: PeakWindow, clock: Clock) -> str:
 
 
 def _tabulate_long_stays(exposure: Exposure, entry: Words, language: Language) -> Table:
-    """Say how much time was spent in stays longer than 5, 10, 30 and 60 s."""
+    """Tabulate the time in stays longer than 5, 10, 30 and 60 s."""
     rows = []
     for item in exposure.episodes:
         if item.longer_s:

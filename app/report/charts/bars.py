@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from app.report.charts import svg
 from app.report.charts.svg import NARROW
 
-# One stacked bar for each part of the day, as SVG: the clock hours, the periods of the diary.
+# ------------------------------------------------------------------ one bar for each part of the day
 #
-# Elevation is the same ramp as everywhere; a part that was left out is hatched and says so, so that it is
-# never taken for a part without load.
+# The parts are clock hours or periods of the diary. A part that was left out is hatched and labelled, so
+# that nobody takes it for a part without load.
 
 
 SHARES = 4

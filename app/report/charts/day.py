@@ -1,7 +1,7 @@
 """The day's timeline as SVG: each minute's P10 to P90 and median, and what was not analysed.
 
-What is pointed at (the most loaded quarter of an hour) is vermillion and bracketed; what was left out is
-hatched; what is missing stays white between dotted edges. On grey paper nothing is lost.
+The most loaded quarter of an hour is vermillion and bracketed, excluded time is hatched, missing time stays
+white between dotted edges: the chart can be read on grey paper.
 """
 
 from collections.abc import Sequence

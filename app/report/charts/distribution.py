@@ -113,10 +113,9 @@ def _label(mark: MarkedPercentile, x: float, y: float, plot: _Plot) -> list[str]
     return [plate, svg.text(place, baseline, mark.label, "strong")]
 
 
-# Two distributions of elevation in one picture, as SVG: one day beside another, or one arm beside the
-# other.
+# ------------------------------------------------------------------ two distributions in one picture
 #
-# Blue is drawn through and vermillion dashed, so that grey paper loses nothing.
+# The blue curve is solid and the vermillion one dashed, so that they differ on grey paper.
 
 
 _STYLES = (
@@ -181,9 +180,10 @@ def _draw_curve_names(curves: tuple[Curve, Curve], left: float) -> list[str]:
     return body
 
 
-# Exposure variation as SVG: a heat map with its numbers (elevation by how long the arm stayed in it).
+# ------------------------------------------------------------------ exposure variation
 #
-# Source: Mathiassen and Winkel 1991. Every cell bears its number, so that the shade is only help.
+# A heat map of elevation by the length of stay (Mathiassen and Winkel 1991). Every cell shows its number, so
+# that nothing depends on the shade.
 
 
 SHADES_PERCENT = (0.05, 1.0, 3.0, 6.0, 12.0)

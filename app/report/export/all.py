@@ -1,4 +1,4 @@
-"""Everything that is taken out of ``results.json`` for other programs."""
+"""Every file made from ``results.json`` for other programs."""
 
 import io
 from collections.abc import Callable, Iterable, Mapping
@@ -14,7 +14,7 @@ from app.report.export.xlsx import encode_workbook
 from app.report.figures import NOT_OF_ONE, SUMMARY, Column, Results, find_unit
 from app.report.words.wording import LANGUAGES
 
-# For REDCap: a data dictionary that makes the form, and the row to import into it.
+# REDCap: a data dictionary that creates the form, and the row to import into it.
 #
 # Source of the columns of the dictionary: REDCap's "Data Dictionary" upload file (18 columns, in this
 # order). One record is one recording; its id is the beginning of the file's hash, so that importing the

@@ -1,4 +1,4 @@
-"""One row for each recording: the table researchers open first, and one for each hour and period."""
+"""The tables of figures: one row for each recording, one for each hour and period, and their dictionary."""
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -46,7 +46,7 @@ def encode_summary(rows: Iterable[Row], dialect: Dialect = INTERNATIONAL) -> byt
     return encode_table([column.name for column in SUMMARY], rows, dialect)
 
 
-# What every column and every field is called, holds and means, in English and French; made from the code.
+# The dictionary: name, unit and meaning of every column and field, in English and French.
 
 
 DICTIONARY_COLUMNS = ["file", "column", "kind", "unit", "english", "french"]
@@ -85,7 +85,7 @@ def write_document() -> str:
 
 
 def find_paths(value: Any, path: str = "") -> Iterator[str]:
-    """Name every field of a results document: ``exposure.bins[].percent``."""
+    """Give the path of every field of a results document: ``exposure.bins[].percent``."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from find_paths(inner, f"{path}.{key}" if path else key)

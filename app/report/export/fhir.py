@@ -34,7 +34,7 @@ def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: st
 def build_fhir(
     results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1
 ) -> dict[str, Any]:
-    """Lay out the bundle."""
+    """Build the bundle."""
     digest = hashlib.sha256(json.dumps(results, sort_keys=True).encode()).hexdigest()
     common, name = _describe_common(results), format_report_name(results, version, "pdf")
     observations = [
@@ -59,7 +59,7 @@ def build_fhir(
 
 
 def _describe_common(results: Results) -> dict[str, Any]:
-    """Say what report and observations share: final, of whom, when."""
+    """Give the fields that the report and all observations share: status, subject, period."""
     recording = results["recording"]
     common: dict[str, Any] = {"status": "final"}
     if recording["subject"]:

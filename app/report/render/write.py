@@ -16,8 +16,6 @@ from app.report.words.subject import ReportSubject
 from app.report.words.wording import Language, fill, load_wording
 from app.request import Paper, ReportKind, ReportRequest
 
-# The answer as plain text.
-
 
 def format_brief(report: Report) -> bytes:
     """Write the answer as a few lines of plain text, to paste into a record."""
@@ -27,7 +25,7 @@ def format_brief(report: Report) -> bytes:
 
 
 def format_signature(header: Sequence[Pair], footer: str, language: Language) -> str:
-    """Write the last of these lines for a report of two: whose and when, which report, and what it is not."""
+    """Write the last line of the answer for a report of two: subject, date, report, and "not a diagnosis"."""
     label = load_wording(language)["label"]
     told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
     return fill(label["brief_two"], {"header": told, "footer": footer})
