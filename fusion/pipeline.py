@@ -9,7 +9,7 @@ from fusion.angle_files import AngleFile, calibrate_alone, lay_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import MethodName, Pose
-from fusion.diary import DiaryEntry, Placed, divide_day, list_exclusions, place_diary
+from fusion.diary import DiaryEntry, Placed, divide_day, find_left_out, place_diary
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure
@@ -20,6 +20,7 @@ from fusion.quality import (
     account_time,
     assess_quality,
     count_holes_us,
+    divide_time,
     find_exclusions,
     flag_gyro_drift,
     flag_published,
@@ -29,7 +30,6 @@ from fusion.quality import (
     flag_upside_down,
     leave_out,
     make_disjoint,
-    name_parts,
     propose_nonwear,
     refuse_short,
 )
@@ -197,7 +197,7 @@ def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, 
         return _Day(DayDivision(), exclusions, elevation)
     periods = snap_periods(placed.periods, elevation.segments)
     pieces = divide_day(periods, recording.duration_us)
-    left_out = list_exclusions(pieces)
+    left_out = find_left_out(pieces)
     every = make_disjoint((*exclusions, *left_out), recording.duration_us)
     return _Day(DayDivision(periods, pieces), every, leave_out(elevation, left_out))
 
@@ -217,7 +217,7 @@ def _account(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount
         part_us = round(part.analysed_s * MICROSECONDS)
         analysed_us[part.kind] = analysed_us.get(part.kind, 0) + part_us
     holes_us = count_holes_us(recording, day.exclusions) if recording.holds_samples else time.missing_us
-    return name_parts(time, analysed_us or {"work": time.analysed_us}, day.exclusions, holes_us)
+    return divide_time(time, analysed_us or {"work": time.analysed_us}, day.exclusions, holes_us)
 
 
 def analyse_angles(

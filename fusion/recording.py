@@ -209,3 +209,14 @@ def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> t
     longest = sorted(spans, key=lambda span: -span.duration_us)[:MOST_TOLD]
     told = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
     return (QualityFlag(caveat, len(spans), total_s, first_s, last_s, facts, told),)
+
+
+def flag_stretches(
+    caveat: Caveat,
+    spans_s: Sequence[tuple[float, float]],
+    facts: Mapping[str, str | int | float] | None = None,
+) -> QualityFlag:
+    """One flag for stretches (start, end), s, in order of time; one at least."""
+    seconds = sum(end_s - start_s for start_s, end_s in spans_s)
+    first_s, last_s = spans_s[0][0], spans_s[-1][1]
+    return QualityFlag(caveat, len(spans_s), seconds, first_s, last_s, facts or {}, tuple(spans_s))

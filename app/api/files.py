@@ -15,7 +15,7 @@ from starlette.types import Message, Receive, Scope, Send
 from app.api.guard import REPORT_POLICY
 from app.errors import NoSuchRange, ResultDamaged
 from app.jobs.job import Job
-from app.report.export.naming import Origin, name_file
+from app.report.export.naming import Origin, format_file_name
 from app.services import Services
 from app.storage.store import read_mark
 
@@ -141,10 +141,10 @@ def format_ascii(name: str) -> str:
 
 
 def build_download_name(services: Services, job: Job, name: str) -> str:
-    """Name a download by :func:`app.report.export.naming.name_file`."""
+    """Name a download by :func:`app.report.export.naming.format_file_name`."""
     asked = job.request
     origin = Origin(asked.subject, job.file_name, _find_start(services, job), asked.side or "", asked.version)
-    return name_file(origin, name)
+    return format_file_name(origin, name)
 
 
 def _find_start(services: Services, job: Job) -> str:

@@ -27,7 +27,7 @@ from app.report.pairs import (
     identify,
     load_pair_words,
 )
-from app.report.render.write import sign_off
+from app.report.render.write import format_signature
 from app.report.words.numbers import NONE, format_number
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
@@ -88,7 +88,7 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         sections=(_build_changes(compared, words, language), build_sources(sides, language)),
         report_id=report_id,
         footer=footer,
-        brief=sign_off(header, footer, language),
+        brief=format_signature(header, footer, language),
         made_of=find_end(sides),
         amendment="",
         words=load_wording(language)["label"],

@@ -156,8 +156,8 @@ def _build_proposals(
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     proposals = []
     for start_s, end_s, kind, score in (*still, *not_worn):
-        facts = {"start": clock.format(start_s), "end": clock.format(end_s), "score": score}
-        proposals.append(Proposal(kind, facts["start"], facts["end"], fill(words[kind], facts)))
+        shown = {"start": clock.format(start_s), "end": clock.format(end_s), "score": score}
+        proposals.append(Proposal(kind, shown["start"], shown["end"], fill(words[kind], shown)))
     return tuple(proposals)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from app.report.agreement.study_tables import find_paper_row
 from app.report.charts import svg
 from app.report.charts.svg import NARROW, WIDE
-from app.report.model import Figure, Table
+from app.report.model import Chart, Table
 from app.report.words.numbers import format_angle
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
@@ -37,7 +37,7 @@ class _Rows:
 
 def draw_study(
     entries: Sequence[StudyEntry], cells: Sequence[StudyCell], device: str, words: Words, language: Language
-) -> Figure:
+) -> Chart:
     """Draw a row for each task of a device: a ring for each person, a bar at their mean, the paper's mark."""
     entry = words["study_figure"]
     shown = [cell for cell in cells if cell.device == device]
@@ -50,11 +50,11 @@ def draw_study(
     }
     rows = _Rows(device, shown, errors_deg)
     drawn = {width: _draw(rows, width, told, entry, language) for width in (WIDE, NARROW)}
-    table = tuple((clean_text(cell.task), *_tell_row(cell, language)) for cell in shown)
-    return Figure(*told, drawn[WIDE], drawn[NARROW], Table(title, tuple(entry["columns"]), table))
+    table = tuple((clean_text(cell.task), *_format_row(cell, language)) for cell in shown)
+    return Chart(*told, drawn[WIDE], drawn[NARROW], Table(title, tuple(entry["columns"]), table))
 
 
-def _tell_row(cell: StudyCell, language: Language) -> tuple[str, str]:
+def _format_row(cell: StudyCell, language: Language) -> tuple[str, str]:
     paper = find_paper_row(cell)
     return (
         format_angle(cell.rmse_deg.mean, language, 2),
