@@ -141,7 +141,7 @@ def test_what_is_in_the_trash_goes_for_good_after_its_term(client: TestClient) -
 
 
 def test_a_body_of_json_is_bounded(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "HEARD_OUT_S", 0.1)  # the test client sends no more, and does not hang up
+    monkeypatch.setattr(guard, "DRAIN_LIMIT_S", 0.1)  # the test client sends no more, and does not hang up
     body = json.dumps({"recording_ids": ["x" * 40_000_000]})
 
     assert client.post("/api/v1/analyses", content=body).status_code == 413
