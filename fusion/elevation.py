@@ -6,10 +6,10 @@ from math import pi, sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.conventions import MethodName
+from fusion.numba_kernels import njit
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.orientation.on_demand import VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published

@@ -22,6 +22,7 @@ from app.storage.open import open_storage
 from app.storage.private import make_folder
 from app.upkeep.recover import find_unknown, list_strange
 from app.upkeep.verify import find_faults, list_kept, measure_kept
+from fusion.numba_kernels import make_kernel_folder
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
 CLOCK_SKEW_S = 30.0
@@ -150,7 +151,7 @@ def _examine_bytes(settings: Settings) -> Examination:
 
 def _examine_cache(_settings: Settings) -> Examination:
     """Compiled code can be kept; without, each start compiles anew."""
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR", tempfile.gettempdir()))
+    folder = make_kernel_folder() or Path(tempfile.gettempdir())
     writable = os.access(_find_existing(folder), os.W_OK)
     return Examination("cache", writable, {"folder": str(folder)})
 

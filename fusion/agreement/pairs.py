@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from math import nan
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import NothingInCommon
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS, FloatArray
 
 # The angle of one side as unbroken, even runs in its own clock.

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS, Segment, Span
 
 # Ranges of rows: found where all channels rest, joined, and taken out of a segment.

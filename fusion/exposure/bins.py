@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.conventions import Convention
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.rows import IntArray, add_time, find_first_rows, find_touched_parts
 from fusion.exposure.types import ElevationBin, TimeAbove
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS
 
 BIN_EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)

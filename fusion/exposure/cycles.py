@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_ranges
 from fusion.exposure.rows import IntArray, find_part_rows
 from fusion.exposure.types import Cycles, Interval
+from fusion.numba_kernels import njit
 
 HYSTERESIS_DEG = 5.0
 RANGE_EDGES_DEG = (10.0, 30.0, 60.0, 90.0, None)

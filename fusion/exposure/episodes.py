@@ -7,13 +7,13 @@ passes c - 5. A run of valid rows that starts above c + 5 starts "above": a stay
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.bins import PartHistograms
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.rows import IntArray
 from fusion.exposure.types import Entries, Episodes
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS
 
 HALF_HYSTERESIS_DEG = 5.0

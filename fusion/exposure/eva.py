@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_ranges
 from fusion.exposure.rows import IntArray, add_rows, find_part_rows
 from fusion.exposure.types import Eva, EvaSummary, Interval
+from fusion.numba_kernels import njit
 
 ANGLE_EDGES_DEG = (0.0, 20.0, 30.0, 60.0, 90.0, 180.0)
 DURATION_EDGES_S = (0.0, 1.0, 3.0, 7.0, 15.0, 31.0, 63.0, 127.0, 255.0, None)

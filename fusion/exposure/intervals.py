@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.conventions import CONVENTIONS
@@ -41,6 +40,7 @@ from fusion.exposure.types import (
     TimeAbove,
     Velocity,
 )
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS
 
 # Shares of time below an angle, and percentiles, in days drawn again: read off without adding the days up.

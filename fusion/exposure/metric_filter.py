@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
 from fusion.exposure.rows import find_runs
+from fusion.numba_kernels import njit
 from fusion.recording import BoolArray
 
 CORNER_HZ = 5.0

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import find_end_us, find_first_rows
 from fusion.exposure.types import Interval, PeakWindow
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS
 
 WINDOWS_S = (60, 900, 3600)

@@ -8,13 +8,13 @@ the arm was, not that its muscles rested.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import IntArray, add_rows, find_part_rows
 from fusion.exposure.types import Interval, Recovery
+from fusion.numba_kernels import njit
 
 NEUTRAL_DEG = 20.0
 SLOW_DPS = 5.0

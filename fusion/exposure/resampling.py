@@ -7,12 +7,12 @@ the day has analysed ones, with replacement, by PCG64(0): the same recording alw
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from fusion.exposure.stretches import AnyArray
 from fusion.exposure.types import Interval
+from fusion.numba_kernels import njit
 
 DRAWS = 200
 SEED = 0

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS, BoolArray, Span
 
 IntArray = NDArray[np.int64]

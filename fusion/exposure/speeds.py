@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
@@ -20,6 +19,7 @@ from fusion.exposure.metric_filter import PADDING_ROWS, MetricAngle, design_filt
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
 from fusion.exposure.rows import EvenRun, IntArray, find_part_rows, find_runs
 from fusion.exposure.types import Frequency, Interval, Velocity
+from fusion.numba_kernels import njit
 from fusion.orientation.on_demand import VerticalOnDemand
 from fusion.recording import MICROSECONDS, BoolArray, Segment
 

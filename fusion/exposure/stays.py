@@ -8,7 +8,6 @@ lowest k of them, for all have the same hysteresis; so one number is the state o
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.bins import THRESHOLDS_DEG, PartHistograms, find_percentile_cells
@@ -26,6 +25,7 @@ from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import IntArray, add_rows, find_part_rows
 from fusion.exposure.stretches import BLOCK_MINUTES, Stretches, sum_groups
 from fusion.exposure.types import Episodes, Interval
+from fusion.numba_kernels import njit
 
 CELLS_PER_OCTAVE = 4
 CELLS = 16 * CELLS_PER_OCTAVE  # from 0.5 s to 9 h

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.bins import CELLS, PartHistograms
 from fusion.exposure.rows import IntArray
+from fusion.numba_kernels import njit
 
 BLOCK_MINUTES = 5
 

@@ -7,7 +7,6 @@ from itertools import groupby
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
@@ -15,6 +14,7 @@ from fusion.checks.clipping import FLAT_ROWS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure.rows import IntArray, find_runs, list_touched_rows
+from fusion.numba_kernels import njit
 from fusion.pose.calibrate import Calibration
 from fusion.quality.types import TimeAccount, TimePart
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, find_missing, flag_spans

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.units import STANDARD_GRAVITY
 
 # Joint motion as a score of strokes and waves, so that every derivative is exact.

@@ -6,10 +6,9 @@ leaves it to that.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
+from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays, njit
 from fusion.readers.tables.careful_path import (
     CALENDAR_TIME,
     COUNTER,

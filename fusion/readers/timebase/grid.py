@@ -9,11 +9,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
+from fusion.numba_kernels import njit
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, Segment, Span, flag_spans
 
 LONGEST_GAP_US = 86_400 * MICROSECONDS

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
+from fusion.numba_kernels import njit
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
 from fusion.readers.timebase.grid import steps_between

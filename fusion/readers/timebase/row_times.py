@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import UnusableTime
+from fusion.numba_kernels import njit
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.repair import (
     Pace,
