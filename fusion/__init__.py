@@ -1,31 +1,97 @@
 """What the arm did: from the bytes of a recording to elevation and exposure.
 
-The public names are loaded when first asked for, so that a program which only needs the errors or the
-value types does not pay for the compiler.
+The public names are loaded when first asked for, so that a program which only needs the errors or the value
+types does not wait for the compiler. An installed package offers the same names as :mod:`acromion`.
 """
 
 import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from fusion.diary import DiaryEntry as DiaryEntry
+    from fusion.elevation import Elevation as Elevation
+    from fusion.elevation import ElevationSegment as ElevationSegment
+    from fusion.elevation import Method as Method
     from fusion.errors import FusionError as FusionError
+    from fusion.errors import UnreadableFile as UnreadableFile
+    from fusion.errors import UnusableDiary as UnusableDiary
+    from fusion.errors import UnusableRecording as UnusableRecording
+    from fusion.exposure.types import Cycles as Cycles
+    from fusion.exposure.types import ElevationBin as ElevationBin
+    from fusion.exposure.types import Entries as Entries
+    from fusion.exposure.types import Episodes as Episodes
+    from fusion.exposure.types import Eva as Eva
+    from fusion.exposure.types import EvaSummary as EvaSummary
+    from fusion.exposure.types import Exposure as Exposure
+    from fusion.exposure.types import Frequency as Frequency
+    from fusion.exposure.types import HourVariation as HourVariation
+    from fusion.exposure.types import Interval as Interval
+    from fusion.exposure.types import MinuteProfile as MinuteProfile
+    from fusion.exposure.types import PartExposure as PartExposure
+    from fusion.exposure.types import PeakWindow as PeakWindow
+    from fusion.exposure.types import Recovery as Recovery
+    from fusion.exposure.types import TimeAbove as TimeAbove
+    from fusion.exposure.types import Velocity as Velocity
     from fusion.frames import tabulate_elevation as tabulate_elevation
     from fusion.frames import tabulate_exposure as tabulate_exposure
     from fusion.live import LiveElevation as LiveElevation
     from fusion.orientation import estimate_vertical as estimate_vertical
+    from fusion.orientation.arrays import UnusableArrays as UnusableArrays
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import AnalysisSettings as AnalysisSettings
     from fusion.pipeline import analyse as analyse
+    from fusion.pose.calibrate import Calibration as Calibration
+    from fusion.pose.windows import StillPeriod as StillPeriod
+    from fusion.quality.types import Quality as Quality
+    from fusion.quality.types import TimeAccount as TimeAccount
+    from fusion.quality.types import TimePart as TimePart
     from fusion.readers import read_recording as read_recording
     from fusion.readers import read_recordings as read_recordings
+    from fusion.readers.tables.profile import ColumnProfile as ColumnProfile
+    from fusion.recording import QualityFlag as QualityFlag
     from fusion.recording import Recording as Recording
+    from fusion.recording import Segment as Segment
+    from fusion.recording import Span as Span
 
-_HOMES = {
-    "LiveElevation": "fusion.live",
+_MODULES = {
     "Analysis": "fusion.pipeline",
     "AnalysisSettings": "fusion.pipeline",
+    "Calibration": "fusion.pose.calibrate",
+    "ColumnProfile": "fusion.readers.tables.profile",
+    "Cycles": "fusion.exposure.types",
+    "DiaryEntry": "fusion.diary",
+    "Elevation": "fusion.elevation",
+    "ElevationBin": "fusion.exposure.types",
+    "ElevationSegment": "fusion.elevation",
+    "Entries": "fusion.exposure.types",
+    "Episodes": "fusion.exposure.types",
+    "Eva": "fusion.exposure.types",
+    "EvaSummary": "fusion.exposure.types",
+    "Exposure": "fusion.exposure.types",
+    "Frequency": "fusion.exposure.types",
     "FusionError": "fusion.errors",
+    "HourVariation": "fusion.exposure.types",
+    "Interval": "fusion.exposure.types",
+    "LiveElevation": "fusion.live",
+    "Method": "fusion.elevation",
+    "MinuteProfile": "fusion.exposure.types",
+    "PartExposure": "fusion.exposure.types",
+    "PeakWindow": "fusion.exposure.types",
+    "Quality": "fusion.quality.types",
+    "QualityFlag": "fusion.recording",
     "Recording": "fusion.recording",
+    "Recovery": "fusion.exposure.types",
+    "Segment": "fusion.recording",
+    "Span": "fusion.recording",
+    "StillPeriod": "fusion.pose.windows",
+    "TimeAbove": "fusion.exposure.types",
+    "TimeAccount": "fusion.quality.types",
+    "TimePart": "fusion.quality.types",
+    "UnreadableFile": "fusion.errors",
+    "UnusableArrays": "fusion.orientation.arrays",
+    "UnusableDiary": "fusion.errors",
+    "UnusableRecording": "fusion.errors",
+    "Velocity": "fusion.exposure.types",
     "analyse": "fusion.pipeline",
     "estimate_vertical": "fusion.orientation",
     "read_recording": "fusion.readers",
@@ -37,9 +103,42 @@ _HOMES = {
 __all__ = [
     "Analysis",
     "AnalysisSettings",
+    "Calibration",
+    "ColumnProfile",
+    "Cycles",
+    "DiaryEntry",
+    "Elevation",
+    "ElevationBin",
+    "ElevationSegment",
+    "Entries",
+    "Episodes",
+    "Eva",
+    "EvaSummary",
+    "Exposure",
+    "Frequency",
     "FusionError",
+    "HourVariation",
+    "Interval",
     "LiveElevation",
+    "Method",
+    "MinuteProfile",
+    "PartExposure",
+    "PeakWindow",
+    "Quality",
+    "QualityFlag",
     "Recording",
+    "Recovery",
+    "Segment",
+    "Span",
+    "StillPeriod",
+    "TimeAbove",
+    "TimeAccount",
+    "TimePart",
+    "UnreadableFile",
+    "UnusableArrays",
+    "UnusableDiary",
+    "UnusableRecording",
+    "Velocity",
     "analyse",
     "estimate_vertical",
     "read_recording",
@@ -50,6 +149,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'fusion' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    return getattr(importlib.import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

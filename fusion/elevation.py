@@ -29,7 +29,15 @@ Vertical = NDArray[np.float32] | VerticalOnDemand
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A named estimator with its version and every parameter, as printed in the report."""
+    """A named estimator, as printed in the report.
+
+    Attributes
+    ----------
+    name, version
+        "smoothed", "published" or "live"; the version goes up with every change that moves a figure.
+    parameters
+        Every number that it used, by name, the unit in the name.
+    """
 
     name: str
     version: str
@@ -66,6 +74,10 @@ class ElevationSegment:
     def __len__(self) -> int:
         return len(self.elevation_deg)
 
+    def __repr__(self) -> str:
+        start_s = self.start_us / MICROSECONDS
+        return f"ElevationSegment({len(self)} samples at {self.rate_hz:g} Hz from {start_s:g} s)"
+
     @property
     def period_us(self) -> float:
         """How long one sample lasts."""
@@ -76,14 +88,26 @@ class ElevationSegment:
 class Elevation:
     """Arm elevation through the recording; holes lie between the segments.
 
-    ``bias_sigma_deg`` is the standard deviation of the angle over the whole recording, the pose left out: for
-    `smoothed` the root mean square of the seconds' own; with what is not known of the axis where the sensor
-    turned. None for a ready angle series.
+    Attributes
+    ----------
+    segments
+        In time order.
+    method
+        The estimator; None for a ready angle series.
+    bias_sigma_deg
+        Standard deviation of the angle over the whole recording, the pose left out: for `smoothed` the root
+        mean square of that of each second; with the uncertainty of the axis where the sensor turned. None for
+        a ready angle series.
     """
 
     segments: tuple[ElevationSegment, ...]
     method: Method | None
     bias_sigma_deg: float | None = None
+
+    def __repr__(self) -> str:
+        name = self.method.name if self.method else "ready angles"
+        valid_s = sum(int(segment.valid.sum()) / segment.rate_hz for segment in self.segments)
+        return f"Elevation({name}, {valid_s / 3600.0:.2f} h valid, segments: {len(self.segments)})"
 
 
 DEGREES = 180.0 / pi

@@ -36,13 +36,14 @@ def estimate_vertical(
 
     Returns
     -------
-    Shape (n, 3), float64: unit vector to the zenith at the time of each sample.
+    numpy.ndarray
+        Shape (n, 3), float64: unit vector to the zenith at the time of each sample.
 
     Raises
     ------
     fusion.orientation.arrays.UnusableArrays
         A ValueError: wrong shapes, no sample, values that are not finite, a rate that is not positive, an
-        acceleration whose median length is more than 0.4 from 1 (m/s2, mg, counts; all zeros), an unknown
+        acceleration whose median length is under 1/3 or over 3 (m/s2, mg, counts; all zeros), an unknown
         method.
     """
     if method not in get_args(MethodName):
