@@ -27,7 +27,7 @@ class QualityFlag:
     Attributes
     ----------
     code
-        A :class:`fusion.caveats.Caveat`; a plain text where the findings of an earlier version were read again.
+        A :class:`fusion.caveats.Caveat`; a plain text where findings of an earlier version were read again.
     count
         How many times it was found.
     seconds
