@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
-from fusion.angle_files import AngleFile, calibrate_alone, lay_file
+from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import MethodName, Pose
@@ -299,7 +299,7 @@ def analyse_angle_file(
     known = calibrate_alone(file, windows_s)
     if known.elevation_deg is None:
         raise UnknownAxis
-    return _count_ready(*lay_file(known, known.elevation_deg), on_step, diary)
+    return _count_ready(*resample_file(known, known.elevation_deg), on_step, diary)
 
 
 def _count_ready(

@@ -27,7 +27,7 @@ from fusion.agreement import (
     take_angle_file,
     take_recording,
 )
-from fusion.angle_files import AngleFileOptions, read_angle_file, tell_layout
+from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
 from fusion.errors import UnknownFormat
 from fusion.pipeline import AnalysisSettings, fuse_recording
 from fusion.readers import parse_profile, read_recording
@@ -82,7 +82,7 @@ def compare_files(log: Path, request: ReportRequest, reference: Reference, on_st
 def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:
     """Read what is to be judged: a recording, which is fused, or else a file with its angle."""
     with log.open("rb") as file:
-        layout = tell_layout(file, request.file_name)
+        layout = recognise_layout(file, request.file_name)
         if layout not in ANGLES_ONLY:
             try:
                 return _fuse(log, request, on_stage)

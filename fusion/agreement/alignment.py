@@ -25,7 +25,6 @@ from fusion.agreement.pairs import (
     PairedRun,
     Run,
     Runs,
-    Vector,
     WindowLag,
     find_rate_hz,
     interpolate,
@@ -33,6 +32,7 @@ from fusion.agreement.pairs import (
 )
 from fusion.agreement.statistics import find_r
 from fusion.errors import NotAligned, NothingInCommon
+from fusion.recording import Float64Array
 
 GRID_HZ = 10.0
 LEAST_R = 0.5
@@ -124,7 +124,7 @@ def _find_middle_s(runs: Runs) -> float:
     return (runs[0].start_s + runs[-1].end_s) / 2.0
 
 
-def sample_rates(runs: Runs, start_s: float, count: int) -> Vector:
+def sample_rates(runs: Runs, start_s: float, count: int) -> Float64Array:
     """Rates of change on an even grid of 10 Hz: the change over one grid step; 0 where there is none."""
     rates = np.zeros(count)
     for run in runs:
@@ -156,14 +156,14 @@ def find_shift(ours: Runs, reference: Runs) -> Alignment:
     return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(correlation[best]))
 
 
-def _measure_motion_s(own: Vector, other: Vector, lag: int) -> float:
+def _measure_motion_s(own: Float64Array, other: Float64Array, lag: int) -> float:
     """How long both move in their common time, ``other`` standing ``lag`` steps to the right."""
     first, stop = max(0, -lag), min(len(own), len(other) - lag)
     moving = (np.abs(own[first:stop]) > MOVING_DPS) & (np.abs(other[first + lag : stop + lag]) > MOVING_DPS)
     return float(np.count_nonzero(moving)) / GRID_HZ
 
 
-def _check_chance(worth: Vector, best: int, motion_s: float) -> None:
+def _check_chance(worth: Float64Array, best: int, motion_s: float) -> None:
     """Refuse a best shift under which both hardly move, or beside which another is worth nearly as much."""
     if motion_s < LEAST_MOTION_S:
         raise NotAligned(motion_s=round(motion_s, 1), least_s=LEAST_MOTION_S)
@@ -178,7 +178,7 @@ def _count_steps(runs: Runs) -> int:
     return int((runs[-1].end_s - runs[0].start_s) * GRID_HZ) + 1
 
 
-def _score_shifts(own: Vector, other: Vector) -> tuple[Vector, Vector]:
+def _score_shifts(own: Float64Array, other: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Correlation for every shift of ``other`` to the right, and its worth; index len(own) - 1 is none.
 
     Of two shifts that match alike, the one that leaves more of the motion in common is worth more.
@@ -189,7 +189,7 @@ def _score_shifts(own: Vector, other: Vector) -> tuple[Vector, Vector]:
     whole = max(min(float(own @ own), float(other @ other)), 1e-9)
     least = LEAST_ENERGY * whole
     shared = np.sqrt(np.maximum(own_energy, least) * np.maximum(other_energy, least))
-    correlation: Vector = product / shared
+    correlation: Float64Array = product / shared
     return correlation, correlation * np.minimum(shared / whole, 1.0) ** OVERLAP_WORTH
 
 
@@ -239,7 +239,7 @@ def _move_back(reference: Runs, alignment: Alignment) -> Runs:
     )
 
 
-def _place(own: Vector, other: Vector, reach: int) -> tuple[float, float]:
+def _place(own: Float64Array, other: Float64Array, reach: int) -> tuple[float, float]:
     """Give the lag in grid steps, to a fraction by the parabola through the peak, and its correlation."""
     energy = float(own @ own)
     if energy <= 0:
@@ -298,7 +298,7 @@ def _find_step(
     return (next(found) if free[0] else 0.0), (next(found) if free[1] else 0.0)
 
 
-def _find_slopes(run: PairedRun) -> Vector:
+def _find_slopes(run: PairedRun) -> Float64Array:
     """Slope of the reference over a fifth of a second: noise in it would make every step too short."""
     reach = max(1, round(SLOPE_S * run.rate_hz / 2))
     rows = np.arange(len(run))
@@ -306,7 +306,7 @@ def _find_slopes(run: PairedRun) -> Vector:
     return np.asarray((run.reference_deg[last] - run.reference_deg[first]) * run.rate_hz / (last - first))
 
 
-def _weigh(residual: Vector) -> Vector:
+def _weigh(residual: Float64Array) -> Float64Array:
     """Huber's weights; the scale is the median absolute deviation."""
     scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
     size = np.abs(residual) / scale

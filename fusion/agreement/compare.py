@@ -13,7 +13,6 @@ from fusion.agreement.pairs import (
     PairedRun,
     Pairs,
     Runs,
-    Vector,
     join_pairs,
     measure_path,
     pair,
@@ -21,11 +20,11 @@ from fusion.agreement.pairs import (
     take_runs,
 )
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
-from fusion.angle_files import AngleFile, calibrate_file, lay_file
+from fusion.angle_files import AngleFile, calibrate_file, resample_file
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.pipeline import FusedRecording
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.task_windows import TaskWindow
 
 # The two sides of a comparison: a recording that we fused, or a file that holds its angle already.
@@ -77,7 +76,7 @@ def take_angle_file(file: AngleFile, calibration_s: tuple[float, float] | None =
 
 
 def _lay(file: AngleFile, values: FloatArray | None) -> Runs:
-    return () if values is None else take_runs(lay_file(file, values)[1], file.first_s)
+    return () if values is None else take_runs(resample_file(file, values)[1], file.first_s)
 
 
 def share_calibration(file: AngleFile, ours: Side, rough: Alignment) -> AngleFile:
@@ -124,7 +123,7 @@ def divide_by_speed(pairs: Pairs) -> tuple[Stratum, ...]:
     return _divide(pairs, np.concatenate(speeds) if speeds else np.zeros(0), SPEED_EDGES_DPS)
 
 
-def measure_speed(run: PairedRun) -> Vector:
+def measure_speed(run: PairedRun) -> Float64Array:
     """Size of the change over a tenth of a second about each row, deg/s; at the ends over what there is."""
     reach = max(1, round(SPEED_SPAN_S * run.rate_hz / 2))
     rows = np.arange(len(run))
@@ -133,7 +132,7 @@ def measure_speed(run: PairedRun) -> Vector:
     return np.asarray(np.abs(run.reference_deg[last] - run.reference_deg[first]) / seconds)
 
 
-def _divide(pairs: Pairs, values: Vector, edges: tuple[float, ...]) -> tuple[Stratum, ...]:
+def _divide(pairs: Pairs, values: Float64Array, edges: tuple[float, ...]) -> tuple[Stratum, ...]:
     ours, reference = pairs.ours_deg, pairs.reference_deg
     share = 100.0 / max(len(ours), 1)
     strata = []
@@ -234,7 +233,7 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     UnknownAxis
         An orientation of which nothing says how the arm lies in it.
     """
-    axis = name_axis(reference)
+    axis = find_axis(reference)
     calibrated = reference if axis != "common pose" else _calibrate_together(ours, reference, settings.wishes)
     other = take_angle_file(calibrated)
     alignment = align(ours.runs, other.runs, settings.wishes)
@@ -258,8 +257,8 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     )
 
 
-def name_axis(reference: AngleFile) -> Axis:
-    """Say where the angle of a file comes from."""
+def find_axis(reference: AngleFile) -> Axis:
+    """Find where the angle of a file comes from."""
     if reference.up is None:
         return "angle"
     return "common pose" if reference.axis is None else "segment"

@@ -1,6 +1,6 @@
 """Both angles at the same moments: the slower side's own samples, the faster side interpolated between its.
 
-So nothing is invented at a rate that one of them never had. Holes of either stay holes.
+So neither side gets samples at a rate that it was not measured at. Holes of either stay holes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import NothingInCommon
 from fusion.numba_kernels import njit
-from fusion.recording import MICROSECONDS, FloatArray
+from fusion.recording import MICROSECONDS, Float64Array, FloatArray
 
 # The angle of one side as unbroken, even runs in its own clock.
 
 
-Vector = NDArray[np.float64]
 PATH_HZ = 50.0
 SHORTEST_ROWS = 4
 """What a cubic needs; a shorter run holds nothing that could be compared."""
@@ -41,7 +40,7 @@ class Run:
         return self.start_s + (len(self) - 1) / self.rate_hz
 
     @property
-    def time_s(self) -> Vector:
+    def time_s(self) -> Float64Array:
         """Time of each value, shape (n,)."""
         return self.start_s + np.arange(len(self)) / self.rate_hz
 
@@ -74,7 +73,7 @@ def take_paths(elevation: Elevation, first_s: float = 0.0) -> Runs:
     )
 
 
-def measure_path(up: FloatArray) -> Vector:
+def measure_path(up: FloatArray) -> Float64Array:
     """Sum of the angles between successive unit vectors (n, 3), deg, shape (n,), from 0."""
     chord = np.linalg.norm(np.diff(up.astype(np.float64), axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(np.degrees(2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))))])
@@ -88,7 +87,7 @@ def _cut_valid(segment: ElevationSegment) -> Iterable[tuple[int, NDArray[np.floa
             yield first, segment.elevation_deg[first:stop]
 
 
-def interpolate(run: Run, time_s: Vector) -> Vector:
+def interpolate(run: Run, time_s: Float64Array) -> Float64Array:
     """Value at each time, by the cubic through the four nearest values; times must lie within the run.
 
     At 60 Hz they follow a swing of 3 Hz to 0.02 % of its amplitude (a straight line: to 1.2 %).
@@ -99,7 +98,9 @@ def interpolate(run: Run, time_s: Vector) -> Vector:
 
 
 @njit(cache=True, nogil=True)
-def _interpolate(values: FloatArray, places: Vector, out: Vector) -> None:  # pragma: no cover - compiled
+def _interpolate(
+    values: FloatArray, places: Float64Array, out: Float64Array
+) -> None:  # pragma: no cover - compiled
     """Lagrange's cubic on an even grid; at both ends the first and last four values are used."""
     last = len(values) - 4
     for k in range(len(places)):
@@ -112,11 +113,6 @@ def _interpolate(values: FloatArray, places: Vector, out: Vector) -> None:  # pr
             - c * u * (u - 1.0) * (u - 3.0) / 2.0
             + d * u * (u - 1.0) * (u - 2.0) / 6.0
         )
-
-
-def measure_duration_s(runs: Sequence[Run]) -> float:
-    """How long the runs last together."""
-    return sum(len(run) / run.rate_hz for run in runs)
 
 
 def find_rate_hz(runs: Sequence[Run]) -> float:
@@ -170,11 +166,11 @@ class Alignment:
         """Seconds of the reference's clock in one second of the recording's."""
         return 1.0 + self.drift_ppm / 1e6
 
-    def to_reference(self, time_s: Vector) -> Vector:
+    def to_reference(self, time_s: Float64Array) -> Float64Array:
         """Seconds of the recording's clock to the reference's."""
         return self.offset_s + time_s * self.pace
 
-    def to_recording(self, time_s: Vector) -> Vector:
+    def to_recording(self, time_s: Float64Array) -> Float64Array:
         """Seconds of the reference's clock to the recording's."""
         return (time_s - self.offset_s) / self.pace
 
@@ -185,14 +181,14 @@ class PairedRun:
 
     start_s: float
     rate_hz: float
-    ours_deg: Vector
-    reference_deg: Vector
+    ours_deg: Float64Array
+    reference_deg: Float64Array
 
     def __len__(self) -> int:
         return len(self.ours_deg)
 
     @property
-    def time_s(self) -> Vector:
+    def time_s(self) -> Float64Array:
         """Recording's clock, shape (n,)."""
         return self.start_s + np.arange(len(self)) / self.rate_hz
 
@@ -204,12 +200,12 @@ class Pairs:
     runs: tuple[PairedRun, ...]
 
     @property
-    def ours_deg(self) -> Vector:
+    def ours_deg(self) -> Float64Array:
         """All rows, shape (n,)."""
         return _join([run.ours_deg for run in self.runs])
 
     @property
-    def reference_deg(self) -> Vector:
+    def reference_deg(self) -> Float64Array:
         """All rows, shape (n,)."""
         return _join([run.reference_deg for run in self.runs])
 
@@ -264,7 +260,7 @@ def _move(run: Run, alignment: Alignment) -> Run:
     return Run(start_s, run.rate_hz * alignment.pace, run.values)
 
 
-def _meet(slow: Runs, fast: Runs) -> Iterator[tuple[float, float, Vector, Vector]]:
+def _meet(slow: Runs, fast: Runs) -> Iterator[tuple[float, float, Float64Array, Float64Array]]:
     """Give (start, rate, slower values, faster values) wherever two runs overlap."""
     for run in slow:
         for other in fast:
@@ -288,12 +284,12 @@ def _cut(run: PairedRun, start_s: float, end_s: float) -> PairedRun | None:
     return PairedRun(start, run.rate_hz, run.ours_deg[first:stop], run.reference_deg[first:stop])
 
 
-def _lay(run: PairedRun, values_deg: Vector, first_s: float) -> ElevationSegment:
+def _lay(run: PairedRun, values_deg: Float64Array, first_s: float) -> ElevationSegment:
     start_us = round((run.start_s - first_s) * MICROSECONDS)
     return ElevationSegment(
         start_us, run.rate_hz, values_deg.astype(np.float32), np.ones(len(run), dtype=np.bool_)
     )
 
 
-def _join(parts: Sequence[Vector]) -> Vector:
+def _join(parts: Sequence[Float64Array]) -> Float64Array:
     return np.concatenate(parts) if parts else np.zeros(0)

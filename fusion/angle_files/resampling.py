@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fusion.angle_files.types import AngleFile
 from fusion.angle_files.vertical import measure_from_up
-from fusion.angle_series import AngleRows, lay_angles
+from fusion.angle_series import AngleRows, resample_angles
 from fusion.caveats import Caveat
 from fusion.elevation import Elevation
 from fusion.errors import UnknownAxis
@@ -19,14 +19,14 @@ STEADY = 0.99
 """Length of the mean vertical over the calibration: below it the sensor turned by about 8 deg or more."""
 
 
-def lay_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Elevation]:
-    """Lay values, one for each row, on even grids, cut at holes; as a recording without samples."""
+def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Elevation]:
+    """Resample values, one for each row, on even grids, cut at holes; as a recording without samples."""
     rows = AngleRows(file.time_s, np.asarray(values, np.float64), file.first_s, file.last_s)
     zone = file.start.tzname() if file.start else None
     empty = Recording(
         file.device, file.sha256, file.start, zone, 0, (), flags=file.flags, understood=file.understood
     )
-    return lay_angles(empty, rows)
+    return resample_angles(empty, rows)
 
 
 def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
+from fusion.recording import Float64Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +197,7 @@ class Eva:
 
     angle_edges_deg: tuple[float, ...]
     duration_edges_s: tuple[float | None, ...]
-    percent: NDArray[np.float64]
+    percent: Float64Array
     intervals: tuple[tuple[Interval, ...], ...] = ()
 
 
@@ -340,11 +339,11 @@ class MinuteProfile:
         Analysed time of each minute.
     """
 
-    start_s: NDArray[np.float64]
-    p10_deg: NDArray[np.float64]
-    p50_deg: NDArray[np.float64]
-    p90_deg: NDArray[np.float64]
-    analysed_s: NDArray[np.float64]
+    start_s: Float64Array
+    p10_deg: Float64Array
+    p50_deg: Float64Array
+    p90_deg: Float64Array
+    analysed_s: Float64Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -410,7 +409,7 @@ class Exposure:
     by_hour: tuple[PartExposure, ...]
     by_period: tuple[PartExposure, ...]
     minutes: MinuteProfile
-    histogram_s: NDArray[np.float64]
+    histogram_s: Float64Array
     metric_filter_hz: float | None = 5.0
     intervals: dict[str, Interval] = field(default_factory=dict)
     recovery: Recovery | None = None

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.errors import TERM, UnusableRecording, name_facts
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 
 
 class UnusableArrays(UnusableRecording, ValueError):
@@ -51,7 +51,7 @@ def check_rate(rate_hz: float) -> None:
         raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
 
 
-def check_direction(axis: object) -> NDArray[np.float64]:
+def check_direction(axis: object) -> Float64Array:
     """Give a unit vector as an array of its own, shape (3,).
 
     Another length (over 1 % off) tells that it is no direction, but an acceleration, or a slip of the pen.

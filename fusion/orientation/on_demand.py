@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.nodes import Nodes, spread_rows
 
 ROWS_AT_ONCE = 16_384
@@ -27,7 +27,7 @@ class VerticalOnDemand:
     gyr_dps: FloatArray
     rate_hz: float
     nodes: Nodes
-    up: NDArray[np.float64]
+    up: Float64Array
 
     def __len__(self) -> int:
         return len(self.gyr_dps)

@@ -19,10 +19,9 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.numba_kernels import fused, kernel
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import GyroBias, SensorRun, carry, hold_bias, turn_factors
 from fusion.sensor.nodes import NODE_RATE_HZ, Nodes, correct_nodes, reduce_to_nodes, spread_rows
@@ -58,8 +57,8 @@ class SmoothedNodes:
         result (a half, away from the ends).
     """
 
-    up: NDArray[np.float64]
-    disagreement_deg: NDArray[np.float64]
+    up: Float64Array
+    disagreement_deg: Float64Array
     nodes_per_value: int
 
 
@@ -68,7 +67,7 @@ class SmoothedVertical:
     """The vertical at every sample, shape (n, 3), with the disagreement each ``rows_per_value`` samples."""
 
     up: FloatArray
-    uncertainty_deg: NDArray[np.float64]
+    uncertainty_deg: Float64Array
     rows_per_value: int
 
 
@@ -184,9 +183,6 @@ def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no c
 # of nil).
 
 
-Table = NDArray[np.float64]
-
-
 @dataclass(frozen=True, slots=True)
 class UncertaintySettings:
     """Weights, fitted on simulated days with even seeds: 2 to 10 of one hour, 2 and 4 of eight.
@@ -209,7 +205,7 @@ def estimate_sigma(
     smoothed: SmoothedNodes,
     accelerometer: AccelerometerCorrection,
     settings: UncertaintySettings | None = None,
-) -> Table:
+) -> Float64Array:
     """Standard deviation of the elevation, deg, one value as in ``smoothed.disagreement_deg``."""
     settings = settings or UncertaintySettings()
     offset_deg = settings.offset_times * float(np.degrees(accelerometer.offset_sd_g))
@@ -218,7 +214,7 @@ def estimate_sigma(
     return np.asarray(np.sqrt(steady + settings.disagreement_share * between))
 
 
-def average_around(values: Table, count: int) -> Table:
+def average_around(values: Float64Array, count: int) -> Float64Array:
     """Mean of ``count`` values (odd) around each; the first and the last value stand for what is beyond.
 
     Shape (n,). To the bit what ``scipy.ndimage.uniform_filter1d`` gives with the mode "nearest".

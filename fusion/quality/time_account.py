@@ -13,11 +13,20 @@ from fusion.caveats import Caveat
 from fusion.checks.clipping import FLAT_ROWS
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure.rows import IntArray, find_runs, list_touched_rows
+from fusion.exposure.rows import find_runs, list_touched_rows
 from fusion.numba_kernels import njit
 from fusion.pose.calibrate import Calibration
 from fusion.quality.types import TimeAccount, TimePart
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, find_missing, flag_spans
+from fusion.recording import (
+    MICROSECONDS,
+    IntArray,
+    QualityFlag,
+    Recording,
+    Segment,
+    Span,
+    find_missing,
+    flag_spans,
+)
 
 # Where a sensor was driven to the end of its range (RELIABILITY.md 88).
 
