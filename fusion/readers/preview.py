@@ -23,7 +23,8 @@ from fusion.readers.cwa import read as cwa
 from fusion.readers.cwa.read import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import read as gt3x
 from fusion.readers.gt3x.clock import order_seconds
-from fusion.readers.gt3x.read import DeviceText, name_offset, parse_device_text, tell_start
+from fusion.readers.gt3x.read import DeviceText, parse_device_text, tell_start
+from fusion.readers.timebase.clock import format_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, find_missing
 
 # Figures that tell the maker of a logger whether axes, scales and clock of a recording are right.
@@ -311,7 +312,7 @@ def _inspect_gt3x(members: dict[str, bytes], last_text: bytes) -> HeadFacts:
 
 def _tell_device(text: DeviceText) -> HeadFacts:
     start = _tell_moment(text, "Start Date")
-    zone = None if text.offset_s is None else name_offset(text.offset_s)
+    zone = None if text.offset_s is None else format_offset(text.offset_s)
     return HeadFacts("gt9x", None, start, _tell_end(text, start, 0), zone, text.serial_hash)
 
 

@@ -90,7 +90,7 @@ def explain_refusal(source: Source) -> FusionError:
 def _explain_text(source: Source) -> FusionError:
     if source.extension == ".gt3x":
         return WrongExtension(ext=".gt3x", kind="text", right=".csv")
-    layout = find_layout(decode_head(source, find_form(source.head)))
+    layout = find_layout(decode_head(source))
     if layout is None and names_columns(source):
         return TooShort(s=0.0)
     if layout is None:
@@ -100,7 +100,7 @@ def _explain_text(source: Source) -> FusionError:
 
 def names_columns(source: Source) -> bool:
     """Whether a line of the head names six channels or more: a table without rows."""
-    lines = decode_head(source, find_form(source.head)).split("\n")[:SNIFFED_LINES]
+    lines = decode_head(source).split("\n")[:SNIFFED_LINES]
     return any(
         sum(understand_column(field).channel in ("acc", "gyr") for field in split_fields(line, mark)) >= 6
         for line in lines

@@ -8,13 +8,16 @@ from fusion.checks.stopped import LEAST_PART, MOST_TIMES, count_filler_runs, has
 from fusion.checks.unmeasured import is_too_frequent, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
 from fusion.readers.source import Source
-from fusion.readers.timebase.grid import open_rows
+from fusion.readers.timebase.row_kernels import open_rows
 from fusion.recording import QualityFlag
 
 FIRST_CAPACITY = 65_536
 MOST_FORESEEN_BYTES = 1 << 30
 """Three days of a device; what says that it is longer is believed as it comes."""
 
+PAUSE = 1 << 32
+"""Added to the row number at a blank line or a new header where the layout has no time: a break of unknown
+length."""
 UNASKED_ROWS = 16_000_000
 """As many rows, in half a GiB, are taken without asking how many there are in all."""
 MOST_ROWS = 1 << 27

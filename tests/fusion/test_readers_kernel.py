@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import HashedFile, open_source
 from fusion.readers.tables.fast_path import fold_words, gather_words, spread_mark
-from fusion.readers.tables.layout import decode_head, find_form, find_layout, read_line_pieces
+from fusion.readers.tables.layout import decode_head, find_layout, read_line_pieces
 from fusion.readers.tables.machine_words import NOT_PLAIN, take_plain
-from fusion.readers.tables.plan import plan_table
-from fusion.readers.tables.rows import read_table
-from fusion.readers.timebase.grid import fit_line, open_rows
+from fusion.readers.tables.rows import plan_table, read_table
+from fusion.readers.timebase.row_kernels import fit_line, open_rows
 from tests.fusion.table_builder import HEADER
 
 NO_HOLES = np.empty(0, np.int64)
@@ -136,10 +135,9 @@ def test_a_return_inside_a_line_is_no_end_of_a_field() -> None:
 
 def parse(text: str) -> SampleColumns:
     source = open_source(io.BytesIO(text.encode()), "shift.csv")
-    form = find_form(source.head)
-    layout = find_layout(decode_head(source, form))
+    layout = find_layout(decode_head(source))
     assert layout is not None
-    return read_table(source, form, layout, plan_table(layout)).columns
+    return read_table(source, plan_table(layout)).columns
 
 
 @given(

@@ -5,7 +5,8 @@ import pytest
 
 from fusion.errors import UnusableTime
 from fusion.readers.samples import SampleColumns
-from fusion.readers.timebase.row_times import find_equal_runs, mend_stopped
+from fusion.readers.timebase.row_kernels import find_equal_runs
+from fusion.readers.timebase.row_times import mend_stopped
 from tests.fusion.table_builder import codes, read_text, table
 
 SECOND_US = 1_000_000

@@ -14,8 +14,16 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
 from fusion.readers.samples import SampleColumns
-from fusion.readers.timebase.grid import FASTEST_HZ, LONGEST_GAP_US, SLOWEST_HZ, Grid, Holes
-from fusion.readers.timebase.segments import FittedRun, flag_time, place_segments
+from fusion.readers.timebase.grid import (
+    FASTEST_HZ,
+    LONGEST_GAP_US,
+    SLOWEST_HZ,
+    FittedRun,
+    Grid,
+    Holes,
+    flag_time,
+    place_segments,
+)
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, flag_gaps
 
 # Blocks of a `.cwa` in order: one session, each block once, by their numbers where some came late.

@@ -33,7 +33,7 @@ from fusion.readers.cwa.blocks import (
 from fusion.readers.cwa.clock import Blocks, cut_blocks, nominal_hz, order_blocks
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, read_chunks
-from fusion.readers.timebase.clock import LARGEST_DRIFT, datetime_at_us, hash_serial, trust_clock
+from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
 from fusion.readers.timebase.grid import Grid
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
@@ -312,9 +312,7 @@ def flag_plan(
     rate_hz = max(grid.segments, key=len).rate_hz
     rates_hz: list[float] = nominal_hz(np.unique(blocks.rate_code)).tolist()
     nominal = min(rates_hz, key=lambda asked_hz: abs(asked_hz - rate_hz))
-    if abs(rate_hz / nominal - 1.0) > LARGEST_DRIFT:
-        flags += (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal, "rate_hz": round(rate_hz, 3)}),)
-    return flags
+    return flags + flag_drift(nominal, rate_hz)
 
 
 def _describe(blocks: Blocks, grid: Grid) -> dict[str, str]:

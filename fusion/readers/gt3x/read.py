@@ -38,8 +38,17 @@ from fusion.readers.gt3x.log import (
 from fusion.readers.gt3x.schema import RowDecoder, make_decoder, parse_schema
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
-from fusion.readers.timebase.clock import LARGEST_DRIFT, find_zone, follow_zone, hash_serial, trust_clock
+from fusion.readers.timebase.clock import (
+    find_zone,
+    flag_drift,
+    follow_zone,
+    format_offset,
+    hash_serial,
+    parse_offset_s,
+    trust_clock,
+)
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_gaps, flag_spans
+from fusion.still_limits import BOTH_ACCELEROMETERS
 
 # info.txt and the METADATA records of a `.gt3x`: what the device says about itself.
 
@@ -94,25 +103,6 @@ def parse_device_text(content: bytes) -> DeviceText:
     return DeviceText(values, encoding)
 
 
-def parse_offset_s(text: str) -> int | None:
-    """Seconds east of UTC from `-05:00:00` or `02:00:00`; None where it is no offset."""
-    found = re.fullmatch(r"([-+]?)(\d{1,2}):(\d{2})(?::(\d{2}))?", text.strip())
-    if found is None:
-        return None
-    sign, hours, minutes, seconds = found.groups()
-    offset_s = int(hours) * 3600 + int(minutes) * 60 + int(seconds or 0)
-    if offset_s > 14 * 3600:
-        return None
-    return -offset_s if sign == "-" else offset_s
-
-
-def name_offset(offset_s: int) -> str:
-    """`UTC-05:00`."""
-    sign = "-" if offset_s < 0 else "+"
-    hours, minutes = divmod(abs(offset_s) // 60, 60)
-    return f"UTC{sign}{hours:02d}:{minutes:02d}"
-
-
 def tell_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> datetime:
     """Give the device's clock at the first sample.
 
@@ -133,7 +123,6 @@ PROBED_EVERY_S = 16
 """One second in sixteen is enough evidence and costs nothing."""
 DEFAULT_SCALE = 256.0
 ROW_BYTES = 6
-STILL_G = 0.02
 FEWEST_STILL = 2
 LARGEST_DIFFERENCE_G = 0.2
 
@@ -174,11 +163,11 @@ def measure_bias_g(
     places = {int(unix_s): k for k, unix_s in enumerate(seconds.unix_s)}
     apart = []
     for second in seen:
-        if second.unix_s not in places or second.scatter > STILL_G * scale:
+        if second.unix_s not in places or second.scatter > BOTH_ACCELEROMETERS.acc_sd_g * scale:
             continue
         k = places[second.unix_s]
         rows = columns.acc[seconds.first_row[k] : seconds.first_row[k] + seconds.n_rows[k]].astype(np.float64)
-        if rows.std(axis=0).max() <= STILL_G:
+        if rows.std(axis=0).max() <= BOTH_ACCELEROMETERS.acc_sd_g:
             apart.append(float(np.linalg.norm(rows.mean(axis=0) - second.mean / scale)))
     return float(np.median(apart)) if len(apart) >= FEWEST_STILL else None
 
@@ -259,8 +248,7 @@ def flag_rates(
     flags: tuple[QualityFlag, ...] = ()
     if contradicts_header(seen, text.number("Sample Rate")):
         flags += (QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
-    if abs(rate_hz / IMU_RATE_HZ - 1.0) > LARGEST_DRIFT:
-        flags += (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": IMU_RATE_HZ, "rate_hz": rate_hz}),)
+    flags += flag_drift(IMU_RATE_HZ, rate_hz)
     bias_g = measure_bias_g(seen, text, timeline, log.columns)
     if bias_g is not None and bias_g > LARGEST_DIFFERENCE_G:
         flags += (QualityFlag(Caveat.BIAS, facts={"g": round(bias_g, 3)}),)
@@ -469,7 +457,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
         device="gt9x",
         sha256="",
         start=start,
-        time_zone=None if text.offset_s is None else name_offset(text.offset_s),
+        time_zone=None if text.offset_s is None else format_offset(text.offset_s),
         duration_us=duration_us,
         segments=segments,
         excluded=excluded,

@@ -9,21 +9,15 @@ last value forward where records were missing; such runs of equal rows are taken
 import re
 from datetime import datetime
 
-import numpy as np
-
-from fusion.caveats import Caveat
 from fusion.errors import EpochFile, NoGyroscope, TooShort, UnknownColumns
-from fusion.readers.gt3x.read import parse_offset_s
 from fusion.readers.source import Source
-from fusion.readers.tables.careful_path import CALENDAR_TIME, COUNTER, IGNORED, STAMP
+from fusion.readers.tables.careful_path import CALENDAR_TIME, IGNORED, STAMP
 from fusion.readers.tables.columns import choose_vector
-from fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, find_form, flag_text, read_layout
-from fusion.readers.tables.plan import judge_clock, settle_stamps, tell_clock
-from fusion.readers.tables.rows import TablePlan, read_table
-from fusion.readers.timebase.clock import LARGEST_DRIFT, hash_serial
-from fusion.readers.timebase.grid import Grid
-from fusion.readers.timebase.segments import cut_counted, cut_stamped
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, flag_text, read_layout
+from fusion.readers.tables.rows import TablePlan, judge_clock, read_table, settle_stamps, tell_clock
+from fusion.readers.timebase.clock import flag_drift, hash_serial, parse_offset_s
+from fusion.readers.timebase.grid import cut_counted, cut_stamped
+from fusion.recording import MICROSECONDS, Recording
 
 FIRST_LINE = re.compile(r"^\W*-{5,}\s*Data (Table )?File Created By ActiGraph", re.IGNORECASE)
 DEVICE_RANGES = (16.0, 2000.0)
@@ -32,7 +26,7 @@ DATE_ORDERS = {"m": "%m %d %Y", "d": "%d %m %Y", "y": "%Y %m %d"}
 
 def recognise(source: Source) -> bool:
     """Whether the first line is ActiLife's."""
-    head = decode_head(source, find_form(source.head))
+    head = decode_head(source)
     return bool(FIRST_LINE.match(head[:400]))
 
 
@@ -46,25 +40,23 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     fusion.errors.UnreadableRows, fusion.errors.CutByExcel, fusion.errors.AmbiguousDecimal
         The table is damaged.
     """
-    form = find_form(source.head)
-    head = decode_head(source, form)
+    head = decode_head(source)
     header = parse_header(head)
-    layout = read_layout(source, form)
+    layout = read_layout(source)
     _refuse_other_exports(header, layout, head)
     assert layout is not None
-    plan = _plan_table(layout)
-    rows = read_table(source, form, layout, plan)
+    rows = read_table(source, _plan_table(layout))
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
-    if plan.stamp_kind == CALENDAR_TIME:
-        changes = settle_stamps(rows, layout, plan)
-        clock = tell_clock(layout, plan, int(rows.columns.stamps[0]))
+    if rows.plan.has_times:
+        changes = settle_stamps(rows)
+        clock = tell_clock(rows.plan, int(rows.columns.stamps[0]))
         grid = cut_stamped(rows.columns)
-        changes += _flag_rate(header, grid)
+        changes += flag_drift(header_rate_hz(header), MICROSECONDS / grid.period_us)
     else:
         clock, changes = judge_clock(parse_start(header)), ()
         grid = cut_counted(rows.columns, header_rate_hz(header))
-    flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, form, layout))
+    flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, layout))
     return Recording(
         device="gt9x",
         sha256="",
@@ -97,14 +89,6 @@ def header_rate_hz(header: dict[str, str]) -> float:
     return float(found.group(1)) if found else 100.0
 
 
-def _flag_rate(header: dict[str, str], grid: Grid) -> tuple[QualityFlag, ...]:
-    """Say that the rows come at another rate than the header's (W-DRIFT)."""
-    nominal_hz, true_hz = header_rate_hz(header), MICROSECONDS / grid.period_us
-    if abs(true_hz - nominal_hz) <= LARGEST_DRIFT * nominal_hz:
-        return ()
-    return (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
-
-
 def parse_start(header: dict[str, str]) -> datetime | None:
     """Start Date and Time by the date format that the first line names; None where they contradict it."""
     order = re.search(r"date format (\w)", header[""])
@@ -135,15 +119,17 @@ def _refuse_other_exports(header: dict[str, str], layout: TextLayout | None, hea
 
 def _plan_table(layout: TextLayout) -> TablePlan:
     targets = [IGNORED] * layout.n_columns
-    for first, channel in ((1, "acc"), (4, "gyr")):
-        places = choose_vector(layout.columns, "acc" if channel == "acc" else "gyr")
-        for axis, place in enumerate(places or ()):
+    for first, vector in (
+        (1, choose_vector(layout.columns, "acc")),
+        (4, choose_vector(layout.columns, "gyr")),
+    ):
+        for axis, place in enumerate(vector or ()):
             targets[place] = first + axis
     stamps = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
     if stamps and all(CALENDAR.fullmatch(row[stamps[0]]) for row in layout.sample_rows[:5]):
         targets[stamps[0]] = STAMP
-        return TablePlan(tuple(targets), CALENDAR_TIME)
-    return TablePlan(tuple(targets), COUNTER)
+        return TablePlan(layout, tuple(targets), CALENDAR_TIME)
+    return TablePlan(layout, tuple(targets))
 
 
 def _describe(header: dict[str, str], layout: TextLayout, n_rows: int) -> dict[str, str]:
@@ -153,7 +139,7 @@ def _describe(header: dict[str, str], layout: TextLayout, n_rows: int) -> dict[s
         "columns": ", ".join(column.name for column in layout.columns),
         "units": "g, deg/s",
         "nominal_rate_hz": f"{header_rate_hz(header):g}",
-        "samples": str(int(np.int64(n_rows))),
+        "samples": str(n_rows),
         "software": version.group(1) if version else "",
         "clock": "local",
         "time": "calendar" if any(column.channel == "time" for column in layout.columns) else "row number",

@@ -1,20 +1,18 @@
-"""The careful reading of one line of a table: any number of digits, exponents, quotes, padding, damage."""
+"""The careful path through a table, line by line: any number of digits, exponents, quotes, padding, damage.
+
+One field of bytes becomes a number without a string between: an integer mantissa and a power of ten. It is
+correctly rounded for up to 15 digits, and within one unit in the last place of a double beyond, which is far
+below float32. Every piece ends with a newline, at which all loops stop, so that none checks bounds.
+"""
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import inner_making_arrays
-
-# The hot path of every text layout, in the small: one field of bytes to a number, without a string between.
-#
-# A number is read as an integer mantissa and a power of ten: correctly rounded for up to 15 digits, and
-# within one unit in the last place of a double beyond, which is far below float32. Every piece ends with a
-# newline, at which all loops stop, so none needs a bounds check.
-
-
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
-
 
 NEWLINE, RETURN, SPACE, QUOTE, PLUS, MINUS, ZERO, NINE = 10, 13, 32, 34, 43, 45, 48, 57
 NUMBER, MISSING, UNREADABLE = 0, 1, 2
@@ -214,8 +212,7 @@ def take_calendar(buffer: NDArray[np.uint8], at: int, delimiter: int) -> tuple[i
     return skip_field(buffer, at, delimiter), seconds * 1_000_000 + fraction_us, kind
 
 
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+# One line of a table: where its fields go, and what becomes of a line that cannot be read.
 
 
 IGNORED, STAMP = -1, 0
@@ -227,27 +224,66 @@ LINES, BLANKS, BAD, ABSENT, HEADERS, FIRST_BAD_LINE, LAST_BAD_LINE, SAMPLES = ra
 """Places in the tally: lines; blank ones; unreadable ones; rows with a value that is absent; repeated
 headers; where the first and last unreadable line stood; rows that were meant to be there."""
 TALLY_PLACES = 8
-PAUSE = 1 << 32
-"""Added to the row number at a blank line or a new header where the layout has no time: a break of unknown
-length."""
-Rules = tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
-"""Header line; target of each column (-1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate);
-column of each target, -1 for none; delimiter, decimal mark, kind of stamp, power of ten from stamps to
-microseconds; factor of each target."""
-Values = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
-"""Acceleration, angular rate, stamps."""
+
+
+class LineForm(NamedTuple):
+    """What stands on a line.
+
+    Attributes
+    ----------
+    targets
+        For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    delimiter, decimal
+        Codes of the characters.
+    stamp_kind, stamp_exponent
+        Where the stamps come from, and the power of ten to microseconds.
+    """
+
+    targets: NDArray[np.int64]
+    delimiter: int
+    decimal: int
+    stamp_kind: int
+    stamp_exponent: int
+
+
+class Rules(NamedTuple):
+    """How the lines of a table are to be read.
+
+    Attributes
+    ----------
+    header
+        Bytes of the header line.
+    line
+        The form of a line: few values, because every line is read with it.
+    columns, scales
+        Shape (7,): the column of each target, -1 for none, and its factor.
+    """
+
+    header: NDArray[np.uint8]
+    line: LineForm
+    columns: NDArray[np.int64]
+    scales: NDArray[np.float64]
+
+
+class Destination(NamedTuple):
+    """Where the kernels write: samples, shape (n, 3), stamps, shape (n,), and the tally, shape (8,)."""
+
+    acc: NDArray[np.float32]
+    gyr: NDArray[np.float32]
+    stamps: NDArray[np.int64]
+    tally: NDArray[np.int64]
 
 
 @inner_making_arrays
 def take_stamp(
-    buffer: NDArray[np.uint8], at: int, signs: NDArray[np.int64], stamps: NDArray[np.int64]
+    buffer: NDArray[np.uint8], at: int, form: LineForm, stamps: NDArray[np.int64]
 ) -> tuple[int, int]:
     """Read the stamp column into ``stamps[0]``; return where it ends and what it is."""
-    if signs[2] == CALENDAR_TIME:
-        at, stamps[0], kind = take_calendar(buffer, at, signs[0])
+    if form.stamp_kind == CALENDAR_TIME:
+        at, stamps[0], kind = take_calendar(buffer, at, form.delimiter)
         return at, kind
-    at, mantissa, exponent, kind = take_number(buffer, at, signs[0], signs[1])
-    stamps[0] = scale_stamp(mantissa, exponent + signs[3])
+    at, mantissa, exponent, kind = take_number(buffer, at, form.delimiter, form.decimal)
+    stamps[0] = scale_stamp(mantissa, exponent + form.stamp_exponent)
     return at, kind
 
 
@@ -255,16 +291,12 @@ def take_stamp(
 def take_row(
     buffer: NDArray[np.uint8],
     at: int,
-    columns: tuple[NDArray[np.int64], NDArray[np.int64]],
+    form: LineForm,
     fields: NDArray[np.float64],
     stamps: NDArray[np.int64],
 ) -> tuple[int, int]:
-    """Read one line into ``fields`` and ``stamps[0]``; return its end and the worst of its fields.
-
-    ``columns``: targets and signs, as in ``Rules``.
-    """
-    targets, signs = columns
-    delimiter, decimal = signs[0], signs[1]
+    """Read one line into ``fields``, shape (7,), and ``stamps[0]``; return its end and its worst field."""
+    targets, delimiter, decimal = form.targets, form.delimiter, form.decimal
     worst = NUMBER
     for column in range(len(targets)):
         if column > 0:
@@ -279,7 +311,7 @@ def take_row(
             fields[target] = scale_decimal(mantissa, exponent)
             worst = max(worst, kind if abs(fields[target]) < LARGEST_VALUE else UNREADABLE)
         elif target == STAMP:
-            at, kind = take_stamp(buffer, at, signs, stamps)
+            at, kind = take_stamp(buffer, at, form, stamps)
             worst = max(worst, kind)
         else:
             at = skip_field(buffer, at, delimiter)

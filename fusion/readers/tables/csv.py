@@ -11,23 +11,25 @@ import numpy as np
 
 from fusion.caveats import Caveat
 from fusion.errors import TooShort, UnknownColumns, UnknownRate
+from fusion.readers.samples import PAUSE
 from fusion.readers.source import Source
-from fusion.readers.tables.careful_path import COUNTER, PAUSE
-from fusion.readers.tables.columns import choose_vector
-from fusion.readers.tables.layout import TextForm, TextLayout, find_form, flag_text, read_layout, sniff_layout
-from fusion.readers.tables.plan import (
+from fusion.readers.tables.careful_path import CALENDAR_TIME, COUNTER, NUMERIC_TIME, STAMP
+from fusion.readers.tables.dates import DateOrder
+from fusion.readers.tables.layout import TextLayout, flag_text, read_layout, sniff_layout
+from fusion.readers.tables.profile import ColumnProfile, apply_profile
+from fusion.readers.tables.rows import (
     PACKET_NUMBERS,
+    TablePlan,
+    TableRows,
     counts_since_1970,
     plan_table,
+    read_table,
     settle_stamps,
     tell_clock,
 )
-from fusion.readers.tables.profile import ColumnProfile, apply_profile
-from fusion.readers.tables.rows import TablePlan, TableRows, read_table
-from fusion.readers.timebase.clock import LARGEST_DRIFT, hash_serial
-from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid
-from fusion.readers.timebase.repair import leave_out_repeats
-from fusion.readers.timebase.segments import cut_counted, cut_stamped
+from fusion.readers.timebase.clock import flag_drift, hash_serial
+from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
+from fusion.readers.timebase.row_times import leave_out_repeats
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 ARDUINO_BURST_ROWS = 119
@@ -38,7 +40,7 @@ CANONICAL_HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dp
 
 def recognise(source: Source) -> bool:
     """Whether the head is text with a header that names columns."""
-    layout = sniff_layout(source, find_form(source.head))
+    layout = sniff_layout(source)
     return layout is not None and layout.header is not None
 
 
@@ -54,11 +56,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     fusion.errors.UnusableTime
         The stamps are not those of an even sampling.
     """
-    form = find_form(source.head)
-    layout = read_layout(source, form)
-    if layout is None:
-        raise UnknownColumns(list="-")
-    return _read_planned(source, form, (layout, plan_table(layout)), rate_hz)
+    return _read_planned(source, plan_table(_read_layout(source)), rate_hz)
 
 
 def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None = None) -> Recording:
@@ -69,42 +67,70 @@ def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None 
     fusion.errors.FusionError
         As :func:`read`.
     """
-    form = find_form(source.head)
-    layout = read_layout(source, form, profile.date_order)
-    if layout is None:
-        raise UnknownColumns(list="-")
-    named = apply_profile(layout, profile)
-    plan = plan_table(named)
+    plan = plan_table(apply_profile(_read_layout(source, profile.date_order), profile))
     plan = replace(
         plan,
         acc_scale=profile.acceleration_factor or plan.acc_scale,
         gyr_scale=profile.angular_rate_factor or plan.gyr_scale,
     )
-    return _read_planned(source, form, (named, plan), rate_hz or profile.rate_hz)
+    return _read_planned(source, plan, rate_hz or profile.rate_hz)
 
 
-def _read_planned(
-    source: Source, form: TextForm, table: tuple[TextLayout, TablePlan], rate_hz: float | None
-) -> Recording:
-    layout, plan = table
-    rows = read_table(source, form, layout, plan)
+def _read_layout(source: Source, order: DateOrder | None = None) -> TextLayout:
+    layout = read_layout(source, order)
+    if layout is None:
+        raise UnknownColumns(list="-")
+    return layout
+
+
+def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Recording:
+    """From a plan to a recording: rows, their times, the segments, the caveats."""
+    layout = plan.layout
+    rows = read_table(source, plan)
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     plan.unit.refuse_doubtful(rows.columns)
-    is_stamped = plan.stamp_kind != COUNTER and not plan.counts_packets
-    changes = settle_stamps(rows, layout, plan) if is_stamped else ()
-    first_stamp = int(rows.columns.stamps[0])
-    grid = _cut_rows(rows, plan, choose_rate_hz(layout, rate_hz))
-    flags = (*changes, *grid.flags, *flag_text(source, form, layout), *flag_drift(layout, grid))
-    flags += plan.unit.flag() + flag_told_rate(layout, plan, grid, rate_hz)
-    return _build(layout, plan, rows, (grid, flags), first_stamp)
+    repairs = settle_stamps(rows) if plan.has_times else ()
+    first_stamp_us = int(rows.columns.stamps[0])
+    grid = _cut_rows(rows, choose_rate_hz(layout, rate_hz))
+    facts = layout.facts()
+    clock = tell_clock(plan, first_stamp_us)
+    return Recording(
+        device=find_device(facts, layout),
+        sha256="",
+        start=clock.start,
+        time_zone=clock.time_zone,
+        duration_us=grid.duration_us,
+        segments=grid.segments,
+        flags=(
+            *rows.flags,
+            *repairs,
+            *grid.flags,
+            *flag_text(source, layout),
+            *_flag_stated_rate(layout, grid),
+            *plan.unit.flag(),
+            *flag_told_rate(plan, grid, rate_hz),
+            *clock.flags,
+        ),
+        understood={
+            **_describe_columns(plan),
+            "time": _describe_time(plan, first_stamp_us),
+            "time_exponent": str(plan.stamp_exponent),
+            "delimiter": _name_delimiter(layout),
+            "jitter_us": f"{grid.jitter_us:.1f}",
+            "samples": str(rows.columns.rows),
+        },
+        serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
+        acc_range_g=_positive(facts.get("acc_range_g")),
+        gyr_range_dps=_positive(facts.get("gyr_range_dps")),
+    )
 
 
-def _cut_rows(rows: TableRows, plan: TablePlan, rate_hz: float | None) -> Grid:
-    if plan.counts_packets:
-        return _cut_packets(rows, rate_hz)
-    if plan.stamp_kind != COUNTER:
+def _cut_rows(rows: TableRows, rate_hz: float | None) -> Grid:
+    if rows.plan.has_times:
         return cut_stamped(rows.columns)
+    if rows.plan.counts_packets:
+        return _cut_packets(rows, rate_hz)
     return cut_counted(rows.columns, rate_hz or find_burst_rate_hz(rows))
 
 
@@ -146,51 +172,20 @@ def find_burst_rate_hz(rows: TableRows) -> float:
     raise UnknownRate
 
 
-def _build(
-    layout: TextLayout,
-    plan: TablePlan,
-    rows: TableRows,
-    timed: tuple[Grid, tuple[QualityFlag, ...]],
-    first_stamp: int,
-) -> Recording:
-    grid, caveats = timed
-    facts = layout.facts()
-    clock = tell_clock(layout, plan, first_stamp)
-    flags = (*rows.flags, *caveats, *clock.flags)
-    return Recording(
-        device=find_device(facts, layout),
-        sha256="",
-        start=clock.start,
-        time_zone=clock.time_zone,
-        duration_us=grid.duration_us,
-        segments=grid.segments,
-        flags=flags,
-        understood=_describe(layout, plan, (grid, rows.columns.rows), first_stamp),
-        serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
-        acc_range_g=_positive(facts.get("acc_range_g")),
-        gyr_range_dps=_positive(facts.get("gyr_range_dps")),
-    )
-
-
-def flag_told_rate(
-    layout: TextLayout, plan: TablePlan, grid: Grid, rate_hz: float | None
-) -> tuple[QualityFlag, ...]:
-    """Say that no time tells the rate, and what did (W-RATE)."""
-    if plan.stamp_kind != COUNTER and not plan.counts_packets:
+def flag_told_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
+    """Flag a rate that rests on no times, with its source: preamble, person or layout (W-RATE)."""
+    if plan.has_times:
         return ()
     told = "told" if rate_hz else "layout"
-    source = "header" if choose_rate_hz(layout, None) else told
+    source = "header" if choose_rate_hz(plan.layout, None) else told
     used_hz = round(MICROSECONDS / grid.period_us, 3)
     return (QualityFlag(Caveat.RATE, facts={"rate_hz": used_hz, "rate_from": source}),)
 
 
-def flag_drift(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:
-    """Say where the true rate is more than 0.5 % off the one that the preamble states."""
-    nominal_hz = find_stated_hz(layout)
-    true_hz = MICROSECONDS / grid.period_us
-    if nominal_hz <= 0.0 or abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
-        return ()
-    return (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
+def _flag_stated_rate(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]:
+    """Flag a true rate that is off the one that the preamble states (W-DRIFT)."""
+    stated_hz = find_stated_hz(layout)
+    return flag_drift(stated_hz, MICROSECONDS / grid.period_us) if stated_hz > 0.0 else ()
 
 
 def find_stated_hz(layout: TextLayout) -> float:
@@ -218,41 +213,32 @@ def _positive(text: str | None) -> float | None:
     return value if 0 < value < 1e6 else None
 
 
-def _describe(
-    layout: TextLayout, plan: TablePlan, timed: tuple[Grid, int], first_stamp: int
-) -> dict[str, str]:
-    grid, n_rows = timed
-    acc, gyr = choose_vector(layout.columns, "acc"), choose_vector(layout.columns, "gyr")
-    assert acc is not None
-    assert gyr is not None
-    used = {*acc, *gyr}
+def _describe_columns(plan: TablePlan) -> dict[str, str]:
+    columns = plan.layout.columns
+    acc, gyr = (columns[plan.targets.index(target)] for target in (1, 4))
+    ignored = (
+        column.name
+        for column, target in zip(columns, plan.targets, strict=True)
+        if target <= STAMP and column.channel == "other"
+    )
     return {
         "layout": "table with header",
-        "columns": ", ".join(column.name for column in layout.columns)[:400],
-        "ignored": ", ".join(
-            column.name
-            for k, column in enumerate(layout.columns)
-            if k not in used and column.channel == "other"
-        )[:400],
-        "acceleration_unit": layout.columns[acc[0]].unit or "",
-        "angular_rate_unit": layout.columns[gyr[0]].unit or "",
-        "time": _name_time(layout, plan, first_stamp),
-        "time_exponent": str(plan.stamp_exponent),
-        "delimiter": _name_delimiter(layout),
-        "jitter_us": f"{grid.jitter_us:.1f}",
-        "samples": str(n_rows),
+        "columns": ", ".join(column.name for column in columns)[:400],
+        "ignored": ", ".join(ignored)[:400],
+        "acceleration_unit": acc.unit or "",
+        "angular_rate_unit": gyr.unit or "",
     }
 
 
-def _name_time(layout: TextLayout, plan: TablePlan, first_stamp: int) -> str:
+def _describe_time(plan: TablePlan, first_stamp_us: int) -> str:
     """What the stamps are, in a word or two."""
     if plan.counts_packets:
         return "packet counter"
-    if counts_since_1970(plan, first_stamp):
+    if counts_since_1970(plan, first_stamp_us):
         return "number since 1970"
-    if layout.dates is not None and not layout.dates.has_date:
+    if plan.layout.dates is not None and not plan.layout.dates.has_date:
         return "time of day"
-    return {0: "row number", 1: "number", 2: "calendar"}[plan.stamp_kind]
+    return {COUNTER: "row number", NUMERIC_TIME: "number", CALENDAR_TIME: "calendar"}[plan.stamp_kind]
 
 
 def _name_delimiter(layout: TextLayout) -> str:

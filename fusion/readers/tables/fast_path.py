@@ -4,27 +4,42 @@ It works column by column on runs of lines whose field ends are known, so that e
 branches are foreseen. It either reads a line exactly as :mod:`fusion.readers.tables.careful_path` would, or
 leaves it to that.
 """
+# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return, call-arg, misc, operator"
+# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays, njit
+from fusion.readers.samples import PAUSE
 from fusion.readers.tables.careful_path import (
+    BLANKS,
     CALENDAR_TIME,
     COUNTER,
+    HEADERS,
     LARGEST_VALUE,
+    LINES,
     MINUS,
     NINE,
     NUMBER,
     POWERS,
+    SAMPLES,
     SPACE,
     STAMP,
     WHOLE_POWERS,
     ZERO,
+    Destination,
     Rules,
-    Values,
+    is_blank,
+    keep_row,
+    next_line,
+    note_loss,
     scale_stamp,
+    starts_with,
     take_calendar,
+    take_row,
 )
 from fusion.readers.tables.machine_words import (
     ALL_BITS,
@@ -53,12 +68,28 @@ from fusion.readers.tables.machine_words import (
 # Where fields and lines end, 64 bytes at a time.
 
 
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return, call-arg, misc"
-# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
-
-
 Marks = NDArray[np.int32]
 """Places in the buffer, or in another array of places."""
+
+
+class Piece(NamedTuple):
+    """Whole lines, ``buffer[first:stop]``, and room for the ends of fields and of lines."""
+
+    buffer: NDArray[np.uint8]
+    first: int
+    stop: int
+    marks: Marks
+    ends: Marks
+
+
+class Lines(NamedTuple):
+    """Marks and ends as of :func:`find_marks`, from some line on, and how many bytes end a line."""
+
+    marks: Marks
+    ends: Marks
+    end_bytes: int
+
+
 WORD_BYTES = 64
 EIGHT_MARKS = 8
 SPARE_MARKS = 16
@@ -129,10 +160,6 @@ def find_marks(
 # that holds any other form is left to :func:`fusion.readers.tables.machine_words.take_plain`.
 
 
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return, call-arg, operator"
-# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
-
-
 BLOCK_ROWS = 256
 WORDS_OF_A_FIELD = 4
 MOST_DECIMALS = WORD_DIGITS - 1
@@ -190,10 +217,6 @@ def fold_words(
         mantissa = fold_digits(word)
         values[row] = ((mantissa ^ -np.int64(minus)) + np.int64(minus)) / power * factor
     return others == ZERO_WORD
-
-
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return, call-arg"
-# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
 
 
 POINT = 46
@@ -359,61 +382,171 @@ def take_plain_stamps(
     stamps: NDArray[np.int64],
 ) -> int:
     """Read the stamps of a run of lines by the layout's kind of stamp."""
-    _, _, _, signs, _ = rules
-    if signs[2] == CALENDAR_TIME:
-        return take_calendars(buffer, fields, step, signs[0], stamps)
-    return take_stamps(buffer, fields, step, (spread_mark(signs[1]), signs[3]), stamps)
+    if rules.line.stamp_kind == CALENDAR_TIME:
+        return take_calendars(buffer, fields, step, rules.line.delimiter, stamps)
+    return take_stamps(
+        buffer, fields, step, (spread_mark(rules.line.decimal), rules.line.stamp_exponent), stamps
+    )
 
 
 @inner_making_arrays
 def take_readings(
-    buffer: NDArray[np.uint8],
-    lines: tuple[Marks, Marks, int],
-    rules: Rules,
-    values: Values,
-    reach: tuple[int, int],
+    buffer: NDArray[np.uint8], lines: Lines, rules: Rules, destination: Destination, reach: tuple[int, int]
 ) -> int:
     """Read the six readings of the plain lines at the first mark; return how many lines.
 
-    ``lines``: marks and ends as of :func:`fusion.readers.tables.fast_path.find_marks`, from the line on, and
-    how many bytes end a line; ``reach``: first row to fill, how many lines at most.
+    ``reach``: first row to fill, how many lines at most.
     """
-    marks, ends, end_bytes = lines
-    _, targets, columns, signs, scales = rules
-    acc, gyr, _ = values
     row, most = reach
-    n_columns = len(targets)
-    rows = count_regular(ends, n_columns, most)
-    dots = spread_mark(signs[1])
+    n_columns = len(rules.line.targets)
+    rows = count_regular(lines.ends, n_columns, most)
+    dots = spread_mark(rules.line.decimal)
     for target in range(1, 7):
-        column = columns[target]
-        step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
-        taken = (acc if target < 4 else gyr)[row : row + rows, (target - 1) % 3]
-        rows = take_values(buffer, marks[column:], step, (dots, scales[target]), taken)
+        column = rules.columns[target]
+        step = (n_columns, lines.end_bytes - 1 if column == n_columns - 1 else 0)
+        taken = (destination.acc if target < 4 else destination.gyr)[row : row + rows, (target - 1) % 3]
+        rows = take_values(buffer, lines.marks[column:], step, (dots, rules.scales[target]), taken)
     return rows
 
 
 @inner_making_arrays
 def take_plain_rows(
-    buffer: NDArray[np.uint8],
-    lines: tuple[Marks, Marks, int],
-    rules: Rules,
-    values: Values,
-    reach: tuple[int, int, int],
+    buffer: NDArray[np.uint8], lines: Lines, rules: Rules, destination: Destination, reach: tuple[int, int]
 ) -> int:
-    """Read the plain lines at the first mark as :func:`take_readings`, with their stamps; return how many.
-
-    ``reach``: as there, and the number of the first sample.
-    """
-    marks, _, end_bytes = lines
-    _, targets, columns, signs, _ = rules
-    _, _, stamps = values
-    row, most, number = reach
-    rows = take_readings(buffer, lines, rules, values, (row, most))
-    if signs[2] == COUNTER:
+    """Read the plain lines at the first mark as :func:`take_readings`, with their stamps; return how many."""
+    row, _ = reach
+    rows = take_readings(buffer, lines, rules, destination, reach)
+    if rules.line.stamp_kind == COUNTER:
         for k in range(rows):
-            stamps[row + k] = number + k
+            destination.stamps[row + k] = destination.tally[SAMPLES] + k
         return rows
-    n_columns, column = len(targets), columns[STAMP]
-    step = (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
-    return take_plain_stamps(buffer, marks[column:], step, rules, stamps[row : row + rows])
+    n_columns, column = len(rules.line.targets), rules.columns[STAMP]
+    step = (n_columns, lines.end_bytes - 1 if column == n_columns - 1 else 0)
+    return take_plain_stamps(buffer, lines.marks[column:], step, rules, destination.stamps[row : row + rows])
+
+
+# Whole lines of bytes to float32 columns: the plain path as far as it leads, the careful one for the rest.
+
+
+SHORTEST_RUN, LONGEST_RUN = 1, 1024
+"""Lines that are tried together on the plain path; few enough that they stay in the processor's cache."""
+
+
+@inner_making_arrays
+def parse_line(
+    buffer: NDArray[np.uint8], at: int, row: int, rules: Rules, destination: Destination
+) -> tuple[int, int]:
+    """Read the line at ``at``, of any form; return the first byte after it and how many rows it gave.
+
+    ``row``: where its values go.
+    """
+    tally, stamps = destination.tally, destination.stamps
+    is_header = starts_with(buffer, at, rules.header)
+    if is_header or is_blank(buffer, at, rules.line.delimiter):
+        tally[HEADERS if is_header else BLANKS] += 1
+        tally[SAMPLES] += PAUSE
+        return next_line(buffer, at), 0
+    fields = np.zeros(7)
+    at, kind = take_row(buffer, at, rules.line, fields, stamps[row:])
+    if rules.line.stamp_kind == COUNTER:
+        stamps[row] = tally[SAMPLES]
+    tally[SAMPLES] += 1
+    if kind == NUMBER:
+        keep_row(fields, rules.scales, destination.acc, destination.gyr, row)
+    else:
+        note_loss(kind, tally)
+    return next_line(buffer, at), int(kind == NUMBER)
+
+
+@inner_making_arrays
+def has_all_columns(columns: NDArray[np.int64]) -> bool:
+    """Whether the six readings have a column each."""
+    for target in range(1, 7):  # noqa: SIM110 (numba compiles no generator expressions)
+        if columns[target] < 0:
+            return False
+    return True
+
+
+@inner_making_arrays
+def find_lines(piece: Piece, rules: Rules) -> tuple[int, int]:
+    """Find the ends of fields and lines where the plain path can be tried; no lines where it cannot."""
+    if rules.line.delimiter == SPACE or not has_all_columns(rules.columns):
+        return 0, 0
+    return find_marks(piece.buffer, (piece.first, piece.stop), rules.line.delimiter, piece.marks, piece.ends)
+
+
+@kernel_making_arrays
+def take_plain_readings(piece: Piece, rules: Rules, destination: Destination, row: int) -> tuple[int, int]:
+    """Read the six readings of a piece's lines up to the first that is not plain.
+
+    Returns how many lines, and how many bytes end each; ``marks`` and ``ends`` are filled for the stamps.
+    """
+    n_lines, end_bytes = find_lines(piece, rules)
+    line = 0
+    while line < n_lines:
+        most = min(LONGEST_RUN, n_lines - line)
+        lines = Lines(piece.marks[piece.ends[line] :], piece.ends[line:], end_bytes)
+        rows = take_readings(piece.buffer, lines, rules, destination, (row + line, most))
+        line += rows
+        if rows < most:
+            break
+    return line, end_bytes
+
+
+def parse_plain_lines(piece: Piece, rules: Rules, destination: Destination, row: int) -> tuple[int, int]:
+    """Read lines up to the first that is not plain; return the first row not filled and first byte not read.
+
+    Most files hold no other lines. The careful path, and the kind of stamps that a file does not have, are
+    most of what there is to compile, and are left until they are needed.
+    """
+    rows, end_bytes = take_plain_readings(piece, rules, destination, row)
+    if rows == 0:
+        return row, piece.first
+    tally, stamps = destination.tally, destination.stamps[row : row + rows]
+    if rules.line.stamp_kind == COUNTER:
+        number = int(tally[SAMPLES])
+        stamps[:] = np.arange(number, number + rows)
+    else:
+        column, n_columns = int(rules.columns[STAMP]), len(rules.line.targets)
+        fields, step = piece.marks[column:], (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
+        if rules.line.stamp_kind == CALENDAR_TIME:
+            rows = take_calendars(piece.buffer, fields, step, rules.line.delimiter, stamps)
+        else:
+            form = (np.uint64(spread_mark(rules.line.decimal)), rules.line.stamp_exponent)
+            rows = take_stamps(piece.buffer, fields, step, form, stamps)
+    tally[LINES] += rows
+    tally[SAMPLES] += rows
+    return row + rows, int(piece.marks[piece.ends[rows]]) + 1
+
+
+@kernel_making_arrays
+def parse_lines(piece: Piece, rules: Rules, destination: Destination, row: int) -> int:
+    """Read all lines of a piece into the columns from ``row`` on; return the first row not filled.
+
+    Runs of lines are first tried on the plain path; the line at which it stops is read with care, so that
+    the plain path decides nothing but the time it takes. Runs that succeed grow, so that the work stays
+    linear where few lines are plain.
+    """
+    buffer, marks, ends, tally = piece.buffer, piece.marks, piece.ends, destination.tally
+    n_lines, end_bytes = find_lines(piece, rules)
+    at = piece.first
+    line = 0
+    run = SHORTEST_RUN
+    while at < piece.stop:
+        most = min(run, n_lines - line)
+        lines = Lines(marks[ends[line] :], ends[line:], end_bytes)
+        rows = take_plain_rows(buffer, lines, rules, destination, (row, most)) if most > 0 else 0
+        if rows > 0:
+            tally[LINES] += rows
+            tally[SAMPLES] += rows
+            row += rows
+            line += rows
+            at = np.int64(marks[ends[line]]) + 1
+            run = min(2 * run, LONGEST_RUN)
+            continue
+        tally[LINES] += 1
+        at, kept = parse_line(buffer, at, row, rules, destination)
+        row += kept
+        line += int(line < n_lines)
+        run = SHORTEST_RUN
+    return row

@@ -276,8 +276,9 @@ def find_form(head: bytes) -> TextForm:
     return TextForm(encoding, mark_bytes, is_return_only)
 
 
-def decode_head(source: Source, form: TextForm) -> str:
+def decode_head(source: Source) -> str:
     """Return the head as text with newlines; undecodable bytes become Windows-1252 characters."""
+    form = find_form(source.head)
     content = source.head[form.mark_bytes :]
     if form.is_return_only:
         content = content.replace(b"\r", b"\n")
@@ -291,8 +292,9 @@ def decode_head(source: Source, form: TextForm) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def read_text_pieces(source: Source, form: TextForm) -> Iterator[bytes]:
+def read_text_pieces(source: Source) -> Iterator[bytes]:
     """Pieces in an encoding whose first 128 characters are ASCII, with newlines only."""
+    form = find_form(source.head)
     decoder = codecs.getincrementaldecoder(form.encoding)(errors="replace") if form.encoding else None
     for chunk in read_chunks(source, form.mark_bytes, TEXT_CHUNK_BYTES):
         piece = decoder.decode(chunk).encode() if decoder else chunk
@@ -362,7 +364,7 @@ COARSEST_STEP_G = 0.009
 """Half a degree of tilt: an accelerometer's own step is a tenth of it."""
 
 
-def read_layout(source: Source, form: TextForm, order: DateOrder | None = None) -> TextLayout | None:
+def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
     """Understand a table by its head, its middle and its tail.
 
     Raises
@@ -370,13 +372,13 @@ def read_layout(source: Source, form: TextForm, order: DateOrder | None = None) 
     fusion.errors.FusionError
         As :func:`fusion.readers.tables.layout.find_layout`.
     """
-    layout = sniff_layout(source, form, order)
-    if layout is None or form.encoding or isinstance(source.file, UnpackedFile):
+    layout = sniff_layout(source, order)
+    if layout is None or find_form(source.head).encoding or isinstance(source.file, UnpackedFile):
         return layout
     return vote_decimal(layout, sample_lines(source))
 
 
-def sniff_layout(source: Source, form: TextForm, order: DateOrder | None = None) -> TextLayout | None:
+def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
     """Understand a table by its head; where that leaves day and month open, by its last row too.
 
     Raises
@@ -384,15 +386,15 @@ def sniff_layout(source: Source, form: TextForm, order: DateOrder | None = None)
     fusion.errors.FusionError
         As :func:`fusion.readers.tables.layout.find_layout`.
     """
-    head = decode_head(source, form)
+    head = decode_head(source)
     first = find_open_date(head)
     if first and order is None:
-        last = find_last_date(_read_tail(source, form))
+        last = find_last_date(_read_tail(source))
         order = settle_by_span(first, last) if last else None
     return find_layout(head, order)
 
 
-def _read_tail(source: Source, form: TextForm) -> str:
+def _read_tail(source: Source) -> str:
     """The last bytes as text; of a packed file by unpacking it, for nothing else leads there."""
     tail = b""
     if isinstance(source.file, UnpackedFile):
@@ -401,6 +403,7 @@ def _read_tail(source: Source, form: TextForm) -> str:
     else:
         source.file.seek(max(0, source.size_bytes - SAMPLE_BYTES) // 2 * 2)
         tail = source.file.read()
+    form = find_form(source.head)
     text = tail.decode(form.encoding or "latin-1", errors="replace")
     return text.replace("\r", "\n") if form.is_return_only else text
 
@@ -425,10 +428,10 @@ def is_utf8(source: Source) -> bool:
     return True
 
 
-def flag_text(source: Source, form: TextForm, layout: TextLayout) -> tuple[QualityFlag, ...]:
+def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
     """Caveats that the writing itself gives."""
     found = {
-        Caveat.ENCODING: form.encoding is not None or not is_utf8(source),
+        Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8(source),
         Caveat.LOCALE: layout.decimal == ",",
         Caveat.PRECISION: is_rounded(layout),
     }

@@ -25,10 +25,10 @@ from fusion.readers.tables.columns import (
     settle_unit,
     understand_column,
 )
-from fusion.readers.tables.plan import TableClock, judge_clock, read_epoch
+from fusion.readers.tables.rows import TableClock, judge_clock, read_epoch
 from fusion.readers.timebase.clock import datetime_at_us
+from fusion.readers.timebase.grid import cut_counted, cut_stamped
 from fusion.readers.timebase.row_times import settle_rows
-from fusion.readers.timebase.segments import cut_counted, cut_stamped
 from fusion.recording import QualityFlag, Recording
 from fusion.units import acc_scale_g, gyr_scale_dps
 

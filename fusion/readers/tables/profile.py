@@ -19,8 +19,8 @@ from fusion.readers.tables.columns import (
     understand_column,
 )
 from fusion.readers.tables.dates import DateOrder
-from fusion.readers.tables.layout import TextLayout, decode_head, find_form, find_layout, split_fields
-from fusion.readers.tables.plan import plan_table, read_times
+from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, split_fields
+from fusion.readers.tables.rows import plan_table, read_times
 from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
 Place = str | int
@@ -248,7 +248,7 @@ def check_profile(head: bytes, profile: ColumnProfile) -> None:
 
 def _understand(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
     source = open_source(io.BytesIO(head), is_hashed=False)
-    text = decode_head(source, find_form(source.head))
+    text = decode_head(source)
     layout = find_layout(text, profile.date_order if profile else None)
     if layout is None:
         raise UnknownFormat(kind="text")

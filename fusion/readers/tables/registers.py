@@ -18,12 +18,11 @@ from fusion.errors import TooShort
 from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source, read_chunks
 from fusion.readers.tables.careful_path import IGNORED, NUMERIC_TIME, STAMP
-from fusion.readers.tables.layout import TextLayout, find_form, sniff_layout
+from fusion.readers.tables.layout import TextLayout, sniff_layout
 from fusion.readers.tables.rows import TablePlan, read_table
 from fusion.readers.timebase.clock import trust_clock
-from fusion.readers.timebase.grid import Grid
+from fusion.readers.timebase.grid import Grid, cut_stamped
 from fusion.readers.timebase.row_times import settle_rows
-from fusion.readers.timebase.segments import cut_stamped
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
@@ -46,7 +45,7 @@ def recognise_text(source: Source) -> bool:
     """Whether the head holds ten columns, a stamp and nine whole numbers, and no header."""
     if b"\0" in source.head:
         return False
-    layout = sniff_layout(source, find_form(source.head))
+    layout = sniff_layout(source)
     return layout is not None and layout.header is None and _is_register_table(layout)
 
 
@@ -83,10 +82,9 @@ def read_text(source: Source, rate_hz: float | None = None) -> Recording:  # noq
     ------
     TooShort, fusion.errors.UnreadableRows, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
-    form = find_form(source.head)
-    layout = sniff_layout(source, form)
+    layout = sniff_layout(source)
     assert layout is not None
-    rows = read_table(source, form, layout, TablePlan(TEXT_TARGETS, NUMERIC_TIME, 6))
+    rows = read_table(source, TablePlan(layout, TEXT_TARGETS, NUMERIC_TIME, 6))
     return _build(rows.columns, rows.flags, "LSM9DS1 registers, text")
 
 

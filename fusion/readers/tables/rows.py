@@ -1,14 +1,17 @@
-"""A table of samples, read as its layout says."""
+"""A table of samples, from its layout to rows with a clock: plan of the columns, rows, stamps."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta, timezone
+from itertools import pairwise
+from statistics import median
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import CutByExcel, UnreadableRows
-from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
+from fusion.errors import CutByExcel, NoGyroscope, UnknownColumns, UnreadableRows
 from fusion.readers.samples import MOST_ROWS, SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import (
@@ -22,173 +25,141 @@ from fusion.readers.tables.careful_path import (
     IGNORED,
     LAST_BAD_LINE,
     LINES,
-    NUMBER,
-    PAUSE,
-    SAMPLES,
-    SPACE,
+    NUMERIC_TIME,
     STAMP,
     TALLY_PLACES,
+    Destination,
+    LineForm,
     Rules,
-    Values,
-    is_blank,
-    keep_row,
-    next_line,
-    note_loss,
-    starts_with,
-    take_row,
 )
-from fusion.readers.tables.columns import IN_MICROSECONDS, TimeUnit
-from fusion.readers.tables.dates import OffsetChange, StampWriter, rewrite_pieces
-from fusion.readers.tables.fast_path import (
-    SPARE_MARKS,
-    Marks,
-    find_marks,
-    spread_mark,
-    take_calendars,
-    take_plain_rows,
-    take_readings,
-    take_stamps,
-)
-from fusion.readers.tables.layout import TextForm, TextLayout, drop_lines, read_line_pieces, read_text_pieces
+from fusion.readers.tables.columns import IN_MICROSECONDS, Column, TimeUnit, choose_vector, settle_unit
+from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
+from fusion.readers.tables.fast_path import SPARE_MARKS, Piece, parse_lines, parse_plain_lines
+from fusion.readers.tables.layout import CALENDAR, TextLayout, drop_lines, read_line_pieces, read_text_pieces
+from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
+from fusion.readers.timebase.row_times import settle_rows
 from fusion.recording import QualityFlag
+from fusion.units import acc_scale_g, gyr_scale_dps
 
-# The hot path of every text layout, in the large: whole lines of bytes to float32 columns.
-
-
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of these functions; numpy's scalars are not Python's int to mypy)
+# Which column goes where.
 
 
-Piece = tuple[NDArray[np.uint8], int, int, Marks, Marks]
-"""Buffer; first byte of the first line; first byte after the last one; room for ends of fields, of lines."""
-SHORTEST_RUN, LONGEST_RUN = 1, 1024
-"""Lines that are tried together on the plain path; few enough that they stay in the processor's cache."""
+PACKET_NUMBERS = 65_536
+"""Xsens' packet counter starts over here (MT Manager and DOT user manuals)."""
 
 
-@inner_making_arrays
-def parse_line(
-    line: tuple[NDArray[np.uint8], int], row: int, rules: Rules, values: Values, tally: NDArray[np.int64]
-) -> tuple[int, int]:
-    """Read one line of any form with care; return the first byte after it and how many rows it gave.
+@dataclass(frozen=True, slots=True)
+class TablePlan:
+    """How a table is read: its layout, and which column goes where.
 
-    ``line``: buffer and first byte of the line; ``row``: where its values go.
+    Attributes
+    ----------
+    layout
+        How the table is written.
+    targets
+        For each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
+    stamp_kind, stamp_exponent
+        Where the stamps come from (:mod:`fusion.readers.tables.careful_path`), and the power of ten to
+        microseconds.
+    acc_scale, gyr_scale
+        Factors to g and deg/s.
+    counts_packets
+        The stamp is the 16-bit number of a packet, not a time.
+    unit
+        That of a numeric stamp, and whether the header states another.
     """
-    buffer, at = line
-    header, targets, _, signs, scales = rules
-    acc, gyr, stamps = values
-    is_header = starts_with(buffer, at, header)
-    if is_header or is_blank(buffer, at, signs[0]):
-        tally[HEADERS if is_header else BLANKS] += 1
-        tally[SAMPLES] += PAUSE
-        return next_line(buffer, at), 0
-    fields = np.zeros(7)
-    at, kind = take_row(buffer, at, (targets, signs), fields, stamps[row:])
-    if signs[2] == COUNTER:
-        stamps[row] = tally[SAMPLES]
-    tally[SAMPLES] += 1
-    if kind == NUMBER:
-        keep_row(fields, scales, acc, gyr, row)
-    else:
-        note_loss(kind, tally)
-    return next_line(buffer, at), int(kind == NUMBER)
+
+    layout: TextLayout
+    targets: tuple[int, ...]
+    stamp_kind: int = COUNTER
+    stamp_exponent: int = 0
+    acc_scale: float = 1.0
+    gyr_scale: float = 1.0
+    counts_packets: bool = False
+    unit: TimeUnit = IN_MICROSECONDS
+
+    @property
+    def has_times(self) -> bool:
+        """Whether a column holds times, not numbers of rows or packets."""
+        return self.stamp_kind != COUNTER and not self.counts_packets
 
 
-@inner_making_arrays
-def has_all_columns(columns: NDArray[np.int64]) -> bool:
-    """Whether the six readings have a column each."""
-    for target in range(1, 7):  # noqa: SIM110 (numba compiles no generator expressions)
-        if columns[target] < 0:
-            return False
-    return True
+def plan_table(layout: TextLayout) -> TablePlan:
+    """Decide which column goes where, and with which factor.
 
+    A unit that the header does not state is left to :mod:`fusion.checks.physics`: the factor is then 1.
 
-@inner_making_arrays
-def find_lines(piece: Piece, rules: Rules) -> tuple[int, int]:
-    """Find the ends of fields and lines where the plain path can be tried; no lines where it cannot."""
-    buffer, first, stop, marks, ends = piece
-    if rules[3][0] == SPACE or not has_all_columns(rules[2]):
-        return 0, 0
-    return find_marks(buffer, (first, stop), rules[3][0], marks, ends)
-
-
-@kernel_making_arrays
-def take_plain_readings(piece: Piece, rules: Rules, values: Values, row: int) -> tuple[int, int]:
-    """Read the six readings of a piece's lines up to the first that is not plain.
-
-    Returns how many lines, and how many bytes end each; ``marks`` and ``ends`` are filled for the stamps.
+    Raises
+    ------
+    NoGyroscope, UnknownColumns
     """
-    buffer, _, _, marks, ends = piece
-    n_lines, end_bytes = find_lines(piece, rules)
-    line = 0
-    while line < n_lines:
-        most = min(LONGEST_RUN, n_lines - line)
-        lines = (marks[ends[line] :], ends[line:], end_bytes)
-        rows = take_readings(buffer, lines, rules, values, (row + line, most))
-        line += rows
-        if rows < most:
-            break
-    return line, end_bytes
+    acc, gyr = choose_vector(layout.columns, "acc"), choose_vector(layout.columns, "gyr")
+    if acc is None or gyr is None:
+        _refuse_columns(layout.columns)
+    targets = [IGNORED] * layout.n_columns
+    for axis in range(3):
+        targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
+    stamp, kind, unit = _choose_stamp(layout)
+    packets = _find_packet_counter(layout) if stamp is None else None
+    if packets is not None:
+        stamp, kind = packets, NUMERIC_TIME
+    if stamp is not None:
+        targets[stamp] = STAMP
+    return TablePlan(
+        layout,
+        tuple(targets),
+        kind,
+        unit.exponent,
+        acc_scale_g(layout.columns[acc[0]].unit) or 1.0,
+        gyr_scale_dps(layout.columns[gyr[0]].unit) or 1.0,
+        counts_packets=packets is not None,
+        unit=unit,
+    )
 
 
-def parse_plain_lines(
-    piece: Piece, rules: Rules, values: Values, row: int, tally: NDArray[np.int64]
-) -> tuple[int, int]:
-    """Read lines up to the first that is not plain; return the first row not filled and first byte not read.
-
-    Most files hold no other lines. The careful path, and the kind of stamps that a file does not have, are
-    most of what there is to compile, and are left until they are needed.
-    """
-    buffer, first, _, marks, ends = piece
-    rows, end_bytes = take_plain_readings(piece, rules, values, row)
-    if rows == 0:
-        return row, first
-    _, targets, columns, signs, _ = rules
-    stamps, number = values[2][row : row + rows], int(tally[SAMPLES])
-    if signs[2] == COUNTER:
-        stamps[:] = np.arange(number, number + rows)
-    else:
-        column = int(columns[STAMP])
-        step = (len(targets), end_bytes - 1 if column == len(targets) - 1 else 0)
-        if signs[2] == CALENDAR_TIME:
-            rows = take_calendars(buffer, marks[column:], step, int(signs[0]), stamps)
-        else:
-            form = (np.uint64(spread_mark(int(signs[1]))), int(signs[3]))
-            rows = take_stamps(buffer, marks[column:], step, form, stamps)
-    tally[LINES] += rows
-    tally[SAMPLES] += rows
-    return row + rows, int(marks[ends[rows]]) + 1
+def _refuse_columns(columns: Sequence[Column]) -> NoReturn:
+    has_acc = any(column.channel == "acc" for column in columns)
+    has_gyr = any(column.channel == "gyr" for column in columns)
+    if has_acc and not has_gyr:
+        raise NoGyroscope
+    raise UnknownColumns(list=", ".join(column.name for column in columns)[:200])
 
 
-@kernel_making_arrays
-def parse_lines(piece: Piece, rules: Rules, values: Values, row: int, tally: NDArray[np.int64]) -> int:
-    """Read all lines of a piece into the columns from ``row`` on; return the first row not filled.
+def _choose_stamp(layout: TextLayout) -> tuple[int | None, int, TimeUnit]:
+    """Place, kind and unit of the stamp column."""
+    places = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
+    places.sort(key=lambda k: layout.columns[k].unit is None)
+    for place in places:
+        fields = [row[place] for row in layout.sample_rows if len(row) > place]
+        if all(CALENDAR.fullmatch(field) for field in fields):
+            return place, CALENDAR_TIME, IN_MICROSECONDS
+        times = read_times(fields, layout.decimal)
+        unit = settle_unit(times, layout.columns[place].unit) if times else None
+        if unit is not None:
+            return place, NUMERIC_TIME, unit
+    return None, COUNTER, IN_MICROSECONDS
 
-    Runs of lines are first tried on the plain path; the line at which it stops is read with care, so that
-    the plain path decides nothing but the time it takes. Runs that succeed grow, so that the work stays
-    linear where few lines are plain.
-    """
-    buffer, at, stop, marks, ends = piece
-    n_lines, end_bytes = find_lines(piece, rules)
-    line = 0
-    run = SHORTEST_RUN
-    while at < stop:
-        most = min(run, n_lines - line)
-        lines = (marks[ends[line] :], ends[line:], end_bytes)
-        rows = take_plain_rows(buffer, lines, rules, values, (row, most, tally[SAMPLES])) if most > 0 else 0
-        if rows > 0:
-            tally[LINES] += rows
-            tally[SAMPLES] += rows
-            row += rows
-            line += rows
-            at = np.int64(marks[ends[line]]) + 1
-            run = min(2 * run, LONGEST_RUN)
-            continue
-        tally[LINES] += 1
-        at, kept = parse_line((buffer, at), row, rules, values, tally)
-        row += kept
-        line += int(line < n_lines)
-        run = SHORTEST_RUN
-    return row
+
+def _find_packet_counter(layout: TextLayout) -> int | None:
+    """Place of Xsens' packet counter where it counts up: in a table without time it tells of lost packets."""
+    for place, column in enumerate(layout.columns):
+        if column.channel == "counter" and column.name.strip().lower() == "packetcounter":
+            fields = [row[place] for row in layout.sample_rows if len(row) > place]
+            is_whole = all(field.isascii() and field.isdigit() for field in fields)
+            steps = [(int(b) - int(a)) % PACKET_NUMBERS for a, b in pairwise(fields)] if is_whole else []
+            return place if steps and median(steps) == 1 else None
+    return None
+
+
+def read_times(fields: Sequence[str], decimal: str) -> list[float]:
+    """The fields as numbers; none where one of them is none."""
+    try:
+        return [float(field.replace(decimal, ".")) for field in fields if field]
+    except ValueError:
+        return []
+
+
+# The rows, piece by piece.
 
 
 EXCEL_ROWS = 1_048_576
@@ -198,39 +169,37 @@ FORECAST_BYTES = 1 << 18
 """After so many bytes the number of rows in the file is foreseen."""
 
 
-@dataclass(frozen=True, slots=True)
-class TablePlan:
-    """Which column goes where.
-
-    ``targets``: for each column -1 ignored, 0 the stamp, 1 to 3 acceleration, 4 to 6 angular rate.
-    ``stamp_kind``, ``stamp_exponent``: as in ``text_kernel``; ``scales``: factors to g and deg/s.
-    ``counts_packets``: the stamp is the 16-bit number of a packet, not a time; ``unit``: that of a number,
-    and whether the header has another.
-    """
-
-    targets: tuple[int, ...]
-    stamp_kind: int = COUNTER
-    stamp_exponent: int = 0
-    acc_scale: float = 1.0
-    gyr_scale: float = 1.0
-    counts_packets: bool = False
-    unit: TimeUnit = IN_MICROSECONDS
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class TableRows:
-    """The rows that were read and what was met on the way.
+    """The rows of a table, and what was met while they were read.
 
-    ``changes``: where the offset from UTC that the stamps carry changed; ``blank``: rows of zeros without a
-    stamp, which are left out.
+    Attributes
+    ----------
+    plan
+        How the table was read.
+    columns
+        The samples; stamps in microseconds, or row numbers where the layout has no time.
+    tally
+        Counts of lines and rows, shape (8,); its places stand in :mod:`fusion.readers.tables.careful_path`.
+    is_cut
+        The last line does not end.
+    changes
+        Where the offset from UTC that the stamps carry changed.
+    blank
+        The caveat of rows of zeros without a stamp, which are left out.
     """
 
+    plan: TablePlan
     columns: SampleColumns
     tally: NDArray[np.int64]
-    first_line: int
     is_cut: bool
     changes: tuple[OffsetChange, ...] = ()
     blank: tuple[QualityFlag, ...] = ()
+
+    @property
+    def first_bad_line(self) -> int:
+        """The number in the file of the first line that could not be read, counted from 1."""
+        return int(self.tally[FIRST_BAD_LINE]) + self.plan.layout.first_line
 
     @property
     def flags(self) -> tuple[QualityFlag, ...]:
@@ -239,8 +208,7 @@ class TableRows:
         tail = int(self.is_cut and bad > 0 and self.tally[LAST_BAD_LINE] == self.tally[LINES])
         flags = list(self.blank)
         if bad > tail:
-            line = int(self.tally[FIRST_BAD_LINE]) + self.first_line
-            flags.append(QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": line}))
+            flags.append(QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": self.first_bad_line}))
         for code, count in (
             (Caveat.TRUNC_TAIL, tail),
             (Caveat.NAN, self.tally[ABSENT]),
@@ -251,7 +219,7 @@ class TableRows:
         return tuple(flags)
 
 
-def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePlan) -> TableRows:
+def read_table(source: Source, plan: TablePlan) -> TableRows:
     """Read all rows, piece by piece.
 
     Raises
@@ -261,28 +229,28 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
     CutByExcel
         Exactly as many lines as Excel holds.
     """
+    layout = plan.layout
     columns = SampleColumns(source)
     tally = np.zeros(TALLY_PLACES, np.int64)
-    rules = make_rules(layout, plan)
+    rules = make_rules(plan)
     row_bytes = SHORTEST_NUMBER_BYTES * sum(target != IGNORED for target in plan.targets)
     marks = ends = np.empty(0, np.int32)
     done_bytes = 0
     has_reserved = False
     end = LastBytes()
     writer = StampWriter(layout.dates) if layout.dates and not layout.dates.is_iso else None
-    pieces = rewrite_pieces(end.watch(read_text_pieces(source, form)), writer)
+    pieces = rewrite_pieces(end.watch(read_text_pieces(source)), writer)
     if layout.is_single_spaced:
         pieces = (piece.replace(b" ", b"\t") for piece in pieces)
     for piece in drop_lines(read_line_pieces(pieces), layout.first_line):
         if len(marks) < len(piece) + SPARE_MARKS:
             marks, ends = (np.empty(len(piece) + SPARE_MARKS, np.int32) for _ in range(2))
         columns.make_room(len(piece) // row_bytes + 1)
-        values = (columns.acc, columns.gyr, columns.stamps)
-        lines = (piece.buffer, piece.first, piece.stop, marks, ends)
-        columns.rows, at = parse_plain_lines(lines, rules, values, columns.rows, tally)
+        destination = Destination(columns.acc, columns.gyr, columns.stamps, tally)
+        lines = Piece(piece.buffer, piece.first, piece.stop, marks, ends)
+        columns.rows, at = parse_plain_lines(lines, rules, destination, columns.rows)
         if at < piece.stop:
-            lines = (piece.buffer, at, piece.stop, marks, ends)
-            columns.rows = parse_lines(lines, rules, values, columns.rows, tally)
+            columns.rows = parse_lines(lines._replace(first=at), rules, destination, columns.rows)
         done_bytes += len(piece)
         if not has_reserved and done_bytes > FORECAST_BYTES:
             has_reserved = True
@@ -292,22 +260,30 @@ def read_table(source: Source, form: TextForm, layout: TextLayout, plan: TablePl
             )
     columns.trim()
     changes = tuple(writer.changes) if writer else ()
-    rows = TableRows(columns, tally, layout.first_line, not end.is_whole, changes)
+    rows = TableRows(plan, columns, tally, not end.is_whole, changes)
     _refuse_rows(rows)
     return rows if plan.stamp_kind == COUNTER else replace(rows, blank=drop_blank_rows(columns))
 
 
-def make_rules(layout: TextLayout, plan: TablePlan) -> Rules:
-    """The layout and its plan as the kernel takes them."""
-    header = np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8)
-    targets = np.array(plan.targets, np.int64)
+def make_rules(plan: TablePlan) -> Rules:
+    """The plan as the kernels take it."""
+    layout = plan.layout
     columns = np.full(7, -1, np.int64)
     for column, target in enumerate(plan.targets):
         if target != IGNORED:
             columns[target] = column
-    signs = np.array([ord(layout.delimiter), ord(layout.decimal), plan.stamp_kind, plan.stamp_exponent])
-    scales = np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale])
-    return header, targets, columns, signs, scales
+    return Rules(
+        header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
+        line=LineForm(
+            targets=np.array(plan.targets, np.int64),
+            delimiter=ord(layout.delimiter),
+            decimal=ord(layout.decimal),
+            stamp_kind=plan.stamp_kind,
+            stamp_exponent=plan.stamp_exponent,
+        ),
+        columns=columns,
+        scales=np.array([1.0] + 3 * [plan.acc_scale] + 3 * [plan.gyr_scale]),
+    )
 
 
 class LastBytes:
@@ -327,6 +303,129 @@ def _refuse_rows(rows: TableRows) -> None:
     lines = int(rows.tally[LINES] - rows.tally[BLANKS])
     bad = int(rows.tally[BAD])
     if bad > MAX_BAD_PART * lines and bad > 1:
-        raise UnreadableRows(k=bad, line=int(rows.tally[FIRST_BAD_LINE]) + rows.first_line)
-    if rows.first_line + int(rows.tally[LINES]) == EXCEL_ROWS:
+        raise UnreadableRows(k=bad, line=rows.first_bad_line)
+    if rows.plan.layout.first_line + int(rows.tally[LINES]) == EXCEL_ROWS:
         raise CutByExcel
+
+
+# The clock of the rows: when it began, by which offset, and whether that changed.
+
+
+START_TOLERANCE = timedelta(minutes=1)
+SETTLED_ROWS = 1001
+"""So many first stamps tell what kind of number they are, though some be strange."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableClock:
+    """The clock at the first row, its zone as the file tells it, and what is to be said of them."""
+
+    start: datetime | None
+    time_zone: str | None
+    flags: tuple[QualityFlag, ...]
+
+
+def settle_stamps(rows: TableRows) -> tuple[QualityFlag, ...]:
+    """Bring the rows into order and take changes of the clock out of their stamps, in place; say what was.
+
+    Stamps with an offset were told by that of the first row as they were read; only of a bare wall clock has
+    an hour's step to be judged.
+    """
+    plan, stamps = rows.plan, rows.columns.stamps
+    dates = plan.layout.dates
+    is_calendar = plan.stamp_kind == CALENDAR_TIME
+    has_offset = dates is not None and dates.offset_s is not None
+    is_epoch = counts_since_1970(plan, int(np.median(stamps[:SETTLED_ROWS])))
+    flags = settle_rows(
+        rows.columns,
+        tick_us=0 if is_calendar or is_epoch else find_tick_us(plan),
+        is_wall_clock=is_calendar and not has_offset,
+    )
+    if is_calendar and has_offset:
+        turned = any(flag.code == Caveat.REVERSED for flag in flags)
+        changes = [change.turn_round() for change in reversed(rows.changes)] if turned else rows.changes
+        flags += flag_changes(changes, int(rows.columns.stamps[0]))
+    return flags
+
+
+def find_tick_us(plan: TablePlan) -> int:
+    """Microseconds in a count of micros() or millis(), which start over; 0 for other stamps."""
+    if plan.stamp_kind != NUMERIC_TIME or plan.counts_packets or plan.stamp_exponent not in (0, 3):
+        return 0
+    return int(10**plan.stamp_exponent)
+
+
+def read_epoch(first_stamp_us: int) -> datetime | None:
+    """Take a number for the time since 1970, in UTC, where no counter from power-on comes as far."""
+    moment = datetime_at_us(first_stamp_us)
+    return moment.replace(tzinfo=UTC) if moment is not None and is_clock_set(moment) else None
+
+
+def counts_since_1970(plan: TablePlan, first_stamp_us: int) -> bool:
+    """Whether the stamps of a table are numbers of that kind."""
+    is_number = plan.stamp_kind == NUMERIC_TIME and not plan.counts_packets
+    return is_number and read_epoch(first_stamp_us) is not None
+
+
+def tell_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
+    """Read the clock at the first row: from the preamble, from a calendar column, or from an epoch.
+
+    An epoch (seconds, milli-, micro- or nanoseconds since 1970) counts UTC.
+    """
+    layout = plan.layout
+    start = read_preamble_start(layout)
+    flags: tuple[QualityFlag, ...] = ()
+    if start is not None and plan.stamp_kind == CALENDAR_TIME:
+        start, flags = _compare_starts(start, layout, first_stamp_us)
+    elif start is None and plan.stamp_kind == CALENDAR_TIME:
+        start = _read_stamp(layout, first_stamp_us)
+        if layout.dates is not None and not layout.dates.has_date and start is not None:
+            flags = (QualityFlag(Caveat.NO_DATE, facts={"time_of_day": f"{start:%H:%M:%S}"}),)
+            start = None
+        elif layout.dates is not None and layout.dates.is_doubtful and start is not None:
+            flags = (QualityFlag(Caveat.DATE_ORDER, facts={"date": f"{start:%Y-%m-%d}"}),)
+    elif start is None and counts_since_1970(plan, first_stamp_us):
+        start = read_epoch(first_stamp_us)
+    return judge_clock(start, flags)
+
+
+def _compare_starts(
+    told: datetime, layout: TextLayout, first_stamp_us: int
+) -> tuple[datetime, tuple[QualityFlag, ...]]:
+    """Take the rows' own time where the preamble's start is another; its offset is the preamble's to tell."""
+    stamp = _read_stamp(layout, first_stamp_us)
+    if stamp is None or (layout.dates is not None and not layout.dates.has_date):
+        return told, ()
+    if stamp.tzinfo is None or told.tzinfo is None:
+        stamp = stamp.replace(tzinfo=stamp.tzinfo or told.tzinfo)
+        told = told.replace(tzinfo=stamp.tzinfo)
+    if abs(told - stamp) <= START_TOLERANCE:
+        return told, ()
+    facts = {"header": f"{told:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
+    return stamp, (QualityFlag(Caveat.START, facts=facts),)
+
+
+def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
+    """Keep a clock that can have been set; name its zone; say where it is UTC."""
+    start, unset = trust_clock(start)
+    offset = start.utcoffset() if start else None
+    if offset is None:
+        return TableClock(start, None, (*flags, *unset))
+    if not offset:
+        flags = (*flags, QualityFlag(Caveat.UTC))
+    return TableClock(start, format_offset(round(offset.total_seconds())), (*flags, *unset))
+
+
+def read_preamble_start(layout: TextLayout) -> datetime | None:
+    """`# start: 2026-03-02T07:58:00-05:00`; None where there is none that can be read."""
+    try:
+        return datetime.fromisoformat(layout.facts().get("start", ""))
+    except ValueError:
+        return None
+
+
+def _read_stamp(layout: TextLayout, stamp_us: int) -> datetime | None:
+    moment = datetime_at_us(stamp_us)
+    if moment is None or layout.dates is None or layout.dates.offset_s is None:
+        return moment
+    return moment.replace(tzinfo=timezone(timedelta(seconds=layout.dates.offset_s)))

@@ -1,6 +1,7 @@
 """What all readers say about time: gaps between segments, clocks that were never set."""
 
 import hashlib
+import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone
 from functools import cache
@@ -135,6 +136,32 @@ def datetime_at_us(unix_us: int) -> datetime | None:
 def hash_serial(serial: str) -> str | None:
     """SHA-256 of a serial, first 12 hexadecimal digits: tells devices apart, names none."""
     return hashlib.sha256(serial.strip().encode()).hexdigest()[:12] if serial.strip() else None
+
+
+def flag_drift(nominal_hz: float, true_hz: float) -> tuple[QualityFlag, ...]:
+    """Flag a rate that is more than 0.5 % off the nominal one (W-DRIFT)."""
+    if nominal_hz and abs(true_hz / nominal_hz - 1.0) <= LARGEST_DRIFT:
+        return ()
+    return (QualityFlag(Caveat.DRIFT, facts={"nominal_hz": nominal_hz, "rate_hz": round(true_hz, 3)}),)
+
+
+def parse_offset_s(text: str) -> int | None:
+    """Seconds east of UTC from `-05:00:00` or `02:00:00`; None where it is no offset."""
+    found = re.fullmatch(r"([-+]?)(\d{1,2}):(\d{2})(?::(\d{2}))?", text.strip())
+    if found is None:
+        return None
+    sign, hours, minutes, seconds = found.groups()
+    offset_s = int(hours) * 3600 + int(minutes) * 60 + int(seconds or 0)
+    if offset_s > 14 * 3600:
+        return None
+    return -offset_s if sign == "-" else offset_s
+
+
+def format_offset(offset_s: int) -> str:
+    """Seconds east of UTC as `UTC-05:00`."""
+    sign = "-" if offset_s < 0 else "+"
+    hours, minutes = divmod(abs(offset_s) // 60, 60)
+    return f"UTC{sign}{hours:02d}:{minutes:02d}"
 
 
 def flag_days(recording: Recording) -> Recording:

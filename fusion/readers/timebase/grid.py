@@ -1,32 +1,61 @@
-"""From stamped rows to even segments: what is missing, what is bridged, where a segment ends (CONTRACT §5).
+"""From stamped rows to even segments: what is missing, what is bridged, where a segment ends.
 
-Compared to the contract's rule (a step longer than 1.5 periods is a hole): a step is not a hole where the
-stamps after it make up for it, because then the row was stamped late, not lost; and a clock too coarse for
+:func:`cut_stamped` and :func:`cut_counted` go first; what they call follows in the order of the calls.
+
+Compared to the rule of CONTRACT §5 (a step longer than 1.5 periods is a hole): a step is not a hole where the
+stamps after it make up for it, because the row was then stamped late, not lost; and a clock too coarse for
 the rate (whole milliseconds at 952 Hz) is allowed its own step.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import UnknownRate, UnusableTime
-from fusion.numba_kernels import njit
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, Segment, Span, flag_spans
+from fusion.readers.samples import PAUSE, SampleColumns
+from fusion.readers.timebase.row_kernels import (
+    count_backward,
+    count_runs,
+    find_long_steps,
+    find_stretches,
+    fit_line,
+    mend_stamps,
+    sort_windows,
+    spread_runs,
+)
+from fusion.recording import (
+    LONGEST_BRIDGE_US,
+    MICROSECONDS,
+    QualityFlag,
+    Segment,
+    Span,
+    flag_gaps,
+    flag_spans,
+)
 
 LONGEST_GAP_US = 86_400 * MICROSECONDS
-LATE_ROWS = 32
-"""How far to look for stamps that make up for a late one."""
 SLOWEST_HZ, FASTEST_HZ = 10.0, 4000.0
-BLOCK_ROWS = 32
-MAX_STEPS = 20_000
-ALIKE_SHARE = 0.6
-"""Rows in bunches have no usual step."""
-COARSE_CLOCK_US = 1000
-FITTED_ROWS = 64
-"""A shorter run takes the period of the whole recording: its own would be too uncertain."""
+JITTER_PART = 0.25
+"""Stamps that scatter by more than this part of a period are worth a word."""
+
+
+Stretches = NDArray[np.int64]
+"""First row and the one after the last, shape (n, 2)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """Even segments, and the caveats found on the way."""
+
+    segments: tuple[Segment, ...]
+    duration_us: int
+    flags: tuple[QualityFlag, ...]
+    period_us: float
+    jitter_us: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,15 +82,217 @@ class Holes:
         return Holes(self.row[chosen] - first, self.step_us[chosen], self.added[chosen])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Grid:
-    """Even segments, and the caveats found on the way."""
+@dataclass(frozen=True, slots=True)
+class FittedRun:
+    """Unbroken rows: the first and the one after the last, and the line through their stamps.
 
-    segments: tuple[Segment, ...]
-    duration_us: int
-    flags: tuple[QualityFlag, ...]
+    ``first_us``: the first row's own stamp; ``offset_us``: from there to its fitted time; ``is_set``: the
+    clock was set before it.
+    """
+
+    first: int
+    stop: int
+    first_us: int
+    offset_us: float
     period_us: float
     jitter_us: float
+    is_set: bool
+
+
+def cut_stamped(columns: SampleColumns) -> Grid:
+    """Cut rows with stamps in microseconds, mended by :func:`fusion.readers.timebase.row_times.settle_rows`.
+
+    Raises
+    ------
+    fusion.errors.UnusableTime, fusion.errors.UnknownRate
+        The stamps give no even sampling at a usable rate.
+    """
+    stamps = columns.stamps
+    mended = spread_coarse_stamps(stamps)
+    period_us = estimate_period_us(stamps)
+    mended += sort_late_rows(columns, period_us)
+    replaced = mend_stamps(stamps, period_us)
+    holes = find_holes(stamps, period_us)
+    stretches = find_rate_changes(stamps, period_us)
+    if len(stretches):
+        holes, stretches = leave_stretches(holes, stretches, columns.rows)
+        period_us = choose_period_us(stamps, stretches, period_us)
+    if are_too_many(holes, columns.rows):
+        return _cut_even_rows(columns, find_even_rows(holes, columns.rows), mended)
+    mended += flag_rates(stamps, stretches)
+    fits = _fit_runs(stamps, holes, stretches, period_us)
+    segments = place_segments(columns, holes, fits)
+    duration_us = segments[-1].end_us
+    jitter_us = max(fit.jitter_us for fit in fits)
+    flags = mended + flag_time(holes, replaced, jitter_us / period_us)
+    flags += flag_gaps(segments, duration_us)
+    return Grid(segments, duration_us, flags, period_us, jitter_us)
+
+
+def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
+    """Cut rows that have numbers instead of stamps, at a rate that was told.
+
+    A number that is skipped is a row that was there and could not be read; a pause is a break of unknown
+    length, so the next segment follows at once.
+
+    Raises
+    ------
+    UnknownRate
+        The rate is none that shows an arm's movement.
+    """
+    if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise UnknownRate(m=rate_hz)
+    period_us = MICROSECONDS / rate_hz
+    numbers = columns.stamps
+    pauses = numbers // PAUSE
+    breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
+    edges = [0, *breaks.tolist(), columns.rows]
+    segments: list[Segment] = []
+    for first, stop in pairwise(edges):
+        start_us = segments[-1].end_us if segments else 0
+        if segments and pauses[first] == pauses[first - 1]:
+            start_us += round((numbers[first] - numbers[first - 1] - 1) * period_us)
+        segments.append(Segment(start_us, rate_hz, columns.acc[first:stop], columns.gyr[first:stop]))
+    duration_us = segments[-1].end_us
+    flags = flag_gaps(segments, duration_us)
+    n_pauses = int(np.count_nonzero(np.diff(pauses)))
+    if n_pauses:
+        flags += (QualityFlag(Caveat.PAUSE, n_pauses),)
+    return Grid(tuple(segments), duration_us, flags, period_us, 0.0)
+
+
+def _cut_even_rows(
+    columns: SampleColumns, is_even: NDArray[np.bool_], mended: tuple[QualityFlag, ...]
+) -> Grid:
+    """Leave out the stretches that are no sampling, whose time is then missing, and cut the rest."""
+    dropped = int(np.count_nonzero(~is_even))
+    columns.keep(is_even)
+    grid = cut_stamped(columns)
+    return replace(grid, flags=(*mended, QualityFlag(Caveat.ROWS_DROPPED, dropped), *grid.flags))
+
+
+def _fit_runs(
+    stamps: NDArray[np.int64], holes: Holes, stretches: Stretches, period_us: float
+) -> list[FittedRun]:
+    is_cut = holes.added == 0
+    sets = set(holes.row[is_cut & holes.is_set].tolist())
+    edges = sorted({0, *holes.row[is_cut].tolist(), *stretches.flatten().tolist(), len(stamps)})
+    runs = []
+    for first, stop in pairwise(edges):
+        line = (0.0, period_us, 0.0)
+        if stop - first >= FITTED_ROWS:
+            inside = holes.take(first, stop)
+            line = fit_line(stamps[first:stop], inside.row, inside.added)
+        if line[1] <= 0.0:
+            raise UnusableTime(why="constant")
+        runs.append(FittedRun(first, stop, int(stamps[first]), *line, first in sets))
+    return runs
+
+
+FITTED_ROWS = 64
+"""A shorter run takes the period of the whole recording: its own would be too uncertain."""
+
+
+def place_segments(columns: SampleColumns, holes: Holes, runs: list[FittedRun]) -> tuple[Segment, ...]:
+    """Put the bridged rows in and lay the runs on the recording's clock."""
+    is_bridge = holes.added > 0
+    columns.open_holes(holes.row[is_bridge], holes.added[is_bridge])
+    segments: list[Segment] = []
+    clock_us = runs[0].first_us
+    first = 0
+    for run in runs:
+        inside = holes.take(run.first, run.stop)
+        stop = first + run.stop - run.first + int(inside.added.sum())
+        reached_us = segments[-1].end_us if segments else 0
+        if run.is_set:
+            # nothing says how long the break was, so the segment follows at once
+            clock_us = run.first_us - reached_us
+        start_us = round(run.first_us - clock_us + run.offset_us) if segments else 0
+        acc, gyr = columns.acc[first:stop], columns.gyr[first:stop]
+        rate_hz = MICROSECONDS / run.period_us
+        segments.append(Segment(max(reached_us, start_us), rate_hz, acc, gyr, bridged_ranges(inside)))
+        first = stop
+    return tuple(segments)
+
+
+def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
+    """Row ranges that were put into a run."""
+    stops = (holes.row + np.cumsum(holes.added)).tolist()
+    return tuple((stop - k, stop) for stop, k in zip(stops, holes.added.tolist(), strict=True) if k)
+
+
+def flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
+    """Say how the clock was; ``replaced``: stamps that were put into line."""
+    found = {
+        Caveat.CLOCK_FWD: replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
+        Caveat.CLOCK_BACK: int(np.count_nonzero(holes.step_us < 0)),
+        Caveat.JITTER: int(jitter > JITTER_PART),
+    }
+    return tuple(QualityFlag(code, count) for code, count in found.items() if count)
+
+
+# Rows that share a coarse stamp get times of their own; rows at most a second late get into their place.
+
+
+COARSE_ROWS = 4.0
+"""Rows that share a stamp on average, from which on the stamp is a count of something coarser."""
+EVEN_RUNS, SAME_COUNT = 10, 0.02
+"""So many stamps one after the other with as many rows each, give or take one or 2 %, are a rate."""
+
+
+def spread_coarse_stamps(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
+    """Give the rows that share a stamp (whole seconds, say) times of their own, in place.
+
+    The n rows of a second T lie at T + k/n, as those of a `.gt3x` do; where clearly fewer than usual share a
+    stamp, they keep the usual distance and the rest is a hole.
+    """
+    if count_runs(stamps) < 3 or len(stamps) < COARSE_ROWS * count_runs(stamps):
+        return ()
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps)) + 1, [len(stamps)]])
+    counts = np.diff(edges)
+    steps = np.diff(stamps[edges[:-1]])
+    if not np.any(steps > 0):
+        return ()
+    step_us = float(np.median(steps[steps > 0]))
+    spread_runs(stamps, edges.astype(np.int64), step_us, find_usual_counts(counts))
+    return (QualityFlag(Caveat.JITTER),)
+
+
+def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Give the rows that a stamp has where none is lost: those of its stretch, if it is one of an even rate.
+
+    Others take those of the even stretch before, or of the first one; without any, the median holds for all.
+    """
+    usual = np.full(len(counts), float(np.median(counts)))
+    differs = np.abs(np.diff(counts)) > np.maximum(1.0, SAME_COUNT * counts[1:])
+    edges = np.concatenate([[0], np.flatnonzero(differs) + 1, [len(counts)]])
+    stretches = [(int(a), int(b)) for a, b in pairwise(edges) if b - a >= EVEN_RUNS]
+    starts = [0, *(first for first, _ in stretches[1:]), len(counts)]
+    for (first, stop), (start, end) in zip(stretches, pairwise(starts), strict=False):
+        usual[start:end] = float(np.median(counts[first:stop]))
+    return usual
+
+
+EVEN_STEP = 0.4
+"""Sorted rows lie at least so many periods apart, else two runs of samples would be mixed."""
+
+
+def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFlag, ...]:
+    """Sort rows that came at most a second late; whatever is more is a clock that was set."""
+    if count_backward(columns.stamps) == 0:
+        return ()  # of all kernels this one takes longest to compile, and few files need it
+    late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP * period_us)
+    return (QualityFlag(Caveat.ORDER, late),) if late else ()
+
+
+# The sample period.
+
+
+BLOCK_ROWS = 32
+MAX_STEPS = 20_000
+ALIKE_SHARE = 0.6
+"""Rows in bunches have no usual step."""
+COARSE_CLOCK_US = 1000
 
 
 def estimate_period_us(stamps: NDArray[np.int64]) -> float:
@@ -127,85 +358,7 @@ def find_quantum_us(stamps: NDArray[np.int64]) -> int:
     return int(np.gcd.reduce(steps[steps > 0], initial=0))
 
 
-@njit(cache=True, nogil=True)
-def mend_stamps(stamps: NDArray[np.int64], period_us: float) -> int:
-    """Replace single stamps that both neighbours contradict, in place; return how many."""
-    mended = 0
-    for k in range(1, len(stamps) - 1):
-        around = stamps[k + 1] - stamps[k - 1]
-        is_outside = stamps[k] < stamps[k - 1] or stamps[k] > stamps[k + 1]
-        if is_outside and 0 < around <= 4 * period_us:
-            stamps[k] = stamps[k - 1] + around // 2
-            mended += 1
-    return mended
-
-
-@njit(cache=True, nogil=True)
-def is_made_up(stamps: NDArray[np.int64], row: int, period_us: float) -> bool:
-    """Whether the rows after a long step come so fast that nothing was lost."""
-    for ahead in range(1, LATE_ROWS):
-        if row + ahead >= len(stamps):
-            return False
-        late_us = stamps[row + ahead] - stamps[row - 1] - (ahead + 1) * period_us
-        if late_us < -LONGEST_BRIDGE_US:
-            return False
-        if late_us <= 0.5 * period_us:
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def find_long_steps(
-    stamps: NDArray[np.int64], limit_us: float, period_us: float, rows: NDArray[np.int64]
-) -> int:
-    """Write the rows before which time is missing or runs backwards; return how many there are in all."""
-    found = 0
-    for k in range(1, len(stamps)):
-        step = stamps[k] - stamps[k - 1]
-        if step < 0 or (step > limit_us and not is_made_up(stamps, k, period_us)):
-            if found < len(rows):
-                rows[found] = k
-            found += 1
-    return found
-
-
-@njit(cache=True, nogil=True)
-def fit_line(
-    stamps: NDArray[np.int64], rows: NDArray[np.int64], added: NDArray[np.int64]
-) -> tuple[float, float, float]:
-    """Least squares of stamps on their place in the grid; return offset, period and RMS of the residuals.
-
-    Before each of ``rows`` the place grows by ``added``. What is fitted are the small distances from the line
-    through the first and the last stamp: sums over the stamps themselves would lose all their digits in a
-    long file.
-    """
-    n = len(stamps)
-    last = np.float64(n - 1 + added.sum())
-    guess = (stamps[n - 1] - stamps[0]) / last
-    sum_x = sum_y = sum_xx = sum_xy = sum_yy = 0.0
-    shift = np.int64(0)
-    for hole in range(len(rows) + 1):
-        first = rows[hole - 1] if hole > 0 else 0
-        shift += added[hole - 1] if hole > 0 else 0
-        for k in range(first, rows[hole] if hole < len(rows) else n):
-            x = (k + shift) - 0.5 * last
-            y = (stamps[k] - stamps[0]) - guess * (k + shift)
-            sum_x += x
-            sum_y += y
-            sum_xx += x * x
-            sum_xy += x * y
-            sum_yy += y * y
-    spread_xx, spread_xy = sum_xx - sum_x * sum_x / n, sum_xy - sum_x * sum_y / n
-    tilt = spread_xy / spread_xx
-    level = (sum_y - tilt * sum_x) / n
-    squares = max(0.0, sum_yy - sum_y * sum_y / n - tilt * spread_xy)
-    return level - 0.5 * tilt * last, guess + tilt, np.sqrt(squares / n)
-
-
-def longest_even_step_us(stamps: NDArray[np.int64], period_us: float) -> float:
-    """How long a step an unbroken run can show on so coarse a clock: 2 ms at 952 Hz in whole milliseconds."""
-    quantum_us = find_quantum_us(stamps)
-    return quantum_us * math.ceil(period_us / quantum_us - 1e-6) if quantum_us else 0.0
+# Holes.
 
 
 def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
@@ -223,111 +376,44 @@ def find_holes(stamps: NDArray[np.int64], period_us: float) -> Holes:
     return Holes(rows, step_us, np.where(is_short, whole, 0))
 
 
-@njit(cache=True, nogil=True)
-def open_rows(
-    values: NDArray[np.float32], n_rows: int, rows: NDArray[np.int64], added: NDArray[np.int64]
-) -> None:
-    """Put rows in before each of ``rows`` by linear interpolation, in place, from the end backwards.
-
-    ``values`` has room for them after its ``n_rows``.
-    """
-    to = n_rows + added.sum()
-    source = n_rows
-    for hole in range(len(rows) - 1, -1, -1):
-        while source > rows[hole]:
-            source -= 1
-            to -= 1
-            for axis in range(3):
-                values[to, axis] = values[source, axis]
-        for k in range(added[hole], 0, -1):
-            weight = k / (added[hole] + 1)
-            to -= 1
-            for axis in range(3):
-                before, after = values[source - 1, axis], values[source, axis]
-                values[to, axis] = before * (1.0 - weight) + after * weight
+def longest_even_step_us(stamps: NDArray[np.int64], period_us: float) -> float:
+    """How long a step an unbroken run can show on so coarse a clock: 2 ms at 952 Hz in whole milliseconds."""
+    quantum_us = find_quantum_us(stamps)
+    return quantum_us * math.ceil(period_us / quantum_us - 1e-6) if quantum_us else 0.0
 
 
-def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
-    """Row ranges that were put into a run."""
-    stops = (holes.row + np.cumsum(holes.added)).tolist()
-    return tuple((stop - k, stop) for stop, k in zip(stops, holes.added.tolist(), strict=True) if k)
-
-
-# Stretches whose rows come at a rate of their own (every second one lost, say), or at none.
-
-
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
-
-
-PACE_ROWS = 32
-LARGEST_CHANGE = 0.03
-"""A pace further from the usual one than this is another rate: no clock drifts so far."""
-EVEN_PART, SAME_PACE = 0.4, 0.02
-SHORTEST_SLOW_US = 10 * MICROSECONDS
-"""For less, rows that are lacking are bridged, and the segment goes on."""
-LEAST_EVEN_PART = 0.5
-"""With fewer rows in even stretches the stamps are not those of a sampling."""
 WINDOW_ROWS = 1000
 MOST_HOLES_PART, FREE_HOLES = 0.1, 100
 """One row in ten that begins a hole is no even sampling; a few are free, for short files."""
-Stretches = NDArray[np.int64]
-"""First row and the one after the last, shape (n, 2)."""
+LEAST_EVEN_PART = 0.5
+"""With fewer rows in even stretches the stamps are not those of a sampling."""
 
 
-@njit(cache=True, nogil=True)
-def is_even_step(stamps: NDArray[np.int64], row: int, pace_us: float, quantum_us: float) -> bool:
-    """Whether the step to ``row`` can be one of a sampling at this pace."""
-    return abs(stamps[row] - stamps[row - 1] - pace_us) <= EVEN_PART * pace_us + quantum_us
+def are_too_many(holes: Holes, rows: int) -> bool:
+    """Whether so many holes are none of an even sampling."""
+    return len(holes.row) > MOST_HOLES_PART * rows + FREE_HOLES
 
 
-@njit(cache=True, nogil=True)
-def is_even_run(stamps: NDArray[np.int64], row: int, pace_us: float, quantum_us: float) -> bool:
-    """Whether two times ``PACE_ROWS`` rows come evenly at this pace: the change is not among them."""
-    later = row + PACE_ROWS
-    later_us = (stamps[later + PACE_ROWS] - stamps[later]) / PACE_ROWS
-    if abs(later_us - pace_us) > SAME_PACE * pace_us:
-        return False
-    for k in range(row + 1, later + PACE_ROWS + 1):  # noqa: SIM110 (numba takes no generator)
-        if not is_even_step(stamps, k, pace_us, quantum_us):
-            return False
-    return True
+def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
+    """Mark the rows of windows in which at most one row in ten begins a hole, shape (rows,).
+
+    Raises
+    ------
+    UnusableTime
+        They are fewer than half.
+    """
+    windows = np.bincount(holes.row // WINDOW_ROWS, minlength=-(-rows // WINDOW_ROWS))
+    is_even = np.repeat(windows <= MOST_HOLES_PART * WINDOW_ROWS, WINDOW_ROWS)[:rows]
+    if np.count_nonzero(is_even) < LEAST_EVEN_PART * rows:
+        raise UnusableTime(why="irregular")
+    return is_even
 
 
-@njit(cache=True, nogil=True)
-def find_stretches(
-    stamps: NDArray[np.int64], period_us: float, quantum_us: float, found: NDArray[np.int64]
-) -> int:
-    """Write stretches whose rows come evenly at another pace; return how many there are in all."""
-    least_us = max(LARGEST_CHANGE * period_us, 2 * quantum_us / PACE_ROWS)
-    count = reached = row = 0
-    while row + 2 * PACE_ROWS < len(stamps):
-        pace_us = (stamps[row + PACE_ROWS] - stamps[row]) / PACE_ROWS
-        is_usual = abs(pace_us - period_us) <= least_us or pace_us <= 0
-        if is_usual or not is_even_run(stamps, row, pace_us, quantum_us):
-            row += PACE_ROWS
-            continue
-        first, stop = row, row + PACE_ROWS + 1
-        while first > reached and is_own_step(stamps, first, pace_us, period_us, quantum_us):
-            first -= 1
-        while stop < len(stamps) and is_own_step(stamps, stop, pace_us, period_us, quantum_us):
-            stop += 1
-        if count < len(found):
-            found[count, 0], found[count, 1] = first, stop
-        count += 1
-        row = stop
-        reached = stop - 1  # that row belongs to the rate at which the next one follows
-    return count
+# Stretches whose rows come at a rate of their own (every second one lost, say).
 
 
-@njit(cache=True, nogil=True)
-def is_own_step(
-    stamps: NDArray[np.int64], row: int, pace_us: float, period_us: float, quantum_us: float
-) -> bool:
-    """Whether the step to ``row`` is even at this pace, and nearer to it than to the usual one."""
-    step = stamps[row] - stamps[row - 1]
-    is_near = abs(step - pace_us) < abs(step - period_us)
-    return is_near and is_even_step(stamps, row, pace_us, quantum_us)
+SHORTEST_SLOW_US = 10 * MICROSECONDS
+"""For less, rows that are lacking are bridged, and the segment goes on."""
 
 
 def find_rate_changes(stamps: NDArray[np.int64], period_us: float) -> Stretches:
@@ -378,23 +464,3 @@ def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[Quality
         Span(int(stamps[a] - stamps[0]), int(us)) for (a, _), us in zip(stretches, length_us, strict=True)
     ]
     return flag_spans(Caveat.RATE_CHANGE, spans, rate_hz=rate_hz)
-
-
-def are_too_many(holes: Holes, rows: int) -> bool:
-    """Whether so many holes are none of an even sampling."""
-    return len(holes.row) > MOST_HOLES_PART * rows + FREE_HOLES
-
-
-def find_even_rows(holes: Holes, rows: int) -> NDArray[np.bool_]:
-    """Mark the rows of windows in which at most one row in ten begins a hole, shape (rows,).
-
-    Raises
-    ------
-    UnusableTime
-        They are fewer than half.
-    """
-    windows = np.bincount(holes.row // WINDOW_ROWS, minlength=-(-rows // WINDOW_ROWS))
-    is_even = np.repeat(windows <= MOST_HOLES_PART * WINDOW_ROWS, WINDOW_ROWS)[:rows]
-    if np.count_nonzero(is_even) < LEAST_EVEN_PART * rows:
-        raise UnusableTime(why="irregular")
-    return is_even

@@ -1,33 +1,220 @@
-"""What is done to stamped rows before they are cut into segments: order, wraps, strange stamps, repeats."""
+"""What is done to stamped rows before they are cut into segments: their order and their stamps are repaired.
+
+:func:`repair_row_times` goes first; it calls what follows from top to bottom.
+"""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import UnusableTime
-from fusion.numba_kernels import njit
 from fusion.readers.samples import SampleColumns
-from fusion.readers.timebase.repair import (
-    Pace,
-    Pieces,
+from fusion.readers.timebase.clock import datetime_at_us, is_change_of_wall_clock
+from fusion.readers.timebase.grid import COARSE_ROWS, steps_between
+from fusion.readers.timebase.row_kernels import (
+    LONGEST_DELAY_US,
+    add_wraps,
+    count_alike,
     count_backward,
-    find_pieces,
-    leave_out_repeats,
-    measure_pace,
-    order_pieces,
-    turn_round,
-    undo_daylight_saving,
-    unwrap_counter,
+    count_forward,
+    find_alike,
+    find_backward,
+    find_edges,
+    find_equal_runs,
+    lift_wraps,
+    turn_rows,
 )
-from fusion.recording import MICROSECONDS, QualityFlag
+from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag
+
+
+def settle_rows(
+    columns: SampleColumns, *, tick_us: int = 0, is_wall_clock: bool = False
+) -> tuple[QualityFlag, ...]:
+    """Bring rows into the order of time and mend their stamps, in place; say what was done.
+
+    ``tick_us``: microseconds in a count, where the stamps are those of a counter that may start over;
+    ``is_wall_clock``: the stamps are a clock's that may follow daylight saving. A table whose stamps only
+    advance is looked through once and left as it is.
+    """
+    flags = turn_round(columns)
+    if is_wall_clock:
+        flags += undo_daylight_saving(columns.stamps)
+    flags += unwrap_counter(columns.stamps, tick_us)
+    flags += mend_stopped(columns)
+    if count_backward(columns.stamps) == 0 and not has_strange_ends(columns.stamps):
+        return flags
+    flags += mend_stuck(columns) + leave_out_repeats(columns)
+    if count_backward(columns.stamps):
+        flags += order_pieces(columns)
+    if count_backward(columns.stamps):
+        flags += place_strangers(columns)
+    return flags
+
+
+# How the stamps advance, and the pieces between two long steps of the clock.
+
+
+PACE_ROWS = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How the stamps of a table usually advance: from row to row on average, and in one step of the clock."""
+
+    period_us: float
+    step_us: float
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether many rows share a stamp."""
+        return self.step_us >= COARSE_ROWS * self.period_us
+
+    @property
+    def longest_us(self) -> float:
+        """A longer step forward than this separates two pieces."""
+        return max(1.5 * self.step_us, LONGEST_BRIDGE_US)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pieces:
+    """Rows between two long steps of the clock, in the order of the file; shape (n,) each."""
+
+    first: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    low_us: NDArray[np.int64]
+    high_us: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def measure_pace(stamps: NDArray[np.int64]) -> Pace:
+    """Measure how the stamps usually advance; zeros where they do not."""
+    steps = steps_between(stamps, 1)
+    paces = steps_between(stamps, min(PACE_ROWS, max(1, len(stamps) // 8)))
+    usual = [float(np.median(found[found > 0])) if np.any(found > 0) else 0.0 for found in (paces, steps)]
+    return Pace(*usual)
+
+
+def find_pieces(stamps: NDArray[np.int64], pace: Pace) -> Pieces:
+    """Cut the rows at long steps of the clock; rows at most a second late stay where they are."""
+    limits = (pace.longest_us, LONGEST_DELAY_US)
+    edges = np.empty(find_edges(stamps, *limits, np.empty(0, np.int64)), np.int64)
+    find_edges(stamps, *limits, edges)
+    first = np.concatenate([np.zeros(1, np.int64), edges])
+    stop = np.append(edges, len(stamps))
+    return Pieces(first, stop, np.minimum.reduceat(stamps, first), np.maximum.reduceat(stamps, first))
+
+
+# A table that stands with its newest row first.
+
+
+TURNED_SHARE = 0.9
+"""So many of the steps run backwards in a table that was turned round."""
+
+
+def turn_round(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Put a table that stands with its newest row first into the order of time, in place (W-REVERSED)."""
+    stamps = columns.stamps[: columns.rows]
+    backward = count_backward(stamps)
+    if backward == 0 or backward < TURNED_SHARE * (backward + count_forward(stamps)) or len(stamps) < 3:
+        return ()
+    for values in (columns.acc, columns.gyr, columns.stamps):
+        turn_rows(values.reshape(len(values), -1), columns.rows)
+    return (QualityFlag(Caveat.REVERSED),)
+
+
+# A wall clock that followed daylight saving.
+
+
+HOUR_US = 3600 * MICROSECONDS
+CHANGE_US = HOUR_US // 2
+"""Clocks are changed at a full hour; here and there at half past."""
+LONGEST_LOSS_US = 600 * MICROSECONDS
+CLOCK_US = 2 * MICROSECONDS
+FIRST_ROWS = 4097
+PART_ROWS = 1 << 14
+
+
+def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
+    """Take an hour's step out of wall-clock stamps where the clocks were changed, in place.
+
+    Only a step of one hour, at a moment at which the clocks of some zone step so, is taken for that; rows may
+    be lost around it for up to ten minutes. The stamps go on by the clock of the first row.
+    """
+    first_steps = np.diff(stamps[:FIRST_ROWS])
+    advances = first_steps[first_steps > 0]  # many rows share a coarse stamp
+    usual = float(np.median(advances)) if len(advances) else 0.0
+    flags: tuple[QualityFlag, ...] = ()
+    for place in _find_long_steps(stamps, HOUR_US // 2):
+        step_us = int(stamps[place + 1] - stamps[place])
+        hour_us = HOUR_US if step_us > 0 else -HOUR_US
+        lost_us = step_us - hour_us - usual
+        if not -max(1.5 * usual, 1.0) <= lost_us <= LONGEST_LOSS_US:
+            continue
+        next_us = int(stamps[place]) + round(usual)
+        changed_us = -(-next_us // CHANGE_US) * CHANGE_US if lost_us > CLOCK_US else next_us
+        reading = datetime_at_us(changed_us) if changed_us <= next_us + lost_us + CLOCK_US else None
+        if reading is None or not is_change_of_wall_clock(reading, hour_us // MICROSECONDS):
+            continue
+        at_s = float(stamps[place + 1] - hour_us - stamps[0]) / MICROSECONDS
+        stamps[place + 1 :] -= np.int64(hour_us)
+        flags += (QualityFlag(Caveat.DST, 1, 0.0, at_s, at_s, {"step_s": hour_us // MICROSECONDS}),)
+    return flags
+
+
+def _find_long_steps(stamps: NDArray[np.int64], longer_than_us: int) -> list[int]:
+    """Rows after which the clock steps far either way; in parts, so that no array as long is made."""
+    return [
+        first + int(place)
+        for first in range(0, len(stamps), PART_ROWS)
+        for place in np.flatnonzero(np.abs(np.diff(stamps[first : first + PART_ROWS + 1])) > longer_than_us)
+    ]
+
+
+# Counters that start over: micros() and millis() of 32 bits, and loggers' own of 24 or 16.
+
+
+BITS = (32, 24, 16)
+MARGIN_US = 60 * MICROSECONDS
+"""A wrap is one only near both ends of the counter: a logger that started again is none."""
+ON_TIME_US = MICROSECONDS
+"""So soon after the last row the next one comes at a wrap, but for holes."""
+
+
+def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag, ...]:
+    """Undo the wraps of a counter of ``tick_us`` a count, in place (W-WRAP); 0 where stamps are no counts."""
+    if tick_us == 0 or count_backward(stamps) == 0:
+        return ()
+    wraps = _unwrap_even(stamps, tick_us) or lift_wraps(stamps, 2 ** BITS[0] * tick_us, MARGIN_US)
+    return (QualityFlag(Caveat.WRAP, wraps),) if wraps else ()
+
+
+def _unwrap_even(stamps: NDArray[np.int64], tick_us: int) -> int:
+    """Undo wraps where every long step back, made up for by the counter's whole range, can be one.
+
+    Most lead on without a hole, which a clock that was set does not; returns how many. A counter may have a
+    sign: then it starts over at half its range below zero.
+    """
+    lowest, highest = int(stamps.min()), int(stamps.max())
+    for bits in BITS:
+        wrap_us = 2**bits * tick_us
+        start_us = -wrap_us // 2 if lowest < 0 else 0
+        if lowest < start_us or highest >= start_us + wrap_us:
+            continue
+        rows = find_backward(stamps, count_backward(stamps))
+        rows = rows[stamps[rows - 1] - stamps[rows] > wrap_us // 2]
+        led_us = stamps[rows] + wrap_us - stamps[rows - 1]
+        if len(rows) and 2 * np.count_nonzero(led_us <= min(ON_TIME_US, wrap_us // 2)) > len(rows):
+            add_wraps(stamps, rows, wrap_us)
+            return len(rows)
+    return 0
+
 
 # Stamps that their neighbours contradict: a clock that stood still, fell to zero, or was away a while.
-
-
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
 
 LEAST_STUCK_ROWS = 3
@@ -105,30 +292,6 @@ def _fills_time(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) ->
     return bool(_tell_fit(stop - first, stamps[stop] - stamps[first - 1], pace))
 
 
-@njit(cache=True, nogil=True)
-def find_equal_runs(stamps: NDArray[np.int64], shortest: int) -> NDArray[np.int64]:
-    """Rows that share a stamp, ``shortest`` of them or more: first and first after, shape (m, 2).
-
-    In such a run some row at a multiple of half its least length has its like so many rows later.
-    """
-    half = max(1, shortest // 2)
-    runs = np.empty((len(stamps) // max(shortest, 1) + 1, 2), np.int64)
-    found = reached = 0
-    for row in range(0, len(stamps) - half, half):
-        if row < reached or stamps[row] != stamps[row + half]:
-            continue
-        first, stop = row, row
-        while first > 0 and stamps[first - 1] == stamps[row]:
-            first -= 1
-        while stop < len(stamps) and stamps[stop] == stamps[row]:
-            stop += 1
-        if stop - first >= shortest:
-            runs[found, 0], runs[found, 1] = first, stop
-            found += 1
-        reached = max(stop, row + 1)
-    return runs[:found]
-
-
 def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     """Time rows whose stamp stood still by their neighbours (W-CLOCK-FWD), or leave them out.
 
@@ -151,18 +314,6 @@ def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
         kept[found.first[k] : found.stop[k]] = False
     _leave_out_ends(pieces, pace, kept)
     return _take_out(columns, kept) + _tell_timed(int(rows[fits].sum()))
-
-
-def _time_between(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) -> None:
-    """Time rows evenly between those around them; on a coarse clock each stamp gets its usual rows."""
-    before_us, after_us = int(stamps[first - 1]), int(stamps[stop])
-    if not pace.is_coarse:
-        stamps[first:stop] = np.linspace(before_us, after_us, stop - first + 2)[1:-1]
-        return
-    usual = max(1, round(pace.step_us / pace.period_us))
-    have = int(np.count_nonzero(stamps[max(0, first - usual) : first] == before_us))
-    steps = (have + np.arange(stop - first)) // usual
-    stamps[first:stop] = np.minimum(before_us + steps * round(pace.step_us), after_us)
 
 
 def place_strangers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
@@ -208,6 +359,18 @@ def _tell_fit(rows: int | NDArray[np.int64], around_us: NDArray[np.int64], pace:
     return fits
 
 
+def _time_between(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) -> None:
+    """Time rows evenly between those around them; on a coarse clock each stamp gets its usual rows."""
+    before_us, after_us = int(stamps[first - 1]), int(stamps[stop])
+    if not pace.is_coarse:
+        stamps[first:stop] = np.linspace(before_us, after_us, stop - first + 2)[1:-1]
+        return
+    usual = max(1, round(pace.step_us / pace.period_us))
+    have = int(np.count_nonzero(stamps[max(0, first - usual) : first] == before_us))
+    steps = (have + np.arange(stop - first)) // usual
+    stamps[first:stop] = np.minimum(before_us + steps * round(pace.step_us), after_us)
+
+
 def _leave_out_ends(pieces: Pieces, pace: Pace, kept: NDArray[np.bool_]) -> None:
     """Mark the first and the last piece where they are one row, or stuck, far from the others."""
     if len(pieces) < 2:
@@ -235,25 +398,106 @@ def _tell_timed(rows: int) -> tuple[QualityFlag, ...]:
     return (QualityFlag(Caveat.CLOCK_FWD, rows),) if rows else ()
 
 
-def settle_rows(
-    columns: SampleColumns, *, tick_us: int = 0, is_wall_clock: bool = False
-) -> tuple[QualityFlag, ...]:
-    """Bring rows into the order of time and mend their stamps, in place; say what was done.
+# Rows that stand in a table twice: a copy that went on from too early, or a file put after itself.
 
-    ``tick_us``: microseconds in a count, where the stamps are those of a counter that may start over;
-    ``is_wall_clock``: the stamps are a clock's that may follow daylight saving. A table whose stamps only
-    advance is looked through once and left as it is.
+
+LEAST_ROWS = 10
+"""So many rows alike in all readings and in their stamps, and not all one, come about by copying only."""
+MOST_STEPS = 64
+"""Steps back that are looked into: each takes a look through the rows before it."""
+
+
+def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Take out, in place, rows that come again after a step back of the clock (W-DUP, in rows)."""
+    stamps = columns.stamps[: columns.rows]
+    count = count_backward(stamps)
+    if not 0 < count <= MOST_STEPS:
+        return ()
+    kept = np.ones(columns.rows, np.bool_)
+    for row in find_backward(stamps, count).tolist():
+        first = find_alike(columns.acc, columns.gyr, stamps, row)
+        rows = count_alike(columns.acc, columns.gyr, stamps, first, row) if first < row else 0
+        if rows >= LEAST_ROWS and np.ptp(columns.acc[row : row + rows], axis=0).any():
+            kept[row : row + rows] = False
+    repeated = columns.rows - int(kept.sum())
+    if repeated == 0:
+        return ()
+    columns.keep(kept)
+    return (QualityFlag(Caveat.DUP, repeated),)
+
+
+# Pieces that stand in the wrong order. (text)
+
+
+JOIN_US = MICROSECONDS
+"""A piece that begins so soon after the end of another goes on from there."""
+
+
+def order_pieces(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Put pieces that stand in the wrong order into that of their stamps (W-PIECES, in pieces that moved).
+
+    Rows that two pieces share at a seam are counted once (W-DUP).
     """
-    flags = turn_round(columns)
-    if is_wall_clock:
-        flags += undo_daylight_saving(columns.stamps)
-    flags += unwrap_counter(columns.stamps, tick_us)
-    flags += mend_stopped(columns)
-    if count_backward(columns.stamps) == 0 and not has_strange_ends(columns.stamps):
-        return flags
-    flags += mend_stuck(columns) + leave_out_repeats(columns)
-    if count_backward(columns.stamps):
-        flags += order_pieces(columns)
-    if count_backward(columns.stamps):
-        flags += place_strangers(columns)
-    return flags
+    stamps = columns.stamps[: columns.rows]
+    pace = measure_pace(stamps)
+    pieces = find_pieces(stamps, pace)
+    order = np.lexsort((pieces.high_us, pieces.low_us))
+    moved = int(np.count_nonzero(order != np.arange(len(order))))
+    if moved == 0:
+        return ()
+    begins = find_begins(columns, pieces, order, pace)
+    if begins is None or not goes_on(pieces, order, begins, pace):
+        return ()
+    repeated = int((begins - pieces.first).sum())
+    places = [(int(begins[k]), int(pieces.stop[k])) for k in order]
+    gather_rows(columns, places)
+    flags = (QualityFlag(Caveat.PIECES, moved),)
+    return (*flags, QualityFlag(Caveat.DUP, repeated)) if repeated else flags
+
+
+def find_begins(
+    columns: SampleColumns, pieces: Pieces, order: NDArray[np.int64], pace: Pace
+) -> NDArray[np.int64] | None:
+    """The row at which each piece begins that no piece before it in time has; None where two contradict."""
+    begins = pieces.first.copy()
+    stamps = columns.stamps[: columns.rows]
+    for before, after in pairwise(order.tolist()):
+        high_us = int(pieces.high_us[before])
+        if pieces.low_us[after] > high_us - int(pace.is_coarse):
+            continue
+        first, stop = int(pieces.first[after]), int(pieces.stop[after])
+        shared = int(np.count_nonzero(stamps[first:stop] <= high_us))
+        twin = int(pieces.first[before]) + int(
+            np.searchsorted(stamps[pieces.first[before] : pieces.stop[before]], stamps[first])
+        )
+        if shared == stop - first or not _is_copy(columns, twin, first, shared):
+            return None
+        begins[after] = first + shared
+    return begins
+
+
+def _is_copy(columns: SampleColumns, twin: int, first: int, shared: int) -> bool:
+    stamps = columns.stamps[: columns.rows]
+    return count_alike(columns.acc, columns.gyr, stamps, min(twin, first), max(twin, first)) >= shared
+
+
+def goes_on(pieces: Pieces, order: NDArray[np.int64], begins: NDArray[np.int64], pace: Pace) -> bool:
+    """Whether a piece goes on where another ends that does not stand just before it in the file.
+
+    Where what stands between the two in the file fits into the time between them, that is no proof: then it
+    may be rows with a strange stamp.
+    """
+    before, after = order[:-1], order[1:]
+    step_us = pieces.low_us[after] - pieces.high_us[before]
+    between_us = (pieces.first[after] - pieces.stop[before]) * pace.period_us
+    is_filled = (after > before) & (between_us <= step_us + pace.period_us)
+    is_new = (after != before + 1) & ~is_filled
+    return bool(np.any(is_new & ((step_us <= JOIN_US) | (begins[after] > pieces.first[after]))))
+
+
+def gather_rows(columns: SampleColumns, places: list[tuple[int, int]]) -> None:
+    """Keep some stretches of rows, in a new order; one column at a time, so that memory holds one twice."""
+    columns.acc = np.concatenate([columns.acc[first:stop] for first, stop in places])
+    columns.gyr = np.concatenate([columns.gyr[first:stop] for first, stop in places])
+    columns.stamps = np.concatenate([columns.stamps[first:stop] for first, stop in places])
+    columns.rows = len(columns.acc)
