@@ -19,10 +19,10 @@ from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks, find_inte
 from fusion.exposure.types import Interval
 from fusion.recording import Float64Array, IntArray
 
-# How far the figures of two arms could lie from those read off: ranges as those of a day (CONTRACT.md §5).
+# The ranges of the figures of two arms, made as those of a day (CONTRACT.md §5).
 #
-# 200 draws of the 5-minute blocks of the time both arms share, the same blocks for both, for it is one day;
-# each arm with an error of its own angle, for each has a sensor and a pose of its own.
+# 200 draws of the 5-minute blocks of the time both arms share: the same blocks for both, as it is one day;
+# for each arm an error of its own angle, as each has its own sensor and pose.
 
 
 BLOCK_S = 300.0

@@ -19,7 +19,7 @@ from app.request import OnStage, Reference, ReportRequest
 from app.roads.analyse import ignore_stage
 from app.version import software_revision, software_version
 from fusion.agreement import (
-    ClockWishes,
+    ClockSettings,
     Comparison,
     ComparisonSettings,
     Side,
@@ -75,8 +75,8 @@ def compare_files(log: Path, request: ReportRequest, reference: Reference, on_st
     with Path(reference.path).open("rb") as file:
         other = read_angle_file(file, reference.file_name, options)
     on_stage("counting", 0.7)
-    wishes = ClockWishes(reference.offset_s, reference.drift_ppm)
-    return compare_sides(ours, other, ComparisonSettings(wishes, reference.tasks))
+    clock = ClockSettings(reference.offset_s, reference.drift_ppm)
+    return compare_sides(ours, other, ComparisonSettings(clock, reference.tasks))
 
 
 def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:

@@ -1,7 +1,7 @@
 """How far two measurements of one arm agree: the source paper's validation, for everybody's own people."""
 
 from fusion.agreement.agreement_study import AgreementCell, AgreementEntry, summarise_agreement_study
-from fusion.agreement.alignment import ClockWishes, align
+from fusion.agreement.alignment import ClockSettings, align
 from fusion.agreement.compare import (
     Comparison,
     ComparisonSettings,
@@ -22,7 +22,7 @@ __all__ = [
     "AgreementCell",
     "AgreementEntry",
     "Alignment",
-    "ClockWishes",
+    "ClockSettings",
     "Comparison",
     "ComparisonSettings",
     "FigureDifference",

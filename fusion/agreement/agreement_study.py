@@ -11,7 +11,7 @@ from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits,
 
 @dataclass(frozen=True, slots=True)
 class AgreementEntry:
-    """What one comparison said of one task."""
+    """The agreement of one task in one comparison."""
 
     person: str
     device: str

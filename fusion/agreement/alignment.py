@@ -1,4 +1,4 @@
-"""Find how the reference's clock runs beside the recording's, from the motion that both saw.
+"""Find offset and drift between the clocks of recording and reference, from the motion in both.
 
 1. Whole shift: normalised cross-correlation of the angles' rates of change (10 Hz grid, cut at 150 deg/s,
    zero in holes). A held pose has no rate of change, so quasi-static parts say nothing,
@@ -36,7 +36,7 @@ from fusion.recording import Float64Array
 
 GRID_HZ = 10.0
 LEAST_R = 0.5
-"""Below this the motions are not alike, and no alignment is given."""
+"""Below this correlation the motions are not alike, and no alignment is given."""
 
 LEAST_ENERGY = 0.2
 """Of the lesser side's motion that must lie in the common time of a shift, lest an edge matches by chance."""
@@ -62,18 +62,26 @@ STEPS = 25
 SLOPE_S = 0.2
 HUBER = 1.345
 MOST_SHIFT_S = 1.0
-"""Beyond this the last step has lost its way, and the answer of the step before stands."""
+"""If the last step moves the offset by more than this, it has diverged, and the step before it is kept."""
 
 
 @dataclass(frozen=True, slots=True)
-class ClockWishes:
-    """What a person sets by hand; None is "find it"."""
+class ClockSettings:
+    """The alignment as far as a person sets it by hand.
+
+    Attributes
+    ----------
+    offset_s
+        The reference's clock at the recording's first sample; None: found from the motion.
+    drift_ppm
+        How much faster the reference's clock runs; None: found from the motion.
+    """
 
     offset_s: float | None = None
     drift_ppm: float | None = None
 
 
-def align(ours: Runs, reference: Runs, wishes: ClockWishes | None = None) -> Alignment:
+def align(ours: Runs, reference: Runs, clock: ClockSettings | None = None) -> Alignment:
     """Find offset and drift, except what is given.
 
     Raises
@@ -84,14 +92,14 @@ def align(ours: Runs, reference: Runs, wishes: ClockWishes | None = None) -> Ali
     NothingInCommon
         A side without any valid row.
     """
-    refined = refine(ours, reference, align_roughly(ours, reference, wishes or ClockWishes()))
+    refined = refine(ours, reference, align_roughly(ours, reference, clock or ClockSettings()))
     aligned = replace(refined, r=_correlate_rates(ours, reference, refined))
     if not aligned.is_offset_given and not aligned.r >= LEAST_R:
         raise NotAligned(r=round(aligned.r, 2) if isfinite(aligned.r) else 0.0, least=LEAST_R)
     return aligned
 
 
-def align_roughly(ours: Runs, reference: Runs, wishes: ClockWishes) -> Alignment:
+def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignment:
     """Find offset and drift to some hundredths of a second, from any two curves whose slopes are alike.
 
     Raises
@@ -103,14 +111,14 @@ def align_roughly(ours: Runs, reference: Runs, wishes: ClockWishes) -> Alignment
     """
     if not ours or not reference:
         raise NothingInCommon(s=0.0)
-    first = find_shift(ours, reference) if wishes.offset_s is None else _start_given(wishes)
-    if wishes.drift_ppm is not None:
-        first = _hold_drift(first, wishes.drift_ppm, ours)
-    return _fit_windows(ours, reference, first, wishes)
+    first = find_shift(ours, reference) if clock.offset_s is None else _start_given(clock)
+    if clock.drift_ppm is not None:
+        first = _hold_drift(first, clock.drift_ppm, ours)
+    return _fit_windows(ours, reference, first, clock)
 
 
-def _start_given(wishes: ClockWishes) -> Alignment:
-    return Alignment(wishes.offset_s or 0.0, wishes.drift_ppm or 0.0, nan, is_offset_given=True)
+def _start_given(clock: ClockSettings) -> Alignment:
+    return Alignment(clock.offset_s or 0.0, clock.drift_ppm or 0.0, nan, is_offset_given=True)
 
 
 def _hold_drift(first: Alignment, drift_ppm: float, ours: Runs) -> Alignment:
@@ -193,16 +201,16 @@ def _score_shifts(own: Float64Array, other: Float64Array) -> tuple[Float64Array,
     return correlation, correlation * np.minimum(shared / whole, 1.0) ** OVERLAP_WORTH
 
 
-def _fit_windows(ours: Runs, reference: Runs, first: Alignment, wishes: ClockWishes) -> Alignment:
+def _fit_windows(ours: Runs, reference: Runs, first: Alignment, clock: ClockSettings) -> Alignment:
     """Place stretches one by one and lay the line that most of them agree on."""
     windows = _place_windows(ours, reference, first)
     start_s = np.array([window.start_s for window in windows])
     lags_s = np.array([window.lag_s for window in windows])
     spans = len(windows) >= 3 and float(np.ptp(start_s)) >= LEAST_SPAN_S
     slope = 0.0
-    if spans and wishes.drift_ppm is None:
+    if spans and clock.drift_ppm is None:
         slope = float(theilslopes(lags_s, start_s).slope)
-    if len(windows) and wishes.offset_s is None:
+    if len(windows) and clock.offset_s is None:
         offset_s = first.offset_s + float(np.median(lags_s - slope * start_s))
     else:
         offset_s = first.offset_s
@@ -210,7 +218,7 @@ def _fit_windows(ours: Runs, reference: Runs, first: Alignment, wishes: ClockWis
         first,
         offset_s=offset_s,
         drift_ppm=first.drift_ppm + slope * 1e6,
-        is_drift_fitted=spans and wishes.drift_ppm is None,
+        is_drift_fitted=spans and clock.drift_ppm is None,
         windows=windows,
     )
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.agreement.alignment import LEAST_R, ClockWishes, align, align_roughly
+from fusion.agreement.alignment import LEAST_R, ClockSettings, align, align_roughly
 from fusion.agreement.pairs import (
     Alignment,
     PairedRun,
@@ -34,9 +34,18 @@ from fusion.task_windows import TaskWindow
 class Side:
     """One measurement of the arm, in its own clock.
 
-    ``runs`` is the elevation, empty as long as the arm's axis is not known; ``paths`` the way of the
-    vertical, empty where only angles are known. ``calibration_s`` is when the arm hung still, for the other
-    side to use.
+    Attributes
+    ----------
+    device, sha256, understood
+        As in :class:`fusion.recording.Recording`.
+    duration_s
+        From the first to the last row.
+    runs
+        The elevation, deg; empty as long as the arm's axis is not known.
+    paths
+        The path of the vertical, deg; empty where only angles are known.
+    calibration_s
+        When the arm hung still, (start, end); the other side is calibrated at the same moment.
     """
 
     device: str
@@ -93,7 +102,7 @@ def share_calibration(file: AngleFile, ours: Side, rough: Alignment) -> AngleFil
     return calibrate_file(file, (float(start_s), float(end_s)))
 
 
-# The error by how high the arm was and how fast it moved, both as the reference saw them.
+# The error by elevation and by speed, both as the reference measured them.
 
 
 ELEVATION_EDGES_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 180.0)
@@ -144,7 +153,7 @@ def _divide(pairs: Pairs, values: Float64Array, edges: tuple[float, ...]) -> tup
     return tuple(strata)
 
 
-# What clinicians use, from both sides over the very same time: bins, repetitions, percentiles.
+# The exposure figures of both sides over the same time: bins, repetitions, percentiles.
 
 
 PERCENTILES = (10, 50, 90)
@@ -185,7 +194,7 @@ Axis = Literal["angle", "segment", "common pose"]
 class ComparisonSettings:
     """What a person may decide about a comparison."""
 
-    wishes: ClockWishes = field(default_factory=ClockWishes)
+    clock: ClockSettings = field(default_factory=ClockSettings)
     tasks: tuple[TaskWindow, ...] = ()
 
 
@@ -234,9 +243,9 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
         An orientation of which nothing says how the arm lies in it.
     """
     axis = find_axis(reference)
-    calibrated = reference if axis != "common pose" else _calibrate_together(ours, reference, settings.wishes)
+    calibrated = reference if axis != "common pose" else _calibrate_together(ours, reference, settings.clock)
     other = take_angle_file(calibrated)
-    alignment = align(ours.runs, other.runs, settings.wishes)
+    alignment = align(ours.runs, other.runs, settings.clock)
     pairs = pair(ours.runs, other.runs, alignment)
     windows = tuple(_place(task, alignment) for task in settings.tasks)
     tasks = _compare_tasks(pairs, windows)
@@ -264,9 +273,9 @@ def find_axis(reference: AngleFile) -> Axis:
     return "common pose" if reference.axis is None else "segment"
 
 
-def _calibrate_together(ours: Side, reference: AngleFile, wishes: ClockWishes) -> AngleFile:
+def _calibrate_together(ours: Side, reference: AngleFile, clock: ClockSettings) -> AngleFile:
     """Align by how fast the vertical moves, then calibrate both at one moment."""
-    rough = align_roughly(ours.paths or ours.runs, take_angle_file(reference).paths, wishes)
+    rough = align_roughly(ours.paths or ours.runs, take_angle_file(reference).paths, clock)
     if not rough.is_offset_given and not rough.r >= LEAST_R:
         raise NotAligned(r=round(rough.r, 2), least=LEAST_R)
     return share_calibration(reference, ours, rough)

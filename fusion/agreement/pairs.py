@@ -4,7 +4,7 @@ So neither side gets samples at a rate that it was not measured at. Holes of eit
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 
 import numpy as np
@@ -58,19 +58,23 @@ def take_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
 
 
 def take_paths(elevation: Elevation, first_s: float = 0.0) -> Runs:
-    """Take the way that the vertical has gone in the sensor's frame, deg, at about 50 Hz.
+    """Take the path of the vertical in the sensor's frame, deg, at about 50 Hz.
 
     Its rate of change is the same however the sensor sits on the arm: what aligns an orientation whose arm
     axis is not known yet. Empty where the vertical is not known.
     """
-    return tuple(
-        Run(first_s + segment.start_us / MICROSECONDS + start / segment.rate_hz, segment.rate_hz / step, path)
-        for segment in elevation.segments
-        if segment.vertical is not None
-        for step in (max(1, round(segment.rate_hz / PATH_HZ)),)
-        for start, values in _cut_valid(segment)
-        if len(path := measure_path(segment.vertical[start : start + len(values)][::step])) >= SHORTEST_ROWS
-    )
+    return tuple(path for segment in elevation.segments for path in _take_segment_paths(segment, first_s))
+
+
+def _take_segment_paths(segment: ElevationSegment, first_s: float) -> Iterator[Run]:
+    if segment.vertical is None:
+        return
+    step = max(1, round(segment.rate_hz / PATH_HZ))
+    for start, values in _cut_valid(segment):
+        path = measure_path(segment.vertical[start : start + len(values)][::step])
+        start_s = first_s + segment.start_us / MICROSECONDS + start / segment.rate_hz
+        if len(path) >= SHORTEST_ROWS:
+            yield Run(start_s, segment.rate_hz / step, path)
 
 
 def measure_path(up: FloatArray) -> Float64Array:
@@ -120,16 +124,16 @@ def find_rate_hz(runs: Sequence[Run]) -> float:
     return max(runs, key=len).rate_hz
 
 
-# How the clock of the reference runs beside that of the recording.
+# The alignment of the two clocks.
 
 
 TIMING_S = 0.01
-"""What a time base of whole-second stamps (GT9X) leaves open between two moments of a recording."""
+"""Uncertainty of the time between two samples where the stamps are of whole seconds (GT9X)."""
 
 
 @dataclass(frozen=True, slots=True)
 class WindowLag:
-    """What one stretch alone says: how far the reference is from where the clocks put it, and how alike."""
+    """The lag of the reference in one stretch, beyond the alignment so far, and its correlation there."""
 
     start_s: float
     lag_s: float
@@ -247,12 +251,13 @@ def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
     if not ours or not moved:
         raise NothingInCommon(s=0.0)
     if find_rate_hz(ours) <= find_rate_hz(moved):
-        found = [PairedRun(a, b, c, d) for a, b, c, d in _meet(ours, moved)]
+        found = tuple(_find_common(ours, moved))
     else:
-        found = [PairedRun(a, b, d, c) for a, b, c, d in _meet(moved, ours)]
+        exchanged = _find_common(moved, ours)
+        found = tuple(replace(r, ours_deg=r.reference_deg, reference_deg=r.ours_deg) for r in exchanged)
     if not found:
         raise NothingInCommon(s=0.0)
-    return Pairs(tuple(found))
+    return Pairs(found)
 
 
 def _move(run: Run, alignment: Alignment) -> Run:
@@ -260,8 +265,8 @@ def _move(run: Run, alignment: Alignment) -> Run:
     return Run(start_s, run.rate_hz * alignment.pace, run.values)
 
 
-def _meet(slow: Runs, fast: Runs) -> Iterator[tuple[float, float, Float64Array, Float64Array]]:
-    """Give (start, rate, slower values, faster values) wherever two runs overlap."""
+def _find_common(slow: Runs, fast: Runs) -> Iterator[PairedRun]:
+    """Give the rows wherever two runs overlap, with the slower side as ours."""
     for run in slow:
         for other in fast:
             first = max(0, int(np.ceil((other.start_s - run.start_s) * run.rate_hz - 1e-6)))
@@ -270,7 +275,7 @@ def _meet(slow: Runs, fast: Runs) -> Iterator[tuple[float, float, Float64Array, 
                 time_s = run.start_s + np.arange(first, stop) / run.rate_hz
                 values = run.values[first:stop].astype(np.float64)
                 within = np.clip(interpolate(other, time_s), 0.0, 180.0)
-                yield float(time_s[0]), run.rate_hz, values, within
+                yield PairedRun(float(time_s[0]), run.rate_hz, values, within)
 
 
 def _cut(run: PairedRun, start_s: float, end_s: float) -> PairedRun | None:

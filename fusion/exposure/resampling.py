@@ -1,4 +1,4 @@
-"""Days as they might have been: 5-minute blocks drawn again, with an error of the angle (CONTRACT §5).
+"""Resampled days: 5-minute blocks drawn again, with an error of the angle (CONTRACT §5).
 
 200 draws. Draw k takes the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as
 the day has analysed ones, with replacement, by PCG64(0): the same recording always gives the same interval.

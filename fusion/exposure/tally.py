@@ -1,4 +1,4 @@
-"""What the segments of a day leave behind: sums that are filled in place, and stays in time order."""
+"""Everything that is counted segment by segment: sums that are filled in place, and stays in time order."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

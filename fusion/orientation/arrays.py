@@ -1,4 +1,4 @@
-"""What the estimators ask of plain arrays."""
+"""Checks of the arrays that callers pass to the estimators."""
 
 from math import isfinite
 

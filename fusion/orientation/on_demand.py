@@ -1,7 +1,7 @@
-"""The vertical at every sample, worked out when it is looked at.
+"""The vertical at every sample, computed when it is read.
 
-Eight hours at 500 Hz are 165 MiB of unit vectors. The nodes (10 MiB) and the gyroscope's samples, which are
-there anyway, hold all of it; the same rows always give the same bits, whatever slice they are asked in.
+Eight hours at 500 Hz are 165 MiB of unit vectors. They follow from the nodes (10 MiB) and the gyroscope's
+samples, which are kept anyway; the same rows always give the same bits, whatever slice is read.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.nodes import Nodes, spread_rows
 
 ROWS_AT_ONCE = 16_384
-"""So many are still near the processor when their angle is taken."""
+"""So many vectors are still in the processor's cache when their angle is computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
