@@ -170,7 +170,7 @@ class SlipRules:
       where a side is shorter than ``short_s``) for one; the first of ``known_between`` and
       ``turned_between_deg`` for two, as an hour at the wheel between two on foot looks like 45 deg.
 
-    The figures behind the bounds stand in decision 32. Of stretches that are as good, one that reaches to the
+    The figures behind the bounds stand in decision 38. Of stretches that are as good, one that reaches to the
     end is taken, unless another is known less by ``clearer``. A slip over minutes leaves most of its
     beginning and end to either side; ``margin_s`` is added to both. A turn is in doubt where
     ``pure`` of the walking on each side is near its commonest direction and hardly any near that of the
