@@ -81,7 +81,7 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
     UnreadableRows
         More than 5 % of the rows without a time or with something that is not a number.
     UnusableTime
-        Stamps that do not rise, or are too few to tell a rate.
+        Stamps that do not rise, or are too few for a rate.
     WrongAngle
         An elevation more than 0.5 deg outside 0 to 180.
     TooShort
@@ -109,7 +109,7 @@ def resample_angles(recording: Recording, series: AngleRows) -> tuple[Recording,
     Raises
     ------
     UnusableTime
-        Too few rows to tell a rate.
+        Too few rows for a rate.
     """
     period_s = _measure_period(series.time_s)
     segments = _split_at_holes(series, period_s)
@@ -155,7 +155,7 @@ def _recognise(header: str, start: bytes) -> _Layout:
 
 
 def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
-    """Read fast; where a value is no number, once more as text, and count what cannot be read."""
+    """Read the columns as numbers; where one is none, read them as text and count what is unreadable."""
     try:
         table, broken = _parse_columns(file, layout, pa.float64())
     except pa.ArrowInvalid:

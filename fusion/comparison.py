@@ -89,7 +89,7 @@ NOT_SHIPPED = {
 
 
 def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:
-    """Set each reference beside its figure, or say why it does not apply.
+    """Set each reference beside its figure, or give the reason why it does not apply.
 
     All are for a working day: not with less than 4 h analysed, and not when the quality is poor.
     """
@@ -160,7 +160,7 @@ class FigureChange:
 
     ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
     ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
-    one recording, of two people, or two arms: then there is no change to be judged.
+    one recording, of two people, or two arms: then no change is judged.
     """
 
     name: str

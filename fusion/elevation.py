@@ -124,8 +124,8 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     """Fuse each segment and take the angle between the arm axis and the vertical.
 
     Not valid are rows that bridge a hole, segments under 1 s, and (`smoothed`) seconds that are uncertain by
-    more than 5 deg: by their sigma, or by half the angle between what past and future say. `published` has
-    no such measure; `live` leaves out the first 3 s of each segment, in which its direction rests on little.
+    more than 5 deg: by their sigma, or by half the angle between the estimates from past and future.
+    `published` has no such measure; `live` leaves out the first 3 s of a segment, where it has few samples.
     """
     fuse = {"smoothed": _fuse_smoothed, "published": _fuse_published, "live": _fuse_live}[method]
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)

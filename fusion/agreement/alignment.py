@@ -1,7 +1,7 @@
 """Find offset and drift between the clocks of recording and reference, from the motion in both.
 
 1. Whole shift: normalised cross-correlation of the angles' rates of change (10 Hz grid, cut at 150 deg/s,
-   zero in holes). A held pose has no rate of change, so quasi-static parts say nothing,
+   zero in holes). A held pose has no rate of change, so quasi-static parts do not count,
    whatever their angle is; an error of the pose does not matter either.
 2. Drift: the same in stretches, each within 4 s of the first answer, placed to a fraction of a sample by the
    parabola through the peak; then the line that most stretches agree on (Theil and Sen). A drift is only
@@ -9,7 +9,7 @@
 3. To the millisecond: least squares of the difference of the angles over offset, drift and bias together,
    the reference interpolated by cubics, with Huber's weights (1964) and a few steps of Gauss and Newton.
 
-A constant delay of a filter on one side is taken up by the offset and cannot be told from it.
+A constant delay of a filter on one side becomes a part of the offset and cannot be separated from it.
 """
 
 from collections.abc import Sequence
@@ -39,20 +39,20 @@ LEAST_R = 0.5
 """Below this correlation the motions are not alike, and no alignment is given."""
 
 LEAST_ENERGY = 0.2
-"""Of the lesser side's motion that must lie in the common time of a shift, lest an edge matches by chance."""
+"""Least share of the lesser side's motion in the common time of a shift; with less, edges match by chance."""
 
 LEAST_MOTION_S, MOVING_DPS = 10.0, 5.0
 """So long must the common time hold motion of both, each faster than this, for a shift to be searched for."""
 
 SURE_MOTION_S, SURE_R = 30.0, 0.7
-"""So much motion, so alike, is no chance: of 3e5 shifts of 60 independent values the best has r 0.65."""
+"""So much motion matches so well by no chance: of 3e5 shifts of 60 independent values the best has r 0.65."""
 
 MOST_RIVAL = 0.95
 """Short of that, what another shift more than ``REACH_S`` away may be worth beside the best."""
 
 OVERLAP_WORTH = 0.25
 FASTEST_DPS = 150.0
-"""Faster motion counts no more than this, lest one throw decide."""
+"""Faster motion counts as this speed, so that no single throw decides."""
 
 REACH_S = 4.0
 WINDOW_R = 0.7
@@ -105,7 +105,7 @@ def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignmen
     Raises
     ------
     NotAligned
-        The offset is not given, and the motion does not tell it.
+        The offset is not given, and the motion does not determine it.
     NothingInCommon
         A side without any valid row.
     """
@@ -284,7 +284,7 @@ def refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:
 def _find_step(
     ours: Runs, reference: Runs, now: Alignment, free: Sequence[bool]
 ) -> tuple[float, float] | None:
-    """One step of Gauss and Newton; None where the common time does not tell one."""
+    """One step of Gauss and Newton; None where the common time does not determine one."""
     if not any(free):
         return 0.0, 0.0
     pairs = pair(ours, reference, now)

@@ -108,7 +108,7 @@ def share_calibration(file: AngleFile, ours: Side, rough: Alignment) -> AngleFil
 ELEVATION_EDGES_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 SPEED_EDGES_DPS = (0.0, 10.0, 30.0, 90.0, 180.0, float("inf"))
 SPEED_SPAN_S = 0.1
-"""The speed is taken over a tenth of a second, so that the noise of single samples is no speed."""
+"""The speed is taken over a tenth of a second, which averages the noise of single samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +240,7 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     fusion.errors.UnusableComparison
         The motions are not alike, or have no time in common.
     UnknownAxis
-        An orientation of which nothing says how the arm lies in it.
+        An orientation in which the direction of the arm is not known.
     """
     axis = find_axis(reference)
     calibrated = reference if axis != "common pose" else _calibrate_together(ours, reference, settings.clock)

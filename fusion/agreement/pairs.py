@@ -145,8 +145,8 @@ class Alignment:
     """reference clock = ``offset_s`` + recording clock x (1 + ``drift_ppm`` / 1e6).
 
     ``r`` is the correlation of the speeds under this alignment. ``is_offset_given`` and ``is_drift_given``
-    say what a person set by hand; ``is_drift_fitted`` is False where the motion does not tell a drift,
-    which is then 0.
+    are true where a person set it by hand; ``is_drift_fitted`` is False where the motion does not determine
+    a drift, which is then 0.
     """
 
     offset_s: float

@@ -5,8 +5,8 @@ agreement: Bland and Altman 1986; with repeated measures, Bland and Altman 2007,
 varies). ICC(A,1): McGraw and Wong 1996, two-way, absolute agreement, one measurement (Shrout and Fleiss's
 ICC(2,1)). Concordance: Lin 1989.
 
-r, ICC and concordance say how the error compares with the spread of the angle. Where the angle hardly moves
-they say nothing of the error, so they are not given (NaN) where the reference is quasi-static: its standard
+r, ICC and concordance compare the error with the spread of the angle. Where the angle hardly moves they
+do not measure the error, so they are not given (NaN) where the reference is quasi-static: its standard
 deviation below 5 deg. The paper leaves r out of its quasi-static tasks without naming a rule.
 """
 

@@ -74,8 +74,8 @@ def _find_times(
 ) -> tuple[Float64Array, str]:
     if fine is not None and np.isfinite(fine).all():
         return unwrap_counter(fine, COUNTER_SPAN["sampletimefine"]) * TICK_S, ""
-    told = _find_text(_RATE, layout)
-    rate_hz = float(told) if told else options.rate_hz
+    rate_text = _find_text(_RATE, layout)
+    rate_hz = float(rate_text) if rate_text else options.rate_hz
     if not rate_hz:
         raise UnknownRate
     return unwrap_counter(counter, COUNTER_SPAN["packetcounter"]) / rate_hz, f"{rate_hz:g}"

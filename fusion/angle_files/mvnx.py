@@ -264,7 +264,7 @@ def _find_times(frames: _Frames) -> Float64Array:
 
 
 def _describe(frames: _Frames, side: str, axis: Float64Array) -> dict[str, str]:
-    told = {
+    understood = {
         "layout": "MVNX",
         "version": frames.header.get("mvn_version", ""),
         "side": side,
@@ -275,5 +275,5 @@ def _describe(frames: _Frames, side: str, axis: Float64Array) -> dict[str, str]:
     }
     if frames.pose_orientation is not None:
         pose_up = take_up_of_quaternion(np.array([frames.pose_orientation]))
-        told["t_pose_elevation_deg"] = f"{float(measure_from_up(pose_up, axis)[0]):.1f}"
-    return told
+        understood["t_pose_elevation_deg"] = f"{float(measure_from_up(pose_up, axis)[0]):.1f}"
+    return understood

@@ -1,4 +1,4 @@
-"""From the rows of a file to an elevation like every other; the arm's axis where only the pose tells it."""
+"""From the rows of a file to an elevation on even grids; the arm's axis from the pose where it is unknown."""
 
 from dataclasses import replace
 
@@ -62,8 +62,8 @@ def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...])
     shifted_s = (window_s[0] + file.first_s, window_s[1] + file.first_s)
     calibrated = calibrate_file(file, shifted_s)
     flag = QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
-    told = {"calibration_s": f"{window_s[0]:g} - {window_s[1]:g}"}
-    return replace(calibrated, flags=(*file.flags, flag), understood={**file.understood, **told})
+    understood = {"calibration_s": f"{window_s[0]:g} - {window_s[1]:g}"}
+    return replace(calibrated, flags=(*file.flags, flag), understood={**file.understood, **understood})
 
 
 def _find_still(file: AngleFile) -> tuple[float, float]:

@@ -23,7 +23,7 @@ MOST_UNREADABLE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the header stands and how its fields are parted; ``before`` are the lines above it."""
+    """Where the header is and how its fields are separated; ``before`` are the lines above it."""
 
     header_line: int
     delimiter: str
@@ -112,7 +112,7 @@ def _to_numbers(column: pa.Array, decimal: str) -> Float64Array:
 
 
 def require(layout: Layout | None, source: Source) -> Layout:
-    """Give the layout, or refuse with the first line as it stands."""
+    """Give the layout; refuse a file without one, with its first line as the fact."""
     if layout is None:
         lines = source.head.decode("utf-8-sig", "replace").splitlines() or [""]
         raise UnknownColumns(list=lines[0][:200], line=1)
@@ -121,7 +121,7 @@ def require(layout: Layout | None, source: Source) -> Layout:
 
 # Which columns of a table hold an orientation, by the names that Xsens and others give them.
 #
-# A matrix before a quaternion before Euler angles, where an export holds several: they say the same.
+# A matrix before a quaternion before Euler angles, where an export holds several: they are equivalent.
 
 
 MATRIX_ROW = (("mat31", "mat32", "mat33"),)

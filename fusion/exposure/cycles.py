@@ -21,7 +21,7 @@ USUAL_POINTS = 65536
 class CycleTally:
     """Cycles by error of the angle, 5-minute block and class of range, filled in place: shape (g, b, 4).
 
-    ``errors_deg`` has shape (g,), nought in the middle. A half cycle counts 0.5; runs of valid rows are
+    ``errors_deg`` has shape (g,), 0 in the middle. A half cycle counts 0.5; runs of valid rows are
     counted apart; ranges under 10 deg are in no class. A cycle belongs to the block in which its range ends.
     """
 

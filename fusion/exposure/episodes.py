@@ -26,7 +26,7 @@ START, STOP, COUNTED, CENSORED, RUN = range(5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stays:
-    """What one threshold saw in one segment.
+    """Repetitions and episodes of one segment above one threshold.
 
     ``entry_us``, shape (k,), are the times of the repetitions; ``start_s``, ``duration_s`` and ``censored``,
     shape (e,), are the episodes after merging and dropping.

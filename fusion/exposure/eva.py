@@ -38,7 +38,7 @@ class _Classes(NamedTuple):
 class EvaTally:
     """Seconds by error of the angle, 5-minute block, angle class and duration of the uninterrupted stay.
 
-    ``errors_deg`` has shape (g,), nought in the middle; ``seconds``, shape (g, b, 5, 9), is filled in place.
+    ``errors_deg`` has shape (g,), 0 in the middle; ``seconds``, shape (g, b, 5, 9), is filled in place.
     A stay counts in every block by its time there, in the class of its whole length.
     """
 
@@ -159,9 +159,9 @@ class EvaDraws:
 
     def find_cells(self) -> tuple[tuple[Interval, ...], ...]:
         """Give the interval of each cell, five rows of nine."""
-        told = find_ranges(self.percent.reshape(len(self.percent), -1))
+        cells = find_ranges(self.percent.reshape(len(self.percent), -1))
         columns = SHAPE[1]
-        return tuple(tuple(told[row * columns : (row + 1) * columns]) for row in range(SHAPE[0]))
+        return tuple(tuple(cells[row * columns : (row + 1) * columns]) for row in range(SHAPE[0]))
 
     def name_summaries(self) -> dict[str, Interval]:
         """Give the intervals of the sums over rows and columns, of the spread and of the centroid."""

@@ -225,7 +225,7 @@ def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
 
 
 def _describe(values: list[float]) -> HourVariation:
-    """Coefficient of variation with the sample's standard deviation; None about a mean of nought."""
+    """Coefficient of variation with the sample's standard deviation; None where the mean is 0."""
     coefficient, spread, last_less_first = (
         float(figure[0]) for figure in describe_values(np.array([values]))
     )
@@ -238,7 +238,7 @@ def _describe(values: list[float]) -> HourVariation:
 
 
 def describe_values(values: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Give coefficient (percent; NaN about a mean of nought), spread, and last less first of rows, (d, h)."""
+    """Give coefficient (percent; NaN where the mean is 0), spread, and last less first of rows, (d, h)."""
     mean = values.mean(axis=1)
     mean = np.where(mean > 0, mean, np.nan)
     coefficient = 100.0 * values.std(axis=1, ddof=1) / mean
@@ -310,19 +310,19 @@ def name_variation_intervals(
     """Give the intervals of what differs between the clock hours; ``drawn`` are the figures of each hour.
 
     Hours drawn again differ by their sampling once more, so that the draws of a spread lie too high: they are
-    moved to lie about the figure itself, and not under nought.
+    moved to lie about the figure itself, and not below 0.
     """
     kept = [figure for hour, figure in zip(hours, drawn, strict=True) if is_compared(hour)]
     found: dict[str, Interval] = {}
     for name, figure in figures.items():
         values = np.stack([part[name] for part in kept], axis=1)
         coefficient, spread, last_less_first = describe_values(values)
-        told = {
+        intervals = {
             "coefficient_percent": _centre(coefficient, figure.coefficient_percent),
             "spread": _centre(spread, figure.spread),
             "last_less_first": find_interval(last_less_first),
         }
-        found |= {f"by_hour_{name}_{key}": interval for key, interval in told.items() if interval}
+        found |= {f"by_hour_{name}_{key}": interval for key, interval in intervals.items() if interval}
     return found
 
 
@@ -354,7 +354,7 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
         **_name_counts(exposure, day, errors, draws, block_us / MICROSECONDS),
         **eva.name_summaries(),
     }
-    told = replace(
+    of_day = replace(
         exposure,
         bins=add_bin_intervals(exposure.bins, figures),
         time_above=add_above_intervals(exposure.time_above, figures),
@@ -362,7 +362,7 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
         eva=replace(exposure.eva, intervals=eva.find_cells()),
         intervals=_leave_out_empty(named, errors.sigma_deg, block_us),
     )
-    return _add_part_intervals(told, day, errors)
+    return _add_part_intervals(of_day, day, errors)
 
 
 def _leave_out_empty(named: dict[str, Interval], sigma_deg: float, block_us: IntArray) -> dict[str, Interval]:

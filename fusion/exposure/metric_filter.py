@@ -120,9 +120,9 @@ def _pass_in_place(x, section):  # type: ignore[no-untyped-def]
     before, earlier = x[0], x[0]  # what came in
     y, z = x[0], x[0]  # what went out
     for i in range(len(x)):
-        told = b0 * x[i] + b1 * before + b2 * earlier - a2 * z
+        forward = b0 * x[i] + b1 * before + b2 * earlier - a2 * z
         earlier, before, z = before, x[i], y
-        y = told - a1 * y
+        y = forward - a1 * y
         x[i] = y
 
 

@@ -1,8 +1,8 @@
 """Rest of the upper arm: hanging and slow, and for how long it has none (EXPOSURE.md A3).
 
 Neutral and slow: elevation under 20 deg and generalised speed under 5 deg/s for 3 s or more without a gap;
-where there is no vertical (a ready angle series) the speed of inclination takes its place. This says where
-the arm was, not that its muscles rested.
+where there is no vertical (a ready angle series) the speed of inclination takes its place. The
+figure describes where the arm was, not whether its muscles rested.
 """
 
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class _Counts(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecoveryTally:
-    """What was counted at each error of the angle (shape (g,), nought in the middle), filled in place.
+    """What was counted at each error of the angle (shape (g,), 0 in the middle), filled in place.
 
     ``rest``, shape (g, b, 2), are seconds and number of neutral and slow stays in each 5-minute block,
     ``slow``, shape (b, 2), those of the slow ones; ``longest_s``, shape (g,), the longest time without the

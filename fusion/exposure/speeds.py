@@ -71,7 +71,7 @@ def _filter_padded_vectors(vectors, padding, section, padded):  # type: ignore[n
 
 @njit(cache=True, nogil=True)
 def _pass_vectors_in_place(v, section):  # type: ignore[no-untyped-def]
-    """One pass in direct form I; the three axes side by side, for each waits on its own last row only."""
+    """One pass in direct form I; the three axes in one loop, as each depends on its own last row only."""
     b0, b1, b2, a1, a2 = section
     px, py, pz = v[0, 0], v[0, 1], v[0, 2]  # what came in: the row before, and the one before that
     qx, qy, qz = px, py, pz
@@ -253,7 +253,7 @@ COARSE_CELLS = int(COARSE_OF_CELL[-1]) + 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedTally:
-    """Seconds in each 0.01 deg/s cell, filled in place; the first cell holds speeds of exactly nought.
+    """Seconds in each 0.01 deg/s cell, filled in place; the first cell holds speeds of exactly 0.
 
     ``edges_us`` are 5-minute blocks; ``block_s``, shape (b, 654), holds the same seconds once more, for each
     block and in cells that widen by 2 %; ``way_deg``, shape (b,), is the way turned. Speeds past

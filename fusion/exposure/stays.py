@@ -2,7 +2,7 @@
 
 An angle read ``b`` too high is above c where the true one is above c - b: the trigger is run at 33 thresholds
 (30, 60 and 90 deg, each with 11 errors) in one pass. The thresholds that are "above" at any moment are the
-lowest k of them, for all have the same hysteresis; so one number is the state of all triggers.
+lowest k of them, as all have the same hysteresis; so one number is the state of all triggers.
 """
 
 from dataclasses import dataclass

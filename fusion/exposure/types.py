@@ -1,4 +1,4 @@
-"""The figures of one recording, as frozen values; what each means stands with the function that makes it."""
+"""The figures of one recording, as frozen values; each is defined where it is computed."""
 
 from dataclasses import dataclass, field
 

@@ -59,7 +59,7 @@ class LiveVertical:
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> Float64Array:
         """Take the next samples, shapes (n, 3) or (3,), and give the unit vectors to the zenith, (n, 3).
 
-        Where nothing was felt yet (all samples nil) there is no direction, and the rows are NaN.
+        Where all samples so far are zero there is no direction, and the rows are NaN.
 
         Raises
         ------
