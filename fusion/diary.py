@@ -103,6 +103,10 @@ class DiaryEntry:
     start, end
         Seconds from the first sample, or the clock as ISO 8601 text: ``"07:58:00"``,
         ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
+    kind
+        "work", "break" and so on: one of :data:`fusion.diary.Kind`.
+    label
+        The person's own word for it.
     left_out
         Whether its time leaves the denominator; None: as its kind says.
     line

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
@@ -28,6 +27,7 @@ from fusion.checks.stopped import (
 )
 from fusion.checks.unmeasured import bridge_rows, is_too_frequent
 from fusion.errors import DeadSensor
+from fusion.numba_kernels import njit
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,

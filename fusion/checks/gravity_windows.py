@@ -14,10 +14,9 @@ from math import cos, sin, sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import kernel
+from fusion.numba_kernels import kernel, njit
 from fusion.recording import Float64Array, Segment
 from fusion.still_limits import REST
 

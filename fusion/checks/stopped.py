@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.checks.clipping import FLAT_TOP_SHARE
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS, Segment, Span
 
 # Ranges of rows: found where all channels rest, joined, and taken out of a segment.

@@ -7,18 +7,27 @@ from itertools import groupby
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure.rows import IntArray, find_runs, list_touched_rows
+from fusion.exposure.rows import find_runs, list_touched_rows
+from fusion.numba_kernels import njit
 from fusion.pose.calibrate import Calibration
 from fusion.pose.doubts import flag_window
 from fusion.quality.types import TimeAccount, TimePart
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, find_missing, flag_spans
+from fusion.recording import (
+    MICROSECONDS,
+    IntArray,
+    QualityFlag,
+    Recording,
+    Segment,
+    Span,
+    find_missing,
+    flag_spans,
+)
 
 # Where a sensor was driven to the end of its range (RELIABILITY.md 88).
 

@@ -73,7 +73,7 @@ def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
 
 
 def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: str) -> Day:
-    """Move a day onto a longer axis that begins ``by_s`` earlier; time outside the day is marked ``absent``."""
+    """Move a day onto a longer axis that begins ``by_s`` earlier; time outside it is marked ``absent``."""
     runs = tuple(
         tuple(replace(b, start_s=b.start_s + by_s, end_s=b.end_s + by_s) for b in run) for run in day.runs
     )
