@@ -45,12 +45,12 @@ UNHELD_SIGMA_DEG = 6.0
 HELD_S = 5.0
 
 UNKNOWN_SIGMA_DEG = 0.0
-"""Of ready angles, whose error nobody told: their intervals are of the sampling of the day alone."""
+"""Of ready angles, whose error is unknown: their intervals show the sampling of the day alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
-    """What the person may decide; everything else follows from the recording.
+    """What a person may choose; everything else follows from the recording.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class FusedRecording:
 
 
 def announce_nothing(_step: Step) -> None:
-    """Take the place of a listener where nobody listens."""
+    """Ignore the step: the default listener."""
 
 
 def analyse(
@@ -168,24 +168,24 @@ def analyse(
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
     refuse_short(recording)
-    of = fuse_recording(recording, settings, on_step)
-    samples, elevation = of.samples, of.elevation
+    found = fuse_recording(recording, settings, on_step)
+    samples, elevation = found.samples, found.elevation
     on_step("counting")
-    day = _divide(recording, elevation, of.exclusions, placed)
+    day = _divide(recording, elevation, found.exclusions, placed)
     exposure = summarise_exposure(
         day.counted,
         recording.start,
         recording,
         samples.calibration.still.gyro_bias_dps,
-        math.hypot(_doubt_pose(samples), elevation.bias_sigma_deg or 0.0),
+        math.hypot(_estimate_pose_sigma_deg(samples), elevation.bias_sigma_deg or 0.0),
         division=day.division,
     )
-    time = _account(recording, day, exposure)
+    time = _divide_time(recording, day, exposure)
     flags = (
         *samples.flags,
         *placed.flags,
-        *_doubt(recording, of.fused, day.exclusions),
-        *_doubt_method(samples, of.fused, settings.method),
+        *_flag_signal(recording, found.fused, day.exclusions),
+        *_flag_calibration(samples, found.fused, settings.method),
         *flag_upside_down(exposure),
     )
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
@@ -194,9 +194,11 @@ def analyse(
     )
 
 
-def _doubt_pose(samples: CalibratedSamples) -> float:
-    """Standard deviation of the pose: it grows as a window falls short of 5 s, up to that of none held, and
-    where little or nothing confirms the pose.
+def _estimate_pose_sigma_deg(samples: CalibratedSamples) -> float:
+    """Estimate the standard deviation of the pose, deg.
+
+    It grows as a window falls short of 5 s, up to that of a pose that nobody held, and where little or
+    nothing confirms the pose.
     """
     calibration = samples.calibration
     held_s = min(still.duration_s for still in calibration.windows)
@@ -206,10 +208,10 @@ def _doubt_pose(samples: CalibratedSamples) -> float:
     return max(held_deg, calibration.sigma_deg)
 
 
-def _doubt_method(
+def _flag_calibration(
     samples: CalibratedSamples, fused: Elevation, method: MethodName
 ) -> tuple[QualityFlag, ...]:
-    """Flag what all angles rest on: the calibration, the gyroscope's offset, the method."""
+    """Flag doubts about what all angles rest on: the calibration, the gyroscope's offset, the method."""
     static_dps = samples.calibration.still.gyro_bias_dps
     return (
         *flag_untrusted_pose(samples.calibration, fused),
@@ -221,7 +223,7 @@ def _doubt_method(
 def fuse_recording(
     recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = announce_nothing
 ) -> FusedRecording:
-    """Calibrate and fuse; no minimum of time is asked for.
+    """Calibrate and fuse a recording of any length.
 
     Raises
     ------
@@ -256,15 +258,17 @@ def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, 
     return _Day(DayDivision(periods, pieces), every, leave_out(elevation, left_out))
 
 
-def _doubt(recording: Recording, fused: Elevation, exclusions: tuple[Span, ...]) -> tuple[QualityFlag, ...]:
-    """Flag, with its times, what the signal itself makes doubtful."""
+def _flag_signal(
+    recording: Recording, fused: Elevation, exclusions: tuple[Span, ...]
+) -> tuple[QualityFlag, ...]:
+    """Flag doubts that the signal itself raises, with their times."""
     return (
         *flag_spans(Caveat.NONWEAR, propose_nonwear(recording, exclusions)),
         *flag_untrusted(recording, fused, exclusions),
     )
 
 
-def _account(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
+def _divide_time(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
     time = account_time(recording, day.counted, day.exclusions)
     analysed_us: dict[str, int] = {}
     for part in exposure.by_period:
@@ -314,7 +318,7 @@ def _count_ready(
     exposure = summarise_exposure(
         day.counted, recording.start, bias_sigma_deg=UNKNOWN_SIGMA_DEG, division=day.division
     )
-    time = _account(recording, day, exposure)
+    time = _divide_time(recording, day, exposure)
     flags = (*placed.flags, *flag_upside_down(exposure))
     quality = assess_quality(recording, None, time, day.exclusions, flags)
     settings = AnalysisSettings(diary=diary)

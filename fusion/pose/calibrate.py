@@ -183,7 +183,7 @@ def _choose_still(
     blocks: list[QuarterSeconds],
     wear: Wear,
 ) -> StillPeriod:
-    """Take the window asked for, or the best proposal."""
+    """Choose the window that a person gave, or the best proposal."""
     if len(windows_s) > 1:
         raise UnusableCalibration(why="count", start_s=windows_s[0][0], end_s=windows_s[-1][1])
     if windows_s:

@@ -322,7 +322,7 @@ def _carry_over(
 
 
 def flag_reattachments(parts: Sequence[AxisPart], duration_s: float) -> tuple[QualityFlag, ...]:
-    """W-REMOUNT with the first and last time it concerns, and how many parts were calibrated or left out."""
+    """Flag the parts with an axis of their own: how many were calibrated, how many left out (W-REMOUNT)."""
     if not parts:
         return ()
     spans = [(max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts]

@@ -26,7 +26,7 @@ def propose_nonwear(recording: Recording, left_out: tuple[Span, ...] = ()) -> tu
 
 
 def _is_covered(span: Span, left_out: tuple[Span, ...]) -> bool:
-    """Say whether less than the shortest proposal is left of a stretch."""
+    """Whether less than the shortest proposal is left of a stretch."""
     shared_us = (min(span.end_us, other.end_us) - max(span.start_us, other.start_us) for other in left_out)
     left_us = span.duration_us - sum(max(us, 0) for us in shared_us)
     return left_us < SHORTEST_S * MICROSECONDS

@@ -200,7 +200,7 @@ def flag_untrusted(
     """Flag, with their times, the stretches that count as missing though samples are there.
 
     ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
-    part of that hole, and what is excluded is not missing. Less than a second in all is not told.
+    part of that hole, and what is excluded is not missing. Less than a second in all is not flagged.
     """
     bridged = {segment.start_us: segment.bridged for segment in recording.segments}
     spans: list[Span] = []
@@ -218,7 +218,7 @@ def flag_untrusted(
 
 
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
-    """W-POSE-DOUBT where half or more of a calibration window is not trusted: all angles rest on it."""
+    """Flag a calibration window that is not trusted for half or more (W-POSE-DOUBT): all angles rest on it."""
     return tuple(
         flag_window(Caveat.POSE_DOUBT, still)
         for still in calibration.windows
@@ -278,7 +278,7 @@ def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
 def divide_time(
     time: TimeAccount, analysed_us: Mapping[str, int], exclusions: tuple[Span, ...], holes_us: int
 ) -> TimeAccount:
-    """Say what the time consists of: analysed time by kind of period, excluded time by its reason.
+    """Divide the time into parts: analysed time by kind of period, excluded time by its reason.
 
     ``analysed_us`` is the analysed time of each kind and adds up to all of it; what rounding leaves over (a
     microsecond for each segment) goes to the largest part of its account. Of the missing time ``holes_us``
@@ -309,7 +309,7 @@ def _build_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int)
 
 
 def _describe_largest(exclusions: tuple[Span, ...]) -> dict[str, str | float]:
-    """Say what left out most, for how long, and what to do where a person can undo it."""
+    """Describe what left out most: the reason, for how long, and the cure where a person can undo it."""
     lengths_us: dict[str, int] = {}
     for span in exclusions:
         lengths_us[span.reason] = lengths_us.get(span.reason, 0) + span.duration_us
