@@ -218,7 +218,7 @@ def flag_untrusted(
 
 
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
-    """Flag a calibration window that is not trusted for half or more: all angles rest on it (W-POSE-DOUBT)."""
+    """Flag a calibration window of which at most half is trusted: all angles rest on it (W-POSE-DOUBT)."""
     return tuple(
         flag_window(Caveat.POSE_DOUBT, still)
         for still in calibration.windows
