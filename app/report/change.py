@@ -1,4 +1,4 @@
-"""One analysis beside another: is the change larger than the day-to-day variation, and what else differs.
+"""One analysis beside another: whether a change exceeds the day-to-day variation, and what else differs.
 
 Pure. :func:`describe_comparison` is what ``comparison.json`` and the API give, :func:`build_comparison` the
 report for people; both come from :func:`fusion.comparison.compare_days`.
