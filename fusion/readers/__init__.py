@@ -11,7 +11,7 @@ from fusion.errors import EmptyFile
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
 from fusion.readers.gt3x import read as gt3x
-from fusion.readers.recognise import check_extension, explain_refusal, name_content, refuse_blank
+from fusion.readers.recognise import check_extension, explain_refusal, identify_content, refuse_blank
 from fusion.readers.source import Source, hash_source, open_source
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
@@ -99,7 +99,7 @@ def read_recording(
         raise EmptyFile
     content = unpack(source)
     refuse_blank(content)
-    if profile is not None and name_content(content.head) == "text":
+    if profile is not None and identify_content(content.head) == "text":
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
     else:
         recording = _read_recognised(content, rate_hz)

@@ -98,10 +98,10 @@ def check_parts(archive: zipfile.ZipFile) -> None:
         raise MissingMember(member="info.txt")
     if "info.txt" in names:
         raise MissingMember(member="log.bin")
-    raise UnknownFormat(kind=_name_archive(names))
+    raise UnknownFormat(kind=_identify_archive(names))
 
 
-def _name_archive(names: set[str]) -> str:
+def _identify_archive(names: set[str]) -> str:
     if all(name.endswith(".npy") for name in names):
         return "NumPy (.npz)"
     if "xl/workbook.xml" in names:

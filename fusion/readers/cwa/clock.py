@@ -82,7 +82,7 @@ def order_blocks(
     flags = tuple(
         QualityFlag(code, count, facts=facts.get(code, {})) for code, count in counts.items() if count
     )
-    return (_follow(kept, columns) if flags else kept), flags
+    return (_arrange_columns(kept, columns) if flags else kept), flags
 
 
 def find_session(blocks: Blocks, named: int) -> NDArray[np.bool_]:
@@ -135,14 +135,14 @@ def count_identical(blocks: Blocks, columns: SampleColumns, doubles: Indices) ->
     alike = doubles[blocks.n_rows[doubles] == blocks.n_rows[doubles - 1]]
     if len(alike) == 0:
         return 0
-    here, before = (list_rows(blocks.take(alike - shift)) for shift in (0, 1))
+    here, before = (find_rows(blocks.take(alike - shift)) for shift in (0, 1))
     is_same = np.all(columns.acc[here] == columns.acc[before], axis=1)
     is_same &= np.all(columns.gyr[here] == columns.gyr[before], axis=1)
     edges = np.cumsum(blocks.n_rows[alike]) - blocks.n_rows[alike]
     return int(np.count_nonzero(np.logical_and.reduceat(is_same, edges)))
 
 
-def list_rows(blocks: Blocks) -> Indices:
+def find_rows(blocks: Blocks) -> Indices:
     """The rows of blocks one after the other."""
     stops = np.cumsum(blocks.n_rows)
     shifts = np.repeat(blocks.first_row - (stops - blocks.n_rows), blocks.n_rows)
@@ -150,9 +150,9 @@ def list_rows(blocks: Blocks) -> Indices:
     return rows
 
 
-def _follow(blocks: Blocks, columns: SampleColumns) -> Blocks:
+def _arrange_columns(blocks: Blocks, columns: SampleColumns) -> Blocks:
     """Put the columns into the order of the blocks."""
-    columns.arrange(list_rows(blocks))
+    columns.arrange(find_rows(blocks))
     stops = np.cumsum(blocks.n_rows)
     return Blocks(stops - blocks.n_rows, *(getattr(blocks, name) for name in Blocks.__slots__[1:]))
 

@@ -35,7 +35,7 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, read_chunks
 from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
 from fusion.readers.timebase.grid import Grid
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, flag_counts
 
 # The header of a `.cwa`: which device it is, and when it was to stop. Names of people in it are not read.
 
@@ -140,7 +140,7 @@ class BlockLog:
     parts: list[NDArray[np.void]] = field(default_factory=list)
     n_bytes: int = 0
     n_plain: int = 0
-    n_strange: int = 0
+    n_unknown: int = 0
 
     @property
     def heads(self) -> NDArray[np.void]:
@@ -151,16 +151,16 @@ class BlockLog:
         """Raise where no sample can be trusted."""
         damaged_percent = 100.0 * float(self.tally[DAMAGED_BYTES]) / max(1, self.n_bytes)
         if damaged_percent > MAX_DAMAGED_PERCENT:
-            raise DamagedFile(p=round(damaged_percent, 1), **self._tell_damage())
+            raise DamagedFile(p=round(damaged_percent, 1), **self._find_damage_clock())
         if self.columns.rows:
             return
         if self.n_plain:
             raise NoGyroscope(cure="AX6")
-        if self.n_strange:
+        if self.n_unknown:
             raise UnknownColumns(list="CWA")
         raise TooShort(s=0.0)
 
-    def _tell_damage(self) -> dict[str, str]:
+    def _find_damage_clock(self) -> dict[str, str]:
         """The clock at the last sound block before the damage."""
         before = unpack_stamps(self.heads["stamp"][: int(self.tally[FIRST_DAMAGE])])
         clock = datetime_at_us(int(before[-1]) * MICROSECONDS) if len(before) else None
@@ -197,7 +197,7 @@ def _take_blocks(log: BlockLog, found: FoundBlocks) -> None:
     is_inertial = np.isin(axes, INERTIAL_AXES) & (heads["axes"] & 0xF == WORDS)
     fits = is_inertial & (rows > 0) & (rows * axes * 2 <= SAMPLE_BYTES)
     log.n_plain += int(np.count_nonzero(axes == PLAIN_AXES))
-    log.n_strange += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
+    log.n_unknown += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
     columns, total = log.columns, int(rows[fits].sum())
     columns.make_room(total)
     room = slice(columns.rows, columns.rows + total)
@@ -220,7 +220,7 @@ def find_ranges(heads: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[n
     return acc_range_g, (8000.0 / 2.0**gyr_code).astype(np.float32)
 
 
-def lay_blocks(heads: NDArray[np.void]) -> Blocks:
+def build_blocks(heads: NDArray[np.void]) -> Blocks:
     """Give the numbers of decoded blocks, and the row at which each one's stamp holds.
 
     The stamp's fraction came later than its whole seconds: for older readers the row was moved to where the
@@ -247,7 +247,7 @@ def lay_blocks(heads: NDArray[np.void]) -> Blocks:
 def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
     """Put segments and caveats together."""
     heads = log.heads
-    laid = lay_blocks(heads)
+    laid = build_blocks(heads)
     blocks, mended = order_blocks(laid, log.columns, header.session)
     grid, started_us = cut_blocks(blocks, log.columns)
     start, unset = trust_clock(None if started_us is None else datetime_at_us(started_us))
@@ -292,9 +292,9 @@ def flag_damage(log: BlockLog, blocks: Blocks, grid: Grid) -> tuple[QualityFlag,
     counts = {
         Caveat.CHECKSUM: int(log.tally[BAD_CHECKSUMS]),
         Caveat.RESYNC: int(log.tally[RESYNCS]),
-        Caveat.ROWS_DROPPED: log.n_plain + log.n_strange,
+        Caveat.ROWS_DROPPED: log.n_plain + log.n_unknown,
     }
-    flags = tuple(QualityFlag(code, n, 0.0, first_s, last_s) for code, n in counts.items() if n)
+    flags = flag_counts(counts, first_s, last_s)
     tail_bytes = int(log.tally[TAIL_BYTES])
     if tail_bytes:
         flags += (QualityFlag(Caveat.TRUNC_TAIL, 1, 0.0, end_s, end_s, {"n": tail_bytes}),)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.recording import QualityFlag
+from fusion.recording import QualityFlag, flag_counts
 
 LONGEST_GAP_S = 86_400
 """A longer step forward is a clock that was set, not a gap: no second is made of it."""
@@ -171,6 +171,5 @@ def order_seconds(seconds: Seconds, acc: NDArray[np.float32], gyr: NDArray[np.fl
         Caveat.DUP_CONFLICT: differing,
         Caveat.SEC_COUNT: int((single.n_rows < np.median(single.n_rows)).sum()),
     }
-    flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count)
     zeros = dict.fromkeys(int(whole.unix_s[run.first]) - run.start_s for run in runs)
-    return Timeline(whole, runs, flags + clock_flags, tuple(zeros)[:MAX_CLOCK_ZEROS])
+    return Timeline(whole, runs, flag_counts(counts) + clock_flags, tuple(zeros)[:MAX_CLOCK_ZEROS])

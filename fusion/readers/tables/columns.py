@@ -99,7 +99,7 @@ class Column:
     unit: str | None = None
 
 
-def understand_column(name: str) -> Column:
+def parse_column_name(name: str) -> Column:
     """Tell channel, axis and unit from a header's field."""
     text = _tidy(name)
     plain, unit = _split_bracketed(text)
@@ -234,7 +234,7 @@ class TimeUnit:
 IN_MICROSECONDS = TimeUnit(0)
 
 
-def settle_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
+def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
     """Find the unit of a column by its first times; None where nothing tells.
 
     A unit in the header holds unless no sensor writes rows so fast, or so slowly, and another unit fits; the

@@ -22,10 +22,10 @@ from fusion.readers.tables.rows import (
     TablePlan,
     TableRows,
     counts_since_1970,
+    find_clock,
     plan_table,
     read_table,
-    settle_stamps,
-    tell_clock,
+    repair_stamps,
 )
 from fusion.readers.timebase.clock import flag_drift, hash_serial
 from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
@@ -90,11 +90,11 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     plan.unit.refuse_doubtful(rows.columns)
-    repairs = settle_stamps(rows) if plan.has_times else ()
+    repairs = repair_stamps(rows) if plan.has_times else ()
     first_stamp_us = int(rows.columns.stamps[0])
     grid = _cut_rows(rows, choose_rate_hz(layout, rate_hz))
     facts = layout.facts()
-    clock = tell_clock(plan, first_stamp_us)
+    clock = find_clock(plan, first_stamp_us)
     return Recording(
         device=find_device(facts, layout),
         sha256="",
@@ -109,14 +109,14 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *flag_text(source, layout),
             *_flag_stated_rate(layout, grid),
             *plan.unit.flag(),
-            *flag_told_rate(plan, grid, rate_hz),
+            *_flag_given_rate(plan, grid, rate_hz),
             *clock.flags,
         ),
         understood={
             **_describe_columns(plan),
             "time": _describe_time(plan, first_stamp_us),
             "time_exponent": str(plan.stamp_exponent),
-            "delimiter": _name_delimiter(layout),
+            "delimiter": _format_delimiter(layout),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(rows.columns.rows),
         },
@@ -172,7 +172,7 @@ def find_burst_rate_hz(rows: TableRows) -> float:
     raise UnknownRate
 
 
-def flag_told_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
+def _flag_given_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
     """Flag a rate that rests on no times, with its source: preamble, person or layout (W-RATE)."""
     if plan.has_times:
         return ()
@@ -241,6 +241,6 @@ def _describe_time(plan: TablePlan, first_stamp_us: int) -> str:
     return {COUNTER: "row number", NUMERIC_TIME: "number", CALENDAR_TIME: "calendar"}[plan.stamp_kind]
 
 
-def _name_delimiter(layout: TextLayout) -> str:
+def _format_delimiter(layout: TextLayout) -> str:
     sign = " " if layout.is_single_spaced else layout.delimiter
     return {"\t": "tab", " ": "space"}.get(sign, sign)

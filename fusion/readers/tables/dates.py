@@ -48,7 +48,7 @@ def order_dates(
     UnusableTime
         Nothing tells day and month apart, or the year of two digits.
     """
-    open_to = list_orders(parts)
+    open_to = find_orders(parts)
     if len(open_to) == 1:
         return open_to[0], False
     if order in open_to:
@@ -63,7 +63,7 @@ def order_dates(
     return word, begun is not None and not near
 
 
-def list_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
+def find_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
     """The orders of day, month and year in which all of these are dates."""
     if len(parts[0][0]) == YEAR_DIGITS:
         return ["ymd"]
@@ -73,12 +73,12 @@ def list_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
     return [one for one in orders if all(_read_date(part, one) for part in parts)]
 
 
-def settle_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
+def find_order_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
     """The one order in which a file's first date and its last lie near each other; None where several do.
 
     Over midnight 03/03 becomes 04/03 by one order and 03/04 by the other; the wrong one leaps by a month.
     """
-    spans = {one: (_read_date(first, one), _read_date(last, one)) for one in list_orders([first, last])}
+    spans = {one: (_read_date(first, one), _read_date(last, one)) for one in find_orders([first, last])}
     near = [one for one, (begun, ended) in spans.items() if begun and _is_near(ended, begun)]
     return near[0] if len(near) == 1 else None
 
@@ -201,7 +201,7 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
     found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
     if 2 * len(found) > len(lines):
         return DateDialect(pattern, "ymd", _find_offset_s(found), has_date=False)
-    _refuse_strange_stamps(lines)
+    _refuse_unknown_stamps(lines)
     return None
 
 
@@ -209,7 +209,7 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
 def find_open_date(head: str) -> tuple[str, ...]:
     """Day, month and year of the first row as they stand there, where their order is open; else nothing."""
     found = _find_parts(head.split("\n")[:SNIFFED_LINES])
-    return found[0] if found and len(list_orders(found)) > 1 else ()
+    return found[0] if found and len(find_orders(found)) > 1 else ()
 
 
 def find_last_date(tail: str) -> tuple[str, ...]:
@@ -273,7 +273,7 @@ def _refuse_cut_times(lines: Sequence[str]) -> None:
         raise UnusableTime(why="seconds")
 
 
-def _refuse_strange_stamps(lines: dict[int, str]) -> None:
+def _refuse_unknown_stamps(lines: dict[int, str]) -> None:
     """Refuse rows that hold a clock's time or a date which nothing here understands."""
     strange = [k for k, line in lines.items() if re.search(r"\d:\d\d(?!\d)", line)]
     if 2 * len(strange) > len(lines):
@@ -317,7 +317,7 @@ class OffsetChange:
             moment.replace(tzinfo=UTC), self.before_s, self.after_s
         )
 
-    def turn_round(self) -> "OffsetChange":
+    def reverse(self) -> "OffsetChange":
         """The change as it was, in a table that stands with its newest row first."""
         return replace(self, before_s=self.after_s, after_s=self.before_s)
 

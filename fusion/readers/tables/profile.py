@@ -16,7 +16,7 @@ from fusion.readers.tables.columns import (
     Column,
     choose_vector,
     guess_exponent,
-    understand_column,
+    parse_column_name,
 )
 from fusion.readers.tables.dates import DateOrder
 from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, split_fields
@@ -156,7 +156,7 @@ def _find_place(names: Sequence[str], place: Place) -> int:
 # What a table's head says about its columns, for a person to complete: the answers of a mapping form.
 
 
-SHOWN_ROWS = 5
+PREVIEW_ROWS = 5
 Vector = tuple[Place, Place, Place]
 
 
@@ -203,18 +203,18 @@ def propose_profile(head: bytes) -> ProfileProposal:
     fusion.errors.FusionError
         As :func:`fusion.readers.tables.layout.find_layout`.
     """
-    layout = _understand(head)
-    columns = _name_columns(layout)
+    layout = _find_head_layout(head)
+    columns = _find_columns(layout)
     acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
     time, time_unit = _find_time(layout, columns)
     return ProfileProposal(
         columns=tuple(column.name for column in columns),
-        rows=layout.sample_rows[:SHOWN_ROWS],
-        acceleration=_name_places(columns, acc),
-        angular_rate=_name_places(columns, gyr),
+        rows=layout.sample_rows[:PREVIEW_ROWS],
+        acceleration=_format_places(columns, acc),
+        angular_rate=_format_places(columns, gyr),
         acceleration_unit=_unit_of(columns, acc, ACC_UNITS_G),
         angular_rate_unit=_unit_of(columns, gyr, GYR_UNITS_DPS),
-        time=None if time is None else _name_place(columns, time),
+        time=None if time is None else _format_place(columns, time),
         time_unit=time_unit,
     )
 
@@ -229,10 +229,10 @@ def check_profile(head: bytes, profile: ColumnProfile) -> None:
     fusion.errors.UnknownColumns
         A column that the profile names is not there, or is named twice.
     """
-    plan_table(apply_profile(_understand(head, profile), profile))
+    plan_table(apply_profile(_find_head_layout(head, profile), profile))
 
 
-def _understand(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
+def _find_head_layout(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
     source = open_source(io.BytesIO(head), is_hashed=False)
     text = decode_head(source)
     layout = find_layout(text, profile.date_order if profile else None)
@@ -241,22 +241,22 @@ def _understand(head: bytes, profile: ColumnProfile | None = None) -> TextLayout
     return layout
 
 
-def _name_columns(layout: TextLayout) -> Sequence[Column]:
+def _find_columns(layout: TextLayout) -> Sequence[Column]:
     """The columns by the header; a line of other names just before the rows is one too."""
     if layout.header is not None or not layout.preamble:
         return layout.columns
     names = split_fields(layout.preamble[-1], layout.delimiter)
-    return [understand_column(name) for name in names] if len(names) == layout.n_columns else layout.columns
+    return [parse_column_name(name) for name in names] if len(names) == layout.n_columns else layout.columns
 
 
-def _name_places(columns: Sequence[Column], places: tuple[int, int, int] | None) -> Vector | None:
+def _format_places(columns: Sequence[Column], places: tuple[int, int, int] | None) -> Vector | None:
     if places is None:
         return None
-    x, y, z = (_name_place(columns, place) for place in places)
+    x, y, z = (_format_place(columns, place) for place in places)
     return x, y, z
 
 
-def _name_place(columns: Sequence[Column], place: int) -> Place:
+def _format_place(columns: Sequence[Column], place: int) -> Place:
     """The name, where it is one and no other column has it; else the number from 1."""
     name = columns[place].name
     return name if name and [column.name for column in columns].count(name) == 1 else place + 1

@@ -33,6 +33,7 @@ from fusion.recording import (
     QualityFlag,
     Segment,
     Span,
+    flag_counts,
     flag_gaps,
     flag_spans,
 )
@@ -100,7 +101,7 @@ class FittedRun:
 
 
 def cut_stamped(columns: SampleColumns) -> Grid:
-    """Cut rows with stamps in microseconds, mended by :func:`fusion.readers.timebase.row_times.settle_rows`.
+    """Cut rows with stamps in microseconds that :mod:`fusion.readers.timebase.row_times` has repaired.
 
     Raises
     ------
@@ -228,7 +229,7 @@ def flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, 
         Caveat.CLOCK_BACK: int(np.count_nonzero(holes.step_us < 0)),
         Caveat.JITTER: int(jitter > JITTER_PART),
     }
-    return tuple(QualityFlag(code, count) for code, count in found.items() if count)
+    return flag_counts(found)
 
 
 # Rows that share a coarse stamp get times of their own; rows at most a second late get into their place.
@@ -273,7 +274,7 @@ def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     return usual
 
 
-EVEN_STEP = 0.4
+EVEN_STEP_PERIODS = 0.4
 """Sorted rows lie at least so many periods apart, else two runs of samples would be mixed."""
 
 
@@ -281,8 +282,8 @@ def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFla
     """Sort rows that came at most a second late; whatever is more is a clock that was set."""
     if count_backward(columns.stamps) == 0:
         return ()  # of all kernels this one takes longest to compile, and few files need it
-    late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP * period_us)
-    return (QualityFlag(Caveat.ORDER, late),) if late else ()
+    late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP_PERIODS * period_us)
+    return flag_counts({Caveat.ORDER: late})
 
 
 # The sample period.
