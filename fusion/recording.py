@@ -195,7 +195,7 @@ def find_missing(
 def flag_gaps(
     segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[QualityFlag, ...]:
-    """Say where time is missing (W-GAP)."""
+    """Flag missing time (W-GAP)."""
     return flag_spans(Caveat.GAP, find_missing(segments, duration_us, excluded))
 
 

@@ -1,4 +1,4 @@
-"""What the first bytes of a recording tell while the rest is still on its way."""
+"""What is known of a recording before its analysis: from its first bytes, and from its samples as read."""
 
 import io
 import re
@@ -27,7 +27,7 @@ from fusion.readers.gt3x.read import DeviceText, find_start, parse_device_text
 from fusion.readers.timebase.clock import format_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, find_missing
 
-# Figures that tell the maker of a logger whether axes, scales and clock of a recording are right.
+# Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.
 
 
 Table = NDArray[np.float64]
@@ -90,7 +90,7 @@ def _score_handedness(windows: GravityWindows, model: GyroModel) -> float:
     return (left - right) / max(left + right, 1e-12)
 
 
-# What `acromion inspect` tells: what the reader took the file for, and what is wrong with it.
+# The facts of `acromion inspect`: what the reader took the file for, and what is wrong with it.
 
 
 MAX_GAPS = 100
@@ -156,6 +156,9 @@ def _describe_flag(flag: QualityFlag) -> dict[str, object]:
     }
 
 
+# The preview: what the first bytes of a file show while the rest is still being sent.
+
+
 MAX_UNPACKED_BYTES = 8 << 20
 LONGEST_RECORDING = timedelta(days=366)
 _STAMPED = {"calendar", "number since 1970"}
@@ -168,7 +171,7 @@ _DEVICE_TEXT = re.compile(rb"PK\x03\x04.{22}\x08\x00..info\.txt", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What could be told so far; None: not yet."""
+    """What the bytes so far show; None for what they do not show yet."""
 
     device: str | None = None
     rate_hz: float | None = None
@@ -181,11 +184,11 @@ class Preview:
 def preview_head(
     head: bytes, file_name: str = "", rate_hz: float | None = None, tail: bytes | None = None
 ) -> Preview:
-    """Say what the first bytes of a file show and, with its last bytes, when the recording ends.
+    """Preview a recording by the first bytes of its file and, for its end, by the last bytes.
 
     ``tail``: the last bytes of the file, none of which is in ``head``; empty where the head is the whole
-    file, None where they are not known. Whatever a tail holds, it only ever adds or leaves out the end and,
-    for a `.gt3x`, what info.txt says; it refuses nothing.
+    file, None where they are not known. A tail adds the end and, for a `.gt3x`, what info.txt states; it
+    never causes a refusal.
 
     Raises
     ------
@@ -214,19 +217,18 @@ def _preview_text(head: bytes, file_name: str, rate_hz: float | None, tail: byte
         return Preview()
     if any(flag.code == Caveat.REVERSED for flag in recording.flags):
         return replace(_summarise(recording), start=None)  # it begins where the file ends
-    end = None if tail is None else _find_last_row(recording, (lines, tail), file_name, rate_hz)
+    end = None if tail is None else _find_last_row(recording, lines, tail, file_name, rate_hz)
     return replace(_summarise(recording), end=end)
 
 
 def _find_last_row(
-    first: Recording, ends: tuple[bytes, bytes], file_name: str, rate_hz: float | None
+    first: Recording, lines: bytes, tail: bytes, file_name: str, rate_hz: float | None
 ) -> datetime | None:
     """Read the first lines and the last as if they were the file: it ends where the file ends.
 
     ``first`` is what was read of the first lines alone. A bare count may have begun anew in between, unseen:
     it tells an end only where it goes further than a count of 32 bits of microseconds can.
     """
-    lines, tail = ends
     if not tail:
         return _find_end(first)
     with suppress(FusionError):

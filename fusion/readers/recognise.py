@@ -1,4 +1,4 @@
-"""What bytes are that no reader knows, so that the refusal can name it."""
+"""What the content of a file is, so that a refusal can name it."""
 
 import re
 
@@ -44,7 +44,7 @@ DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
 
 def identify_content(head: bytes) -> str:
-    """A short name of what the bytes are, the same in every language."""
+    """Give a short name of the content, the same in every language."""
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name
@@ -59,7 +59,7 @@ def identify_content(head: bytes) -> str:
 
 
 def refuse_blank(source: Source) -> None:
-    """Refuse a file of zeros: a card keeps room for what the logger has not written yet.
+    """Refuse a file of zeros: a logger reserves room on its card before it writes.
 
     Raises
     ------

@@ -37,7 +37,7 @@ from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_seria
 from fusion.readers.timebase.grid import Grid
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, flag_counts
 
-# The header of a `.cwa`: which device it is, and when it was to stop. Names of people in it are not read.
+# The header of a `.cwa`: the device, and its planned end. Names of people in it are not read.
 
 
 HEADER_BYTES = 1024
@@ -50,7 +50,7 @@ FIRST_YEAR = 2000
 
 @dataclass(frozen=True, slots=True)
 class DeviceHeader:
-    """What the header tells; nothing where it is lost. ``planned_end_s``: Unix seconds, None for no plan."""
+    """The facts of the header, if it is not lost. ``planned_end_s``: Unix seconds, None for no plan."""
 
     is_ax6: bool = False
     device_id: int = 0
@@ -170,8 +170,14 @@ class BlockLog:
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> BlockLog:
     """Find and decode the blocks in one pass over what follows the header.
 
-    ``size_bytes``: how long the file is; the room that samples will take is foreseen from that.
-    ``source``: what the pieces come from, where too many rows are to be refused.
+    Parameters
+    ----------
+    pieces
+        The bytes after the header.
+    size_bytes
+        Of the file, from which the room for the samples is estimated.
+    source
+        What the pieces come from, where too many rows are to be refused.
     """
     log = BlockLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
@@ -275,7 +281,7 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
 
 
 def flag_unstamped(grid: Grid) -> tuple[QualityFlag, ...]:
-    """No block has a stamp: the header's rate is all that is known of time."""
+    """Flag a file without stamps: its time rests on the header's rate alone."""
     rate_hz = round(MICROSECONDS / grid.period_us, 3)
     return (
         QualityFlag(Caveat.CLOCK_UNSET),
@@ -304,15 +310,15 @@ def flag_damage(log: BlockLog, blocks: Blocks, grid: Grid) -> tuple[QualityFlag,
 def flag_plan(
     header: DeviceHeader, blocks: Blocks, grid: Grid, started_us: int | None
 ) -> tuple[QualityFlag, ...]:
-    """Where the recording is shorter than planned, or its rate is not the one that was asked for."""
+    """Flag a recording that ends before its planned end, or has another rate than the one set."""
     flags: tuple[QualityFlag, ...] = ()
     if header.planned_end_s is not None and started_us is not None:
         early_s = header.planned_end_s - (started_us + grid.duration_us) / MICROSECONDS
         flags += (QualityFlag(Caveat.EARLY_END),) if early_s > EARLY_END_S else ()
     rate_hz = max(grid.segments, key=len).rate_hz
     rates_hz: list[float] = nominal_hz(np.unique(blocks.rate_code)).tolist()
-    nominal = min(rates_hz, key=lambda asked_hz: abs(asked_hz - rate_hz))
-    return flags + flag_drift(nominal, rate_hz)
+    set_hz = min(rates_hz, key=lambda one_hz: abs(one_hz - rate_hz))
+    return flags + flag_drift(set_hz, rate_hz)
 
 
 def _describe(blocks: Blocks, grid: Grid) -> dict[str, str]:

@@ -64,7 +64,7 @@ from fusion.recording import (
 WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
 MAX_DAMAGED_PERCENT = 5.0
 MAX_HELD_RECORDS = 512
-"""Samples that come before their schema wait for it; more than that is no late schema but a missing one."""
+"""Samples that come before their schema are kept for it; more of them mean that it is missing, not late."""
 
 
 def recognise(source: Source) -> bool:
@@ -151,7 +151,7 @@ def find_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> 
     """Give the device's clock at the first sample.
 
     ActiLife encodes local wall-clock time as if it were UTC; CentrePoint files (`UsedUtc`) count UTC.
-    The wall-clock reading is never shifted; the offset is attached where the file tells it.
+    The wall-clock reading is never shifted; the offset is attached where the file gives one.
     """
     moment = datetime.fromtimestamp(first_unix_s, UTC)
     if offset_s is None:
@@ -192,9 +192,9 @@ def read_primary_second(unix_s: int, payload: bytes) -> PrimarySecond:
 def measure_bias_g(
     seen: Sequence[PrimarySecond], text: DeviceText, timeline: Timeline, columns: SampleColumns
 ) -> float | None:
-    """How far the two accelerometers are apart at rest, median over still seconds; None without any.
+    """Measure how far the two accelerometers are apart at rest: median over still seconds, None without any.
 
-    Both share one frame (measured on a Link: apart by 0.04 g in every pose).
+    Both have the same axes (on a Link they differ by 0.04 g in every pose).
     """
     scale = text.number("Acceleration Scale") or DEFAULT_SCALE
     seconds = timeline.seconds
@@ -211,7 +211,7 @@ def measure_bias_g(
 
 
 def contradicts_header(seen: Sequence[PrimarySecond], header_rate_hz: float | None) -> bool:
-    """Whether the header's rate is absent, zero, or not that of the primary accelerometer it speaks of."""
+    """Whether the header's rate is absent, zero, or not the rate of the primary accelerometer."""
     if not header_rate_hz:
         return True
     rows = float(np.median([second.rows for second in seen])) if seen else header_rate_hz
@@ -284,8 +284,14 @@ class DeviceLog:
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> DeviceLog:
     """Scan and decode log.bin in one pass over its pieces.
 
-    ``size_bytes``: how long it says it is; the room that samples will take is foreseen from that.
-    ``source``: the file up to the end of log.bin, where too many rows are to be refused.
+    Parameters
+    ----------
+    pieces
+        The bytes of log.bin.
+    size_bytes
+        Its size by the archive's directory, from which the room for the samples is estimated.
+    source
+        The file up to the end of log.bin, where too many rows are to be refused.
     """
     log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
@@ -413,7 +419,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
 
 
 def _find_clock(text: DeviceText, log: DeviceLog, timeline: Timeline) -> FollowedZone:
-    """The clock at the first sample; where the file counts UTC and names its zone, that zone is followed."""
+    """Find the clock at the first sample, in the file's zone where it counts UTC and names one."""
     first_unix_s = int(timeline.seconds.unix_s[0])
     zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
     if zone is None:
@@ -437,8 +443,8 @@ def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment
 def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...], tuple[QualityFlag, ...]]:
     """Idle sleep where nothing was measured, and seconds in the dock, from the first sample on.
 
-    Also returns what is only said: sleep before the first sample, and a stamp more than a day past the last
-    one, which is not believed.
+    Also returns caveats without an exclusion: sleep before the first sample, and a stamp more than a day
+    after the last sample, which is ignored.
     """
     covered = [(run.start_s, run.end_s) for run in timeline.runs]
     end_s = max(covered[-1][1], timeline.place_s(log.scan.last_unix_s))
@@ -538,7 +544,7 @@ def flag_rates(
 
 
 def _is_zone_unclear(text: DeviceText, *, counts_utc: bool) -> bool:
-    """Whether a zone is written that nobody understands, or UTC is counted with no zone told."""
+    """Whether the zone cannot be read, or the clock counts UTC and no zone is given."""
     return text.offset_s is None and ("TimeZone" in text.values or counts_utc)
 
 

@@ -1,7 +1,7 @@
 """CSV of loggers built on the ST LSM9DS1, and of look-alikes whose header names the columns.
 
-A header is needed; units and time are read from it where it states them, and found from the samples where it
-does not (:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may tell device, start and ranges.
+A header is needed. Units and time come from it where it states them, and from the samples where it does not
+(:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and ranges.
 """
 
 import re
@@ -52,7 +52,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     fusion.errors.UnreadableFile
         Columns are missing or not understood, or the table is damaged.
     UnknownRate
-        The layout holds no time and nobody told the rate.
+        The layout holds no time and no rate is given.
     fusion.errors.UnusableTime
         The stamps are not those of an even sampling.
     """
@@ -148,13 +148,13 @@ def _cut_packets(rows: TableRows, rate_hz: float | None) -> Grid:
 
 
 def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:
-    """Give the rate that the preamble states, where it can be one; else what a person says."""
+    """Give the rate that the preamble states, if plausible; else the one that a person gives, in Hz."""
     stated_hz = find_stated_hz(layout)
     return stated_hz if SLOWEST_HZ <= stated_hz <= FASTEST_HZ else rate_hz
 
 
 def find_burst_rate_hz(rows: TableRows) -> float:
-    """The rate of a layout without time, where its form gives it away.
+    """Find the rate of a layout without time by its form, in Hz.
 
     Arduino's example sketch for the Nano 33 BLE Sense writes bursts of 119 rows, one second of the library's
     fixed 119 Hz, and a blank line after each.
@@ -162,7 +162,7 @@ def find_burst_rate_hz(rows: TableRows) -> float:
     Raises
     ------
     UnknownRate
-        Nothing gives it away: the person has to tell.
+        The form does not tell: a person has to give the rate.
     """
     numbers = rows.columns.stamps
     ends = np.flatnonzero(np.diff(numbers // PAUSE)) + 1
@@ -176,8 +176,8 @@ def _flag_given_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tupl
     """Flag a rate that rests on no times, with its source: preamble, person or layout (W-RATE)."""
     if plan.has_times:
         return ()
-    told = "told" if rate_hz else "layout"
-    source = "header" if choose_rate_hz(plan.layout, None) else told
+    without_header = "told" if rate_hz else "layout"
+    source = "header" if choose_rate_hz(plan.layout, None) else without_header
     used_hz = round(MICROSECONDS / grid.period_us, 3)
     return (QualityFlag(Caveat.RATE, facts={"rate_hz": used_hz, "rate_from": source}),)
 

@@ -1,4 +1,4 @@
-"""Finding out how a table is written: preamble, header, delimiter, decimal mark, columns."""
+"""The layout of a table: encoding, preamble, header, delimiter, decimal mark, columns."""
 
 import codecs
 import re
@@ -107,8 +107,8 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     UnknownColumns
         The rows have more fields than the header has names.
     fusion.errors.UnusableTime
-        The stamps cannot be understood, as :func:`fusion.readers.tables.dates.find_dates` says (``order`` is
-        what a person says of day, month and year).
+        The stamps cannot be understood, as in :func:`fusion.readers.tables.dates.find_dates` (``order``: of
+        day, month and year, as a person gives it).
     """
     dates = find_dates(head, order)
     if dates is not None and not dates.is_iso:
@@ -354,7 +354,7 @@ def drop_lines(pieces: Iterable[LinePiece], count: int) -> Iterator[LinePiece]:
             yield LinePiece(piece.buffer, first, piece.stop)
 
 
-# What a table's bytes say about how it was written: encoding, locale, rounding.
+# The layout by head, middle and tail of a file, and its caveats: encoding, locale, rounding.
 
 
 SAMPLE_BYTES = 1 << 15
@@ -379,7 +379,7 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
 
 
 def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand a table by its head; where that leaves day and month open, by its last row too.
+    """Understand a table by its head and, where that leaves day and month open, by its last row.
 
     Raises
     ------
@@ -429,7 +429,7 @@ def is_utf8(source: Source) -> bool:
 
 
 def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
-    """Caveats that the writing itself gives."""
+    """Flag the encoding, a decimal comma, and rounded values."""
     found = {
         Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8(source),
         Caveat.LOCALE: layout.decimal == ",",

@@ -74,7 +74,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     unit.refuse_doubtful(columns)
     kinds = dict(zip(table.schema_arrow.names, table.schema_arrow.types, strict=True))
     stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
-    recording = _build(columns, chosen, stamp_kind, (absent, rate_hz))
+    recording = _build(columns, chosen, stamp_kind, absent, rate_hz)
     return replace(recording, flags=(*recording.flags, *unit.flag()))
 
 
@@ -111,7 +111,7 @@ def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
 
 
 def _find_time_unit(table: pq.ParquetFile, chosen: tuple[Column, ...]) -> tuple[tuple[Column, ...], TimeUnit]:
-    """Look at the first times: their unit may not be that of the column's name."""
+    """Find the unit of the first times: it may not be that of the column's name."""
     kind = table.schema_arrow.field(chosen[0].name).type
     if len(chosen) < 7 or pa.types.is_timestamp(kind):
         return chosen, IN_MICROSECONDS
@@ -163,7 +163,7 @@ def _read_batches(
 
 
 def _have_times(stamps: pa.Array) -> NDArray[np.bool_]:
-    """Which rows have a time, shape (n,); one that is not finite is none."""
+    """Which rows have a finite time, shape (n,)."""
     finite = pc.is_finite(stamps) if pa.types.is_floating(stamps.type) else stamps.is_valid()
     timed: NDArray[np.bool_] = pc.fill_null(finite, fill_value=False).to_numpy(zero_copy_only=False)
     return timed
@@ -207,9 +207,9 @@ def _build(
     columns: SampleColumns,
     chosen: Sequence[Column],
     stamp_kind: pa.DataType | None,
-    told: tuple[int, float | None],
+    absent: int,
+    rate_hz: float | None,
 ) -> Recording:
-    absent, rate_hz = told
     has_time = stamp_kind is not None
     blank = drop_blank_rows(columns) if has_time else ()
     if not has_time and rate_hz is None:

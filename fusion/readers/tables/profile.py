@@ -1,4 +1,4 @@
-"""A column profile: what a person says about a table that the readers cannot understand by themselves."""
+"""A column profile: the columns of a table, named by a person where its header does not name them."""
 
 import io
 import json
@@ -153,7 +153,7 @@ def _find_place(names: Sequence[str], place: Place) -> int:
     return at
 
 
-# What a table's head says about its columns, for a person to complete: the answers of a mapping form.
+# A proposal for a profile from a table's head, for a person to complete in a form.
 
 
 PREVIEW_ROWS = 5
@@ -162,7 +162,7 @@ Vector = tuple[Place, Place, Place]
 
 @dataclass(frozen=True, slots=True)
 class ProfileProposal:
-    """What is known of a table, and what a person has to say.
+    """What is known of a table's columns; a person completes the rest.
 
     ``columns``: the names as they stand, "" where there is none; ``rows``: the first rows, split;
     ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None where
@@ -220,7 +220,7 @@ def propose_profile(head: bytes) -> ProfileProposal:
 
 
 def check_profile(head: bytes, profile: ColumnProfile) -> None:
-    """Say whether a profile fits a table, by its first bytes.
+    """Check that a profile fits a table, by its first bytes.
 
     Raises
     ------

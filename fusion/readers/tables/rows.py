@@ -311,7 +311,7 @@ def _refuse_rows(rows: TableRows) -> None:
 
 START_TOLERANCE = timedelta(minutes=1)
 JUDGED_ROWS = 1001
-"""The kind of number is judged by the median of so many first stamps: single ones may be outliers."""
+"""The median of so many first stamps gives the kind of number: single ones may be outliers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,8 +326,8 @@ class TableClock:
 def repair_stamps(rows: TableRows) -> tuple[QualityFlag, ...]:
     """Repair the order and the stamps of the rows, in place; give the caveats.
 
-    Stamps that carry an offset were put on the first row's clock as they were read. Only a bare wall clock may
-    hold the hour's step of daylight saving.
+    Stamps that carry an offset were put on the first row's clock as they were read. Only a bare wall clock
+    may hold the hour's step of daylight saving.
     """
     plan, stamps = rows.plan, rows.columns.stamps
     dates = plan.layout.dates
@@ -388,18 +388,18 @@ def find_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
 
 
 def _compare_starts(
-    told: datetime, layout: TextLayout, first_stamp_us: int
+    stated: datetime, layout: TextLayout, first_stamp_us: int
 ) -> tuple[datetime, tuple[QualityFlag, ...]]:
     """Take the rows' own time where the preamble's start differs; the preamble's offset holds for both."""
     stamp = _read_stamp(layout, first_stamp_us)
     if stamp is None or (layout.dates is not None and not layout.dates.has_date):
-        return told, ()
-    if stamp.tzinfo is None or told.tzinfo is None:
-        stamp = stamp.replace(tzinfo=stamp.tzinfo or told.tzinfo)
-        told = told.replace(tzinfo=stamp.tzinfo)
-    if abs(told - stamp) <= START_TOLERANCE:
-        return told, ()
-    facts = {"header": f"{told:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
+        return stated, ()
+    if stamp.tzinfo is None or stated.tzinfo is None:
+        stamp = stamp.replace(tzinfo=stamp.tzinfo or stated.tzinfo)
+        stated = stated.replace(tzinfo=stamp.tzinfo)
+    if abs(stated - stamp) <= START_TOLERANCE:
+        return stated, ()
+    facts = {"header": f"{stated:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
     return stamp, (QualityFlag(Caveat.START, facts=facts),)
 
 

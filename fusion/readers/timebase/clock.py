@@ -12,8 +12,8 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 # Zones: the offset at the first sample, and whether it changes before the last.
 #
-# Only a file that counts UTC and names its zone is converted to that zone; a device's own wall clock never is.
-# For other files the zones of the world decide whether a step of the clock can be daylight saving.
+# Only a file that counts UTC and names its zone is converted to that zone; a device's own wall clock never
+# is. For other files the zones of the world decide whether a step of the clock can be daylight saving.
 
 
 WINDOWS_ZONES = {

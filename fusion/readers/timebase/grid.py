@@ -40,8 +40,8 @@ from fusion.recording import (
 
 LONGEST_GAP_US = 86_400 * MICROSECONDS
 SLOWEST_HZ, FASTEST_HZ = 10.0, 4000.0
-JITTER_PART = 0.25
-"""Stamps that scatter by more than this part of a period are worth a word."""
+JITTER_PERIODS = 0.25
+"""Stamps that scatter by more are flagged."""
 
 
 Stretches = NDArray[np.int64]
@@ -131,10 +131,10 @@ def cut_stamped(columns: SampleColumns) -> Grid:
 
 
 def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
-    """Cut rows that have numbers instead of stamps, at a rate that was told.
+    """Cut rows that have numbers instead of stamps, at a given rate.
 
-    A number that is skipped is a row that was there and could not be read; a pause is a break of unknown
-    length, so the next segment follows at once.
+    A skipped number is a row that could not be read; a pause is a break of unknown length, so the next
+    segment follows at once.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
 def _cut_even_rows(
     columns: SampleColumns, is_even: NDArray[np.bool_], mended: tuple[QualityFlag, ...]
 ) -> Grid:
-    """Leave out the stretches that are no sampling, whose time is then missing, and cut the rest."""
+    """Leave out stretches without even sampling, whose time is then missing, and cut the rest."""
     dropped = int(np.count_nonzero(~is_even))
     columns.keep(is_even)
     grid = cut_stamped(columns)
@@ -222,12 +222,15 @@ def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
     return tuple((stop - k, stop) for stop, k in zip(stops, holes.added.tolist(), strict=True) if k)
 
 
-def flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
-    """Say how the clock was; ``replaced``: stamps that were put into line."""
+def flag_time(holes: Holes, replaced: int, jitter_periods: float) -> tuple[QualityFlag, ...]:
+    """Flag a clock that was set, and jitter.
+
+    ``replaced``: stamps that were put into line; ``jitter_periods``: RMS of the stamps from the even grid.
+    """
     found = {
         Caveat.CLOCK_FWD: replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
         Caveat.CLOCK_BACK: int(np.count_nonzero(holes.step_us < 0)),
-        Caveat.JITTER: int(jitter > JITTER_PART),
+        Caveat.JITTER: int(jitter_periods > JITTER_PERIODS),
     }
     return flag_counts(found)
 
@@ -454,7 +457,7 @@ def choose_period_us(stamps: NDArray[np.int64], stretches: Stretches, period_us:
 
 
 def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[QualityFlag, ...]:
-    """Say how often and for how long rows came at another rate (W-RATE-CHANGE), and at which the longest."""
+    """Flag stretches at another rate, with that of the longest one (W-RATE-CHANGE)."""
     if len(stretches) == 0:
         return ()
     steps = stretches[:, 1] - stretches[:, 0] - 1
