@@ -237,8 +237,8 @@ IN_MICROSECONDS = TimeUnit(0)
 def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
     """Find the unit of a column by its first times; None where neither header nor times give one.
 
-    A unit in the header holds, unless no sensor writes rows so fast or so slowly and another unit fits. A time
-    since 1970 keeps the header's unit, however slowly the rows come.
+    A unit in the header holds, unless no sensor writes rows so fast or so slowly and another unit fits. The
+    time since 1970 keeps the header's unit, however slowly the rows come.
     """
     stated = TIME_UNITS_EXPONENT[unit] if unit else None
     times = [time for time in times if math.isfinite(time)]  # a damaged row holds no time
