@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, TypeVar
 
-from fusion.errors import TERM, Fact, FusionError, name_facts
+from fusion.caveats import TERM, name_facts
+from fusion.errors import Fact, FusionError
 
 
 @dataclass(frozen=True, slots=True)

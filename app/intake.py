@@ -20,7 +20,7 @@ from app.errors import AppError
 from app.formats import ENDINGS
 from app.jobs.job import Job
 from app.jobs.queue import WayIn
-from app.jobs.renewing import find_same
+from app.jobs.regeneration import find_same
 from app.jobs.store import JobStore
 from app.request import ReportRequest, check_subject, clean_file_name
 from app.settings import Settings

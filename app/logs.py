@@ -1,6 +1,6 @@
-"""One form for every line of a log: what it tells stands in one line, whatever names it holds.
+"""Logging: every record is one line, whatever text it holds.
 
-A log tells ids, never the name of a file nor a subject code.
+A log holds ids, never the name of a file or a subject code.
 """
 
 import logging
@@ -10,27 +10,27 @@ from types import TracebackType
 FORMAT = "%(asctime)s %(levelname)s %(message)s"
 _BREAKS = r"\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
 _CONTROLS = re.compile(f"[{_BREAKS}]")
-"""Control characters, ends of lines, marks that turn the direction of text, and lone surrogates."""
+"""Control characters, line ends, marks of text direction, and lone surrogates."""
 
 
 def escape_controls(text: str) -> str:
-    r"""Write every sign that could end, hide or turn a line as ``\uXXXX``; JSON reads it alike."""
+    r"""Write every character that could end, hide or reverse a line as ``\uXXXX``, as JSON does."""
     return _CONTROLS.sub(lambda sign: f"\\u{ord(sign.group()):04x}", text)
 
 
 def start_logging(level: int = logging.INFO) -> None:
-    """Log to standard error in this form, where nobody has set up logging before."""
+    """Log to standard error in this format, unless logging is set up already."""
     handler = logging.StreamHandler()
     handler.setFormatter(LineFormatter(FORMAT))
     logging.basicConfig(level=level, handlers=[handler])
 
 
 class LineFormatter(logging.Formatter):
-    """Escapes what a record tells; the lines of a traceback begin with a bar: none passes for a record."""
+    """Escapes each record; the lines of a traceback begin with a bar, so that none looks like a record."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Give the line, and below it those of a traceback."""
-        record.exc_text = None  # another formatter may have left its own there
+        record.exc_text = None  # another formatter may have cached its own text there
         return super().format(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's own name

@@ -9,6 +9,7 @@ import webbrowser
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from ipaddress import ip_address
+from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
@@ -47,9 +48,9 @@ from app.intake import FolderWatch, Intake
 from app.jobs.database.connect import (
     bring_up_to_date,
     check_whole,
-    explain_trouble,
+    classify_error,
     find_database_file,
-    name_start_trouble,
+    translate_start_errors,
 )
 from app.jobs.pool import WorkerPool
 from app.jobs.store import JobStore
@@ -57,7 +58,7 @@ from app.logs import start_logging
 from app.services import Services, open_services
 from app.settings import Settings
 from app.storage.open import load_extra, open_storage
-from app.storage.private import close_to_others, make_folder
+from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder
 from app.upkeep.recover import check_known
 from app.version import software_version
@@ -122,8 +123,8 @@ def create_app(settings: Settings) -> FastAPI:
     application.mount(find_assets(), Assets(directory=FOLDER))
     _add_refusals(application)
     rate, patience_s = settings.min_body_rate_bytes_per_s, settings.body_patience_s
-    answers = application.state.services.answers
-    application.add_middleware(Idempotency, answers=answers, answer=answer_error)
+    responses = application.state.services.responses
+    application.add_middleware(Idempotency, responses=responses, answer=answer_error)
     application.add_middleware(SideFiles, services=application.state.services)
     application.add_middleware(PlainText, answer=answer_error)
     application.add_middleware(Guard, answer=answer_error, min_rate_bytes_per_s=rate, patience_s=patience_s)
@@ -142,7 +143,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     start_logging()
     listener = listen(settings)
     try:
-        with name_start_trouble(settings):
+        with translate_start_errors(settings):
             _prepare_database(settings)
             application = create_app(settings)
     except BaseException:
@@ -178,7 +179,8 @@ def _prepare_database(settings: Settings) -> None:
     lock = FolderLock(settings.data_dir)
     try:
         check_folder(settings.data_dir)
-        close_to_others(settings.data_dir, find_database_file(settings.database_url))
+        file = find_database_file(settings.database_url)
+        restrict_permissions(settings.data_dir, Path(file) if file else None)
         check_whole(settings.database_url)
         copy = bring_up_to_date(settings.database_url, settings.data_dir / "backups")
         _check_recordings(settings)
@@ -244,7 +246,7 @@ def _list_methods(request: Request) -> list[str]:
 def _name_trouble(request: Request, error: DBAPIError) -> FusionError | AppError | RecordedProblem:
     """Tell a full disk, a damaged database, one that does not answer, and a bug from each other."""
     services: Services = request.app.state.services
-    refusal = explain_trouble(error, services.settings.database_url)
+    refusal = classify_error(error, services.settings.database_url)
     if refusal is None:
         return name_refusal(request, error)
     if isinstance(refusal, DiskFull):
@@ -261,7 +263,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
     try:
         reconcile(services)
         services.inspector.sweep()
-        services.answers.free_unfinished()
+        services.responses.free_unfinished()
         house = asyncio.create_task(keep_house(services))
         try:
             yield

@@ -14,7 +14,7 @@ from app.errors import AppError, Busy, DatabaseAway, DiskFull, FolderUnusable, S
 from app.jobs.batches import BatchStore
 from app.jobs.children.inspecting import Inspector
 from app.jobs.database.connect import check_writable
-from app.jobs.idempotency import AnswerStore
+from app.jobs.idempotency import ResponseStore
 from app.jobs.queue import WayIn
 from app.jobs.recordings import RecordingStore, UploadStore
 from app.jobs.side_files import SideWriter
@@ -23,9 +23,9 @@ from app.jobs.webhooks import WebhookStore
 from app.report.words.wording import Language
 from app.settings import Settings
 from app.storage.decoded import DecodedCache
-from app.storage.incoming import Incoming, Turns
+from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
-from app.storage.store import Storage, check_folder, name_once
+from app.storage.store import Storage, check_folder, read_or_create_id
 
 # Whether an upload would be taken now: each thing that it needs, asked for by itself and within a limit.
 
@@ -129,9 +129,9 @@ class Services:
     incoming: Incoming
     inspector: Inspector
     batches: BatchStore
-    answers: AnswerStore
+    responses: ResponseStore
     webhooks: WebhookStore
-    turns: Turns
+    upload_slots: UploadSlots
     side_files: SideWriter
     quarantine: Quarantine
     cache: DecodedCache
@@ -158,9 +158,9 @@ def open_services(settings: Settings) -> Services:
         incoming=incoming,
         inspector=inspector,
         batches=BatchStore(*rows),
-        answers=AnswerStore(*rows, name_once(settings.data_dir / "server.id", "server")),
+        responses=ResponseStore(*rows, read_or_create_id(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
-        turns=Turns(settings.max_uploads_at_once),
+        upload_slots=UploadSlots(settings.max_uploads_at_once),
         side_files=SideWriter(*rows, storage),
         quarantine=Quarantine(),
         cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),

@@ -1,24 +1,23 @@
-"""Enter from the command ``acromion``: what takes longest to load begins to load at once.
+"""The entry of the command ``acromion``: the fork server starts first, because it takes longest.
 
-The server that children come from loads the science; it is started before this process loads the command
-line, so that both load side by side. This module is all that a child loads of the command line.
-Meanwhile the garbage collector rests: modules are never let go.
+The fork server loads the science while this process loads the command line. This module is all that a child
+loads of the command line. The garbage collector is off meanwhile: modules are never freed.
 """
 
 import gc
 import importlib
 import sys
 
-from app.jobs.children.fork_server import FOR_ONE, warm_up
+from app.jobs.children.fork_server import PRELOAD_READING, warm_up
 
 _ANALYSING = frozenset({"run", "exposure"})
 
 
 def main() -> None:
-    """Do what the command line asks."""
+    """Run the command line."""
     asked = sys.argv[1:]
     if asked and asked[0] in _ANALYSING and "--help" not in asked:
-        warm_up(FOR_ONE)
+        warm_up(PRELOAD_READING)
     gc.disable()
     command_line = importlib.import_module("app.cli")
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Which software made a report: its version, and a fingerprint of the very code that ran."""
+"""The software that made a report: its version, and a fingerprint of the code that ran."""
 
 import hashlib
 from functools import cache
@@ -19,10 +19,10 @@ def software_version() -> str:
 
 @cache
 def software_revision() -> str:
-    """Fingerprint the code that decides on numbers and report: 12 hexadecimal digits.
+    """Fingerprint the Python files of ``fusion/`` and ``app/report/``: 12 hexadecimal digits.
 
     A hash of the source files instead of a version-control revision: it is the same in a checkout, a wheel
-    and a container, and it cannot disagree with what ran.
+    and a container, and it cannot disagree with the code that ran.
     """
     digest = hashlib.sha256()
     for path in _source_files():

@@ -23,6 +23,8 @@ from fusion.simulation import simulate_shift, write_shift
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("app", "fusion")
 CAVEAT = re.compile(r"W-[A-Z][A-Z-]+")
+FIGURE = "longest_without_s"
+"""A figure that stands in results.json and in a report: the files that name it are those to add another."""
 TRACER = f"""
 import os, sys, threading
 seen, folder = set(), os.environ["HOUSE_TRACE"]
@@ -96,6 +98,7 @@ def main() -> None:
         "Python files with a W-code as a literal": count_caveat_files(trees),
         "numbers with a unit in their name, percent": share_with_unit(trees),
         "of these that are float, percent": share_with_unit(trees, ("float",)),
+        f"files touched to add a figure (those that name {FIGURE})": count_figure_files(),
         "words in docs/ outside tables": count_words(),
     }
     print("| | now |", "|---|---|", *(f"| {name} | {value:,} |" for name, value in rows.items()), sep="\n")
@@ -201,6 +204,12 @@ def _list_numbers(tree: ast.Module, types: tuple[str, ...]) -> Iterator[str]:
             continue
         if node.annotation is not None and ast.unparse(node.annotation).removesuffix(" | None") in types:
             yield name
+
+
+def count_figure_files() -> int:
+    """Count the files of code and words that name one figure."""
+    files = (path for package in PACKAGES for path in (ROOT / package).rglob("*.*"))
+    return sum(FIGURE in path.read_text() for path in files if path.suffix in {".py", ".toml"})
 
 
 def count_words() -> int:

@@ -22,7 +22,7 @@ from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.day_file import NAME, DaySegment, open_day, write_day
+from app.storage.day_file import DAY_NAME, DaySegment, open_day, write_day
 from fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer
 
@@ -135,7 +135,7 @@ def main() -> None:
             log = write_recordings(folder, "gt9x", 0.05, 1)[0]
             job = running.send(log)
             running.see(job["id"], wait=60)
-            (day,) = (folder / "data" / "analyses" / job["id"]).glob(f"*/{NAME}")
+            (day,) = (folder / "data" / "analyses" / job["id"]).glob(f"*/{DAY_NAME}")
             make_long_day(day)
             fill_library(folder / "data")
             chromium = shutil.which("chromium") or shutil.which("google-chrome")

@@ -9,9 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from math import inf
+from types import MappingProxyType
 from typing import Self
 
-from fusion.errors import TERM, name_facts
+TERM = "a fixed term"
+"""The meaning of a fact that the words of both languages translate."""
+
+
+def name_facts(**meanings: str) -> Mapping[str, str]:
+    """Declare the facts that come with a code: each name with its unit or meaning."""
+    return MappingProxyType(meanings)
 
 
 class Grade(IntEnum):
@@ -115,8 +122,8 @@ class Caveat(StrEnum):
     REVERSED = "W-REVERSED", NOTE
 
     # The clock and the rate.
-    CLOCK_BACK = "W-CLOCK-BACK", CAUTION
-    CLOCK_FWD = "W-CLOCK-FWD", CAUTION
+    CLOCK_BACK = "W-CLOCK-BACK", CAUTION, name_facts(step_s="s")
+    CLOCK_FWD = "W-CLOCK-FWD", CAUTION, name_facts(step_s="s")
     CLOCK_UNSET = "W-CLOCK-UNSET", NOTE
     WRAP = "W-WRAP", CAUTION
     SEC_COUNT = "W-SEC-COUNT", NOTE

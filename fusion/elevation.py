@@ -14,10 +14,10 @@ from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.orientation.on_demand import VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.orientation.smoothed import SmoothedParameters, UncertaintySettings, estimate_sigma, smooth_nodes
-from fusion.pose.calibrate import CalibratedSamples, Vector
+from fusion.pose.calibrate import CalibratedSamples
 from fusion.pose.doubts import DoubtedPart
 from fusion.pose.wear import AxisPart
-from fusion.recording import MICROSECONDS, BoolArray, Segment
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Segment
 from fusion.sensor.accelerometer import AccelerometerSettings
 from fusion.sensor.gyro_bias import BiasSettings
 from fusion.sensor.gyro_scale import GyroScaleSettings
@@ -165,7 +165,7 @@ def _list_findings(samples: CalibratedSamples) -> dict[str, float]:
 
 
 def measure_elevation(
-    vertical: NDArray[np.float32] | NDArray[np.float64], arm_axis: Vector
+    vertical: NDArray[np.float32] | NDArray[np.float64], arm_axis: Float64Array
 ) -> NDArray[np.float32]:
     """Angle between ``vertical`` (n, 3) and the arm axis, deg; exact near 0 and 180 too."""
     elevation_deg = np.empty(len(vertical), dtype=np.float32)
@@ -224,7 +224,7 @@ def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSeg
     return ElevationSegment(segment.start_us, segment.rate_hz, elevation_deg, valid, vertical, by_second)
 
 
-def _measure_on_demand(vertical: VerticalOnDemand, arm_axis: Vector) -> NDArray[np.float32]:
+def _measure_on_demand(vertical: VerticalOnDemand, arm_axis: Float64Array) -> NDArray[np.float32]:
     elevation_deg = np.empty(len(vertical), dtype=np.float32)
     axis = np.asarray(arm_axis, dtype=np.float64)
     for first, block in vertical.blocks():
@@ -268,7 +268,7 @@ def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> N
         segment.sigma_deg[inside] = np.hypot(segment.sigma_deg[inside], part.sigma_deg)
 
 
-def _by_second(values: Vector, rows: int, segment: Segment) -> NDArray[np.float32]:
+def _by_second(values: Float64Array, rows: int, segment: Segment) -> NDArray[np.float32]:
     """Values that stand for ``rows`` rows each, at the middle of each second of the segment."""
     seconds = int(np.ceil(len(segment) / segment.rate_hz))
     middle = (np.arange(seconds) + 0.5) * segment.rate_hz / rows

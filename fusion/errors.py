@@ -13,20 +13,11 @@ generated from here.
       UnusableDiary     the list of periods that came with it cannot be followed
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar
 
+from fusion.caveats import TERM, name_facts
+
 Fact = str | int | float
-TERM = "a fixed term"
-"""The meaning of a fact that the words of both languages translate."""
-
-
-def name_facts(**meanings: str) -> Mapping[str, str]:
-    """Declare the facts that come with a code: each name with its unit or meaning."""
-    return MappingProxyType(meanings)
-
-
 PLACE = name_facts(line="line of the file", byte="byte of the file", clock="time in the recording")
 """Where in the file it is, of any refusal that knows it."""
 

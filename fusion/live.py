@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from fusion.elevation import measure_elevation
 from fusion.orientation.arrays import check_arrays, check_direction, check_gravity
 from fusion.orientation.live import LiveVertical
-from fusion.pose.calibrate import Vector
+from fusion.recording import Float64Array
 
 
 class LiveElevation:
@@ -26,7 +26,7 @@ class LiveElevation:
         """
         self._rate_hz = rate_hz
         self._vertical = LiveVertical(rate_hz)
-        self._arm_axis: Vector | None = None if arm_axis is None else check_direction(arm_axis)
+        self._arm_axis: Float64Array | None = None if arm_axis is None else check_direction(arm_axis)
 
     def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float32]:
         """Take the next samples, shapes (n, 3) or (3,), g and deg/s; give the elevation of each, (n,), deg.

@@ -15,6 +15,7 @@ LONGEST_BRIDGE_US = 50_000
 MAX_SPANS = 100
 
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
+Float64Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MICROSECONDS = 1_000_000

@@ -35,7 +35,7 @@ from app.errors import Busy
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
 from app.jobs.recordings import Place, StoredRow
-from app.jobs.renewing import find_same, retry
+from app.jobs.regeneration import find_same, retry
 from app.jobs.store import JobFilter
 from app.report.export.columns import PERIOD_COLUMNS, list_periods
 from app.report.export.csv import encode_table
@@ -43,7 +43,7 @@ from app.report.export.naming import pack_files
 from app.report.words.wording import Language
 from app.request import Paper, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
-from app.storage.day_file import NAME as DAY_NAME
+from app.storage.day_file import DAY_NAME
 from app.storage.store import StoredRecording
 
 # Answering as soon as an analysis ends; waiting for a thread even when cancelled.
@@ -304,7 +304,7 @@ def list_analyses(
 ) -> AnalysisList:
     """Give the newest analyses, page by page."""
     asked = JobFilter(JobState(wanted.state) if wanted.state else "", wanted.batch_id, wanted.recording_id)
-    found = services.store.list_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
+    found = services.store.find_page(asked, wanted.limit + 1, read_cursor(wanted.cursor))
     jobs, following = cut_page(found, wanted.limit, _tell_place, request, answer)
     return AnalysisList(items=[view_analysis(job, language) for job in jobs], next_cursor=following)
 
@@ -368,7 +368,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     """Every file of the analysis in one ZIP; the same analysis gives the same bytes."""
     job = services.store.get(analysis_id)
     check_succeeded(job, "bundle.zip")
-    names = [file.name for file in services.store.list_files(job.id) if file.name != DAY_NAME]
+    names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
     body = pack_files({name: read_result(services, job, name) for name in names})
     return serve_bytes(request, services, job, "bundle.zip", body)
 

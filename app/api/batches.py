@@ -14,7 +14,7 @@ from app.api.wishes import AnalysisSettings
 from app.errors import CANCELLED, NotFinished, ResultDamaged
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
-from app.jobs.renewing import can_renew
+from app.jobs.regeneration import can_regenerate
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import PROBLEM_COLUMNS, Origin, Row, add_origin, encode_table, tell_problem
 from app.report.words.wording import Language
@@ -109,10 +109,10 @@ def get_batch_problems(batch_id: str, services: UsedServices, language: UsedLang
 def retry_failed(batch_id: str, services: UsedServices) -> BatchView:
     """Analyse anew what failed in a batch, and what has lost its result or holds a damaged one."""
     batch = services.batches.get(batch_id)
-    damaged = [job for job in services.batches.list_jobs(batch_id) if _is_damaged(services, job)]
+    damaged = [job for job in services.batches.find_jobs(batch_id) if _is_damaged(services, job)]
     check_queue(services, batch.counts[JobState.FAILED] + len(damaged))
     for job in damaged:
-        if can_renew(services.store, services.storage, job):
+        if can_regenerate(services.store, services.storage, job):
             services.store.repeat(job, "api")
     services.batches.retry_failed(batch_id)
     return view_batch(services.batches.get(batch_id))
@@ -145,7 +145,7 @@ def _list_ended(services: Services, batch_id: str) -> tuple[Job, ...]:
     if not batch.is_over:
         done = batch.item_count - batch.counts[JobState.QUEUED] - batch.counts[JobState.RUNNING]
         raise NotFinished(state=f"{done}/{batch.item_count}")
-    return services.batches.list_jobs(batch_id)
+    return services.batches.find_jobs(batch_id)
 
 
 def _summarise(services: Services, job: Job) -> Row:

@@ -60,7 +60,7 @@ class _Rows(Collector):
         for code, number in services.store.count_problems().items():
             problems.add_metric([code], number)
         yield problems
-        growing = len(services.uploads.list_growing())
+        growing = len(services.uploads.find_growing())
         yield GaugeMetricFamily("acromion_uploads_under_way", "Uploads under way.", growing)
         free_bytes = shutil.disk_usage(services.settings.data_dir).free
         yield GaugeMetricFamily("acromion_free_disk_bytes", "Free space for recordings.", free_bytes)

@@ -18,7 +18,7 @@ from app.api.side_files import write_side_files
 from app.api.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload
-from app.jobs.leader import Keeper
+from app.jobs.leader import Leader
 from app.jobs.webhooks import Delivery
 from app.services import Services
 from app.upkeep.recover import (
@@ -27,10 +27,10 @@ from app.upkeep.recover import (
     catch_up,
     check_known,
     drop_stale_attempts,
+    find_strange,
     finish_purges,
-    list_strange,
-    return_known,
-    set_strange_aside,
+    quarantine_strange,
+    restore_known,
 )
 
 LOOK_S = 1.0
@@ -47,21 +47,21 @@ logger = logging.getLogger(__name__)
 
 async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
-    keeper, sender = Keeper(services.store.engine), WebhookSender(services)
+    leader, sender = Leader(services.store.engine), WebhookSender(services)
     try:
-        await _keep_on(services, keeper, sender)
+        await _keep_on(services, leader, sender)
     finally:
         await sender.stop()
-        keeper.close()
+        leader.close()
 
 
-async def _keep_on(services: Services, keeper: Keeper, sender: "WebhookSender") -> None:
+async def _keep_on(services: Services, leader: Leader, sender: "WebhookSender") -> None:
     looked_s = aged_s = time.monotonic()
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
         try:
-            if not await run_to_end(keeper.holds_office):
+            if not await run_to_end(leader.is_leader):
                 looked_s = aged_s = now_s  # another counts this time
                 continue
             await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
@@ -88,8 +88,8 @@ def reconcile(services: Services) -> None:
     _finish_purges(services, unknown)
     attempts, newer = drop_stale_attempts(store, storage)
     counts = {
-        "recordings came back from quarantine: they have rows": return_known(store, storage),
-        "unknown entries moved into quarantine": set_strange_aside(storage, unknown),
+        "recordings came back from quarantine: they have rows": restore_known(store, storage),
+        "unknown entries moved into quarantine": quarantine_strange(storage, unknown),
         "attempts removed that do not count": attempts,
         "old temporary files removed": _drop_temporary(services),
         "reports are newer than the database: stop, and run acromion recover": newer,
@@ -102,7 +102,7 @@ def reconcile(services: Services) -> None:
 
 
 def _finish_purges(services: Services, unknown: Unknown) -> None:
-    for recording_id in services.recordings.list_purging():
+    for recording_id in services.recordings.find_purging():
         try:
             purge_recording(services, recording_id)
         except (AppError, OSError):
@@ -112,12 +112,12 @@ def _finish_purges(services: Services, unknown: Unknown) -> None:
 
 def _drop_temporary(services: Services) -> int:
     uploads = services.uploads
-    swept = services.incoming.sweep(uploads.list_growing(), uploads.list_known(), INCOMING_S)
+    swept = services.incoming.sweep(uploads.find_growing(), uploads.find_known(), INCOMING_S)
     return swept + services.storage.drop_temporary(TEMPORARY_S)
 
 
 def _count_quarantine(services: Services) -> int:
-    services.quarantine.names = list_strange(services.storage)
+    services.quarantine.names = find_strange(services.storage)
     return len(services.quarantine.names)
 
 
@@ -140,7 +140,7 @@ class WebhookSender:
         Addresses that were told longest ago go first: slow ones with much to hear keep nobody waiting.
         """
         due: dict[str, list[Delivery]] = {}
-        for delivery in await run_to_end(self.services.webhooks.wait, elapsed_s):
+        for delivery in await run_to_end(self.services.webhooks.find_due, elapsed_s):
             due.setdefault(delivery.url, []).append(delivery)
         self._under_way = {url: task for url, task in self._under_way.items() if not task.done()}
         self._starts = {url: start for url, start in self._starts.items() if url in due}
@@ -171,7 +171,7 @@ class WebhookSender:
                 allow_private = settings.webhooks_may_be_private
                 if not await send_message(message, allow_private=allow_private, limit_s=self.limit_s):
                     return
-                await run_to_end(webhooks.told, delivery)
+                await run_to_end(webhooks.drop_delivery, delivery)
         except OperationalError:
             logger.exception("the database does not answer; a webhook is told again later")
 
@@ -187,6 +187,6 @@ def grow_older(services: Services, elapsed_s: float) -> None:
     for recording_id in services.recordings.age_trash(elapsed_s, settings.trash_term_s):
         purge_recording(services, recording_id)
     forget_samples(services)  # a child may have written some while its recording was being purged
-    services.answers.age(elapsed_s, ANSWER_TERM_S)
+    services.responses.age(elapsed_s, ANSWER_TERM_S)
     services.storage.drop_temporary(TEMPORARY_S)
-    services.quarantine.names = list_strange(services.storage)
+    services.quarantine.names = find_strange(services.storage)

@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import AppError, KeyInUse, KeyReused, PurgedSince
-from app.jobs.idempotency import GONE, AnswerStore, KeptAnswer
+from app.jobs.idempotency import GONE, KeptResponse, ResponseStore
 
 LONGEST_KEY = 255
 PASSING = frozenset({408, 409, 423, 429})
@@ -26,8 +26,8 @@ AnswerRefusal = Callable[[Request, AppError], Response]
 class Idempotency:
     """Stands before the routes and remembers what they answered."""
 
-    def __init__(self, app: ASGIApp, answers: AnswerStore, answer: AnswerRefusal) -> None:
-        self._app, self._answers, self._answer = app, answers, answer
+    def __init__(self, app: ASGIApp, responses: ResponseStore, answer: AnswerRefusal) -> None:
+        self._app, self._responses, self._answer = app, responses, answer
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer anew, or as before."""
@@ -36,14 +36,14 @@ class Idempotency:
             await self._app(scope, receive, send)
             return
         listener = _Listener(receive, send, _begin_fingerprint(scope))
-        known = await run_in_threadpool(self._answers.reserve, key)
+        known = await run_in_threadpool(self._responses.reserve, key)
         if known is None:
             await self._answer_first(key, scope, listener)
         else:
             response = await self._answer_again(known, scope, listener)
             await response(scope, receive, send)
 
-    async def _answer_again(self, known: KeptAnswer, scope: Scope, listener: "_Listener") -> Response:
+    async def _answer_again(self, known: KeptResponse, scope: Scope, listener: "_Listener") -> Response:
         """Give the kept answer, once the whole request is seen to be the same; else the refusal."""
         if known.status is None:
             return self._answer(Request(scope), KeyInUse())
@@ -58,11 +58,11 @@ class Idempotency:
         try:
             await self._app(scope, listener.receive, listener.send)
             if listener.is_final:
-                await run_in_threadpool(self._answers.keep, key, listener.keep())
+                await run_in_threadpool(self._responses.keep, key, listener.keep())
                 kept = True
         finally:
             if not kept:
-                await run_in_threadpool(self._answers.free, key)
+                await run_in_threadpool(self._responses.free, key)
 
 
 @dataclass(slots=True)
@@ -98,11 +98,11 @@ class _Listener:
     def is_final(self) -> bool:
         return self.heard_all and self.status < 500 and self.status not in PASSING
 
-    def keep(self) -> KeptAnswer:
-        return KeptAnswer(self.digest.hexdigest(), self.status, tuple(self.headers), bytes(self.body))
+    def keep(self) -> KeptResponse:
+        return KeptResponse(self.digest.hexdigest(), self.status, tuple(self.headers), bytes(self.body))
 
 
-async def _is_same(known: KeptAnswer, listener: _Listener) -> bool:
+async def _is_same(known: KeptResponse, listener: _Listener) -> bool:
     while not listener.heard_all:
         if (await listener.receive())["type"] == "http.disconnect":
             break

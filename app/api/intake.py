@@ -54,7 +54,7 @@ async def store_recording(
     FileTooLarge, DiskFull, EmptyFile, SlowUpload, BadParameter, TooMany
     """
     check_announcement(request, services)
-    with services.turns.take():
+    with services.upload_slots.take():
         upload = await run_in_threadpool(services.storage.open_upload, services.settings.max_upload_bytes)
         try:
             await copy(request, upload.write)

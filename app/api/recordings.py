@@ -93,7 +93,7 @@ def list_recordings(
     """Give the recordings stored last; ``from`` and ``to`` ask by the device's clock at the first sample."""
     limit = asked.limit
     wanted = asked.wanted()
-    found = services.recordings.list_page(wanted, limit + 1, read_cursor(asked.cursor))
+    found = services.recordings.find_page(wanted, limit + 1, read_cursor(asked.cursor))
     rows, following = cut_page(found, limit, wanted.place, request, answer)
     return RecordingList(items=[view_recording(row) for row in rows], next_cursor=following)
 
@@ -229,8 +229,8 @@ def purge_recording(services: Services, recording_id: str) -> None:
 
 def forget_samples(services: Services) -> None:
     """Remove the decoded samples of which no recording is left."""
-    held = services.cache.list_digests()
-    services.cache.forget(held - services.recordings.list_known(held))
+    held = services.cache.find_digests()
+    services.cache.forget(held - services.recordings.find_known(held))
 
 
 async def _receive_form(request: Request, services: Services, words: RecordingWords) -> StoredRow:

@@ -63,7 +63,7 @@ async def take_bytes(
     LockedUpload, WrongOffset, WrongLength, WrongDigest, WrongMediaType, BrokenUpload, SlowUpload, DiskFull,
     TooMany
     """
-    with services.turns.take():
+    with services.upload_slots.take():
         return await _take_alone(request, services, upload_id, offset_bytes, checksum)
 
 
@@ -71,7 +71,7 @@ async def _take_alone(
     request: Request, services: Services, upload_id: str, offset_bytes: int, checksum: str
 ) -> UploadRow:
     unpacker = _choose_unpacker(request.headers.get("content-encoding", ""))
-    if not services.incoming.take(upload_id):
+    if not services.incoming.acquire(upload_id):
         raise LockedUpload
     try:
         row = await run_in_threadpool(get_upload_row, services, upload_id)
@@ -85,7 +85,7 @@ async def _take_alone(
             await run_in_threadpool(body.end)
         return await run_in_threadpool(finish_upload, services, body.row)
     finally:
-        services.incoming.let_go(upload_id)
+        services.incoming.release(upload_id)
 
 
 def _check_place(request: Request, row: UploadRow, offset_bytes: int) -> None:
@@ -136,13 +136,13 @@ def drop_upload(services: Services, row: UploadRow) -> None:
     ------
     LockedUpload
     """
-    if not services.incoming.take(row.id):
+    if not services.incoming.acquire(row.id):
         raise LockedUpload
     try:
         services.uploads.drop(row.id)
         services.incoming.forget(row.id)
     finally:
-        services.incoming.let_go(row.id)
+        services.incoming.release(row.id)
 
 
 def _choose_unpacker(encoding: str) -> "zlib._Decompress | None":
@@ -211,7 +211,7 @@ class _Body:
     def write(self, chunk: bytes) -> None:
         if self.file.offset_bytes + len(chunk) > self.row.length_bytes:
             raise WrongLength
-        self.services.incoming.follow(self.row.id, self.file.offset_bytes, chunk)
+        self.services.incoming.hash_chunk(self.row.id, self.file.offset_bytes, chunk)
         self.file.write(chunk)
         if self.digest is not None:
             self.digest.update(chunk)

@@ -54,7 +54,7 @@ def create_webhook(wish: WebhookWish, services: UsedServices) -> WebhookView:
 @router.get("", response_model_exclude_none=True)
 def list_webhooks(services: UsedServices) -> WebhookList:
     """Give every webhook, without its secret."""
-    return WebhookList(items=[_view(hook) for hook in services.webhooks.list_all()])
+    return WebhookList(items=[_view(hook) for hook in services.webhooks.find_all()])
 
 
 @router.delete("/{webhook_id}", status_code=204)

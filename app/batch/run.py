@@ -36,7 +36,7 @@ from app.jobs.children.attempt import (
     Unstarted,
     choose_limits,
     load_and_make_report,
-    load_and_tell_again,
+    load_and_render_again,
     run_attempt,
 )
 from app.request import ReportRequest
@@ -183,7 +183,7 @@ def _tell_again(task: Task, before: Marker, go_on: Callable[[str | None, float],
     """Write the finished analysis in another language or form, or for another paper; nothing is analysed."""
     language = task.request.languages[0]
     with open_staging(task.folder) as staging:
-        outcome = _attempt(task, task.request, staging, load_and_tell_again(task.folder), go_on)
+        outcome = _attempt(task, task.request, staging, load_and_render_again(task.folder), go_on)
         if outcome.code:
             return outcome
         if language == before.language:

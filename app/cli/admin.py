@@ -53,14 +53,14 @@ def worker(
     ),
 ) -> None:
     """Do queued analyses until stopped; any number may run beside the server."""
-    from app.jobs.database.connect import check_whole, name_start_trouble  # noqa: PLC0415
+    from app.jobs.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
     from app.jobs.worker import run_by_settings  # noqa: PLC0415
     from app.settings import Settings  # noqa: PLC0415
 
     settings = Settings(data_dir=data)
     try:
         start_logging()
-        with name_start_trouble(settings):
+        with translate_start_errors(settings):
             check_whole(settings.database_url)
         run_by_settings(settings)
     except AppError as refusal:
@@ -159,11 +159,11 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 def _verify_kept(data: Path | None) -> tuple[int, list[tuple[str, str]]]:
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
-    from app.upkeep.verify import find_faults, list_kept  # noqa: PLC0415
+    from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
     settings = _find_settings(data)
     check_whole(settings.database_url)
-    kept = list_kept(settings)
+    kept = find_kept(settings)
     return len(kept), [(fault.name, fault.finding) for fault in find_faults(settings, kept)]
 
 
@@ -204,10 +204,10 @@ def _refusals_told(language: Language, settings: Settings) -> Iterator[None]:
     """Tell a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 
-    from app.jobs.database.connect import name_start_trouble  # noqa: PLC0415
+    from app.jobs.database.connect import translate_start_errors  # noqa: PLC0415
 
     try:
-        with name_start_trouble(settings):
+        with translate_start_errors(settings):
             yield
     except AppError as refusal:
         _tell_refusal(refusal, language)

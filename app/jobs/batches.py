@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Select, func, insert, select
+from sqlalchemy import Connection, Select, func, insert, select
 
 from app.errors import NotHere
 from app.jobs.database.tables import analyses, batch_items, batches
 from app.jobs.job import Job, JobState
+from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
-from app.jobs.rows import read_job, select_items, select_jobs, tell_now
-from app.jobs.versions import AT_ONCE, identify_work, select_same
+from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
 
@@ -22,7 +22,7 @@ from app.request import ReportRequest
 class Batch:
     """A batch and how many of its analyses are in each state; one that was repeated counts once.
 
-    ``duplicate_count``: of what was asked, how much was not analysed anew, for it had been asked already.
+    ``duplicate_count``: how many of the requested analyses existed already and were not made again.
     """
 
     id: str
@@ -38,19 +38,16 @@ class Batch:
         return not self.counts[JobState.QUEUED] and not self.counts[JobState.RUNNING]
 
 
-class BatchStore:
+class BatchStore(RowStore):
     """Rows of batches; their analyses are ordinary jobs."""
-
-    def __init__(self, engine: Engine, reader: Engine) -> None:
-        self._engine, self._reader = engine, reader
 
     def add(
         self, name: str, items: Sequence[tuple[StoredRow, ReportRequest]], *, again: bool = False
     ) -> Batch:
         """Queue an analysis for each item, in one commit.
 
-        The same bytes with the same settings are analysed once: an item that is asked twice counts once, and
-        what was analysed alike before, by this engine, is taken as it is unless ``again`` is asked.
+        The same bytes with the same settings are analysed once: an item that stands twice counts once, and
+        an earlier analysis of the same bytes and settings by this engine is reused unless ``again`` is set.
         """
         batch_id = f"ba_{secrets.token_hex(8)}"
         asked: dict[str, tuple[StoredRow, ReportRequest]] = {}
@@ -59,7 +56,7 @@ class BatchStore:
         with self._engine.begin() as connection:
             known = {} if again else _find_known(connection, list(asked))
             wanted = {key: item for key, item in asked.items() if key not in known}
-            row = {"id": batch_id, "name": name, "created_at": tell_now()}
+            row = {"id": batch_id, "name": name, "created_at": format_now()}
             counts = {"item_count": len(asked), "duplicate_count": len(items) - len(wanted)}
             connection.execute(insert(batches).values(row | counts))
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
@@ -88,17 +85,14 @@ class BatchStore:
         counts = {state: found.get(state, 0) for state in JobState}
         return Batch(row.id, row.name, row.item_count, row.duplicate_count, row.created_at, counts)
 
-    def list_newest(self, limit: int) -> tuple[Batch, ...]:
+    def find_newest(self, limit: int) -> tuple[Batch, ...]:
         """Give the batches asked for last, the newest first."""
         newest = select(batches.c.id).order_by(batches.c.created_at.desc(), batches.c.id.desc()).limit(limit)
-        with self._reader.connect() as connection:
-            ids = connection.execute(newest).scalars().all()
-        return tuple(self.get(batch_id) for batch_id in ids)
+        return tuple(self.get(row.id) for row in self._read_all(newest))
 
-    def list_jobs(self, batch_id: str) -> tuple[Job, ...]:
+    def find_jobs(self, batch_id: str) -> tuple[Job, ...]:
         """Give the analyses that count, in the order in which they were asked for."""
-        with self._reader.connect() as connection:
-            rows = connection.execute(_select_jobs_of(batch_id).order_by(batch_items.c.place)).all()
+        rows = self._read_all(_select_jobs_of(batch_id).order_by(batch_items.c.place))
         return tuple(read_job(row) for row in rows)
 
     def retry_failed(self, batch_id: str) -> int:
@@ -121,9 +115,9 @@ def _select_jobs_of(batch_id: str) -> Select[Any]:
 def _find_known(connection: Connection, keys: Sequence[str]) -> dict[str, str]:
     """Give the analysis of each key that has one, the oldest."""
     found: dict[str, str] = {}
-    for first in range(0, len(keys), AT_ONCE):
-        query = select_same(keys[first : first + AT_ONCE]).with_only_columns(analyses.c.key, analyses.c.id)
-        for key, analysis_id in connection.execute(query):
+    for first in range(0, len(keys), KEYS_PER_QUERY):
+        query = select_same(keys[first : first + KEYS_PER_QUERY])
+        for key, analysis_id in connection.execute(query.with_only_columns(analyses.c.key, analyses.c.id)):
             found.setdefault(key, analysis_id)
     return found
 

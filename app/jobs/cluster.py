@@ -1,9 +1,9 @@
 """Workers on any number of machines: Procrastinate wakes them, the job row decides.
 
 A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the
-transaction that writes the row, whoever writes it. That job is only a wake-up: whoever gets it claims a
-row as all workers do, and one too many finds nothing to do. What a dead worker held is revived by the
-living: the rows by lease, Procrastinate's own jobs by its heartbeats.
+transaction that writes the row, whoever writes it. That job is only a wake-up: the worker that receives it
+claims a row as all workers do, and a superfluous wake-up finds no row. Living workers put back what a dead
+worker held: rows by their lease, Procrastinate's own jobs by its heartbeats.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ from sqlalchemy.exc import OperationalError
 from app.jobs.children.attempt import MakeReport
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
-from app.jobs.lease import Pulse
+from app.jobs.lease import WorkerHeartbeat
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 
@@ -49,7 +49,7 @@ logger = logging.getLogger(__name__)
 
 
 def install(url: str) -> None:
-    """Make Procrastinate's tables and our trigger where they are not, and wake a worker for what waits."""
+    """Make Procrastinate's tables and our trigger where they are missing; wake a worker for what waits."""
     engine = connect(url)
     with engine.begin() as connection:
         lock_tables(connection)
@@ -69,15 +69,15 @@ def run_cluster_worker(
     settings: Settings,
     make: MakeReport | None = None,
     parent_pid: int | None = None,
-    pulse: Pulse | None = None,
+    heartbeat: WorkerHeartbeat | None = None,
 ) -> None:
-    """Do jobs until asked to stop (SIGTERM, SIGINT) or until the parent is gone.
+    """Run jobs until SIGTERM or SIGINT, or until the parent is gone.
 
-    ``make`` takes the place of the science.
+    ``make`` replaces the science where it is given.
     """
     bench = open_bench(settings, make)
-    if pulse is not None:
-        bench = replace(bench, pulse=pulse)
+    if heartbeat is not None:
+        bench = replace(bench, heartbeat=heartbeat)
     install(settings.database_url)
     warm_up_and_wait()
     address = make_url(settings.database_url).set(drivername="postgresql")
@@ -91,7 +91,7 @@ def run_cluster_worker(
 
 
 async def _work(bench: Bench, engine: App, parent_pid: int | None) -> None:
-    """Listen for jobs; begin again when the database was away."""
+    """Listen for jobs; start again when the database was away."""
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, bench.stopping.set)
     while not bench.stopping.is_set():
@@ -113,14 +113,15 @@ async def _listen(bench: Bench, engine: App, parent_pid: int | None) -> None:
             update_heartbeat_interval=bench.settings.heartbeat_s,
         )
     )
-    keeper = asyncio.create_task(_revive_for_ever(bench, engine))
-    orphaned = asyncio.create_task(_wait_for_stop(bench, parent_pid))
+    reviver = asyncio.create_task(_revive_for_ever(bench, engine))
+    stop = asyncio.create_task(_wait_for_stop(bench, parent_pid))
+    tasks = (listener, reviver, stop)
     try:
-        done, _ = await asyncio.wait({listener, keeper, orphaned}, return_when=asyncio.FIRST_COMPLETED)
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        for task in (listener, keeper, orphaned):
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(listener, keeper, orphaned, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
     for task in done:
         task.result()
 
@@ -129,18 +130,18 @@ async def _wait_for_stop(bench: Bench, parent_pid: int | None) -> None:
     while not bench.stopping.is_set():
         if parent_pid is not None and os.getppid() != parent_pid:
             bench.stopping.set()
-        bench.pulse.step()
+        bench.heartbeat.step()
         await asyncio.sleep(0.2)
 
 
 def _revive(bench: Bench) -> None:
-    """Put back the rows of the dead, and wake somebody for rows whose wake-up was lost."""
+    """Put back the rows of dead workers, and wake a worker for rows whose wake-up was lost."""
     reclaim_abandoned(bench)
     bench.store.run(_TOP_UP)
 
 
 async def _revive_for_ever(bench: Bench, engine: App) -> None:
-    """Put back, every few seconds, what dead workers held."""
+    """Put back what dead workers held, every ``REVIVE_S``."""
     while True:
         try:
             await asyncio.to_thread(_revive, bench)

@@ -31,21 +31,21 @@ TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
 }
 
 
-def list_sources(state: JobState) -> tuple[JobState, ...]:
-    """From which states this one may be reached."""
+def find_sources(state: JobState) -> tuple[JobState, ...]:
+    """Find the states from which this one may be reached."""
     return tuple(source for source, followers in TRANSITIONS.items() if state in followers)
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One row of the analyses, with what its recording is.
+    """One row of the analyses, with name, size and digest of its recording.
 
-    ``token`` names the attempt that runs now or that succeeded; only its holder may move the job on.
-    ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` say why a
-    failed job failed, or what holds up one that is not over. ``attempts`` counts the analyses that died while
+    ``token`` identifies the attempt that runs now or that succeeded; only its holder may change the state.
+    ``stage`` and ``progress`` (0 to 1) only inform people. ``problem_code`` and ``problem_facts`` state why a
+    failed job failed, or what delays one that is not over. ``attempts`` counts the attempts that died while
     their worker lived, and the one that runs or succeeded. ``interruptions`` counts the ends of the worker or
-    its computer. ``put_backs`` counts how often a full disk held it up. ``replaced_by`` names the job that
-    repeats it, or the report that stays after it.
+    its computer. ``put_backs`` counts the delays by a full disk. ``replaced_by`` is the id of the job that
+    repeats it, or of the earlier report that replaces it.
     """
 
     id: str
@@ -71,16 +71,16 @@ class Job:
 
     @property
     def is_over(self) -> bool:
-        """Nothing more will happen to it."""
+        """The state is final."""
         return not TRANSITIONS[self.state]
 
 
 @dataclass(frozen=True, slots=True)
 class Claimer:
-    """A worker process, told apart from every other that ever was.
+    """A worker process, uniquely identified.
 
     ``place`` is the computer, its boot and its process namespace: inside one place a process number and
-    its start time are enough to see whether the process lives. ``started`` is "" where that cannot be told.
+    its start time are enough to see whether the process lives. ``started`` is "" where it is unknown.
     """
 
     place: str
@@ -90,7 +90,7 @@ class Claimer:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A running job as another worker sees it. ``beats`` grows while its holder lives."""
+    """A running job as other workers see it. ``beats`` grows while its holder lives."""
 
     analysis_id: str
     token: str

@@ -1,7 +1,6 @@
-"""Which of several web servers looks after what they share: terms that pass, webhooks that are told.
+"""The leader: the one of several web servers that does the upkeep they share (terms, webhooks).
 
-Time is counted by whoever keeps house. Were it counted by all, three servers would let a term of thirty days
-pass in ten.
+Only the leader counts time: with three servers that all count, a term of thirty days would pass in ten.
 """
 
 from dataclasses import dataclass
@@ -9,23 +8,29 @@ from dataclasses import dataclass
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import OperationalError
 
-_KEEPING = 0x6163726B  # any number of our own: who holds it keeps house
+_LEADER_LOCK = 0x6163726B  # an arbitrary number: whoever holds this advisory lock leads
 
 
 @dataclass(slots=True)
-class Keeper:
-    """Holds the office as long as its connection lives; with SQLite there is no other server."""
+class Leader:
+    """Leads as long as its connection lives; with SQLite there is no other server."""
 
     engine: Engine
     _connection: Connection | None = None
 
-    def holds_office(self) -> bool:
-        """Tell whether this server keeps house, and take the office where nobody holds it."""
+    def is_leader(self) -> bool:
+        """Tell whether this server leads; it becomes the leader where there is none.
+
+        Raises
+        ------
+        OperationalError
+            The connection is cut; this server leads no more.
+        """
         if self.engine.dialect.name != "postgresql":
             return True
         try:
             if self._connection is None:
-                self._connection = self._take()
+                self._connection = self._try_lock()
             else:
                 self._connection.execute(text("SELECT 1"))
         except OperationalError:
@@ -34,16 +39,16 @@ class Keeper:
         return self._connection is not None
 
     def close(self) -> None:
-        """Give the office up."""
+        """Lead no more."""
         if self._connection is not None:
             self._connection.invalidate()
             self._connection.close()
             self._connection = None
 
-    def _take(self) -> Connection | None:
+    def _try_lock(self) -> Connection | None:
         connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-        take = text("SELECT pg_try_advisory_lock(:key)").bindparams(key=_KEEPING)
-        if connection.execute(take).scalar_one():
+        lock = text("SELECT pg_try_advisory_lock(:key)").bindparams(key=_LEADER_LOCK)
+        if connection.execute(lock).scalar_one():
             return connection
         connection.close()
         return None

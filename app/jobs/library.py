@@ -1,7 +1,7 @@
-"""The library: every recording with the report that counts, searched, filtered, counted and paged in SQL.
+"""The library: every recording with its current report, searched, filtered, counted and paged in SQL.
 
-What counts is the newest analysis, unless it has no report and an earlier one has: a repetition that fails
-takes nothing away. A batch shows each analysis that it asked for.
+The current report is that of the newest analysis; where that has none, the newest earlier report remains. A
+batch shows each analysis that it asked for.
 """
 
 from collections.abc import Mapping
@@ -11,9 +11,9 @@ from typing import Any, Literal, get_args
 from sqlalchemy import ColumnElement, Engine, Select, and_, case, func, or_, select
 
 from app.jobs.database.tables import analyses, answers, recordings
-from app.jobs.figures import Answer
+from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Job, JobState
-from app.jobs.rows import STORED, read_job, select_items, select_jobs
+from app.jobs.queries import STORED, read_job, select_items, select_jobs
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)
@@ -26,9 +26,9 @@ _DOUBTFUL = ("caution", "poor")
 
 @dataclass(frozen=True, slots=True)
 class LibraryFilter:
-    """Which recordings are shown; "" asks for any. ``first_day`` and ``last_day`` are ISO dates.
+    """Which recordings are shown; "" lets any through. ``first_day`` and ``last_day`` are ISO dates.
 
-    With ``batch`` the analyses of that batch are shown instead of what counts of each recording.
+    With ``batch`` the analyses of that batch are shown instead of the current one of each recording.
     """
 
     text: str = ""
@@ -41,53 +41,49 @@ class LibraryFilter:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What counts of a recording, its answer once it has one, and a newer ``attempt`` without a report."""
+    """The current analysis of a recording, its headline figures once it has them, and a newer ``attempt``
+    without a report.
+    """
 
     job: Job
-    answer: Answer | None
+    headline: HeadlineFigures | None
     attempt: Job | None = None
 
 
 class Library:
-    """Reads; nothing is ever changed here."""
+    """The queries of the library; it only reads."""
 
     def __init__(self, reader: Engine) -> None:
         self._reader = reader
 
-    def list_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
+    def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
-        is_walked = wanted == LibraryFilter()
-        query = (
-            _select(wanted, is_walked=is_walked)
-            .order_by(*_list_order(wanted.order))
-            .limit(limit)
-            .offset(skip)
-        )
-        return self._read(query)
+        query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted.order))
+        return self._read(query.limit(limit).offset(skip))
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
-        """Count the recordings of each group, among those that text and days ask for."""
+        """Count the recordings of each group, among those that text and days let through."""
         parts = _select(replace(wanted, group="all")).subquery()
-        told = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None))
-        kinds = select(*told, func.count()).group_by(*told)
+        columns = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None))
+        kinds = select(*columns, func.count()).group_by(*columns)
         counts = dict.fromkeys(GROUPS, 0)
         with self._reader.connect() as connection:
             for state, verdict, has_report, number in connection.execute(kinds):
-                for group in _name_groups(JobState(state), verdict, has_report=bool(has_report)):
+                for group in _find_groups(JobState(state), verdict, has_report=bool(has_report)):
                     counts[group] += number
         return counts
 
-    def list_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
-        """Give other recordings of the same subject that have a report, the newest first."""
+    def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
+        """Find other recordings of the same subject that have a report, the newest first."""
         if not job.request.subject:
             return ()
         same = recordings.c.subject == job.request.subject
-        other = (analyses.c.recording_id != job.recording_id, _find_report().is_not(None))
+        other = (analyses.c.recording_id != job.recording_id, _select_report().is_not(None))
         query = _select(LibraryFilter()).where(same, *other).order_by(*_newest_first()).limit(limit)
         return self._read(query)
 
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
-        """Give the analyses shown before and after one, in the order of the list."""
+        """Find the analyses shown before and after one, in the order of the list."""
         if wanted.order != "newest":
             return self._find_in_order(job, wanted)
         place = (analyses.c.created_at, analyses.c.id)
@@ -98,19 +94,19 @@ class Library:
         after = _select(wanted).where(older).order_by(*_newest_first()).limit(1)
         with self._reader.connect() as connection:
             first, second = (connection.execute(query).first() for query in (before, after))
-        return _name_shown(first), _name_shown(second)
+        return _read_shown_id(first), _read_shown_id(second)
 
     def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         with self._reader.connect() as connection:
-            rows = connection.execute(_select(wanted).order_by(*_list_order(wanted.order))).all()
-        shown = [_name_shown(row) for row in rows]
+            rows = connection.execute(_select(wanted).order_by(*_choose_order(wanted.order))).all()
+        shown = [_read_shown_id(row) for row in rows]
         here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
         if here is None:
             return None, None
         return (shown[here - 1] if here else None), (shown[here + 1] if here + 1 < len(shown) else None)
 
     def _find_place(self, job: Job, wanted: LibraryFilter) -> tuple[str, str]:
-        """Say where the row stands that shows a job: at the newest analysis of its recording."""
+        """Find the place of the row that shows a job: that of the newest analysis of its recording."""
         if wanted.batch:
             return job.created_at.isoformat(timespec="microseconds"), job.id
         newest = select(analyses.c.created_at, analyses.c.id).where(
@@ -129,11 +125,11 @@ class Library:
         return tuple(_read_entry(row, reports.get(row.report_id)) for row in rows)
 
 
-def _name_shown(row: Any) -> str | None:
+def _read_shown_id(row: Any) -> str | None:
     return str(row.report_id or row.id) if row else None
 
 
-def _list_order(order: Order) -> tuple[ColumnElement[Any], ...]:
+def _choose_order(order: Order) -> tuple[ColumnElement[Any], ...]:
     name, subject = func.lower(recordings.c.file_name), func.lower(recordings.c.subject)
     orders: Mapping[Order, tuple[ColumnElement[Any], ...]] = {
         "newest": (),
@@ -150,39 +146,39 @@ def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
 
 def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
     about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256)
-    told = (answers.c.verdict, answers.c.start, answers.c.recorded_s, answers.c.above_60_percent)
+    headline = (answers.c.verdict, answers.c.start, answers.c.recorded_s, answers.c.above_60_percent)
     is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(),)
     if wanted.batch:
         is_shown = (analyses.c.id.in_(select_items(wanted.batch)),)
-    report_id = _find_own_report() if wanted.batch else _find_report()
+    report_id = _select_own_report() if wanted.batch else _select_report()
     query = (
-        select(analyses, *about, *told, report_id.label("report_id"))
+        select(analyses, *about, *headline, report_id.label("report_id"))
         .join(recordings, analyses.c.recording_id == recordings.c.id)
         .outerjoin(answers, answers.c.analysis_id == report_id)
         .where(_is_stored(is_walked=is_walked), *is_shown)
     )
-    return query.where(*_list_conditions(wanted))
+    return query.where(*_build_conditions(wanted))
 
 
 def _is_stored(*, is_walked: bool) -> ColumnElement[bool]:
-    """Leave the trash out; ``is_walked`` hides the index on it, so that SQLite walks the analyses by age."""
+    """Exclude the trash; ``is_walked`` hides its index, so that SQLite walks the analyses by age."""
     return (func.coalesce(recordings.c.state, "") if is_walked else recordings.c.state) == STORED
 
 
 def _select_newest() -> Any:
-    """Select the newest analysis of the same recording; one that was repeated or withdrawn counts no more."""
+    """Select the newest analysis of the same recording that was not replaced."""
     other = analyses.alias()
     counts = (other.c.recording_id == analyses.c.recording_id, other.c.replaced_by.is_(None))
     newest = select(other.c.id).where(*counts)
     return newest.order_by(other.c.created_at.desc(), other.c.id.desc()).limit(1).scalar_subquery()
 
 
-def _find_own_report() -> ColumnElement[Any]:
+def _select_own_report() -> ColumnElement[Any]:
     return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id))
 
 
-def _find_report() -> ColumnElement[Any]:
-    """Find the analysis whose report counts for the recording: this one, or the newest that succeeded."""
+def _select_report() -> ColumnElement[Any]:
+    """Select the analysis of the current report: this one, or the newest that succeeded."""
     other = analyses.alias()
     good = (other.c.recording_id == analyses.c.recording_id, other.c.state == JobState.SUCCEEDED)
     counting = select(other.c.id).where(*good, other.c.replaced_by.is_(None))
@@ -190,9 +186,9 @@ def _find_report() -> ColumnElement[Any]:
     return case((analyses.c.state == JobState.SUCCEEDED, analyses.c.id), else_=newest.scalar_subquery())
 
 
-def _list_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
-    report_id = _find_own_report() if wanted.batch else _find_report()
-    conditions = [_ask_group(wanted.group, report_id)] if wanted.group != "all" else []
+def _build_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
+    report_id = _select_own_report() if wanted.batch else _select_report()
+    conditions = [_is_in_group(wanted.group, report_id)] if wanted.group != "all" else []
     day = func.coalesce(answers.c.start, analyses.c.created_at)
     if wanted.text:
         text = wanted.text.lower()
@@ -205,7 +201,7 @@ def _list_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
     return conditions
 
 
-def _ask_group(group: Group, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
+def _is_in_group(group: Group, report_id: ColumnElement[Any]) -> ColumnElement[bool]:
     failed = analyses.c.state == JobState.FAILED
     states: Mapping[str, ColumnElement[bool]] = {
         "active": analyses.c.state.in_(_ACTIVE),
@@ -216,7 +212,7 @@ def _ask_group(group: Group, report_id: ColumnElement[Any]) -> ColumnElement[boo
     return states.get(group, answers.c.verdict == group)
 
 
-def _name_groups(state: JobState, verdict: str | None, *, has_report: bool) -> list[Group]:
+def _find_groups(state: JobState, verdict: str | None, *, has_report: bool) -> list[Group]:
     groups: list[Group] = ["all"]
     if state in _ACTIVE:
         groups.append("active")
@@ -231,5 +227,6 @@ def _name_groups(state: JobState, verdict: str | None, *, has_report: bool) -> l
 
 
 def _read_entry(row: Any, report: Job | None) -> Entry:
-    told = Answer(row.verdict, row.start, row.recorded_s, row.above_60_percent) if row.verdict else None
-    return Entry(read_job(row), told) if report is None else Entry(report, told, read_job(row))
+    figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
+    headline = HeadlineFigures(*figures) if row.verdict else None
+    return Entry(read_job(row), headline) if report is None else Entry(report, headline, read_job(row))

@@ -1,9 +1,9 @@
-"""Who comes next: a person before a script, and scripts in turn.
+"""The queue: changes of a job's state, new jobs, and which job is next.
 
-A job asked for on the page goes first. Everything else waits in flows: each batch is one, all single
-requests of scripts are another. The jobs of a flow are numbered; whoever has the lowest number is next, so
-that the flows take turns. A new flow begins at the lowest number that waits, neither before nor behind the
-others (start-time fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
+A job asked for on the page has priority. Everything else waits in flows: each batch is one, all single
+requests of scripts are another. The jobs of a flow are numbered; the lowest number is next, so that the flows
+take turns. A new flow begins at the lowest waiting number, neither before nor behind the others (start-time
+fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 """
 
 import secrets
@@ -13,19 +13,20 @@ from typing import Literal
 from sqlalchemy import ColumnElement, Connection, Update, exists, func, insert, select, update
 
 from app.jobs.database.tables import analyses, batch_items, recordings
-from app.jobs.job import TRANSITIONS, Claimer, JobState, list_sources
-from app.jobs.rows import tell_now
-from app.jobs.side_files import count_change, count_change_of
+from app.jobs.job import TRANSITIONS, Claimer, JobState, find_sources
+from app.jobs.queries import format_now
+from app.jobs.side_files import increment_revision, increment_revision_of
 from app.jobs.versions import identify_work, number_versions
 from app.jobs.webhooks import announce_end
 from app.request import ReportRequest
 
-# From one state of a job to the next: guarded updates, so that of two who want the same one wins.
+WayIn = Literal["web", "api"]
+PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
 
 
 def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
-    """Give a queued job to a worker, with a token of its own for the attempt."""
-    held: dict[str, object] = {
+    """Give a queued job to a worker, with a new token for the attempt."""
+    started: dict[str, object] = {
         "token": secrets.token_hex(8),
         "stage": None,
         "progress": 0.0,
@@ -36,50 +37,49 @@ def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> Non
         "claimer_place": claimer.place,
         "claimer_pid": claimer.pid,
         "claimer_started": claimer.started,
-        "started_at": func.coalesce(analyses.c.started_at, tell_now()),
+        "started_at": func.coalesce(analyses.c.started_at, format_now()),
     }
-    move_job(connection, analysis_id, JobState.RUNNING, held)
+    change_state(connection, analysis_id, JobState.RUNNING, started)
 
 
-def move_job(
+def change_state(
     connection: Connection,
     analysis_id: str,
     to: JobState,
     values: Mapping[str, object],
     token: str | None = None,
 ) -> bool:
-    """Change the state if the table of transitions and the attempt's token allow it."""
-    change = update(analyses).where(analyses.c.id == analysis_id, analyses.c.state.in_(list_sources(to)))
+    """Change the state by one guarded update; False where the transitions or the token do not allow it.
+
+    Of two callers who change the same job at once, one wins.
+    """
+    change = update(analyses).where(analyses.c.id == analysis_id, analyses.c.state.in_(find_sources(to)))
     if token is not None:
         change = change.where(analyses.c.token == token)
-    moved = is_changed(connection, change.values({"state": to, **values}))
-    if moved and not TRANSITIONS[to]:
-        count_change_of(connection, analysis_id)
+    is_changed = update_one_row(connection, change.values({"state": to, **values}))
+    if is_changed and not TRANSITIONS[to]:
+        increment_revision_of(connection, analysis_id)
         announce_end(connection, analysis_id, to)
-    return moved
+    return is_changed
 
 
 def cancel_job(connection: Connection, analysis_id: str) -> None:
-    """Stop a job unless it is over; what held it up is not why it ended."""
-    ended = {"ended_at": tell_now(), "problem_code": None, "problem_facts": None}
-    move_job(connection, analysis_id, JobState.CANCELLED, ended)
+    """Cancel a job unless it is over; a problem that delayed it is not why it ended."""
+    ended = {"ended_at": format_now(), "problem_code": None, "problem_facts": None}
+    change_state(connection, analysis_id, JobState.CANCELLED, ended)
 
 
 def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
-    """Let the job that repeats another take its place, in every batch that asked for it."""
+    """Replace a job by the one that repeats it, in every batch that asked for it."""
     connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(replaced_by=again))
     mine = batch_items.c.analysis_id == analysis_id
     connection.execute(update(batch_items).where(mine).values(analysis_id=again))
-    count_change_of(connection, analysis_id)
+    increment_revision_of(connection, analysis_id)
 
 
-def is_changed(connection: Connection, change: Update) -> bool:
-    """Make a change of one row, and tell whether it was there to be changed."""
+def update_one_row(connection: Connection, change: Update) -> bool:
+    """Execute an update of one row; False where no row met its conditions."""
     return connection.execute(change).rowcount == 1
-
-
-WayIn = Literal["web", "api"]
-AT_ONCE, IN_TURN = 0, 1
 
 
 def enqueue(
@@ -100,7 +100,7 @@ def enqueue_all(
     way_in: WayIn,
     batch_id: str | None = None,
 ) -> list[str]:
-    """Write the rows of several jobs (recording, its SHA-256, request); gives their ids in order."""
+    """Write the rows of several new jobs (recording, its SHA-256, request); gives their ids in order."""
     requests = number_versions(connection, items)
     first = 0 if way_in == "web" else _find_turn(connection, batch_id)
     rows = [
@@ -114,8 +114,8 @@ def enqueue_all(
             "progress": 0.0,
             "attempts": 0,
             "beats": 0,
-            "created_at": tell_now(),
-            "priority": AT_ONCE if way_in == "web" else IN_TURN,
+            "created_at": format_now(),
+            "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
             "turn": first + place,
             "batch_id": batch_id,
         }
@@ -123,39 +123,39 @@ def enqueue_all(
     ]
     if rows:
         connection.execute(insert(analyses), rows)
-        count_change(connection, *(recording_id for recording_id, _, _ in items))
+        increment_revision(connection, *(recording_id for recording_id, _, _ in items))
     return [str(row["id"]) for row in rows]
 
 
 def find_next(connection: Connection) -> str | None:
-    """Give the waiting job whose turn it is, locked for this transaction; None when none may begin.
+    """Find the waiting job whose turn it is, and lock it for this transaction; None when none may begin.
 
-    The analyses of one recording are made one after another: each report says which one it replaces.
+    The analyses of one recording run one after another: each report states which one it replaces.
     """
     query = (
         select(analyses.c.id, analyses.c.recording_id)
         .join(recordings, analyses.c.recording_id == recordings.c.id)
-        .where(analyses.c.state == JobState.QUEUED, ~_runs(analyses.c.recording_id))
+        .where(analyses.c.state == JobState.QUEUED, ~_is_running(analyses.c.recording_id))
         .order_by(analyses.c.priority, analyses.c.turn, analyses.c.created_at, analyses.c.id)
         .limit(1)
         .with_for_update(key_share=True, skip_locked=True)
     )
     row = connection.execute(query).one_or_none()
-    # A peer may have begun another of this recording after our question was put and before we had the lock.
-    if row is None or connection.execute(select(_runs(row.recording_id))).scalar():
+    # A peer may have started another analysis of this recording between our query and our lock.
+    if row is None or connection.execute(select(_is_running(row.recording_id))).scalar():
         return None
     return str(row.id)
 
 
-def _runs(recording_id: ColumnElement[str] | str) -> ColumnElement[bool]:
-    """Say whether an analysis of a recording is under way."""
+def _is_running(recording_id: ColumnElement[str] | str) -> ColumnElement[bool]:
+    """Build the condition that an analysis of a recording runs."""
     other = analyses.alias()
     return exists().where(other.c.recording_id == recording_id, other.c.state == JobState.RUNNING)
 
 
 def _find_turn(connection: Connection, batch_id: str | None) -> int:
-    """Give the number behind the last of the flow, or the lowest that waits where the flow is new."""
-    waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == IN_TURN)
+    """Find the number after the last of the flow, or the lowest that waits where the flow is new."""
+    waits = (analyses.c.state == JobState.QUEUED, analyses.c.priority == SCRIPT_PRIORITY)
     own = select(func.max(analyses.c.turn)).where(analyses.c.batch_id.is_not_distinct_from(batch_id), *waits)
     last = connection.execute(own).scalar()
     if last is not None:

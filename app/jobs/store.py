@@ -1,22 +1,31 @@
-"""The job rows: the one truth about what was asked, what runs and what came of it."""
+"""The rows of jobs: the single source of truth for what was asked, what runs and how it ended."""
 
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, Literal
 
-from sqlalchemy import Engine, Executable, func, insert, select, update
+from sqlalchemy import Engine, Executable, Select, func, insert, select, update
 from sqlalchemy.exc import OperationalError
 
 from app.errors import Interrupted, NotHere, StoreMismatch
 from app.jobs.database.connect import READ_ONLY, lock_tables, open_database
 from app.jobs.database.tables import analyses, facts, recordings, result_files
-from app.jobs.figures import Answer, adopt_description, insert_answer
+from app.jobs.figures import HeadlineFigures, adopt_description, insert_headline
 from app.jobs.job import Claim, Claimer, Job, JobState
-from app.jobs.queue import WayIn, cancel_job, enqueue, find_next, is_changed, move_job, replace_job, start_job
+from app.jobs.queries import PURGING, TRASHED, RowStore, format_now, read_job, select_items, select_jobs
+from app.jobs.queue import (
+    WayIn,
+    cancel_job,
+    change_state,
+    enqueue,
+    find_next,
+    replace_job,
+    start_job,
+    update_one_row,
+)
 from app.jobs.recordings import Description, Place, insert_recording, is_after
-from app.jobs.rows import PURGING, TRASHED, read_job, select_items, select_jobs, tell_now
-from app.jobs.side_files import count_change
+from app.jobs.side_files import increment_revision
 from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
 from app.storage.store import ResultFile, StoredRecording
@@ -35,33 +44,33 @@ class JobFilter:
     recording_id: str = ""
 
 
-class JobStore:
+class JobStore(RowStore):
     """Rows of recordings and analyses in one database.
 
     Every change of state is one guarded UPDATE that names the states it may start from and, for a running
-    job, the attempt's token. So two workers, or a worker and a person, may do the same at once: one wins.
+    job, the attempt's token. So two workers, or a worker and a person, may act at once: one of them wins.
     """
 
     def __init__(self, url: str) -> None:
-        self._engine = open_database(url)
-        self._reader = self._engine.execution_options(**READ_ONLY)
+        engine = open_database(url)
+        super().__init__(engine, engine.execution_options(**READ_ONLY))
 
     def close(self) -> None:
-        """Let go of the database."""
+        """Close every connection to the database."""
         self._engine.dispose()
 
     @property
     def engine(self) -> Engine:
-        """For those who keep other rows in the same database, and write."""
+        """The engine that writes, for the other stores of the same database."""
         return self._engine
 
     @property
     def reader(self) -> Engine:
-        """The same, for those who only read."""
+        """The engine that only reads."""
         return self._reader
 
     def check_belongs(self, store_id: str) -> None:
-        """See that this database is used with the folder or bucket it was used with before.
+        """Check that this database belongs to this folder or bucket; the first one is remembered.
 
         Raises
         ------
@@ -96,14 +105,13 @@ class JobStore:
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
-    def list_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
+    def find_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
         """Give the analyses of the same bytes with the same settings by the same engine, the oldest first."""
         query = select_same([identify_work(sha256, request)]).limit(MOST_SAME)
-        with self._reader.connect() as connection:
-            return tuple(read_job(row) for row in connection.execute(query))
+        return tuple(read_job(row) for row in self._read_all(query))
 
     def retry(self, analysis_id: str, way_in: WayIn = "api") -> Job:
-        """Queue a failed or cancelled analysis again, once; one that is under way or done stays as it is.
+        """Queue a failed or cancelled analysis again, once; one that waits, runs or is done stays as it is.
 
         Raises
         ------
@@ -115,7 +123,7 @@ class JobStore:
         return self.repeat(job, way_in) if job.state in (JobState.FAILED, JobState.CANCELLED) else job
 
     def repeat(self, job: Job, way_in: WayIn) -> Job:
-        """Queue an analysis that is over again, once, in its place."""
+        """Queue an analysis that is over again, once; the new one replaces it."""
         mine = analyses.c.id == job.id
         with self._engine.begin() as connection:
             repeated = select(analyses.c.replaced_by).where(mine).with_for_update()
@@ -126,22 +134,22 @@ class JobStore:
         return self.get(str(self.get(job.id).replaced_by))
 
     def withdraw(self, analysis_id: str) -> Job:
-        """Let an analysis that failed count no more, for the report before it does; gives that report's.
+        """Replace a failed analysis by the report before it; gives the analysis of that report.
 
         Raises
         ------
         NotHere
-            No such analysis failed, or no report was there before.
+            The analysis has not failed, or there is no earlier report.
         """
         job = self.get(analysis_id)
-        finished = self.list_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id))
+        finished = self.find_page(JobFilter(JobState.SUCCEEDED, recording_id=job.recording_id))
         reports = [other for other in finished if other.replaced_by is None]
         if job.state is not JobState.FAILED or not reports:
             raise NotHere
         mine = (analyses.c.id == job.id, analyses.c.replaced_by.is_(None))
         with self._engine.begin() as connection:
             connection.execute(update(analyses).where(*mine).values(replaced_by=reports[0].id))
-            count_change(connection, job.recording_id)
+            increment_revision(connection, job.recording_id)
         return reports[0]
 
     def get(self, analysis_id: str) -> Job:
@@ -151,18 +159,17 @@ class JobStore:
         ------
         NotHere
         """
-        with self._reader.connect() as connection:
-            row = connection.execute(select_jobs().where(analyses.c.id == analysis_id)).one_or_none()
+        row = self._read_one(select_jobs().where(analyses.c.id == analysis_id))
         if row is None:
             raise NotHere
         return read_job(row)
 
-    def list_newest(self, limit: int = 100) -> tuple[Job, ...]:
+    def find_newest(self, limit: int = 100) -> tuple[Job, ...]:
         """Give the jobs asked for last, newest first."""
-        return self.list_page(JobFilter(), limit)
+        return self.find_page(JobFilter(), limit)
 
-    def list_page(self, wanted: JobFilter, limit: int = 100, after: Place | None = None) -> tuple[Job, ...]:
-        """Give the newest jobs that are wanted, from ``after`` on."""
+    def find_page(self, wanted: JobFilter, limit: int = 100, after: Place | None = None) -> tuple[Job, ...]:
+        """Give the newest jobs that the filter lets through, from ``after`` on."""
         query = select_jobs()
         for name, value in asdict(wanted).items():
             if name == "batch_id" and value:
@@ -172,29 +179,23 @@ class JobStore:
         if after is not None:
             query = query.where(is_after((analyses.c.created_at, analyses.c.id), after))
         newest_first = analyses.c.created_at.desc(), analyses.c.id.desc()
-        with self._reader.connect() as connection:
-            rows = connection.execute(query.order_by(*newest_first).limit(limit)).all()
-        return tuple(read_job(row) for row in rows)
+        return tuple(read_job(row) for row in self._read_all(query.order_by(*newest_first).limit(limit)))
 
     def count_states(self) -> dict[JobState, int]:
         """Count the jobs of each state."""
         query = select(analyses.c.state, func.count()).group_by(analyses.c.state)
-        with self._reader.connect() as connection:
-            counts = {JobState(state): number for state, number in connection.execute(query)}
+        counts = {JobState(state): number for state, number in self._read_all(query)}
         return {state: counts.get(state, 0) for state in JobState}
 
     def count_problems(self) -> dict[str, int]:
         """Count the failed jobs by code."""
         failed = analyses.c.state == JobState.FAILED
         query = select(analyses.c.problem_code, func.count()).where(failed).group_by(analyses.c.problem_code)
-        with self._reader.connect() as connection:
-            return {str(code): number for code, number in connection.execute(query)}
+        return {str(code): number for code, number in self._read_all(query)}
 
     def count_waiting(self) -> int:
         """Count the jobs that wait."""
-        query = select(func.count()).where(analyses.c.state == JobState.QUEUED)
-        with self._reader.connect() as connection:
-            return int(connection.execute(query).scalar_one())
+        return int(self._read_value(select(func.count()).where(analyses.c.state == JobState.QUEUED)))
 
     def claim(self, claimer: Claimer) -> Job | None:
         """Take the job whose turn it is (:mod:`app.jobs.queue`), or None when nothing waits."""
@@ -207,7 +208,7 @@ class JobStore:
         return self.get(analysis_id)
 
     def beat(self, analysis_id: str, token: str, stage: str | None, progress: float) -> bool:
-        """Say that the attempt lives and how far it is; False when the job is no longer its own."""
+        """Record that the attempt lives and how far it is; False when the job is no longer its own."""
         change = (
             update(analyses)
             .where(analyses.c.id == analysis_id, analyses.c.token == token)
@@ -215,78 +216,73 @@ class JobStore:
             .values(beats=analyses.c.beats + 1, stage=stage, progress=progress)
         )
         with self._engine.begin() as connection:
-            return is_changed(connection, change)
+            return update_one_row(connection, change)
 
     def owns(self, analysis_id: str, token: str) -> bool:
-        """Tell whether the attempt is still the one that counts; writes nothing."""
+        """Tell whether the attempt still holds the job; writes nothing."""
         query = select(analyses.c.id).where(
             analyses.c.id == analysis_id, analyses.c.token == token, analyses.c.state == JobState.RUNNING
         )
-        with self._reader.connect() as connection:
-            return connection.execute(query).one_or_none() is not None
+        return self._read_one(query) is not None
 
     def finish(
-        self, analysis_id: str, token: str, files: Iterable[ResultFile], answer: Answer | None = None
+        self,
+        analysis_id: str,
+        token: str,
+        files: Iterable[ResultFile],
+        headline: HeadlineFigures | None = None,
     ) -> bool:
         """Publish the attempt's files; they appear together or, when another attempt counts, not at all."""
-        rows = [
-            {
-                "analysis_id": analysis_id,
-                "name": file.name,
-                "sha256": file.sha256,
-                "size_bytes": file.size_bytes,
-            }
-            for file in files
-        ]
+        rows = [{"analysis_id": analysis_id, **asdict(file)} for file in files]
         with self._engine.begin() as connection:
-            ended = {"progress": 1.0, "ended_at": tell_now()}
-            won = move_job(connection, analysis_id, JobState.SUCCEEDED, ended, token)
+            ended = {"progress": 1.0, "ended_at": format_now()}
+            won = change_state(connection, analysis_id, JobState.SUCCEEDED, ended, token)
             if won:
                 connection.execute(insert(result_files), rows)
                 adopt_description(connection, analysis_id)
-            if won and answer is not None:
-                insert_answer(connection, analysis_id, answer)
+            if won and headline is not None:
+                insert_headline(connection, analysis_id, headline)
         return won
 
     def is_published(self, analysis_id: str, token: str) -> bool:
-        """Tell whether this attempt's files are the report (asked when a commit's answer was lost)."""
+        """Tell whether this attempt's files are the report (asked when the reply to a commit was lost)."""
         job = self.get(analysis_id)
         return job.state is JobState.SUCCEEDED and job.token == token
 
     def fail(self, analysis_id: str, token: str, code: str, facts: Mapping[str, Fact]) -> bool:
-        """End the job with the reason."""
+        """End the job, with the reason."""
         with self._engine.begin() as connection:
-            return move_job(connection, analysis_id, JobState.FAILED, _write_end(code, facts), token)
+            return change_state(connection, analysis_id, JobState.FAILED, _write_end(code, facts), token)
 
     def release(self, analysis_id: str, token: str, *, forgiven: bool = False) -> bool:
-        """Put the job back in the queue; ``forgiven`` attempts (an orderly stop) do not count as deaths."""
+        """Put the job back in the queue; a ``forgiven`` attempt (an orderly stop) counts as no death."""
         back = {**_BACK, "attempts": analyses.c.attempts - 1} if forgiven else _BACK
         with self._engine.begin() as connection:
-            return move_job(connection, analysis_id, JobState.QUEUED, back, token)
+            return change_state(connection, analysis_id, JobState.QUEUED, back, token)
 
     def interrupt(self, analysis_id: str, token: str, most: int) -> bool:
         """Put back a job whose worker or computer has ended, without counting the attempt.
 
-        The ``most``-th interruption sets it aside: an analysis may be what ends its computer.
+        The ``most``-th interruption fails it: the analysis itself may be what ends its computer.
         """
         mine = select(analyses.c.interruptions).where(analyses.c.id == analysis_id)
         counted = {"attempts": analyses.c.attempts - 1, "interruptions": analyses.c.interruptions + 1}
         with self._engine.begin() as connection:
             times = 1 + int(connection.execute(mine).scalar() or 0)
             if times < most:
-                return move_job(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
+                return change_state(connection, analysis_id, JobState.QUEUED, {**_BACK, **counted}, token)
             ended = _write_end(Interrupted.code, {"times": times})
-            return move_job(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
+            return change_state(connection, analysis_id, JobState.FAILED, {**ended, **counted}, token)
 
-    def hold_up(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
-        """Say what holds an attempt up, and how often its job was put back for it."""
+    def record_delay(self, analysis_id: str, token: str, code: str, put_backs: int) -> None:
+        """Record what delays an attempt, and how often its job was put back for it."""
         facts = json.dumps({"tries": put_backs} if put_backs else {})
         mine = (analyses.c.id == analysis_id, analyses.c.token == token)
-        told = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
-        self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(told))
+        delay = {"problem_code": code, "problem_facts": facts, "put_backs": put_backs}
+        self.run(update(analyses).where(*mine, analyses.c.state == JobState.RUNNING).values(delay))
 
     def cancel(self, analysis_id: str) -> Job:
-        """Stop the job unless it is over; its worker sees that the attempt counts no more.
+        """Cancel the job unless it is over; its worker notices that its attempt counts no more.
 
         Raises
         ------
@@ -296,7 +292,7 @@ class JobStore:
             cancel_job(connection, analysis_id)
         return self.get(analysis_id)
 
-    def list_claims(self) -> tuple[Claim, ...]:
+    def find_claims(self) -> tuple[Claim, ...]:
         """Give every running job and who holds it."""
         query = select(
             analyses.c.id,
@@ -307,27 +303,20 @@ class JobStore:
             analyses.c.claimer_pid,
             analyses.c.claimer_started,
         ).where(analyses.c.state == JobState.RUNNING)
-        with self._reader.connect() as connection:
-            rows = connection.execute(query).all()
-        return tuple(Claim(*row[:4], Claimer(*row[4:])) for row in rows)
+        return tuple(
+            Claim(row.id, row.token, row.beats, row.attempts, Claimer(*row[4:]))
+            for row in self._read_all(query)
+        )
 
     def find_file(self, analysis_id: str, name: str) -> ResultFile | None:
-        """Give what was published under this name."""
-        query = select(result_files.c.name, result_files.c.sha256, result_files.c.size_bytes).where(
-            result_files.c.analysis_id == analysis_id, result_files.c.name == name
-        )
-        with self._reader.connect() as connection:
-            row = connection.execute(query).one_or_none()
+        """Give the published file of this name; None where there is none."""
+        row = self._read_one(_select_files(analysis_id).where(result_files.c.name == name))
         return ResultFile(*row) if row else None
 
-    def list_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
-        """Give every file that was published, by name."""
-        query = select(result_files.c.name, result_files.c.sha256, result_files.c.size_bytes).where(
-            result_files.c.analysis_id == analysis_id
-        )
-        with self._reader.connect() as connection:
-            rows = connection.execute(query.order_by(result_files.c.name)).all()
-        return tuple(ResultFile(*row) for row in rows)
+    def find_files(self, analysis_id: str) -> tuple[ResultFile, ...]:
+        """Give every published file, by name."""
+        query = _select_files(analysis_id).order_by(result_files.c.name)
+        return tuple(ResultFile(*row) for row in self._read_all(query))
 
     def find_sha256(self, recording_id: str) -> str:
         """Give the SHA-256 of a recording, or of the reference of one.
@@ -336,74 +325,69 @@ class JobStore:
         ------
         NotHere
         """
-        query = select(recordings.c.sha256).where(recordings.c.id == recording_id)
-        with self._reader.connect() as connection:
-            sha256 = connection.execute(query).scalar()
+        sha256 = self._read_value(select(recordings.c.sha256).where(recordings.c.id == recording_id))
         if sha256 is None:
             raise NotHere(id=recording_id)
         return str(sha256)
 
     def run(self, change: Executable) -> None:
-        """Make a change that the engine of the workers needs."""
+        """Execute a change in a transaction of its own."""
         with self._engine.begin() as connection:
             connection.execute(change)
 
     def may_hold(self, recording_id: str) -> bool:
-        """Tell whether a recording has a row; True when the database cannot say."""
+        """Tell whether a recording has a row; True when the database does not answer."""
         try:
-            with self._reader.connect() as connection:
-                query = select(recordings.c.id).where(recordings.c.id == recording_id)
-                return connection.execute(query).one_or_none() is not None
+            return self._read_one(select(recordings.c.id).where(recordings.c.id == recording_id)) is not None
         except OperationalError:
             return True
 
-    def list_recordings(self) -> frozenset[str]:
-        """Every recording that was acknowledged."""
-        with self._reader.connect() as connection:
-            return frozenset(connection.execute(select(recordings.c.id)).scalars())
+    def find_recordings(self) -> frozenset[str]:
+        """Give the id of every acknowledged recording."""
+        return self._read_ids(select(recordings.c.id))
 
-    def list_with_side(self) -> frozenset[str]:
-        """Every recording whose side file was written."""
+    def find_with_side(self) -> frozenset[str]:
+        """Give the id of every recording whose side file was written."""
         written = (recordings.c.side_revision > 0, recordings.c.state != PURGING)
-        with self._reader.connect() as connection:
-            return frozenset(connection.execute(select(recordings.c.id).where(*written)).scalars())
+        return self._read_ids(select(recordings.c.id).where(*written))
 
     def read_revision(self, recording_id: str) -> int:
         """Give the revision of a recording's rows; 0 where it has none."""
         query = select(recordings.c.revision).where(recordings.c.id == recording_id)
-        with self._reader.connect() as connection:
-            return int(connection.execute(query).scalar() or 0)
+        return int(self._read_value(query) or 0)
 
     def is_kept(self, recording_id: str) -> bool:
         """Tell whether a recording is neither in the trash nor being purged."""
         gone = recordings.c.state.in_((TRASHED, PURGING))
         query = select(recordings.c.id).where(recordings.c.id == recording_id, ~gone)
-        with self._reader.connect() as connection:
-            return connection.execute(query).one_or_none() is not None
+        return self._read_one(query) is not None
 
     def mark_purging(self, recording_id: str) -> None:
-        """Note that the deletion of a recording had begun; the next start goes on with it."""
+        """Mark that the purge of a recording had begun; the next start continues it."""
         mine = recordings.c.id == recording_id
         self.run(update(recordings).where(mine).values(state=PURGING, revision=recordings.c.revision + 1))
 
     def find_recording(self, analysis_id: str) -> str:
         """Give the recording of an analysis; "" where there is no such analysis."""
         query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
-        with self._reader.connect() as connection:
-            return str(connection.execute(query).scalar() or "")
+        return str(self._read_value(query) or "")
 
-    def list_analyses(self) -> frozenset[str]:
-        """Every analysis that was asked for."""
-        with self._reader.connect() as connection:
-            return frozenset(connection.execute(select(analyses.c.id)).scalars())
+    def find_analyses(self) -> frozenset[str]:
+        """Give the id of every analysis."""
+        return self._read_ids(select(analyses.c.id))
 
-    def list_attempts(self) -> frozenset[tuple[str, str]]:
-        """Every attempt that runs or counts: (analysis, token)."""
+    def find_attempts(self) -> frozenset[tuple[str, str]]:
+        """Give every attempt that runs or counts: (analysis, token)."""
         kept = (JobState.RUNNING, JobState.SUCCEEDED)
         query = select(analyses.c.id, analyses.c.token).where(analyses.c.state.in_(kept))
-        with self._reader.connect() as connection:
-            return frozenset((row.id, row.token) for row in connection.execute(query))
+        return frozenset((row.id, row.token) for row in self._read_all(query))
+
+
+def _select_files(analysis_id: str) -> Select[Any]:
+    """Select the published files of an analysis, in the order of :class:`ResultFile`'s fields."""
+    columns = (result_files.c.name, result_files.c.sha256, result_files.c.size_bytes)
+    return select(*columns).where(result_files.c.analysis_id == analysis_id)
 
 
 def _write_end(code: str, facts: Mapping[str, Fact]) -> dict[str, object]:
-    return {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": tell_now()}
+    return {"problem_code": code, "problem_facts": json.dumps(dict(facts)), "ended_at": format_now()}

@@ -1,7 +1,7 @@
-"""Which version of a recording's report an analysis makes: other settings, or another engine, make the next.
+"""The version of the report that an analysis makes: other settings, or another engine, make the next one.
 
-The number stands in the request, so that the report itself can say it. It is given when the analysis is asked
-for, and once more when it begins, by what has a report by then: what failed or was cancelled has no version.
+The number stands in the request, so that the report can state it. It is assigned when the analysis is queued,
+and again when it begins, by the reports that exist by then: a failed or cancelled analysis has no version.
 """
 
 import hashlib
@@ -14,15 +14,15 @@ from sqlalchemy import Connection, Select, select, update
 
 from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import JobState
-from app.jobs.rows import select_jobs
+from app.jobs.queries import select_jobs
 from app.request import ReportRequest, compare_settings
 from app.version import software_revision, software_version
 
-AT_ONCE = 500
+KEYS_PER_QUERY = 500
 _COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
 
 Item = tuple[str, str, ReportRequest]
-"""A recording, its SHA-256 and what is asked."""
+"""A recording, its SHA-256 and the request."""
 
 
 def identify_work(sha256: str, request: ReportRequest) -> str:
@@ -33,14 +33,14 @@ def identify_work(sha256: str, request: ReportRequest) -> str:
 
 
 def select_same(keys: Sequence[str]) -> Select[Any]:
-    """Select the analyses with such keys that are there or on their way and count, the oldest first."""
+    """Select the analyses with these keys that are queued, running or done and not replaced, oldest first."""
     mine = (analyses.c.key.in_(keys), analyses.c.state.in_(_COUNTED), analyses.c.replaced_by.is_(None))
     return select_jobs().where(*mine).order_by(analyses.c.created_at, analyses.c.id)
 
 
 @dataclass(slots=True)
 class _History:
-    """The reports of one recording: those of this engine by their settings, and the newest of all."""
+    """The reports of one recording: this engine's by their settings (``ours``), and the latest version."""
 
     ours: dict[str, ReportRequest] = field(default_factory=dict)
     last: ReportRequest | None = None
@@ -55,7 +55,7 @@ class _History:
 
 
 def number_versions(connection: Connection, items: Sequence[Item]) -> list[ReportRequest]:
-    """Give each request the version that its report will be, and what is different from the one before."""
+    """Give each request the version of its report, and what differs from the version before."""
     digests = {recording_id: sha256 for recording_id, sha256, _ in items}
     histories = _read_histories(connection, digests, _COUNTED)
     numbered = []
@@ -67,7 +67,7 @@ def number_versions(connection: Connection, items: Sequence[Item]) -> list[Repor
 
 
 def renumber(connection: Connection, analysis_id: str) -> None:
-    """Number an analysis that begins by the reports that are there: those on their way may have failed."""
+    """Number an analysis that begins by the reports that exist: analyses that were queued may have failed."""
     query = select(recordings.c.id, recordings.c.sha256, analyses.c.request).join(
         recordings, analyses.c.recording_id == recordings.c.id
     )
@@ -84,20 +84,20 @@ def _read_histories(
     connection: Connection, digests: Mapping[str, str], states: Sequence[JobState]
 ) -> dict[str, _History]:
     histories = {recording_id: _History() for recording_id in digests}
-    for recording_id, key, request in _list_earlier(connection, set(digests), states):
+    for recording_id, key, request in _read_earlier(connection, set(digests), states):
         is_ours = key == identify_work(digests[recording_id], request)
         histories[recording_id].add(request, is_ours=is_ours)
     return histories
 
 
-def _list_earlier(
-    connection: Connection, of: set[str], states: Sequence[JobState]
+def _read_earlier(
+    connection: Connection, recording_ids: set[str], states: Sequence[JobState]
 ) -> Iterator[tuple[str, str, ReportRequest]]:
     """Give every analysis of some recordings in these states: recording, key, request; the oldest first."""
     columns = (analyses.c.recording_id, analyses.c.key, analyses.c.request)
-    ordered = sorted(of)
-    for first in range(0, len(ordered), AT_ONCE):
-        some = ordered[first : first + AT_ONCE]
+    ordered = sorted(recording_ids)
+    for first in range(0, len(ordered), KEYS_PER_QUERY):
+        some = ordered[first : first + KEYS_PER_QUERY]
         query = select(*columns).where(analyses.c.recording_id.in_(some), analyses.c.state.in_(states))
         for row in connection.execute(query.order_by(analyses.c.created_at, analyses.c.id)):
             yield row.recording_id, row.key or "", ReportRequest.from_json(row.request)
@@ -107,7 +107,7 @@ def _number(history: _History, request: ReportRequest) -> ReportRequest:
     if history.last is None:
         return replace(request, version=1, changes=())
     old = history.ours.get(_write_settings(request))
-    if old is not None:  # told in another language or on another paper at most: the same report
+    if old is not None:  # another language or paper at most: the same report
         reason = request.reason or old.reason
         return replace(request, version=old.version, changes=old.changes, reason=reason)
     last = history.last

@@ -1,6 +1,6 @@
-"""Who is to be told when something ends, and what has still to be told.
+"""Webhooks: addresses that are notified when an analysis or a batch ends, and the pending deliveries.
 
-A delivery is a row, written in the same commit as the end that it tells of: a crash forgets none.
+A delivery is a row, written in the same commit as the end that it reports: no crash loses one.
 """
 
 import base64
@@ -9,12 +9,12 @@ import secrets
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from sqlalchemy import Connection, Engine, delete, func, insert, select, update
+from sqlalchemy import Connection, delete, func, insert, select, update
 
 from app.errors import NotHere
 from app.jobs.database.tables import analyses, batch_items, batches, deliveries, webhooks
 from app.jobs.job import JobState
-from app.jobs.rows import select_items, tell_now
+from app.jobs.queries import RowStore, format_now, select_items
 
 Event = Literal["analysis.finished", "batch.finished"]
 EVENTS: tuple[Event, ...] = get_args(Event)
@@ -24,7 +24,7 @@ PAUSES_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 8640
 
 @dataclass(frozen=True, slots=True)
 class Webhook:
-    """An address that wants to know. ``secret`` signs what it is told."""
+    """An address that is notified. ``secret`` signs each delivery."""
 
     id: str
     url: str
@@ -35,7 +35,7 @@ class Webhook:
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """Something that has still to be told to one address; ``tries`` have failed so far."""
+    """A pending notification of one address; ``tries`` have failed so far."""
 
     id: str
     url: str
@@ -44,32 +44,27 @@ class Delivery:
     tries: int
 
 
-class WebhookStore:
+class WebhookStore(RowStore):
     """Rows of webhooks and of their deliveries."""
 
-    def __init__(self, engine: Engine, reader: Engine) -> None:
-        self._engine, self._reader = engine, reader
-
     def add(self, url: str, events: tuple[Event, ...]) -> Webhook:
-        """Remember an address, with a secret of its own."""
+        """Add an address, with a secret of its own."""
         secret = "whsec_" + base64.b64encode(secrets.token_bytes(32)).decode()
-        hook = Webhook(f"wh_{secrets.token_hex(8)}", url, events, secret, tell_now())
+        hook = Webhook(f"wh_{secrets.token_hex(8)}", url, events, secret, format_now())
         row = {"id": hook.id, "url": url, "events": json.dumps(events), "secret": secret}
         with self._engine.begin() as connection:
             connection.execute(insert(webhooks).values(row | {"created_at": hook.created_at}))
         return hook
 
-    def list_all(self) -> tuple[Webhook, ...]:
+    def find_all(self) -> tuple[Webhook, ...]:
         """Give every webhook, oldest first."""
-        with self._reader.connect() as connection:
-            rows = connection.execute(select(webhooks).order_by(webhooks.c.created_at)).all()
         return tuple(
             Webhook(row.id, row.url, tuple(json.loads(row.events)), row.secret, row.created_at)
-            for row in rows
+            for row in self._read_all(select(webhooks).order_by(webhooks.c.created_at))
         )
 
     def drop(self, webhook_id: str) -> None:
-        """Forget an address and what it has still to be told.
+        """Delete an address and its pending deliveries.
 
         Raises
         ------
@@ -80,12 +75,10 @@ class WebhookStore:
             if connection.execute(delete(webhooks).where(webhooks.c.id == webhook_id)).rowcount != 1:
                 raise NotHere
 
-    def wait(self, elapsed_s: float) -> tuple[Delivery, ...]:
-        """Let time pass; gives what is to be told now."""
-        pending = select(func.count()).select_from(deliveries)
-        with self._reader.connect() as connection:
-            if not connection.execute(pending).scalar_one():
-                return ()
+    def find_due(self, elapsed_s: float) -> tuple[Delivery, ...]:
+        """Count elapsed time off every delay; gives the deliveries that are due."""
+        if not self._read_value(select(func.count()).select_from(deliveries)):
+            return ()
         due = (
             select(deliveries, webhooks.c.url, webhooks.c.secret)
             .join(webhooks, webhooks.c.id == deliveries.c.webhook_id)
@@ -97,7 +90,7 @@ class WebhookStore:
         return tuple(Delivery(row.id, row.url, row.secret, row.body, row.tries) for row in rows)
 
     def take(self, delivery: Delivery) -> bool:
-        """Count a try before it is made; False when a peer makes it."""
+        """Count a try before it is made; False when a peer makes it, or when the delivery is given up."""
         given_up = delivery.tries >= len(PAUSES_S)
         mine = (deliveries.c.id == delivery.id, deliveries.c.tries == delivery.tries)
         with self._engine.begin() as connection:
@@ -108,37 +101,37 @@ class WebhookStore:
             later = change.values(tries=delivery.tries + 1, wait_s=PAUSES_S[delivery.tries])
             return connection.execute(later).rowcount == 1
 
-    def told(self, delivery: Delivery) -> None:
-        """Forget what has been heard."""
+    def drop_delivery(self, delivery: Delivery) -> None:
+        """Delete a delivery that has arrived."""
         with self._engine.begin() as connection:
             connection.execute(delete(deliveries).where(deliveries.c.id == delivery.id))
 
 
 def announce_end(connection: Connection, analysis_id: str, state: JobState) -> None:
-    """Write down what is to be told of an analysis that has just ended, and of a batch that has with it."""
-    hooks = _list_hooks(connection)
+    """Write the deliveries for an analysis that has just ended, and for a batch that has ended with it."""
+    hooks = _read_hooks(connection)
     if not hooks:
         return
-    told = {"analysis_id": analysis_id, "state": state.value}
-    _announce(connection, hooks, "analysis.finished", told)
+    _announce(connection, hooks, "analysis.finished", {"analysis_id": analysis_id, "state": state.value})
     of_it = select(batch_items.c.batch_id).where(batch_items.c.analysis_id == analysis_id)
     for batch_id in connection.execute(of_it.distinct().order_by(batch_items.c.batch_id)).scalars().all():
         announce_batch(connection, batch_id)
 
 
 def announce_batch(connection: Connection, batch_id: str) -> None:
-    """Write down what is to be told of a batch, if it is over."""
-    hooks = _list_hooks(connection)
+    """Write the deliveries for a batch, if it is over."""
+    hooks = _read_hooks(connection)
     if hooks and _is_over(connection, batch_id):
         _announce(connection, hooks, "batch.finished", {"batch_id": batch_id})
 
 
-def _list_hooks(connection: Connection) -> list[tuple[str, str]]:
+def _read_hooks(connection: Connection) -> list[tuple[str, str]]:
+    """Give id and events (JSON) of every webhook."""
     return [(hook.id, hook.events) for hook in connection.execute(select(webhooks.c.id, webhooks.c.events))]
 
 
 def _is_over(connection: Connection, batch_id: str) -> bool:
-    """Count what goes on, one ending at a time: two last ones must not each take the other for unfinished."""
+    """Count the unfinished, one ending at a time: two last ones must not each count the other."""
     connection.execute(select(batches.c.id).where(batches.c.id == batch_id).with_for_update())
     going_on = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING))
     count = select(func.count()).where(analyses.c.id.in_(select_items(batch_id)), going_on)
@@ -146,9 +139,9 @@ def _is_over(connection: Connection, batch_id: str) -> bool:
 
 
 def _announce(
-    connection: Connection, hooks: list[tuple[str, str]], event: Event, told: dict[str, str]
+    connection: Connection, hooks: list[tuple[str, str]], event: Event, data: dict[str, str]
 ) -> None:
-    body = json.dumps({"type": event, "timestamp": tell_now(), "data": told})
+    body = json.dumps({"type": event, "timestamp": format_now(), "data": data})
     rows = [
         {
             "id": f"msg_{secrets.token_hex(8)}",

@@ -1,4 +1,4 @@
-"""The worker: takes a job, has it done by a child process, publishes what came of it, takes the next."""
+"""The worker: claims a job, runs it in a child process, publishes the result, claims the next."""
 
 import argparse
 import logging
@@ -30,10 +30,10 @@ from app.jobs.children.attempt import (
     run_attempt,
 )
 from app.jobs.children.fork_server import warm_up_and_wait
-from app.jobs.database.connect import name_database_trouble, name_start_trouble
-from app.jobs.figures import Answer, read_answer
+from app.jobs.database.connect import translate_database_errors, translate_start_errors
+from app.jobs.figures import HeadlineFigures, read_headline
 from app.jobs.job import Job
-from app.jobs.lease import Heart, LeaseWatch, Pulse, identify_self
+from app.jobs.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.logs import start_logging
@@ -48,14 +48,14 @@ IDLE_S = 0.25
 TROUBLE_S = 2.0
 LONGEST_PAUSE_S = 60.0
 DEATH_GRACE_S = 1.0
-"""Whoever ends all processes of a machine may begin with the child: its worker outlives a true death."""
+"""A shutdown may kill the child first: a death counts only where the worker outlives it for so long."""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Everything a worker works with; ``make`` takes the place of the science where it is given."""
+    """Everything that a worker needs; ``make`` replaces the science where it is given."""
 
     store: JobStore
     storage: Storage
@@ -64,17 +64,17 @@ class Bench:
     stopping: threading.Event
     cache: DecodedCache
     make: MakeReport | None = None
-    pulse: Pulse = field(default_factory=Pulse)
+    heartbeat: WorkerHeartbeat = field(default_factory=WorkerHeartbeat)
 
 
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
-    """Open database and store for one worker; ``make`` takes the place of the science.
+    """Open database and store for one worker; ``make`` replaces the science.
 
     Raises
     ------
     ServerRefused, DatabaseAway, StoreAway, DiskFull
     """
-    with name_start_trouble(settings):
+    with translate_start_errors(settings):
         storage = open_storage(settings)
         storage.prepare()
         check_folder(settings.data_dir)
@@ -92,9 +92,9 @@ def run_next(bench: Bench) -> bool:
     if job is None or job.token is None:
         return False
     started_s = time.monotonic()
-    with Heart(bench.store, (job.id, job.token), bench.settings.heartbeat_s).beating() as heart:
-        outcome = _attempt_patiently(bench, job, job.token, heart)
-        _insist(bench, partial(_publish, bench, job, job.token, outcome))
+    with ClaimHeartbeat(bench.store, (job.id, job.token), bench.settings.heartbeat_s).running() as heartbeat:
+        outcome = _attempt_or_delay(bench, job, job.token, heartbeat)
+        _retry_until_done(bench, partial(_publish, bench, job, job.token, outcome))
     _write_side_file(bench, job.recording_id)
     seconds = time.monotonic() - started_s
     logger.info("%s attempt %d: %s in %.1f s", job.id, job.attempts, type(outcome).__name__.lower(), seconds)
@@ -102,7 +102,7 @@ def run_next(bench: Bench) -> bool:
 
 
 def _write_side_file(bench: Bench, recording_id: str) -> None:
-    """Write what the rows say now; the server makes good what fails here."""
+    """Write the side file from the rows of this moment; the server writes it later if this fails."""
     try:
         SideWriter(bench.store.engine, bench.store.reader, bench.storage).write(recording_id)
     except (AppError, OSError, OperationalError):
@@ -110,11 +110,11 @@ def _write_side_file(bench: Bench, recording_id: str) -> None:
 
 
 def reclaim_abandoned(bench: Bench) -> None:
-    """Put back the jobs whose worker or computer has ended; set aside those interrupted too often.
+    """Put back the jobs whose worker or computer has ended; fail those that were interrupted too often.
 
-    That the worker is gone says nothing about the file: only a child that dies while its worker lives does.
+    The end of a worker is no evidence against the file: only the death of a child whose worker lives is.
     """
-    for claim in bench.watch.find_abandoned(bench.store.list_claims()):
+    for claim in bench.watch.find_abandoned(bench.store.find_claims()):
         logger.warning("%s: its worker is gone", claim.analysis_id)
         bench.store.interrupt(claim.analysis_id, claim.token, bench.settings.max_interruptions)
         bench.storage.drop_attempt(claim.analysis_id, claim.token)
@@ -124,48 +124,50 @@ def run_worker(
     settings: Settings,
     make: MakeReport | None = None,
     parent_pid: int | None = None,
-    pulse: Pulse | None = None,
+    heartbeat: WorkerHeartbeat | None = None,
 ) -> None:
-    """Do jobs until asked to stop (SIGTERM, SIGINT) or, between two jobs, until the parent is gone."""
+    """Run jobs until SIGTERM or SIGINT or, between two jobs, until the parent is gone."""
     bench = open_bench(settings, make)
-    if pulse is not None:
-        bench = replace(bench, pulse=pulse)
+    if heartbeat is not None:
+        bench = replace(bench, heartbeat=heartbeat)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: bench.stopping.set())
     warm_up_and_wait()
     while not bench.stopping.is_set() and (parent_pid is None or os.getppid() == parent_pid):
-        bench.pulse.step()
+        bench.heartbeat.step()
         if not run_next_patiently(bench):
             bench.stopping.wait(IDLE_S)
     bench.store.close()
 
 
-def run_by_settings(settings: Settings, parent_pid: int | None = None, pulse: Pulse | None = None) -> None:
-    """Run the loop that the settings name.
+def run_by_settings(
+    settings: Settings, parent_pid: int | None = None, heartbeat: WorkerHeartbeat | None = None
+) -> None:
+    """Run the loop of the engine in the settings.
 
     Raises
     ------
     ServerRefused, DatabaseAway, StoreAway, DiskFull
         At the start; and DatabaseDamaged later.
     """
-    pulse = pulse or Pulse()
-    pulse.start()
+    heartbeat = heartbeat or WorkerHeartbeat()
+    heartbeat.start()
     try:
-        with name_database_trouble(settings.database_url):
-            choose_engine(settings)(parent_pid=parent_pid, pulse=pulse)
+        with translate_database_errors(settings.database_url):
+            choose_engine(settings)(parent_pid=parent_pid, heartbeat=heartbeat)
     finally:
-        pulse.stop()
+        heartbeat.stop()
 
 
 def choose_engine(settings: Settings) -> Callable[..., None]:
-    """Give the loop that the settings name; Procrastinate is loaded only where it is wanted."""
+    """Give the loop of the engine in the settings; Procrastinate is loaded only where it is chosen."""
     if settings.engine == "embedded":
         return partial(run_worker, settings)
     return partial(load_extra("app.jobs.cluster").run_cluster_worker, settings)
 
 
 def run_next_patiently(bench: Bench) -> bool:
-    """Outlast a database that does not answer; the row stays the truth meanwhile."""
+    """Do one job, and wait where the database does not answer; the row remains the truth meanwhile."""
     try:
         return run_next(bench)
     except OperationalError:
@@ -174,24 +176,33 @@ def run_next_patiently(bench: Bench) -> bool:
         return False
 
 
-def _insist(bench: Bench, change: Callable[[], None]) -> None:
-    """Repeat a guarded change until it is answered: a finished analysis is worth the wait."""
+def _retry_until_done(bench: Bench, change: Callable[[], None]) -> None:
+    """Repeat a guarded change until database and store answer: a finished analysis is worth the wait."""
     while True:
         try:
             return change()
         except (OperationalError, StoreAway):
             logger.exception("database or store does not answer; trying again")
-            bench.pulse.step()
+            bench.heartbeat.step()
             if bench.stopping.wait(TROUBLE_S):
                 raise
 
 
-def _attempt_patiently(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
-    """Hold the job, then put it back, uncounted, when it is the store or the disk that fails."""
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """Why a job cannot go on now, how often it was put back for a full disk, and how long it waits now."""
+
+    code: str
+    put_backs: int
+    pause_s: float
+
+
+def _attempt_or_delay(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartbeat) -> Outcome:
+    """Make the attempt; where the store or the disk fails, delay the job and put it back, uncounted."""
     try:
-        outcome = _attempt(bench, job, token, heart)
+        outcome = _attempt(bench, job, token, heartbeat)
     except StoreAway as trouble:
-        return _hold(bench, job, heart, HeldUp(trouble.code, job.put_backs, TROUBLE_S))
+        return _delay(bench, job, heartbeat, Delay(trouble.code, job.put_backs, TROUBLE_S))
     except DiskFull:
         outcome = Refused(DiskFull.code, {})
     except StoreDamaged:
@@ -199,57 +210,50 @@ def _attempt_patiently(bench: Bench, job: Job, token: str, heart: Heart) -> Outc
         return Refused(StoreDamaged.code, {})
     if not isinstance(outcome, Refused) or outcome.code != DiskFull.code:
         return outcome
-    bench.storage.drop_attempt(job.id, token)  # what was written until then takes room, too
+    bench.storage.drop_attempt(job.id, token)  # its files fill the disk, too
     if job.put_backs >= bench.settings.max_put_backs:
         return Refused(DiskFull.code, {"tries": job.put_backs + 1})
     pause_s = min(TROUBLE_S * 2**job.put_backs, LONGEST_PAUSE_S)
-    return _hold(bench, job, heart, HeldUp(DiskFull.code, job.put_backs + 1, pause_s))
+    return _delay(bench, job, heartbeat, Delay(DiskFull.code, job.put_backs + 1, pause_s))
 
 
-@dataclass(frozen=True, slots=True)
-class HeldUp:
-    """What is in the way of a job, how often it was put back for a full disk, and how long it waits now."""
-
-    code: str
-    put_backs: int
-    pause_s: float
-
-
-def _hold(bench: Bench, job: Job, heart: Heart, held: HeldUp) -> Outcome:
-    """Tell what is in the way, and keep the job for a while: a peer at the same disk would fare no better."""
-    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, held.pause_s, held.code)
+def _delay(bench: Bench, job: Job, heartbeat: ClaimHeartbeat, delay: Delay) -> Outcome:
+    """Record the delay, and keep the job for a while: a peer on the same disk would meet the same trouble."""
+    logger.warning("%s: held up for %.0f s, then put back: %s", job.id, delay.pause_s, delay.code)
     with suppress(OperationalError):  # the database may lie on the disk that is full
-        bench.store.hold_up(job.id, str(job.token), held.code, held.put_backs)
-    end_s = time.monotonic() + held.pause_s
-    while time.monotonic() < end_s and _tell_unless_stopping(bench, heart, None, 0.0):
+        bench.store.record_delay(job.id, str(job.token), delay.code, delay.put_backs)
+    end_s = time.monotonic() + delay.pause_s
+    while time.monotonic() < end_s and _report_unless_stopping(bench, heartbeat, None, 0.0):
         bench.stopping.wait(IDLE_S)
     return Stopped()
 
 
-def _attempt(bench: Bench, job: Job, token: str, heart: Heart) -> Outcome:
+def _attempt(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartbeat) -> Outcome:
     out = bench.storage.open_attempt(job.id, token)
     own = borrow_recording(bench.storage, job.recording_id, job.sha256)
     with own as log, _borrow_reference(bench, job) as request:
         limits = choose_limits(bench.settings, job.size_bytes)
         attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
-        return run_attempt(attempt, partial(_tell_unless_stopping, bench, heart))
+        return run_attempt(attempt, partial(_report_unless_stopping, bench, heartbeat))
 
 
-def _tell_unless_stopping(bench: Bench, heart: Heart, stage: str | None, fraction: float) -> bool:
-    """Tell how far the analysis is; False when the job was cancelled or taken, or we are to stop."""
-    bench.pulse.step()
-    return not bench.stopping.is_set() and heart.tell(stage, fraction)
+def _report_unless_stopping(
+    bench: Bench, heartbeat: ClaimHeartbeat, stage: str | None, fraction: float
+) -> bool:
+    """Report the progress; False when the job was cancelled or taken, or this worker is to stop."""
+    bench.heartbeat.step()
+    return not bench.stopping.is_set() and heartbeat.report(stage, fraction)
 
 
 def _choose_road(bench: Bench, job: Job) -> MakeReport:
-    """Give the one road, with the digest that was just compared: the child need not take it again."""
+    """Give the one road, with the digest that was just verified: the child need not compute it again."""
     digests = () if job.request.joined else (job.sha256,)
     return bench.make or partial(load_and_make_report, known=KnownLogs(digests, bench.cache))
 
 
 @contextmanager
 def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
-    """Say where the reference of a comparison lies; the row knows it by its id."""
+    """Give the request with the path of its reference, which the row knows by its id."""
     reference = job.request.reference
     if reference is None:
         yield job.request
@@ -263,7 +267,7 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
         bench.storage.keep_attempt(job.id, token)
-        won = bench.store.finish(job.id, token, outcome.files, _read_answer(bench, job.id, token, outcome))
+        won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):
         bench.store.fail(job.id, token, outcome.code, outcome.facts)
@@ -278,15 +282,15 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
         bench.storage.drop_attempt(job.id, token)
 
 
-def _read_answer(bench: Bench, analysis_id: str, token: str, made: Finished) -> Answer | None:
-    """Take the answer of what was just made; a comparison with a reference has none."""
+def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:
+    """Read the headline figures of a finished attempt; a comparison with a reference has none."""
     results = next((file for file in made.files if file.name == "results.json"), None)
     if results is None:
         return None
     try:
         with borrow_result(bench.storage, analysis_id, token, results) as path:
-            return read_answer(path)
-    except ResultDamaged:  # whoever opens it is told
+            return read_headline(path)
+    except ResultDamaged:  # every reader of the file gets this error
         return None
 
 
@@ -299,15 +303,16 @@ def _release_after_death(bench: Bench, analysis_id: str, token: str, attempts: i
 
 
 def main() -> None:
-    """Enter from ``python -m app.jobs.worker``; everything else comes from ``ACROMION_*``."""
+    """Enter from ``python -m app.jobs.worker``; all other settings come from ``ACROMION_*``."""
     parser = argparse.ArgumentParser(description="Do queued analyses until stopped.")
     parser.add_argument("--data", type=Path, required=True, help="data folder of the server")
     parser.add_argument("--parent", type=int, help="end when this process is gone")
-    parser.add_argument("--pulse", type=int, help="the pipe to beat into")
+    parser.add_argument("--heartbeat", type=int, help="the pipe of the worker's heartbeat")
     arguments = parser.parse_args()
     start_logging()
+    settings, heartbeat = Settings(data_dir=arguments.data), WorkerHeartbeat(arguments.heartbeat)
     try:
-        run_by_settings(Settings(data_dir=arguments.data), arguments.parent, Pulse(arguments.pulse))
+        run_by_settings(settings, arguments.parent, heartbeat)
     except AppError as refusal:
         words = describe_problem(refusal.code, refusal.facts, "en")
         logger.error("%s %s %s %s", refusal.code, words.title, words.detail, words.fix)

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.report.export.results import round_all
+from app.report.figures import format_figure
 from app.report.findings import Kept
 from app.report.model import Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
@@ -27,7 +28,7 @@ from app.report.pairs import (
     tell_time,
 )
 from app.report.render.write import sign_off
-from app.report.words.numbers import NONE, format_angle, format_number, format_percent, format_rate
+from app.report.words.numbers import NONE, format_number
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.comparison import (
@@ -150,8 +151,8 @@ def _tell_changes(compared: DayComparison, words: Words, language: Language) -> 
 def _tell_change(change: FigureChange, words: Words, language: Language) -> str:
     entry = words["sentence"]
     facts = {
-        "before": _tell_value(change.before, change.name, language),
-        "after": _tell_value(change.after, change.name, language),
+        "before": format_figure(change.before, change.name, language),
+        "after": format_figure(change.after, change.name, language),
         "change": _tell_difference(change, words, language),
         "detectable": _tell_detectable(change, words, language),
     }
@@ -163,8 +164,8 @@ def _list_changes(compared: DayComparison, words: Words, language: Language) -> 
     rows = tuple(
         (
             entry["figure"][change.name],
-            _tell_value(change.before, change.name, language),
-            _tell_value(change.after, change.name, language),
+            format_figure(change.before, change.name, language),
+            format_figure(change.after, change.name, language),
             _tell_difference(change, words, language),
             _tell_detectable(change, words, language),
             entry["verdict"][change.verdict],
@@ -175,12 +176,6 @@ def _list_changes(compared: DayComparison, words: Words, language: Language) -> 
         entry["caption"], tuple(entry["columns"]), rows, note=fill(entry["note"], {"source": SOURCE})
     )
     return Section("changes", entry["title"], tables=(table,))
-
-
-def _tell_value(value: float, name: str, language: Language) -> str:
-    if name.endswith("_percent"):
-        return format_percent(value, language)
-    return format_angle(value, language, 1) if name.endswith("_deg") else format_rate(value, language)
 
 
 def _tell_difference(change: FigureChange, words: Words, language: Language) -> str:
@@ -199,4 +194,4 @@ def _tell_points(value: float, name: str, words: Words, language: Language) -> s
     if name.endswith("_percent"):
         form = "points" if round(abs(value), 1) >= 2 else "points_under_two"
         return fill(words[form], {"value": format_number(value, 1, language)})
-    return _tell_value(value, name, language)
+    return format_figure(value, name, language)

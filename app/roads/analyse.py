@@ -17,8 +17,7 @@ from app.report.render.write import FINDINGS, RESULTS, rewrite_reports, write_re
 from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
 from app.roads.reading import Logs
-from app.storage.day_file import NAME as DAY_NAME
-from app.storage.day_file import DaySegment, write_day
+from app.storage.day_file import DAY_NAME, DaySegment, write_day
 from app.storage.decoded import NOTHING_KNOWN, KnownLogs
 from app.storage.store import sync_file
 from app.version import software_revision, software_version

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.request import OnStage, ReportRequest
-from app.storage.decoded import KnownLogs, name_entry
+from app.storage.decoded import KnownLogs, hash_entry_key
 from app.storage.store import hash_file
 from app.version import software_revision
 from fusion.readers import holds_device_format, join_recordings, parse_profile, read_recording
@@ -48,7 +48,7 @@ class Logs:
             return self._parse(path, digest)
         sha256 = digest or hash_file(path)
         reading = [Path(self._name(path)).suffix, self.request.rate_hz, self.request.profile]
-        key = name_entry(sha256, json.dumps(reading), software_revision())
+        key = hash_entry_key(sha256, json.dumps(reading), software_revision())
         recording = cache.find(key)
         if recording is None:
             recording = self._parse(path, sha256)

@@ -2,10 +2,10 @@
 
     recordings/<recording>.json              its side file
     recordings/<recording>                   complete or absent: a multipart put shows nothing before its end
-    analyses/<analysis>/<attempt>/<file>     put before the row that says that the attempt counts
+    analyses/<analysis>/<attempt>/<file>     put before the row that states that the attempt counts
 
-No conditional put is relied on (not every S3 server has it): names are random, and rows decide. The folder of
-this machine holds the work in hand and nothing that may not be lost.
+No conditional put is used (not every S3 server has it): names are random, and rows decide. The folder of this
+machine holds temporary files only, which may be lost.
 """
 
 import hashlib
@@ -31,14 +31,14 @@ from app.storage.store import (
     Fetched,
     Mark,
     StoredRecording,
-    Verdicts,
+    VerifiedFiles,
     check_free,
-    name_full_disk,
-    name_recording,
-    name_result,
-    name_side,
+    format_recording_name,
+    format_result_name,
+    format_side_file_name,
     read_mark,
     too_large,
+    translate_disk_full,
 )
 
 if TYPE_CHECKING:
@@ -46,25 +46,27 @@ if TYPE_CHECKING:
     from obstore.store import RetryConfig
 
 PART_BYTES = 8 << 20
-PATIENCE: "RetryConfig" = {"max_retries": 4, "retry_timeout": timedelta(seconds=20)}
+RETRIES: "RetryConfig" = {"max_retries": 4, "retry_timeout": timedelta(seconds=20)}
 
 
 def open_bucket(settings: Settings) -> "BucketStorage":
     """Open ``s3://bucket``; endpoint, region and keys come from the usual ``AWS_*`` variables."""
-    return BucketStorage(settings.data_dir, S3Store.from_url(settings.object_store, retry_config=PATIENCE))
+    return BucketStorage(settings.data_dir, S3Store.from_url(settings.object_store, retry_config=RETRIES))
 
 
 class BucketUpload:
-    """Bytes on their way into a bucket: sent on as they come, in parts, and hashed."""
+    """Bytes that arrive for a bucket: sent on as they come, in parts, and hashed."""
 
     def __init__(self, bucket: S3Store, recording_id: str, max_bytes: int) -> None:
         self._bucket, self._id, self._max_bytes = bucket, recording_id, max_bytes
         self._sha256 = hashlib.sha256()
-        self._writer = obstore.open_writer(bucket, name_recording(recording_id), buffer_size=PART_BYTES)
+        self._writer = obstore.open_writer(
+            bucket, format_recording_name(recording_id), buffer_size=PART_BYTES
+        )
         self.size_bytes = 0
 
     def write(self, chunk: bytes) -> None:
-        """Take the next bytes.
+        """Send the next bytes.
 
         Raises
         ------
@@ -74,112 +76,112 @@ class BucketUpload:
         if self.size_bytes > self._max_bytes:
             raise too_large(self.size_bytes, self._max_bytes)
         self._sha256.update(chunk)
-        with name_store_trouble():
+        with translate_store_errors():
             self._writer.write(chunk)
 
     def keep(self) -> StoredRecording:
-        """End the put; from then on the recording can be read, and by all."""
-        with name_store_trouble():
+        """End the put; from then on every machine can read the recording."""
+        with translate_store_errors():
             self._writer.close()
-            if obstore.head(self._bucket, name_recording(self._id))["size"] != self.size_bytes:
+            if obstore.head(self._bucket, format_recording_name(self._id))["size"] != self.size_bytes:
                 raise StoreAway
         return StoredRecording(self._id, self._sha256.hexdigest(), self.size_bytes)
 
     def discard(self) -> None:
-        """Send no more. Parts of a put that never ends show nowhere; a rule of the bucket removes them."""
+        """Send no more. Parts of an unfinished put are invisible; a rule of the bucket removes them."""
 
 
 @dataclass(frozen=True, slots=True)
 class BucketStorage:
-    """A bucket, and a folder of this machine for the work in hand."""
+    """A bucket, and a folder of this machine for temporary files; ``Storage`` documents the methods."""
 
     root: Path
     bucket: S3Store
-    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
 
     @property
-    def is_near(self) -> bool:
+    def is_local(self) -> bool:
         """Each reading is a copy."""
         return False
 
     def prepare(self) -> None:
-        """Make the folders of this machine, and see that the bucket answers."""
+        """Create the folders of this machine, and check that the bucket answers."""
         FolderStorage(self.root).prepare()
         (self.root / "fetched").mkdir(exist_ok=True, mode=0o700)
-        with name_store_trouble():
+        with translate_store_errors():
             next(iter(obstore.list(self.bucket, "store.id", chunk_size=1)), None)
 
     def identify(self) -> str:
-        """Give the name of this bucket's contents, written in it once for all."""
-        with name_store_trouble():
+        """Give the permanent id of this bucket's contents; the first call creates it."""
+        with translate_store_errors():
             with suppress(FileNotFoundError):
                 return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
             obstore.put(self.bucket, "store.id", f"bucket-{secrets.token_hex(8)}".encode())
             return bytes(obstore.get(self.bucket, "store.id").bytes()).decode()
 
     def open_upload(self, max_bytes: int) -> BucketUpload:
-        """Start taking a recording under a new name."""
+        """Start an upload of a recording under a new name."""
         return BucketUpload(self.bucket, f"rec_{secrets.token_hex(8)}", max_bytes)
 
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
         """Put a file of this machine as a recording; the caller removes the file after the commit."""
         stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        self.put(path, name_recording(stored.id))
+        self.put(path, format_recording_name(stored.id))
         return stored
 
     def fetch(self, name: str) -> Fetched:
-        """Copy an object to this machine, whatever it holds."""
+        """Copy an object to this machine, unverified."""
         into = self.root / "fetched" / secrets.token_hex(8)
         try:
             mark = self._copy(name, into)
             return Fetched(into, mark, read_mark(into))
         except BaseException:
-            self.give_back(into)
+            self.release(into)
             raise
 
     def find_mark(self, name: str) -> Mark | None:
         """Give size and ETag of an object; None where there is none."""
-        with name_store_trouble(), suppress(FileNotFoundError):
+        with translate_store_errors(), suppress(FileNotFoundError):
             return _read_mark(obstore.head(self.bucket, name))
         return None
 
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
-        self._delete([name_recording(recording_id)])
-        self._delete([name_side(recording_id), *self._list(f"quarantine/{recording_id}.")])
+        self._delete([format_recording_name(recording_id)])
+        self._delete([format_side_file_name(recording_id), *self._find(f"quarantine/{recording_id}.")])
 
     def put(self, path: Path, name: str) -> None:
         """Put a file of this machine under a name."""
-        with name_store_trouble(), path.open("rb") as file:
+        with translate_store_errors(), path.open("rb") as file:
             obstore.put(self.bucket, name, file, chunk_size=PART_BYTES)
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
-        """Make an empty folder on this machine for the files of one attempt."""
+        """Create an empty folder on this machine for the files of one attempt."""
         return FolderStorage(self.root).open_attempt(analysis_id, token)
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
-        """Put the attempt's files, and keep no copy here; a second time there is nothing left to put."""
+        """Put the attempt's files and remove them here; a second call finds nothing left to put."""
         folder = FolderStorage(self.root).attempt(analysis_id, token)
         for path in sorted(folder.glob("*")):
-            self.put(path, name_result(analysis_id, token, path.name))
+            self.put(path, format_result_name(analysis_id, token, path.name))
         shutil.rmtree(folder.parent, ignore_errors=True)
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
-        """Remove what an attempt that does not count has left, here and in the bucket."""
+        """Remove the files of an attempt that does not count, here and in the bucket."""
         FolderStorage(self.root).drop_attempt(analysis_id, token)
-        self._delete(self._list(f"analyses/{analysis_id}/{token}/"))
+        self._delete(self._find(f"analyses/{analysis_id}/{token}/"))
 
     def drop_analysis(self, analysis_id: str) -> None:
         """Remove every file of an analysis."""
         FolderStorage(self.root).drop_analysis(analysis_id)
-        self._delete(self._list(f"analyses/{analysis_id}/"))
+        self._delete(self._find(f"analyses/{analysis_id}/"))
 
-    def give_back(self, path: Path) -> None:
+    def release(self, path: Path) -> None:
         """Remove the copy."""
         path.unlink(missing_ok=True)
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:  # noqa: ARG002
-        """Refuse when this machine has no room for its work; the recording itself goes to the bucket.
+        """Refuse when this machine has no room for temporary files; the recording goes to the bucket.
 
         Raises
         ------
@@ -187,44 +189,44 @@ class BucketStorage:
         """
         check_free(self.root, min_free_bytes)
 
-    def list_names(self) -> Iterator[str]:
-        """Name every recording and every result that is kept."""
-        with name_store_trouble():
+    def find_names(self) -> Iterator[str]:
+        """Give the name of every stored recording and result."""
+        with translate_store_errors():
             for kind in ("recordings", "analyses"):
                 for objects in obstore.list(self.bucket, kind):
                     yield from (found["path"] for found in objects)
 
-    def list_recordings(self) -> frozenset[str]:
-        """Name everything that lies among the recordings, side files too."""
-        return frozenset(name.removeprefix("recordings/") for name in self._list("recordings/"))
+    def find_recordings(self) -> frozenset[str]:
+        """Give every name among the recordings, those of side files too."""
+        return frozenset(name.removeprefix("recordings/") for name in self._find("recordings/"))
 
     def write_small(self, name: str, content: bytes) -> None:
         """Put a small object."""
-        with name_store_trouble():
+        with translate_store_errors():
             obstore.put(self.bucket, name, content)
 
     def read_small(self, name: str) -> bytes | None:
         """Get a small object; None where there is none."""
-        with name_store_trouble(), suppress(FileNotFoundError):
+        with translate_store_errors(), suppress(FileNotFoundError):
             return bytes(obstore.get(self.bucket, name).bytes())
         return None
 
-    def set_aside(self, name: str) -> bool:  # noqa: ARG002
-        """Leave it in place: another machine may be about to write its row (``acromion verify`` names it)."""
+    def quarantine(self, name: str) -> bool:  # noqa: ARG002
+        """Leave it in place: another machine may be about to write its row (``acromion verify`` finds it)."""
         return False
 
-    def take_back(self, name: str) -> bool:  # noqa: ARG002
-        """Nothing to do: no recording is ever moved out of a bucket's place."""
+    def unquarantine(self, name: str) -> bool:  # noqa: ARG002
+        """Do nothing: no recording of a bucket is ever moved into quarantine."""
         return False
 
-    def list_quarantine(self) -> tuple[str, ...]:
-        """Name what lies in quarantine, in the bucket and on this machine."""
-        kept = (name.removeprefix("quarantine/") for name in self._list("quarantine/"))
-        return (*kept, *FolderStorage(self.root).list_quarantine())
+    def find_quarantined(self) -> tuple[str, ...]:
+        """Give the names of everything in quarantine, in the bucket and on this machine."""
+        kept = (name.removeprefix("quarantine/") for name in self._find("quarantine/"))
+        return (*kept, *FolderStorage(self.root).find_quarantined())
 
-    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+    def find_attempts(self) -> tuple[tuple[str, str], ...]:
         """Give the folders of attempts on this machine: (analysis, token)."""
-        return FolderStorage(self.root).list_attempts()
+        return FolderStorage(self.root).find_attempts()
 
     def drop_temporary(self, min_age_s: float) -> int:
         """Remove temporary files and old copies of this machine."""
@@ -235,19 +237,19 @@ class BucketStorage:
         return len(copies) + FolderStorage(self.root).drop_temporary(min_age_s)
 
     def _copy(self, name: str, into: Path) -> Mark:
-        with name_store_trouble(), name_full_disk():
+        with translate_store_errors(), translate_disk_full():
             found = obstore.get(self.bucket, name)  # first, so that a missing object leaves no empty file
             with into.open("wb") as file:
                 for chunk in found.stream(min_chunk_size=COPY_BYTES):
                     file.write(chunk)
         return _read_mark(found.meta)
 
-    def _list(self, prefix: str) -> list[str]:
-        with name_store_trouble():
+    def _find(self, prefix: str) -> list[str]:
+        with translate_store_errors():
             return [found["path"] for page in obstore.list(self.bucket, prefix) for found in page]
 
     def _delete(self, names: list[str]) -> None:
-        with name_store_trouble(), suppress(FileNotFoundError):
+        with translate_store_errors(), suppress(FileNotFoundError):
             obstore.delete(self.bucket, names)
 
 
@@ -257,8 +259,8 @@ def _read_mark(found: "ObjectMeta") -> Mark:
 
 
 @contextmanager
-def name_store_trouble() -> Iterator[None]:
-    """Turn a store that does not answer into a refusal with a code."""
+def translate_store_errors() -> Iterator[None]:
+    """Turn errors of a store that does not answer into a refusal with a code."""
     try:
         yield
     except FileNotFoundError:
@@ -266,6 +268,6 @@ def name_store_trouble() -> Iterator[None]:
     except BaseError as error:
         raise StoreAway from error
     except OSError as error:
-        if error.errno is None:  # obstore's writers say it so; the system's own errors have a number
+        if error.errno is None:  # an error of obstore's writers; the system's own errors have a number
             raise StoreAway from error
         raise

@@ -1,9 +1,9 @@
-"""The day of one analysis as the page draws it: any stretch at any width, in a few milliseconds.
+"""The day file: the angle of a whole recording, from which the page draws any stretch in a few milliseconds.
 
-One line of JSON (segments, proposals, what was left out) and then plain arrays, which are mapped and not
-read: the angle of each row as hundredths of a degree (-1 where it is not valid), for each power of 16 the
-lowest and highest of as many rows, and the quarter seconds from which stillness is scored. It holds no figure
-of the report; it can be thrown away and made again from the recording.
+One line of JSON (segments, proposals, excluded spans), then plain arrays, which are memory-mapped: the angle
+of each row in hundredths of a degree (-1 where it is not valid), the lowest and highest angle of every 16,
+256, ... rows, and the moments of quarter seconds from which stillness is scored. It holds no figure of the
+report, and can be made again from the recording.
 """
 
 import json
@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-NAME = "day.bin"
-STEP = 16
+DAY_NAME = "day.bin"
+ROWS_PER_STEP = 16
 LEVELS = 4
-HUNDREDTHS = 100
+UNITS_PER_DEG = 100
 INVALID = -1
 ALIGN_BYTES = 64
 
@@ -53,9 +53,9 @@ class Stretch:
 
 
 def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, Any]) -> None:
-    """Write the file; ``facts`` is whatever else the page wants to know, ready for JSON."""
+    """Write the file; ``facts`` holds what else the page needs, ready for JSON."""
     arrays: list[NDArray[Any]] = []
-    heads = [_pack(segment, arrays) for segment in segments]
+    heads = [_pack_segment(segment, arrays) for segment in segments]
     head = json.dumps({"facts": dict(facts), "segments": heads}).encode() + b"\n"
     with path.open("wb") as file:
         file.write(head)
@@ -64,10 +64,10 @@ def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, An
             file.write(np.ascontiguousarray(array).data)
 
 
-def _pack(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, Any]:
-    """Queue the arrays of a segment and say of what shape they are, in this order."""
-    rows = np.where(np.isnan(segment.angle_deg), INVALID, np.rint(segment.angle_deg * HUNDREDTHS))
-    packed = [rows.astype("<i2"), *_pile_up(rows.astype("<i2")), segment.quiet.astype("<f4")]
+def _pack_segment(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, Any]:
+    """Append the arrays of a segment to ``arrays``; gives their head, with their shapes in this order."""
+    rows = np.where(np.isnan(segment.angle_deg), INVALID, np.rint(segment.angle_deg * UNITS_PER_DEG))
+    packed = [rows.astype("<i2"), *_reduce_levels(rows.astype("<i2")), segment.quiet.astype("<f4")]
     arrays.extend(packed)
     return {
         "start_s": segment.start_s,
@@ -77,16 +77,16 @@ def _pack(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, Any]:
     }
 
 
-def _pile_up(rows: Angles) -> Iterator[Angles]:
-    """Give the lowest and highest of each 16, 256, ... rows, shape (m, 2)."""
+def _reduce_levels(rows: Angles) -> Iterator[Angles]:
+    """Give the lowest and highest angle of every 16, 256, ... rows, each of shape (m, 2)."""
     low = high = rows
     for _ in range(LEVELS):
-        low, high = _reduce(low, high, STEP)
+        low, high = _reduce(low, high, ROWS_PER_STEP)
         yield np.stack([low, high], axis=1)
 
 
 def _reduce(low: Angles, high: Angles, step: int) -> tuple[Angles, Angles]:
-    """Take the lowest valid and the highest of each ``step`` values; the last group may be short."""
+    """Give the lowest valid and the highest of every ``step`` values; the last group may be short."""
     if not len(low):
         return low, high
     edges = np.arange(0, len(low), step)
@@ -118,7 +118,7 @@ class DayFile:
     segments: tuple[_OpenSegment, ...]
 
     def cut(self, from_s: float, to_s: float, points: int) -> list[Stretch]:
-        """Give the curve between two moments with about ``points`` values."""
+        """Give the curve between two times, in s, with about ``points`` values."""
         span_s = max(to_s - from_s, 1e-6)
         return [
             _cut_segment(segment, from_s, to_s, max(1.0, segment.rate_hz * span_s / points))
@@ -127,9 +127,10 @@ class DayFile:
         ]
 
     def measure_quiet(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], float] | None:
-        """Give gravity, shape (3,), and the largest standard deviation of an axis, in g.
+        """Give mean acceleration, shape (3,), and the largest standard deviation of an axis, in g.
 
-        Of the whole quarter seconds within; None where the stretch is not in one piece, or too short.
+        Both are of the whole quarter seconds between two times; None where these are not in one segment, or
+        hold no whole quarter second.
         """
         for segment in self.segments:
             first = int(np.ceil((start_s - segment.start_s) / segment.block_s - 1e-6))
@@ -167,10 +168,10 @@ def open_day(path: Path) -> DayFile:
 
 
 def _cut_segment(segment: _OpenSegment, from_s: float, to_s: float, rows_per_value: float) -> Stretch:
-    """Take the coarsest level that is fine enough, and reduce what is left of it."""
-    level = min(LEVELS, int(np.log(rows_per_value) / np.log(STEP) + 1e-9))
-    step = max(1, round(rows_per_value / STEP**level))
-    rows, row_s = segment.levels[level], STEP**level / segment.rate_hz
+    """Cut a stretch from the coarsest level that is fine enough, and reduce it further."""
+    level = min(LEVELS, int(np.log(rows_per_value) / np.log(ROWS_PER_STEP) + 1e-9))
+    step = max(1, round(rows_per_value / ROWS_PER_STEP**level))
+    rows, row_s = segment.levels[level], ROWS_PER_STEP**level / segment.rate_hz
     first = max(0, int((from_s - segment.start_s) / (row_s * step))) * step
     stop = min(len(rows), int(np.ceil((to_s - segment.start_s) / (row_s * step)) + 1) * step)
     low, high = _reduce(rows[first:stop, 0], rows[first:stop, 1], step)
@@ -178,4 +179,4 @@ def _cut_segment(segment: _OpenSegment, from_s: float, to_s: float, rows_per_val
 
 
 def _to_degrees(rows: Angles) -> list[float | None]:
-    return [None if value == INVALID else value / HUNDREDTHS for value in rows.tolist()]
+    return [None if value == INVALID else value / UNITS_PER_DEG for value in rows.tolist()]

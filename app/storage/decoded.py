@@ -1,11 +1,11 @@
-"""Decoded recordings kept for a second look: a moved window or a new diary need not read the file again.
+"""The cache of decoded recordings: a moved window or a new diary need not read the file again.
 
-A cache and nothing more: an entry may go at any time, and one that is damaged is read anew from the file.
+An entry may be removed at any time; a damaged one is replaced from the file.
 
-    folder/<key>.samples    one line of JSON (what the file says), the samples as float32, a CRC-32 of both
+    folder/<key>.samples    one line of JSON (what the file states), the samples as float32, a CRC-32 of both
 
-The key is a digest of the file's own, of what the person said about the columns, and of the software's
-revision: another reader never sees the samples of an older one.
+The key is a digest of the file's own digest, of the reading options that a person chose, and of the
+software's revision: a newer reader never gets the samples of an older one.
 """
 
 import hashlib
@@ -29,14 +29,14 @@ from fusion.recording import QualityFlag, Recording, Segment, Span
 
 CRC_BYTES = 4
 LONGEST_HEAD_BYTES = 16 << 20
-SPARE = 3
+SPARE_TIMES = 3
 """An entry is kept only where this many times its size is free."""
 
 logger = logging.getLogger(__name__)
 
 
-def name_entry(sha256: str, reading: str, revision: str) -> str:
-    """Give the key: ``reading`` is everything that was said about how to read the file, as text."""
+def hash_entry_key(sha256: str, reading: str, revision: str) -> str:
+    """Give the key of an entry; ``reading`` holds all options of the reading, as text."""
     return hashlib.sha256(f"{sha256}\n{revision}\n{reading}".encode()).hexdigest()[:40]
 
 
@@ -53,7 +53,7 @@ class DecodedCache:
         try:
             with path.open("rb") as file:
                 recording = _read_entry(file)
-            os.utime(path)  # the entry used last goes last
+            os.utime(path)  # the entry that was used last is removed last
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError):
@@ -63,31 +63,31 @@ class DecodedCache:
         return recording
 
     def keep(self, key: str, recording: Recording) -> None:
-        """Keep the samples, if there is room; nothing depends on it."""
+        """Keep the samples if there is room; no result depends on it."""
         size_bytes = sum(segment.acc_g.nbytes + segment.gyr_dps.nbytes for segment in recording.segments)
         try:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            if size_bytes > self.max_bytes or shutil.disk_usage(self.folder).free < SPARE * size_bytes:
+            if size_bytes > self.max_bytes or shutil.disk_usage(self.folder).free < SPARE_TIMES * size_bytes:
                 return
             self._make_room(size_bytes)
             self._write(key, recording)
         except OSError:
             logger.warning("the decoded samples could not be kept", exc_info=True)
 
-    def list_digests(self) -> frozenset[str]:
+    def find_digests(self) -> frozenset[str]:
         """Give the SHA-256 of every file whose samples are here."""
-        return frozenset(digest for _, digest in self._list_heads())
+        return frozenset(digest for _, digest in self._read_digests())
 
     def forget(self, digests: Collection[str]) -> None:
-        """Remove the samples of these files, those that are just being written too."""
-        for path, digest in self._list_heads():
+        """Remove the samples of these files, entries that are being written too."""
+        for path, digest in self._read_digests():
             if digest in digests:
                 path.unlink(missing_ok=True)
 
-    def _list_heads(self) -> Iterator[tuple[Path, str]]:
-        """Give each entry with its file's SHA-256; one whose head cannot be read is nobody's: ""."""
+    def _read_digests(self) -> Iterator[tuple[Path, str]]:
+        """Give each entry with its file's SHA-256; "" where its head is unreadable."""
         for path in self.folder.glob("*"):
-            with suppress(FileNotFoundError, IsADirectoryError):  # the reports of two lie in a folder beside
+            with suppress(FileNotFoundError, IsADirectoryError):  # the pairs have a folder of their own here
                 yield path, _read_digest(path)
 
     def _write(self, key: str, recording: Recording) -> None:
@@ -100,8 +100,8 @@ class DecodedCache:
             part.unlink(missing_ok=True)
 
     def _make_room(self, needed_bytes: int) -> None:
-        """Let go of the entries that were used longest ago."""
-        entries = sorted(_list_entries(self.folder), key=lambda entry: entry[1].st_mtime)
+        """Remove the entries that were used longest ago."""
+        entries = sorted(_find_entries(self.folder), key=lambda entry: entry[1].st_mtime)
         held_bytes = sum(status.st_size for _, status in entries)
         for path, status in entries:
             if held_bytes + needed_bytes <= self.max_bytes:
@@ -115,9 +115,9 @@ class DecodedCache:
 
 @dataclass(frozen=True, slots=True)
 class KnownLogs:
-    """What is known of the files before they are read: their SHA-256, and where their samples may lie.
+    """What is known of the files before they are read: their SHA-256, and the cache of their samples.
 
-    ``recording`` is what they hold, where they have been read already.
+    ``recording`` holds their content where they have been read already.
     """
 
     digests: tuple[str, ...] = ()
@@ -136,9 +136,9 @@ def _read_digest(path: Path) -> str:
         return ""
 
 
-def _list_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
+def _find_entries(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
     for path in folder.iterdir():
-        with suppress(FileNotFoundError):  # another worker may let go of it meanwhile
+        with suppress(FileNotFoundError):  # another worker may remove it meanwhile
             yield path, path.stat()
 
 
@@ -155,12 +155,12 @@ def _write_entry(file: IO[bytes], recording: Recording) -> None:
 
 
 def _read_entry(file: IO[bytes]) -> Recording:
-    """Read what :func:`_write_entry` wrote.
+    """Read an entry.
 
     Raises
     ------
     ValueError, KeyError, TypeError
-        When it is anything else.
+        The entry is damaged.
     """
     head = file.readline(LONGEST_HEAD_BYTES)
     crc = zlib.crc32(head)

@@ -12,29 +12,29 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from app.storage.private import FOLDER_MODE, create_file, make_folder
+from app.storage.permissions import FOLDER_MODE, create_file, make_folder
 from app.storage.store import (
     SIDE_SUFFIX,
     UNREADABLE,
     Fetched,
     Mark,
     StoredRecording,
-    Verdicts,
+    VerifiedFiles,
     check_free,
-    name_full_disk,
-    name_once,
     read_mark,
+    read_or_create_id,
     sync_file,
     sync_folder,
     too_large,
+    translate_disk_full,
 )
 
 TEMPORARY = re.compile(r"((rec_)?[0-9a-f]{16}(\.[0-9a-f]{8})?|restored)\.part")
-"""The names that this program gives to temporary files in ``uploads``; a stranger's file is left alone."""
+"""The names of our temporary files in ``uploads``; any other file is left alone."""
 
 
 class FolderUpload:
-    """Bytes on their way into a folder: hashed as they come, kept or discarded as a whole."""
+    """Bytes that arrive in a folder: hashed as they come, kept or discarded as a whole."""
 
     def __init__(self, part: Path, kept: Path, max_bytes: int) -> None:
         self._part, self._kept, self._max_bytes = part, kept, max_bytes
@@ -43,7 +43,7 @@ class FolderUpload:
         self.size_bytes = 0
 
     def write(self, chunk: bytes) -> None:
-        """Take the next bytes.
+        """Write the next bytes.
 
         Raises
         ------
@@ -53,12 +53,12 @@ class FolderUpload:
         if self.size_bytes > self._max_bytes:
             raise too_large(self.size_bytes, self._max_bytes)
         self._sha256.update(chunk)
-        with name_full_disk():
+        with translate_disk_full():
             self._file.write(chunk)
 
     def keep(self) -> StoredRecording:
         """Make the bytes durable under their final name."""
-        with name_full_disk():
+        with translate_disk_full():
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
@@ -75,45 +75,45 @@ class FolderUpload:
 
 @dataclass(frozen=True, slots=True)
 class FolderStorage:
-    """A folder of recordings and reports on this machine."""
+    """A folder of recordings and reports on this machine; ``Storage`` documents the methods."""
 
     root: Path
-    verdicts: Verdicts = field(default_factory=Verdicts, compare=False, repr=False)
+    verified: VerifiedFiles = field(default_factory=VerifiedFiles, compare=False, repr=False)
 
     @property
-    def is_near(self) -> bool:
-        """Files are read in their place."""
+    def is_local(self) -> bool:
+        """Files are read in place."""
         return True
 
     def prepare(self) -> None:
-        """Make the folders."""
+        """Create missing folders."""
         for name in ("uploads", "recordings", "analyses"):
             make_folder(self.root / name)
 
     def identify(self) -> str:
-        """Give the name of this folder's contents, written in it once for all."""
-        return name_once(self.root / "store.id", "folder")
+        """Give the permanent id of this folder's contents; the first call creates it."""
+        return read_or_create_id(self.root / "store.id", "folder")
 
     def open_upload(self, max_bytes: int) -> FolderUpload:
-        """Start taking a recording under a new name."""
+        """Start an upload of a recording under a new name."""
         name = f"rec_{secrets.token_hex(8)}"
-        with name_full_disk():
+        with translate_disk_full():
             return FolderUpload(self.root / "uploads" / f"{name}.part", self.recording(name), max_bytes)
 
     def recording(self, recording_id: str) -> Path:
-        """Path of a kept recording."""
+        """Give the path of a recording."""
         return self.root / "recordings" / recording_id
 
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
         """Give a durable file of this disk a second name, as a recording; the caller removes the first."""
         stored = StoredRecording(f"rec_{secrets.token_hex(8)}", sha256, size_bytes)
-        with name_full_disk():
+        with translate_disk_full():
             os.link(path, self.recording(stored.id))
             sync_folder(self.root / "recordings")
         return stored
 
     def fetch(self, name: str) -> Fetched:
-        """Give the file itself, whatever it holds."""
+        """Give the file itself, unverified."""
         mark = read_mark(self.root / name)
         return Fetched(self.root / name, mark, mark)
 
@@ -129,19 +129,19 @@ class FolderStorage:
     def drop_recording(self, recording_id: str) -> None:
         """Remove a recording, then its side file; no harm when they are gone."""
         for name in (recording_id, f"{recording_id}{SIDE_SUFFIX}"):
-            if self.recording(name).is_dir():  # not of our making
-                self.set_aside(name)
+            if self.recording(name).is_dir():  # not ours
+                self.quarantine(name)
             self.recording(name).unlink(missing_ok=True)
         for path in (self.root / "quarantine").glob(f"{recording_id}.*{SIDE_SUFFIX}"):
             path.unlink()
         sync_folder(self.root / "recordings")
 
     def put(self, path: Path, name: str) -> None:
-        """Copy a file into its place, whole or not at all."""
+        """Copy a file to its name in the store, whole or not at all."""
         kept = self.root / name
         make_folder(kept.parent)
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
-        with name_full_disk():
+        with translate_disk_full():
             shutil.copyfile(path, part)
             sync_file(part)
             part.rename(kept)
@@ -149,25 +149,25 @@ class FolderStorage:
             sync_folder(folder)
 
     def attempt(self, analysis_id: str, token: str) -> Path:
-        """Folder of one attempt's files."""
+        """Give the folder of one attempt's files."""
         return self.root / "analyses" / analysis_id / token
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
-        """Make that folder, empty."""
+        """Create that folder, empty."""
         folder = self.attempt(analysis_id, token)
-        with name_full_disk():
+        with translate_disk_full():
             make_folder(folder.parent)
             folder.mkdir(mode=FOLDER_MODE)
         return folder
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
-        """Nothing to do: the attempt has sealed its own folder, and that is the place."""
+        """Do nothing: the attempt has made its files durable, in their final folder."""
 
-    def give_back(self, path: Path) -> None:
-        """Leave the file where it is kept."""
+    def release(self, path: Path) -> None:
+        """Do nothing: the file is no copy."""
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
-        """Remove what an attempt that does not count has left."""
+        """Remove the files of an attempt that does not count."""
         shutil.rmtree(self.attempt(analysis_id, token), ignore_errors=True)
 
     def drop_analysis(self, analysis_id: str) -> None:
@@ -175,31 +175,31 @@ class FolderStorage:
         shutil.rmtree(self.root / "analyses" / analysis_id, ignore_errors=True)
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
-        """Refuse before the first byte what would fill the disk.
+        """Refuse an upload that would fill the disk, before its first byte.
 
         Raises
         ------
         DiskFull
-            When less is free than ``min_free_bytes`` or three times the announced length.
+            Less is free than ``min_free_bytes`` or three times the announced length.
         """
         check_free(self.root, max(min_free_bytes, 3 * expected_bytes))
 
-    def list_names(self) -> Iterator[str]:
-        """Name every recording and every result that is kept."""
+    def find_names(self) -> Iterator[str]:
+        """Give the name of every stored recording and result."""
         for kind in ("recordings", "analyses"):
             for path in (self.root / kind).rglob("*"):
                 if path.is_file():
                     yield path.relative_to(self.root).as_posix()
 
-    def list_recordings(self) -> frozenset[str]:
-        """Name everything that lies among the recordings, side files too."""
+    def find_recordings(self) -> frozenset[str]:
+        """Give every name among the recordings, those of side files too."""
         with os.scandir(self.root / "recordings") as entries:
             return frozenset(entry.name for entry in entries)
 
     def write_small(self, name: str, content: bytes) -> None:
         """Write a small file, durably, whole or not at all."""
         part = self.root / "uploads" / f"{secrets.token_hex(8)}.part"
-        with name_full_disk():
+        with translate_disk_full():
             make_folder((self.root / name).parent)
             with create_file(part) as file:
                 file.write(content)
@@ -211,11 +211,11 @@ class FolderStorage:
         """Read a small file; None where there is none."""
         path = self.root / name
         try:
-            return path.read_bytes() if path.is_file() else None  # a pipe of a stranger would hold us
+            return path.read_bytes() if path.is_file() else None  # a foreign pipe would block
         except FileNotFoundError:
             return None
 
-    def set_aside(self, name: str) -> bool:
+    def quarantine(self, name: str) -> bool:
         """Move an unknown entry of the recordings into quarantine, under a name that is free there."""
         quarantine = self.root / "quarantine"
         make_folder(quarantine)
@@ -227,26 +227,26 @@ class FolderStorage:
         sync_folder(self.root / "recordings")
         return True
 
-    def take_back(self, name: str) -> bool:
+    def unquarantine(self, name: str) -> bool:
         """Move a recording back from quarantine."""
         (self.root / "quarantine" / name).rename(self.recording(name))
         sync_folder(self.root / "recordings")
         return True
 
-    def list_quarantine(self) -> tuple[str, ...]:
-        """Name what lies in quarantine."""
+    def find_quarantined(self) -> tuple[str, ...]:
+        """Give the names of everything in quarantine."""
         try:
             return tuple(sorted(os.listdir(self.root / "quarantine")))  # noqa: PTH208 - names are all we need
         except FileNotFoundError:
             return ()
 
-    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+    def find_attempts(self) -> tuple[tuple[str, str], ...]:
         """Give the folders of attempts: (analysis, token)."""
         folders = (path for path in (self.root / "analyses").glob("*/*") if path.is_dir())
         return tuple((path.parent.name, path.name) for path in folders)
 
     def drop_temporary(self, min_age_s: float) -> int:
-        """Remove temporary files of our own making that nobody has written to for so long."""
+        """Remove our temporary files that nobody has written to for so long; gives their number."""
         newest_s = time.time() - min_age_s
         old = [
             path

@@ -1,10 +1,10 @@
-"""The bytes of uploads that may be broken off and gone on with (tus): one growing file for each.
+"""The bytes of resumable uploads (tus): one growing file for each.
 
     root/incoming/<upload>
-    root/incoming/<upload>.tail     the file's last bytes, sent ahead to tell when the recording ends
+    root/incoming/<upload>.tail     the file's last bytes, sent ahead to show when the recording ends
 
-Nothing here is a recording. The row of the upload says how many of the bytes count: what stands behind them
-was written but never acknowledged, and is cut off before more is taken.
+Nothing here is a recording. The row of the upload states how many of the bytes count: bytes after them were
+written but never acknowledged, and are cut off before more are written.
 """
 
 import hashlib
@@ -20,18 +20,18 @@ from pathlib import Path
 from typing import IO
 
 from app.errors import TooMany
-from app.storage.store import hash_file, name_full_disk, sync_folder
+from app.storage.store import hash_file, sync_folder, translate_disk_full
 
 TAIL_SUFFIX = ".tail"
-"""The last bytes of a file lie beside its first ones, in a file of this ending."""
+"""The suffix of the file that holds the last bytes, beside the one that holds the first."""
 _OWN_NAME = re.compile(r"(up_[0-9a-f]{28,32})(\.\w+)?")
 
 
 class GrowingFile:
-    """The file of one upload, open at the place where the next byte goes."""
+    """The file of one upload, open at its offset."""
 
     def __init__(self, path: Path, offset_bytes: int) -> None:
-        with name_full_disk():
+        with translate_disk_full():
             is_new = not path.exists()
             self._file: IO[bytes] = path.open("r+b" if not is_new else "xb")
             self._file.truncate(offset_bytes)
@@ -40,44 +40,44 @@ class GrowingFile:
         self.offset_bytes = offset_bytes
 
     def write(self, chunk: bytes) -> None:
-        """Take the next bytes.
+        """Write the next bytes.
 
         Raises
         ------
         DiskFull
         """
-        with name_full_disk():
+        with translate_disk_full():
             self._file.write(chunk)
         self.offset_bytes += len(chunk)
 
     def flush(self) -> int:
-        """Hand every byte taken so far to the system; gives where the file then ends."""
-        with name_full_disk():
+        """Hand every written byte to the system; gives the offset after them."""
+        with translate_disk_full():
             self._file.flush()
         return self.offset_bytes
 
     def sync(self) -> None:
-        """Make every byte durable that was flushed; more may be written meanwhile."""
-        with name_full_disk():
+        """Make every flushed byte durable; more may be written meanwhile."""
+        with translate_disk_full():
             os.fsync(self._file.fileno())
             if self._folder is not None:
                 sync_folder(self._folder)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
 
 
 @dataclass(slots=True)
-class Turns:
-    """How many uploads are taken at once: each costs memory while its bytes come. For one thread."""
+class UploadSlots:
+    """Limits how many uploads run at once: each costs memory while its bytes arrive. For one thread."""
 
     most: int
     taken: int = 0
 
     @contextmanager
     def take(self) -> Iterator[None]:
-        """Be one of them until the end of the block.
+        """Hold a slot until the end of the block.
 
         Raises
         ------
@@ -94,7 +94,7 @@ class Turns:
 
 @dataclass(slots=True)
 class _Running:
-    """The hash of an upload's first bytes, so that a finished one need not be read again."""
+    """The hash of an upload's first bytes, so that a finished upload need not be read again."""
 
     sha256: "hashlib._Hash"
     offset_bytes: int
@@ -102,7 +102,7 @@ class _Running:
 
 @dataclass(frozen=True, slots=True)
 class Incoming:
-    """The folder of growing files, and who writes to which just now."""
+    """The folder of growing files, and the uploads that have a writer now."""
 
     folder: Path
     _busy: set[str] = field(default_factory=set)
@@ -110,34 +110,34 @@ class Incoming:
     _guard: threading.Lock = field(default_factory=threading.Lock)
 
     def prepare(self) -> None:
-        """Make the folder."""
+        """Create the folder."""
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     def path(self, upload_id: str) -> Path:
-        """Where the bytes of an upload are."""
+        """Give the path of an upload's bytes."""
         return self.folder / upload_id
 
     def measure(self, upload_id: str) -> int:
-        """Say how many bytes of an upload are on the disk."""
+        """Give the number of an upload's bytes that are on the disk."""
         try:
             return self.path(upload_id).stat().st_size
         except FileNotFoundError:
             return 0
 
-    def take(self, upload_id: str) -> bool:
-        """Become the one writer of an upload; False while another is."""
+    def acquire(self, upload_id: str) -> bool:
+        """Become the only writer of an upload; False while there is another."""
         with self._guard:
             is_free = upload_id not in self._busy
             self._busy.add(upload_id)
             return is_free
 
-    def let_go(self, upload_id: str) -> None:
-        """Let another write."""
+    def release(self, upload_id: str) -> None:
+        """Cease to be the writer of an upload."""
         with self._guard:
             self._busy.discard(upload_id)
 
-    def follow(self, upload_id: str, offset_bytes: int, chunk: bytes) -> None:
-        """Hash bytes that begin at an offset, where the hash of all before is known."""
+    def hash_chunk(self, upload_id: str, offset_bytes: int, chunk: bytes) -> None:
+        """Hash bytes that begin at an offset, where the hash of all bytes before it is known."""
         running = self._hashes.get(upload_id)
         if offset_bytes == 0:
             running = self._hashes[upload_id] = _Running(hashlib.sha256(), 0)
@@ -150,14 +150,14 @@ class Incoming:
         running.offset_bytes += len(chunk)
 
     def hash(self, upload_id: str, size_bytes: int) -> str:
-        """Give the SHA-256 of a whole upload; read again only when the server was restarted meanwhile."""
+        """Give the SHA-256 of a whole upload; it is read again only after a restart of the server."""
         running = self._hashes.get(upload_id)
         if running is not None and running.offset_bytes == size_bytes:
             return running.sha256.hexdigest()
         return hash_file(self.path(upload_id))
 
     def keep_tail(self, upload_id: str, tail: bytes) -> None:
-        """Keep the last bytes of a file whose upload is under way; whoever reads them reads them whole.
+        """Keep the last bytes of a file whose upload is under way, whole or not at all.
 
         Raises
         ------
@@ -165,14 +165,14 @@ class Incoming:
         """
         part = self.folder / f"{upload_id}.{secrets.token_hex(8)}"
         try:
-            with name_full_disk():
+            with translate_disk_full():
                 part.write_bytes(tail)
                 part.replace(self._tail_path(upload_id))
         finally:
             part.unlink(missing_ok=True)
 
     def read_tail(self, upload_id: str) -> bytes | None:
-        """Give the last bytes of a file, None where they were not sent ahead."""
+        """Give the last bytes of a file; None where they were not sent ahead."""
         try:
             return self._tail_path(upload_id).read_bytes()
         except FileNotFoundError:
@@ -194,7 +194,7 @@ class Incoming:
     def sweep(self, growing: Collection[str], known: Collection[str], min_age_s: float) -> int:
         """Remove the files of known uploads that have ended, and old ones of unknown uploads.
 
-        A stranger's file is left alone. Returns how many were removed.
+        Any file that is not ours is left alone. Returns how many were removed.
         """
         newest_s = time.time() - min_age_s
         stale = [

@@ -1,4 +1,4 @@
-"""Which store the settings name, and what is loaded only for many machines."""
+"""Open the store of the settings; modules for many machines are loaded only on demand."""
 
 import importlib
 from types import ModuleType
@@ -23,7 +23,7 @@ def open_storage(settings: Settings) -> Storage:
 
 
 def load_extra(module: str) -> ModuleType:
-    """Load a module of ours whose libraries are only in the extra ``many``.
+    """Load a module of ours that needs the libraries of the extra ``many``.
 
     Raises
     ------

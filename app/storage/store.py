@@ -1,16 +1,16 @@
-"""Where recordings and reports are kept, and how a file becomes durable.
+"""The interface of the two stores, how stored files are verified, and how a file becomes durable.
 
     root/uploads/<recording>.part        bytes still arriving
     root/recordings/<recording>          bytes whose arrival was acknowledged
-    root/recordings/<recording>.json     its side file: what the rows say of it (:mod:`app.jobs.side_files`)
-    root/quarantine/<name>               what lay among the recordings and is unknown; only people remove it
-    root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row says which attempt counts
+    root/recordings/<recording>.json     its side file: a copy of its rows (:mod:`app.jobs.side_files`)
+    root/quarantine/<name>               unknown entries of the recordings; only people remove them
+    root/analyses/<analysis>/<attempt>/  the files of one attempt; the job row states which attempt counts
 
-Where many machines work together, recordings and results are objects in a bucket instead
-(:mod:`app.storage.bucket`), under the same names; the folder then only holds work in hand.
+With many machines, recordings and results are objects in a bucket instead (:mod:`app.storage.bucket`), under
+the same names; the folder then only holds temporary files.
 
-Names on disk are made here; a person's file name is never one. A file counts from the moment its row is
-committed, and it is on the disk before: write, fsync, rename, fsync of the folder, commit, answer.
+The program makes every name on disk; a person's file name is never one. A file counts from the moment its row
+is committed, and it is on the disk before: write, fsync, rename, fsync of the folder, commit, response.
 """
 
 import errno
@@ -48,19 +48,19 @@ if sys.platform != "win32":
 
 COPY_BYTES = 1 << 20
 SIDE_SUFFIX = ".json"
-VERDICT_TERM_S = 3600.0
-MOST_VERDICTS = 100_000
-GLANCE_BYTES = 512 << 20
-"""Largest recording that is read whole to show a page; a second of work at most, once an hour."""
+VERIFIED_TERM_S = 3600.0
+MOST_VERIFIED = 100_000
+MOST_READ_FOR_PAGE_BYTES = 512 << 20
+"""Largest recording that is read whole to show a page: at most a second of work, once an hour."""
 UNREADABLE = frozenset(
     {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EIO}
 )
-"""What the system says of a file that is gone, is none, or lies on a broken disk."""
+"""The system's error numbers for a file that is missing, is no file, or lies on a broken disk."""
 
 logger = logging.getLogger(__name__)
 
 Mark = tuple[int | str, ...]
-"""What changes when stored bytes change: size, time and inode of a file, size and ETag of an object."""
+"""It changes when stored bytes change: size, time and inode of a file, size and ETag of an object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,18 +83,18 @@ class ResultFile:
 
 @dataclass(frozen=True, slots=True)
 class Fetched:
-    """A stored file, not compared yet; ``mark`` is that of the store, ``own_mark`` that of ``path``."""
+    """A stored file, not verified yet; ``mark`` is that of the store, ``own_mark`` that of ``path``."""
 
     path: Path
     mark: Mark
     own_mark: Mark
 
 
-class Verdicts:
-    """Which stored files were found to be what their rows say.
+class VerifiedFiles:
+    """The stored files whose bytes were found to match the SHA-256 of their rows.
 
-    A verdict counts for an hour at most, in this process, and until the mark changes. Damage is not
-    remembered, so that a file that was put right is served at once.
+    A verification counts for an hour at most, in this process, and until the mark changes. Damage is not
+    remembered, so that a repaired file is served at once.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -102,27 +102,29 @@ class Verdicts:
         self._whole: dict[str, tuple[str, Mark, float]] = {}
 
     def is_known(self, name: str, sha256: str, mark: Mark) -> bool:
-        """Tell whether the file was found whole a short while ago and has not changed since."""
+        """Tell whether the file was verified within the last hour and has not changed since."""
         with self._lock:
             known = self._whole.get(name)
-        return known is not None and known[:2] == (sha256, mark) and self._clock() - known[2] < VERDICT_TERM_S
+        return (
+            known is not None and known[:2] == (sha256, mark) and self._clock() - known[2] < VERIFIED_TERM_S
+        )
 
     def remember(self, name: str, sha256: str, mark: Mark) -> None:
-        """Remember that the file is whole; the oldest verdict goes where there are too many."""
+        """Remember that the file is verified; the oldest one is dropped where there are too many."""
         with self._lock:
             self._whole.pop(name, None)
             self._whole[name] = (sha256, mark, self._clock())
-            if len(self._whole) > MOST_VERDICTS:
+            if len(self._whole) > MOST_VERIFIED:
                 del self._whole[next(iter(self._whole))]
 
 
 class Upload(Protocol):
-    """Bytes on their way in, hashed as they come."""
+    """Bytes that arrive, hashed as they come."""
 
     size_bytes: int
 
     def write(self, chunk: bytes) -> None:
-        """Take the next bytes. Raises FileTooLarge, DiskFull, StoreAway."""
+        """Write the next bytes. Raises FileTooLarge, DiskFull, StoreAway."""
 
     def keep(self) -> StoredRecording:
         """Make the bytes durable under their final name."""
@@ -132,38 +134,38 @@ class Upload(Protocol):
 
 
 class Storage(Protocol):
-    """Where recordings and results are: a folder, or a bucket with a folder for the work in hand.
+    """The store of recordings and results: a folder, or a bucket with a folder for temporary files.
 
-    What is fetched is a file on this machine; give it back when done with it. :meth:`fetch` compares nothing:
-    whoever shows or computes anything goes by :func:`borrow_recording` and :func:`borrow_result`.
+    :meth:`fetch` gives a file on this machine, which the caller releases. It verifies nothing: whatever is
+    shown or computed goes through :func:`borrow_recording` and :func:`borrow_result`.
     """
 
     @property
-    def verdicts(self) -> Verdicts:
-        """Which files were found whole."""
+    def verified(self) -> VerifiedFiles:
+        """The files that were verified."""
 
     @property
-    def is_near(self) -> bool:
-        """Files can be read in their place; else each reading is a copy."""
+    def is_local(self) -> bool:
+        """Files can be read in place; else each reading is a copy."""
 
     @property
     def root(self) -> Path:
         """The folder of this machine."""
 
     def prepare(self) -> None:
-        """Make what is not there; find out early that the place does not answer."""
+        """Create missing folders; fail early where the store does not answer."""
 
     def identify(self) -> str:
-        """Give the name of this very store, made once for all."""
+        """Give the permanent id of this store; the first call creates it."""
 
     def open_upload(self, max_bytes: int) -> Upload:
-        """Start taking a recording under a new name."""
+        """Start an upload of a recording under a new name."""
 
     def adopt(self, path: Path, sha256: str, size_bytes: int) -> StoredRecording:
-        """Take a durable file of this machine as a recording; the caller removes it after the commit."""
+        """Store a durable file of this machine as a recording; the caller removes it after the commit."""
 
     def fetch(self, name: str) -> Fetched:
-        """Give a file by its name in the store, whatever it holds. Raises FileNotFoundError, StoreAway."""
+        """Give a file by its name in the store, unverified. Raises FileNotFoundError, StoreAway."""
 
     def find_mark(self, name: str) -> Mark | None:
         """Give the mark of a file, its size first; None where there is none."""
@@ -172,31 +174,31 @@ class Storage(Protocol):
         """Remove a recording, then its side file; no harm when they are gone."""
 
     def put(self, path: Path, name: str) -> None:
-        """Take a durable file of this machine under a name of the store (``recordings/...``)."""
+        """Store a durable file of this machine under a name of the store (``recordings/...``)."""
 
     def open_attempt(self, analysis_id: str, token: str) -> Path:
-        """Make an empty folder on this machine for the files of one attempt."""
+        """Create an empty folder on this machine for the files of one attempt."""
 
     def keep_attempt(self, analysis_id: str, token: str) -> None:
-        """Make the attempt's files readable from every machine, before its row says that it counts."""
+        """Make the attempt's files readable from every machine, before its row states that it counts."""
 
     def drop_attempt(self, analysis_id: str, token: str) -> None:
-        """Remove what an attempt that does not count has left."""
+        """Remove the files of an attempt that does not count."""
 
     def drop_analysis(self, analysis_id: str) -> None:
         """Remove every file of an analysis."""
 
-    def give_back(self, path: Path) -> None:
-        """Let go of a fetched file."""
+    def release(self, path: Path) -> None:
+        """End the use of a fetched file; a copy is removed."""
 
     def check_space(self, expected_bytes: int, min_free_bytes: int) -> None:
-        """Refuse before the first byte what would fill the disk. Raises DiskFull."""
+        """Refuse an upload that would fill the disk, before its first byte. Raises DiskFull."""
 
-    def list_names(self) -> Iterator[str]:
-        """Name every recording and every result that is kept, as :meth:`put` takes them."""
+    def find_names(self) -> Iterator[str]:
+        """Give the name of every stored recording and result, as :meth:`put` takes them."""
 
-    def list_recordings(self) -> frozenset[str]:
-        """Name everything that lies among the recordings, side files too."""
+    def find_recordings(self) -> frozenset[str]:
+        """Give every name among the recordings, those of side files too."""
 
     def write_small(self, name: str, content: bytes) -> None:
         """Write a small file under a name of the store, durably, whole or not at all."""
@@ -204,78 +206,78 @@ class Storage(Protocol):
     def read_small(self, name: str) -> bytes | None:
         """Read a small file of the store; None where there is none."""
 
-    def set_aside(self, name: str) -> bool:
+    def quarantine(self, name: str) -> bool:
         """Move an unknown entry of the recordings into quarantine; False where the store leaves it in place.
 
-        A bucket does: another machine may be about to write the row.
+        A bucket leaves it: another machine may be about to write the row.
         """
 
-    def take_back(self, name: str) -> bool:
-        """Move a recording back from quarantine; False where the store has moved none there."""
+    def unquarantine(self, name: str) -> bool:
+        """Move a recording back from quarantine; False where the store never quarantines recordings."""
 
-    def list_quarantine(self) -> tuple[str, ...]:
-        """Name what lies in quarantine."""
+    def find_quarantined(self) -> tuple[str, ...]:
+        """Give the names of everything in quarantine."""
 
-    def list_attempts(self) -> tuple[tuple[str, str], ...]:
+    def find_attempts(self) -> tuple[tuple[str, str], ...]:
         """Give the folders of attempts on this machine: (analysis, token)."""
 
     def drop_temporary(self, min_age_s: float) -> int:
-        """Remove temporary files of uploads that nobody has written to for so long; gives their number."""
+        """Remove temporary files that nobody has written to for so long; gives their number."""
 
 
 @contextmanager
 def borrow_result(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> Iterator[Path]:
-    """Lend a result whose bytes are what its row says.
+    """Give a result for the length of the block, verified against the SHA-256 of its row.
 
     Raises
     ------
     ResultDamaged
-        It is missing or altered, or was altered while it was lent.
+        It is missing or altered, or was altered during the block.
     """
     damaged = ResultDamaged(name=file.name, analysis=analysis_id)
-    with _borrow(storage, name_result(analysis_id, token, file.name), file.sha256, damaged) as path:
+    with _borrow(storage, format_result_name(analysis_id, token, file.name), file.sha256, damaged) as path:
         yield path
 
 
 @contextmanager
 def borrow_recording(storage: Storage, recording_id: str, sha256: str) -> Iterator[Path]:
-    """Lend a recording whose bytes are what its row says.
+    """Give a recording for the length of the block, verified against the SHA-256 of its row.
 
     Raises
     ------
     StoreDamaged
-        It is missing or altered, or was altered while it was lent.
+        It is missing or altered, or was altered during the block.
     """
-    with _borrow(storage, name_recording(recording_id), sha256, StoreDamaged()) as path:
+    with _borrow(storage, format_recording_name(recording_id), sha256, StoreDamaged()) as path:
         yield path
 
 
 def is_result_whole(storage: Storage, analysis_id: str, token: str, file: ResultFile) -> bool:
-    """Tell whether a result is there and what its row says; reads it unless a verdict is remembered."""
-    return _is_whole(storage, name_result(analysis_id, token, file.name), file.sha256)
+    """Tell whether a result is there and matches its row; reads it unless a verification is remembered."""
+    return _is_whole(storage, format_result_name(analysis_id, token, file.name), file.sha256)
 
 
 def is_recording_whole(storage: Storage, recording_id: str, sha256: str) -> bool:
-    """Tell whether a recording is there and what its row says; reads it unless a verdict is remembered."""
-    return _is_whole(storage, name_recording(recording_id), sha256)
+    """Tell whether a recording is there and matches its row; reads it unless a verification is remembered."""
+    return _is_whole(storage, format_recording_name(recording_id), sha256)
 
 
 def seems_whole(storage: Storage, stored: StoredRecording) -> bool:
-    """Tell the same of a recording whose page is shown: by its size alone where reading would take long."""
-    mark = storage.find_mark(name_recording(stored.id))
+    """Tell the same of a recording whose page is shown, by its size alone where reading would take long."""
+    mark = storage.find_mark(format_recording_name(stored.id))
     if mark is None or mark[0] != stored.size_bytes:
         return False
-    is_read = storage.is_near and stored.size_bytes <= GLANCE_BYTES
+    is_read = storage.is_local and stored.size_bytes <= MOST_READ_FOR_PAGE_BYTES
     return not is_read or is_recording_whole(storage, stored.id, stored.sha256)
 
 
-def name_recording(recording_id: str) -> str:
-    """Name a recording in the store."""
+def format_recording_name(recording_id: str) -> str:
+    """Give the name of a recording in the store."""
     return f"recordings/{recording_id}"
 
 
-def name_result(analysis_id: str, token: str, name: str) -> str:
-    """Name a result in the store."""
+def format_result_name(analysis_id: str, token: str, name: str) -> str:
+    """Give the name of a result in the store."""
     return f"analyses/{analysis_id}/{token}/{name}"
 
 
@@ -285,7 +287,7 @@ def read_mark(path: Path) -> Mark:
     Raises
     ------
     FileNotFoundError
-        Also for what is there and is no file.
+        Also for a folder, a device or a pipe.
     """
     status = path.stat()
     if not S_ISREG(status.st_mode):
@@ -295,24 +297,24 @@ def read_mark(path: Path) -> Mark:
 
 @contextmanager
 def _borrow(storage: Storage, name: str, sha256: str, damaged: AppError) -> Iterator[Path]:
-    """Lend a file after its bytes were compared, and see at the end that they are still the same."""
-    with _name_damage(name, damaged):
+    """Verify a file, give it, and check at the end that it has not changed."""
+    with _translate_read_errors(name, damaged):
         fetched = storage.fetch(name)
     try:
-        if not storage.verdicts.is_known(name, sha256, fetched.mark):
+        if not storage.verified.is_known(name, sha256, fetched.mark):
             _compare(fetched, name, sha256, damaged)
-            storage.verdicts.remember(name, sha256, fetched.mark)
+            storage.verified.remember(name, sha256, fetched.mark)
         yield fetched.path
-        with _name_damage(name, damaged):
+        with _translate_read_errors(name, damaged):
             is_same = read_mark(fetched.path) == fetched.own_mark
         if not is_same:
             _compare(fetched, name, sha256, damaged)
     finally:
-        storage.give_back(fetched.path)
+        storage.release(fetched.path)
 
 
 def _compare(fetched: Fetched, name: str, sha256: str, damaged: AppError) -> None:
-    with _name_damage(name, damaged):
+    with _translate_read_errors(name, damaged):
         found = hash_file(fetched.path)
     if found != sha256:
         logger.error("%s is damaged: its row says SHA-256 %s, its bytes %s", name, sha256, found)
@@ -320,8 +322,8 @@ def _compare(fetched: Fetched, name: str, sha256: str, damaged: AppError) -> Non
 
 
 @contextmanager
-def _name_damage(name: str, damaged: AppError) -> Iterator[None]:
-    """Turn a file that is gone or cannot be read into a refusal with a code."""
+def _translate_read_errors(name: str, damaged: AppError) -> Iterator[None]:
+    """Turn a missing or unreadable file into a refusal with a code."""
     try:
         yield
     except OSError as error:
@@ -333,7 +335,7 @@ def _name_damage(name: str, damaged: AppError) -> Iterator[None]:
 
 def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
     mark = storage.find_mark(name)
-    if mark is None or storage.verdicts.is_known(name, sha256, mark):
+    if mark is None or storage.verified.is_known(name, sha256, mark):
         return mark is not None
     try:
         with _borrow(storage, name, sha256, StoreDamaged()):
@@ -343,7 +345,7 @@ def _is_whole(storage: Storage, name: str, sha256: str) -> bool:
 
 
 class FolderLock:
-    """Held by the one server of a data folder; the system lets go of it when the process ends."""
+    """Held by the one server of a data folder; the system releases it when the process ends."""
 
     def __init__(self, root: Path) -> None:
         self._file = (root / "server.lock").open("w")
@@ -355,12 +357,12 @@ class FolderLock:
                 raise FolderTaken(folder=str(root)) from error
 
     def release(self) -> None:
-        """Let another server in."""
+        """Release the lock."""
         self._file.close()
 
 
 def seal_folder(folder: Path) -> tuple[ResultFile, ...]:
-    """Make every file of a folder durable and say what each holds."""
+    """Make every file of a folder durable; gives name, SHA-256 and size of each."""
     files = tuple(_seal_file(path) for path in sorted(folder.iterdir()))
     for changed in (folder, folder.parent, folder.parent.parent):
         sync_folder(changed)
@@ -394,8 +396,8 @@ def write_durably(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
-def name_once(path: Path, kind: str) -> str:
-    """Give the name that stands in a small file, made up when it is first asked for."""
+def read_or_create_id(path: Path, kind: str) -> str:
+    """Give the id in a small file; the first call creates it."""
     if not path.exists():
         write_durably(path, f"{kind}-{secrets.token_hex(8)}".encode())
     return path.read_text()
@@ -418,19 +420,19 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def name_side(recording_id: str) -> str:
-    """Name the side file of a recording in the store."""
+def format_side_file_name(recording_id: str) -> str:
+    """Give the name of a recording's side file in the store."""
     return f"recordings/{recording_id}{SIDE_SUFFIX}"
 
 
 def too_large(size_bytes: int, max_bytes: int) -> FileTooLarge:
-    """Say it in gigabytes, as people do."""
+    """Build the refusal of a file that is too large, in gigabytes."""
     return FileTooLarge(n=round(size_bytes / 1e9, 4), max=round(max_bytes / 1e9, 4))
 
 
 @contextmanager
-def name_full_disk() -> Iterator[None]:
-    """Turn "no space left" into a refusal with a code; let every other error through."""
+def translate_disk_full() -> Iterator[None]:
+    """Turn "no space left" into a refusal with a code; every other error passes unchanged."""
     try:
         yield
     except OSError as error:
@@ -449,10 +451,10 @@ _FOLDER_TROUBLE: Mapping[int, type[FolderUnusable]] = {
 
 
 @contextmanager
-def name_folder_trouble(folder: Path) -> Iterator[None]:
-    """Turn an error of the system about a data folder, or anything in it, into a refusal with a code."""
+def translate_folder_errors(folder: Path) -> Iterator[None]:
+    """Turn a system error about a data folder, or anything in it, into a refusal with a code."""
     try:
-        with name_full_disk():
+        with translate_disk_full():
             yield
     except OSError as error:
         place = Path(os.fsdecode(error.filename)) if isinstance(error.filename, (str, bytes)) else folder
@@ -463,13 +465,13 @@ def name_folder_trouble(folder: Path) -> Iterator[None]:
 
 
 def check_folder(folder: Path) -> None:
-    """See that a data folder, and each folder of ours in it, can be written.
+    """Check that a data folder, and each folder of ours in it, can be written.
 
     Raises
     ------
     FolderUnusable, DiskFull
     """
-    with name_folder_trouble(folder):
+    with translate_folder_errors(folder):
         for name in ("", "uploads", "recordings", "analyses", "incoming"):
             place = folder / name
             if place.is_dir() or not name:

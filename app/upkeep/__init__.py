@@ -1,1 +1,1 @@
-"""Looking after an installation: backup, restore, verify, doctor."""
+"""Upkeep of an installation: backup, restore, verify, recover, doctor."""

@@ -1,15 +1,15 @@
-"""A backup: one ZIP with every row and every file, made while the server runs.
+"""Back up and restore: one ZIP with every row and every file, made while the server runs.
 
     manifest.json            {"format": "acromion.backup/1", "revision", "version", "made_at",
                               "faults": [{"name", "finding": "missing" or "damaged"}]}
-    rows/<table>.jsonl       one row a line, as one moment saw them all
+    rows/<table>.jsonl       one row a line, all of one transaction
     files/recordings/<id>    files/analyses/<analysis>/<attempt>/<name>
 
-Files never change once a row promises them, so those of the moment's rows can be copied afterwards. One
-that was purged meanwhile makes the backup start again. One that is damaged is copied as it is; the manifest
-names it, and those that are missing. Later releases read the format: rows are put into tables of the
-backup's own revision, which are then migrated. Releases before "faults" refuse to restore a backup that has
-any, and read every other.
+Files never change once a row promises them, so that they can be copied after the rows were read. A file that
+is purged meanwhile makes the backup start again. A damaged file is copied as it is; the manifest lists
+damaged and missing files. Later releases read the format: rows are inserted into tables of the backup's own
+revision, which are then migrated. Releases before "faults" refuse to restore a backup that has any, and read
+every other.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,25 +27,25 @@ from sqlalchemy import Connection, func, insert, select, text
 
 from app.errors import BackupRefused, DatabaseTooNew, NotEmpty
 from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
-from app.jobs.database.dump import read_rows, reflect_tables, settle_row, write_all_rows
+from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.migrate import upgrade
 from app.jobs.database.tables import REVISION, facts, schema_revision, uploads
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.private import FILE_MODE, create_file, make_folder
+from app.storage.permissions import FILE_MODE, create_file, make_folder
 from app.storage.store import (
     COPY_BYTES,
     SIDE_SUFFIX,
     FolderLock,
     Storage,
     hash_file,
-    name_full_disk,
     sync_file,
     sync_folder,
+    translate_disk_full,
 )
 from app.upkeep.recover import catch_up, find_unknown
-from app.upkeep.verify import Fault, KeptFile, list_files, list_kept
+from app.upkeep.verify import Fault, KeptFile, find_files, find_kept
 from app.version import software_version
 
 FORMAT = "acromion.backup/1"
@@ -61,7 +61,7 @@ class Copied:
 
 
 class _PurgedMeanwhileError(Exception):
-    """A file went together with its row while the backup was made."""
+    """A file was deleted together with its row while the backup was made."""
 
 
 def back_up(settings: Settings, path: Path) -> Copied:
@@ -70,8 +70,8 @@ def back_up(settings: Settings, path: Path) -> Copied:
     Raises
     ------
     BackupRefused
-        When ``path`` exists or cannot be written, when there is no database to back up, or when recordings
-        were purged during each of three tries.
+        ``path`` exists or cannot be written, there is no database to back up, or recordings were purged
+        during each of three tries.
     StoreAway, DiskFull
     """
     if path.exists():
@@ -88,7 +88,7 @@ def back_up(settings: Settings, path: Path) -> Copied:
 
 def _write(settings: Settings, part: Path, path: Path) -> Copied:
     part.unlink(missing_ok=True)
-    with name_full_disk():
+    with translate_disk_full():
         with _create(part) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
             manifest = _write_rows(settings, archive)
             copied = _write_files(settings, archive)
@@ -108,7 +108,7 @@ def _create(part: Path) -> IO[bytes]:
 
 
 def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> dict[str, Any]:
-    """Write all rows as one transaction sees them; gives what the manifest says of them."""
+    """Write all rows of one transaction; gives their part of the manifest."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
     if engine.dialect.name == "postgresql":
         engine = engine.execution_options(isolation_level="REPEATABLE READ")
@@ -125,30 +125,28 @@ def _write_rows(settings: Settings, archive: zipfile.ZipFile) -> dict[str, Any]:
 
 
 def _write_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
-    """Copy every promised file; one whose row went meanwhile was purged, and is no fault."""
+    """Copy every promised file.
+
+    Raises
+    ------
+    _PurgedMeanwhileError
+        A file is missing together with its row.
+    """
     storage = open_storage(settings)
     storage.prepare()
-    files = tuple(_list_promised(archive))
+    files = tuple(_read_promised(archive))
     faults = tuple(fault for file in files if (fault := _write_file(storage, archive, file)))
     if faults:
-        still = {file.name for file in list_kept(settings)}
+        still = {file.name for file in find_kept(settings)}
         if any(fault.name not in still for fault in faults):
             raise _PurgedMeanwhileError
-    unknown = tuple(Fault(f"recordings/{one}", "no_row") for one in _list_unknown(settings, storage))
-    return Copied(len(files), (*faults, *unknown))
-
-
-def _list_unknown(settings: Settings, storage: Storage) -> tuple[str, ...]:
-    """Give the recordings that the database does not know, and that are in no backup of it therefore."""
-    store = JobStore(settings.database_url)
-    try:
-        return find_unknown(store, storage).recoverable
-    finally:
-        store.close()
+    with closing(JobStore(settings.database_url)) as store:  # no backup holds a recording without a row
+        unknown = find_unknown(store, storage).recoverable
+    return Copied(len(files), (*faults, *(Fault(f"recordings/{one}", "no_row") for one in unknown)))
 
 
 def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> Fault | None:
-    """Copy a file as it is, and say what is wrong with it."""
+    """Copy a file as it is; gives its fault, None where it matches its row."""
     try:
         path = file.fetch(storage)
     except FileNotFoundError:
@@ -161,12 +159,12 @@ def _write_file(storage: Storage, archive: zipfile.ZipFile, file: KeptFile) -> F
     except (PermissionError, IsADirectoryError):
         return Fault(file.name, "damaged")
     finally:
-        storage.give_back(path)
+        storage.release(path)
     return None if sha256 == file.sha256 else Fault(file.name, "damaged")
 
 
 def _copy(source: IO[bytes], archive: zipfile.ZipFile, name: str) -> str:
-    """Copy to the end, or to where the disk cannot read on; gives the SHA-256 of what was copied."""
+    """Copy to the end, or to where the disk cannot read on; gives the SHA-256 of the copied bytes."""
     digest, about = hashlib.sha256(), zipfile.ZipInfo(f"files/{name}")
     about.external_attr = FILE_MODE << 16
     with archive.open(about, "w", force_zip64=True) as member:
@@ -179,18 +177,19 @@ def _copy(source: IO[bytes], archive: zipfile.ZipFile, name: str) -> str:
 def _read_chunk(source: IO[bytes]) -> bytes:
     try:
         return source.read(COPY_BYTES)
-    except OSError:  # a place of the disk that cannot be read
+    except OSError:  # an unreadable sector
         return b""
 
 
-def _list_promised(archive: zipfile.ZipFile) -> Iterator[KeptFile]:
+def _read_promised(archive: zipfile.ZipFile) -> Iterator[KeptFile]:
+    """Give the files that the rows of a backup promise."""
     tables = ("recordings", "analyses", "result_files")
-    return list_files(*(tuple(read_rows(archive, table)) for table in tables))
+    return find_files(*(tuple(read_rows(archive, table)) for table in tables))
 
 
 @contextmanager
 def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]]]:
-    """Open a backup; gives it with its manifest.
+    """Open a backup; gives the archive with its manifest.
 
     Raises
     ------
@@ -209,9 +208,9 @@ def open_backup(path: Path) -> Iterator[tuple[zipfile.ZipFile, Mapping[str, Any]
 
 
 def find_damage(path: Path) -> Copied:
-    """Read every byte of a backup, and name what is not as its row says.
+    """Read every byte of a backup, and find the files that do not match their rows.
 
-    What the backup itself lists is found as ``known_missing`` or ``known_damaged``.
+    Faults that the manifest lists are found as ``known_missing`` or ``known_damaged``.
 
     Raises
     ------
@@ -219,7 +218,7 @@ def find_damage(path: Path) -> Copied:
     """
     with open_backup(path) as (archive, manifest):
         known = {fault["name"] for fault in manifest.get("faults", ())}
-        files = tuple(_list_promised(archive))
+        files = tuple(_read_promised(archive))
         faults = [fault for file in files if (fault := _find_fault(archive, file, file.name in known))]
         rows = (name for name in archive.namelist() if name.startswith("rows/"))
         faults += [Fault(name, "damaged") for name in rows if not _read_member(archive, name).is_as_written]
@@ -237,22 +236,22 @@ def _find_fault(archive: zipfile.ZipFile, file: KeptFile, is_known: bool) -> Fau
 
 @dataclass(frozen=True, slots=True)
 class _Member:
-    """What a member of the ZIP holds; ``sha256`` None: it is not there, or cannot be opened."""
+    """A member of the ZIP: the digest of its bytes, None where it is missing or cannot be opened."""
 
     sha256: str | None
     is_as_written: bool
 
 
 def _ignore(_chunk: bytes) -> None:
-    """Read only."""
+    """Discard the bytes, which are read for their digest only."""
 
 
 def _read_member(archive: zipfile.ZipFile, name: str, write: Callable[[bytes], object] = _ignore) -> _Member:
-    """Hand on every byte that can be read, and compare them with the checksum of the ZIP."""
+    """Pass on every byte that can be read, and compare the bytes with the checksum of the ZIP."""
     digest, crc = hashlib.sha256(), 0
     try:
         with archive.open(name) as member:
-            member._expected_crc = None  # type: ignore[attr-defined]  # noqa: SLF001 - it would keep altered bytes back
+            member._expected_crc = None  # type: ignore[attr-defined]  # noqa: SLF001 - zipfile withholds altered bytes
             while chunk := _read_rest(member):
                 digest.update(chunk)
                 crc = zlib.crc32(chunk, crc)
@@ -270,10 +269,10 @@ def _read_rest(member: IO[bytes]) -> bytes:
 
 
 def restore(settings: Settings, path: Path) -> Copied:
-    """Put a backup into an empty database and store, what is whole and what is damaged.
+    """Restore a backup into an empty database and store, with damaged files as they are.
 
-    Files go first, then all rows in one transaction: a restore cut short has brought nothing that anybody
-    sees, and may be done again. Analyses that ran when the backup was made wait again.
+    The files are written first, then all rows in one transaction: an interrupted restore leaves nothing
+    visible, and can be repeated. Analyses that ran when the backup was made wait again.
 
     Raises
     ------
@@ -288,23 +287,16 @@ def restore(settings: Settings, path: Path) -> Copied:
             copied = _restore_files(settings, archive)
             _drop_tables(connection)
             _restore_rows(connection, archive, manifest["revision"])
-        _write_side_files(settings)
+        with closing(JobStore(settings.database_url)) as store:
+            catch_up(store, open_storage(settings))
         return copied
     finally:
         engine.dispose()
         lock.release()
 
 
-def _write_side_files(settings: Settings) -> None:
-    store = JobStore(settings.database_url)
-    try:
-        catch_up(store, open_storage(settings))
-    finally:
-        store.close()
-
-
 def _check_no_rows(connection: Connection) -> None:
-    """Refuse a database in which anything is, whatever it is; which store it belongs to does not count."""
+    """Refuse a database that holds any row, except the id of the store it belongs to."""
     found = read_revision(connection)
     if found is not None and found > REVISION:
         raise DatabaseTooNew(found=found, needed=REVISION)
@@ -325,7 +317,7 @@ def _drop_tables(connection: Connection) -> None:
 def _restore_files(settings: Settings, archive: zipfile.ZipFile) -> Copied:
     storage = open_storage(settings)
     storage.prepare()
-    files, present = tuple(_list_promised(archive)), frozenset(storage.list_names())
+    files, present = tuple(_read_promised(archive)), frozenset(storage.find_names())
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files}
     strangers = sorted(present - {file.name for file in files} - beside)
     if strangers:
@@ -340,12 +332,12 @@ def _restore_file(
     file: KeptFile,
     is_present: bool,  # noqa: FBT001
 ) -> Fault | None:
-    """Restore one file; nothing that is damaged takes the place of a file that is there."""
+    """Restore one file; a damaged copy never replaces a present file."""
     if is_present and _is_whole(storage, file):
         return None
     part = storage.root / "uploads" / "restored.part"
     try:
-        with name_full_disk(), part.open("wb") as copy:
+        with translate_disk_full(), part.open("wb") as copy:
             found = _read_member(archive, f"files/{file.name}", copy.write)
         if found.sha256 == file.sha256 or (found.sha256 is not None and not is_present):
             storage.put(part, file.name)
@@ -361,7 +353,7 @@ def _is_whole(storage: Storage, file: KeptFile) -> bool:
     try:
         return hash_file(path) == file.sha256
     finally:
-        storage.give_back(path)
+        storage.release(path)
 
 
 def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: str) -> None:
@@ -370,7 +362,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: st
     else:
         upgrade(connection, to=revision)
     for table in reflect_tables(connection):
-        rows = [settle_row(table.name, row) for row in read_rows(archive, table.name)]
+        rows = [reset_row(table.name, row) for row in read_rows(archive, table.name)]
         kept = [row for row in rows if _is_restored(table.name, row)]
         if kept:
             connection.execute(insert(table), kept)
@@ -379,7 +371,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: st
 
 
 def _is_restored(table: str, row: Mapping[str, object]) -> bool:
-    """Leave out which store the rows belonged to, and uploads under way: no byte of them is in a backup."""
+    """Exclude the id of the rows' store, and uploads under way, whose bytes are in no backup."""
     if table == uploads.name:
         return row["recording_id"] is not None
     return table != facts.name or row["name"] != "store"

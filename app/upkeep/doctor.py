@@ -1,4 +1,4 @@
-"""What on this machine would keep Acromion from working well, and the cure."""
+"""Doctor: check this machine for what would keep Acromion from working well."""
 
 import os
 import shutil
@@ -6,6 +6,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,25 +15,25 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError
-from app.jobs.database.connect import check_whole, connect, name_start_trouble, open_database
+from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.jobs.store import JobStore
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.private import make_folder
-from app.upkeep.recover import find_unknown, list_strange
-from app.upkeep.verify import find_faults, list_kept, measure_kept
+from app.storage.permissions import make_folder
+from app.upkeep.recover import find_strange, find_unknown
+from app.upkeep.verify import find_faults, find_kept, measure_kept
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
 CLOCK_SKEW_S = 30.0
 GIB = 1 << 30
 MOST_READ_BYTES = 8 * GIB
-"""Read in about half a minute."""
+"""A larger store would take more than about half a minute to read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """One check: its name (a key of the wording), whether all is well, and what was seen."""
+    """The result of one check: its name (a key of the wording), whether all is well, and facts."""
 
     name: str
     healthy: bool
@@ -40,7 +41,7 @@ class Examination:
 
 
 def examine(settings: Settings) -> Iterator[Examination]:
-    """Make every check; each stands for itself."""
+    """Make every check; none depends on another."""
     checks: tuple[Callable[[Settings], Examination], ...] = (
         _examine_folder,
         _examine_disk,
@@ -58,7 +59,7 @@ def examine(settings: Settings) -> Iterator[Examination]:
 
 
 def _examine_folder(settings: Settings) -> Examination:
-    """The folder can be written, by us alone."""
+    """Check that the folder can be written, by us alone."""
     folder = settings.data_dir
     facts = {"folder": str(folder.resolve())}
     try:
@@ -73,15 +74,15 @@ def _examine_folder(settings: Settings) -> Examination:
 
 
 def _examine_disk(settings: Settings) -> Examination:
-    free = shutil.disk_usage(_find_existing(settings.data_dir)).free
-    facts = {"free": f"{free / GIB:.1f}", "needed": f"{settings.min_free_bytes / GIB:.1f}"}
-    return Examination("disk", free >= settings.min_free_bytes, facts)
+    free_bytes = shutil.disk_usage(_find_existing(settings.data_dir)).free
+    facts = {"free": f"{free_bytes / GIB:.1f}", "needed": f"{settings.min_free_bytes / GIB:.1f}"}
+    return Examination("disk", free_bytes >= settings.min_free_bytes, facts)
 
 
 def _examine_database(settings: Settings) -> Examination:
-    """It answers, and its tables are ours."""
+    """Check that the database answers, and that its tables are ours."""
     try:
-        with name_start_trouble(settings):
+        with translate_start_errors(settings):
             check_whole(settings.database_url)
             engine = open_database(settings.database_url)
             engine.dispose()
@@ -106,13 +107,10 @@ def _examine_store(settings: Settings) -> Examination:
 
 
 def _examine_recordings(settings: Settings) -> Examination:
-    """Every stored recording has a row."""
+    """Check that every stored recording has a row."""
     try:
-        store = JobStore(settings.database_url)
-        try:
+        with closing(JobStore(settings.database_url)) as store:
             unknown = find_unknown(store, open_storage(settings)).recoverable
-        finally:
-            store.close()
     except (AppError, SQLAlchemyError, OSError):
         return Examination("recordings", healthy=True)  # database and store have checks of their own
     facts = {"number": str(len(unknown))} if unknown else {}
@@ -120,9 +118,9 @@ def _examine_recordings(settings: Settings) -> Examination:
 
 
 def _examine_quarantine(settings: Settings) -> Examination:
-    """Nothing lies there that somebody has to look at."""
+    """Check that quarantine is empty, except for our own copies of side files."""
     try:
-        names = list_strange(open_storage(settings))
+        names = find_strange(open_storage(settings))
     except (AppError, OSError):
         return Examination("quarantine", healthy=True)
     if not names:
@@ -134,9 +132,9 @@ def _examine_quarantine(settings: Settings) -> Examination:
 
 
 def _examine_bytes(settings: Settings) -> Examination:
-    """Every stored byte is what its row says; a large store is left to ``acromion verify``."""
+    """Check that every stored file matches its row; a large store is left to ``acromion verify``."""
     try:
-        files = list_kept(settings)
+        files = find_kept(settings)
         if measure_kept(settings) > MOST_READ_BYTES:
             return Examination("bytes_unread", healthy=True)
         faults = [
@@ -149,7 +147,7 @@ def _examine_bytes(settings: Settings) -> Examination:
 
 
 def _examine_cache(_settings: Settings) -> Examination:
-    """Compiled code can be kept; without, each start compiles anew."""
+    """Check that compiled code can be cached; otherwise each start compiles it again."""
     folder = Path(os.environ.get("NUMBA_CACHE_DIR", tempfile.gettempdir()))
     writable = os.access(_find_existing(folder), os.W_OK)
     return Examination("cache", writable, {"folder": str(folder)})
@@ -161,7 +159,7 @@ def _examine_fonts(_settings: Settings) -> Examination:
 
 
 def _examine_clock(settings: Settings) -> Examination:
-    """Plausible by itself and, where the database has a clock of its own, in step with it."""
+    """Check that the clock is plausible and, where the database has its own clock, agrees with that."""
     now = datetime.now(UTC)
     skew_s = 0.0
     if not settings.database_url.startswith("sqlite"):
@@ -177,19 +175,21 @@ def _measure_skew_s(settings: Settings) -> float:
             theirs_s = connection.execute(text("SELECT extract(epoch FROM clock_timestamp())")).scalar_one()
         engine.dispose()
     except SQLAlchemyError:
-        return 0.0  # that the database does not answer is said by its own check
+        return 0.0  # the check of the database reports that it does not answer
     return time.time() - float(theirs_s)
 
 
 def _examine_memory(settings: Settings) -> Examination:
-    """One analysis at the limit of 700 MiB fits for each worker."""
+    """Check that each worker has memory for one analysis (700 MiB at most)."""
     if not hasattr(os, "sysconf"):
         return Examination("memory", healthy=True, facts={"installed": "?"})
-    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    needed = settings.workers * GIB
-    return Examination("memory", installed > needed, {"installed": f"{installed / GIB:.1f}"})
+    installed_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    needed_bytes = settings.workers * GIB
+    return Examination(
+        "memory", installed_bytes > needed_bytes, {"installed": f"{installed_bytes / GIB:.1f}"}
+    )
 
 
 def _find_existing(folder: Path) -> Path:
-    """Give the folder, or the nearest above it that is there."""
+    """Find the folder, or the nearest existing one above it."""
     return next(place for place in (folder.resolve(), *folder.resolve().parents) if place.exists())

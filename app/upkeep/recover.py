@@ -1,42 +1,47 @@
-"""Bring back from the side files the recordings that the database has lost."""
+"""Compare the store with the rows at a start, and recover from the side files what the database has lost.
+
+At a start nothing unknown is removed:
+
+- A recording without a row but with a valid side file means that the database is lost, older or foreign: the
+  start is refused.
+- An entry with neither is moved into quarantine, and reported.
+- An interrupted purge continues.
+- Old temporary files, and attempts of known analyses that do not count, are removed.
+"""
 
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Literal
 
 from app.errors import UnknownRecordings
 from app.jobs.database.connect import bring_up_to_date
 from app.jobs.job import JobState
-from app.jobs.rows import TRASHED
+from app.jobs.queries import TRASHED
 from app.jobs.side_files import (
     Rows,
     SideFile,
     SideWriter,
     add_missing_rows,
     decode_side_file,
-    outdate_side_file,
-    spare_side_file,
+    mark_side_file_stale,
+    quarantine_side_file,
 )
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, name_recording, name_side
+from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
 
-# At a start: what lies in the store is compared with the rows, and nothing that is not known is removed.
-#
-# - A recording without a row but with a valid side file: the database is lost, older or foreign, and the
-#   start   is refused.
-# - An entry with neither goes to quarantine, and people are told.
-# - An interrupted purge goes on.
-# - Old temporary files, and attempts of known analyses that do not count, are removed.
-
-
-SPARED = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
-"""The name of a side file that was newer than its row (:func:`app.jobs.side_files.spare_side_file`)."""
+OWN_NAME = re.compile(r"rec_[0-9a-f]{16}\.\d+\.json")
+"""The name in quarantine of a side file that was newer than its row
+(:func:`app.jobs.side_files.quarantine_side_file`).
+"""
 TEMPORARY_S = 6 * 3600.0
 """A temporary file that nobody has written to for so long belongs to no upload under way."""
+
+Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,20 +51,20 @@ class Unknown:
     recoverable: tuple[str, ...] = ()
     """Recordings with a valid side file."""
     strange: tuple[str, ...] = ()
-    """Names of entries of which nothing is known."""
+    """Names of entries without a valid side file."""
     purging: tuple[SideFile, ...] = ()
-    """What is left of purges that were interrupted, and whose rows are gone or lost."""
+    """Side files of interrupted purges whose rows are gone or lost."""
 
 
 def find_unknown(store: JobStore, storage: Storage) -> Unknown:
     """Compare the entries among the recordings with the rows."""
-    names = storage.list_recordings()  # first: what is stored meanwhile has its row when those are read
-    rows = store.list_recordings()
+    names = storage.find_recordings()  # first: a recording that is stored meanwhile has its row by then
+    rows = store.find_recordings()
     found = {name for name in names if name.removesuffix(SIDE_SUFFIX) not in rows}
     if not found:
         return Unknown()
     suspects = sorted({name.removesuffix(SIDE_SUFFIX) for name in found if name.endswith(SIDE_SUFFIX)})
-    # a recording that was purged meanwhile had lost its side file before its row
+    # a recording that is purged meanwhile loses its side file before its row
     sides = {one: side for one in suspects if (side := read_side_file(storage, one))}
     kept = {name for one in sides for name in (one, f"{one}{SIDE_SUFFIX}")}
     purging = tuple(side for side in sides.values() if side.is_purging)
@@ -68,7 +73,7 @@ def find_unknown(store: JobStore, storage: Storage) -> Unknown:
 
 
 def check_known(store: JobStore, storage: Storage) -> Unknown:
-    """See that the database knows every stored recording; gives what else is not known.
+    """Check that the database knows every stored recording; gives the other unknown entries.
 
     Raises
     ------
@@ -81,44 +86,44 @@ def check_known(store: JobStore, storage: Storage) -> Unknown:
     return unknown
 
 
-def return_known(store: JobStore, storage: Storage) -> int:
-    """Move back from quarantine what has a row by now (its database was restored); gives the number."""
-    rows, present = store.list_recordings(), storage.list_recordings()
-    known = [name for name in storage.list_quarantine() if name in rows - present]
-    return sum(storage.take_back(name) for name in known)
+def restore_known(store: JobStore, storage: Storage) -> int:
+    """Move recordings back from quarantine that have a row now (a restored database); gives the number."""
+    rows, present = store.find_recordings(), storage.find_recordings()
+    known = [name for name in storage.find_quarantined() if name in rows - present]
+    return sum(storage.unquarantine(name) for name in known)
 
 
-def set_strange_aside(storage: Storage, unknown: Unknown) -> int:
-    """Move what is not known into quarantine; gives the number of entries moved."""
-    return sum(storage.set_aside(name) for name in unknown.strange)
+def quarantine_strange(storage: Storage, unknown: Unknown) -> int:
+    """Move unknown entries into quarantine; gives the number of entries moved."""
+    return sum(storage.quarantine(name) for name in unknown.strange)
 
 
 def finish_purges(storage: Storage, unknown: Unknown) -> None:
-    """Remove what is left of purges whose rows are gone."""
+    """Remove the remaining files of purges whose rows are gone."""
     for side in unknown.purging:
         for row in side.rows["analyses"]:
             storage.drop_analysis(str(row["id"]))
         storage.drop_recording(str(side.recording["id"]))
 
 
-def list_strange(storage: Storage) -> tuple[str, ...]:
-    """Name what lies in quarantine and is not known; a spared side file of our own is."""
-    return tuple(name for name in storage.list_quarantine() if not SPARED.fullmatch(name))
+def find_strange(storage: Storage) -> tuple[str, ...]:
+    """Find everything in quarantine except our own copies of side files."""
+    return tuple(name for name in storage.find_quarantined() if not OWN_NAME.fullmatch(name))
 
 
 def read_side_file(storage: Storage, recording_id: str) -> SideFile | None:
     """Read the side file of a recording; None where it is absent or not valid."""
-    return decode_side_file(storage.read_small(name_side(recording_id)), recording_id)
+    return decode_side_file(storage.read_small(format_side_file_name(recording_id)), recording_id)
 
 
 def drop_stale_attempts(store: JobStore, storage: Storage) -> tuple[int, int]:
     """Remove the folders of attempts that do not count, of analyses that the database knows.
 
-    One that counts by the side file of its recording stays: the database is an older copy. Returns how many
-    were removed, and how many of those stay.
+    An attempt that counts by the side file of its recording stays: the database is an older copy. Returns how
+    many were removed, and how many stay for that reason.
     """
-    found = storage.list_attempts()  # first: an attempt that begins meanwhile has its row when those are read
-    known, counted = store.list_analyses(), store.list_attempts()
+    found = storage.find_attempts()  # first: an attempt that begins meanwhile has its row by then
+    known, counted = store.find_analyses(), store.find_attempts()
     stale = [attempt for attempt in found if attempt[0] in known and attempt not in counted]
     newer = 0
     for analysis_id, token in stale:
@@ -139,23 +144,15 @@ def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, to
 def catch_up(store: JobStore, storage: Storage) -> int:
     """Write every side file that is absent or behind its row; gives their number."""
     writer = SideWriter(store.engine, store.reader, storage)
-    writer.note_absent(tuple(_list_without_side(store, storage)))
+    names = storage.find_recordings()
+    missing = [one for one in sorted(store.find_with_side()) if f"{one}{SIDE_SUFFIX}" not in names]
+    writer.mark_side_files_missing(missing)
     return writer.write_all()
-
-
-def _list_without_side(store: JobStore, storage: Storage) -> Iterator[str]:
-    names = storage.list_recordings()
-    for recording_id in sorted(store.list_with_side()):
-        if f"{recording_id}{SIDE_SUFFIX}" not in names:
-            yield recording_id
-
-
-Finding = Literal["no_bytes", "cut", "no_report", "newer", "trashed_since", "side_damaged", "strange"]
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """What could not be brought back, or not wholly."""
+    """A recording, analysis or entry that was not recovered, or not completely."""
 
     name: str
     finding: Finding
@@ -163,7 +160,7 @@ class Trouble:
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What a recovery has done."""
+    """The counts and findings of a recovery."""
 
     recordings: int
     trashed: int
@@ -173,10 +170,10 @@ class Recovered:
 
 
 def recover(settings: Settings) -> Recovered:
-    """Add the missing rows of every recording with a valid side file; rows that are there stay as they are.
+    """Add the missing rows of every recording with a valid side file; present rows stay as they are.
 
-    Accounts, webhooks and uploads under way do not come back. A recording whose bytes are gone gets its row
-    all the same, so that page and ``acromion verify`` name it.
+    Webhooks and uploads under way are not recovered. A recording whose bytes are gone gets its row, too, so
+    that page and ``acromion verify`` report it.
 
     Raises
     ------
@@ -187,22 +184,16 @@ def recover(settings: Settings) -> Recovered:
     lock = FolderLock(settings.data_dir)
     try:
         bring_up_to_date(settings.database_url, settings.data_dir / "backups")
-        return _recover_into(JobStore(settings.database_url), storage)
+        with closing(JobStore(settings.database_url)) as store:
+            store.check_belongs(storage.identify())
+            return _recover(store, storage)
     finally:
         lock.release()
 
 
-def _recover_into(store: JobStore, storage: Storage) -> Recovered:
-    try:
-        store.check_belongs(storage.identify())
-        return _recover(store, storage)
-    finally:
-        store.close()
-
-
 def _recover(store: JobStore, storage: Storage) -> Recovered:
-    names, before = storage.list_recordings(), store.list_recordings()
-    results = frozenset(storage.list_names())
+    names, before = storage.find_recordings(), store.find_recordings()
+    results = frozenset(storage.find_names())
     troubles: list[Trouble] = []
     added: Counter[str] = Counter()
     with_side = (name.removesuffix(SIDE_SUFFIX) for name in names if name.endswith(SIDE_SUFFIX))
@@ -212,7 +203,7 @@ def _recover(store: JobStore, storage: Storage) -> Recovered:
         if side is not None and side.is_purging:
             store.mark_purging(recording_id)
         elif side is not None:
-            rows, found = _bring_back(store, storage, side)
+            rows, found = _recover_rows(store, storage, side)
             troubles += [*found, *_find_absent(storage, rows, results)]
             added += _count(rows)
         elif recording_id in before:
@@ -230,18 +221,18 @@ def _recover(store: JobStore, storage: Storage) -> Recovered:
     )
 
 
-def _bring_back(store: JobStore, storage: Storage, side: SideFile) -> tuple[Rows, list[Trouble]]:
-    """Add the rows that are missing; a side file that differs from a row that is there is written anew."""
+def _recover_rows(store: JobStore, storage: Storage, side: SideFile) -> tuple[Rows, list[Trouble]]:
+    """Add the missing rows of one recording; a side file that differs from a present row is written again."""
     recording_id = str(side.recording["id"])
     revision = store.read_revision(recording_id)
     is_newer = 0 < revision < side.revision
     is_trashed = is_newer and side.recording["state"] == TRASHED and store.is_kept(recording_id)
     if is_newer:
-        spare_side_file(storage, side)
+        quarantine_side_file(storage, side)
     with store.engine.begin() as connection:
         rows = add_missing_rows(connection, side)
         if revision and (revision != side.revision or any(rows.values())):
-            outdate_side_file(connection, side)
+            mark_side_file_stale(connection, side)
     found: list[Finding] = ["newer"] * is_newer + ["trashed_since"] * is_trashed  # type: ignore[assignment]
     return rows, [Trouble(recording_id, finding) for finding in found]
 
@@ -253,9 +244,9 @@ def _count(rows: Rows) -> Counter[str]:
 
 
 def _find_absent(storage: Storage, rows: Rows, results: frozenset[str]) -> Iterator[Trouble]:
-    """Name the bytes that rows brought back promise and that are not there."""
+    """Find the files that recovered rows promise and that are missing or cut short."""
     for row in rows["recordings"]:
-        mark = storage.find_mark(name_recording(row["id"]))
+        mark = storage.find_mark(format_recording_name(row["id"]))
         if mark is None or mark[0] != row["size_bytes"]:
             yield Trouble(row["id"], "no_bytes" if mark is None else "cut")
     tokens = {row["id"]: row["token"] for row in rows["analyses"]}

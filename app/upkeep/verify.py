@@ -1,27 +1,28 @@
-"""Compare every file with what its row says, and find those of which no row speaks."""
+"""Verify: compare every stored file with its row, and find the files without one."""
 
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Table, func, select
+from sqlalchemy import Connection, func, select
 
 from app.errors import BackupRefused
 from app.jobs.database.connect import READ_ONLY, connect
 from app.jobs.database.tables import analyses, recordings, result_files
 from app.jobs.job import JobState
-from app.jobs.rows import PURGING
+from app.jobs.queries import PURGING
 from app.jobs.side_files import decode_side_file
 from app.settings import Settings
 from app.storage.open import open_storage
-from app.storage.store import SIDE_SUFFIX, Storage, hash_file, name_side
-from app.upkeep.recover import list_strange
+from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name, hash_file
+from app.upkeep.recover import find_strange
 
-# The files that the rows promise, and what each must hash to.
-
+RECHECKS, RECHECK_PAUSE_S = 5, 0.2
+"""How often, and after what pause, a side file that differs is compared again."""
 
 _NAME = re.compile(r"(recordings|analyses)(/\w[\w.-]*){1,3}", re.ASCII)
 
@@ -36,15 +37,15 @@ class KeptFile:
     sha256: str
 
     def fetch(self, storage: Storage) -> Path:
-        """Give it as a file of this machine, whatever it holds: what is compared or saved is always read."""
+        """Give it as a file of this machine, unverified."""
         return storage.fetch(self.name).path
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A file that is not as its row says, or that has no row; a side file may be behind or ahead of it.
+    """A file that differs from its row, or that has no row; a side file may be behind or ahead of it.
 
-    ``known``: the backup that holds the file says so.
+    ``known_...``: the backup that holds the file lists the fault itself.
     """
 
     name: str
@@ -63,8 +64,8 @@ class Fault:
     ]
 
 
-def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
-    """Give every recording and every result that a row promises."""
+def find_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator[KeptFile]:
+    """Find every recording and every result that a row promises."""
     kept = [row for row in recordings if row["state"] != PURGING]
     for row in kept:
         yield _name(f"recordings/{row['id']}", row["sha256"])
@@ -78,76 +79,65 @@ def list_files(recordings: Rows, analyses: Rows, result_files: Rows) -> Iterator
 
 
 def _name(name: str, sha256: str) -> KeptFile:
-    """Trust no name of a backup more than its letters."""
+    """Check a name, which may come from a foreign backup, before it becomes a path."""
     if not _NAME.fullmatch(name):
         raise BackupRefused(why=name[:80])
     return KeptFile(name, sha256)
 
 
-LOOKS, WRITER_S = 5, 0.2
-"""How often, and after what pause, a side file that differs is compared again."""
-
-
-def list_kept(settings: Settings) -> tuple[KeptFile, ...]:
-    """Give every file that the rows promise just now."""
-    engine = connect(settings.database_url).execution_options(**READ_ONLY)
-    try:
-        with engine.connect() as connection:
-            tables = (recordings, analyses, result_files)
-            return tuple(list_files(*(_read(connection, table) for table in tables)))
-    finally:
-        engine.dispose()
+def find_kept(settings: Settings) -> tuple[KeptFile, ...]:
+    """Find every file that the rows promise now."""
+    tables = (recordings, analyses, result_files)
+    with _reading(settings) as connection:
+        rows = [[row._asdict() for row in connection.execute(select(table))] for table in tables]
+    return tuple(find_files(*rows))
 
 
 def measure_kept(settings: Settings) -> int:
     """Add up the sizes of all recordings and results by their rows, in bytes."""
-    engine = connect(settings.database_url).execution_options(**READ_ONLY)
     sizes = [select(func.coalesce(func.sum(table.c.size_bytes), 0)) for table in (recordings, result_files)]
-    try:
-        with engine.connect() as connection:
-            return sum(int(connection.execute(size).scalar_one()) for size in sizes)
-    finally:
-        engine.dispose()
+    with _reading(settings) as connection:
+        return sum(int(connection.execute(size).scalar_one()) for size in sizes)
 
 
 def find_faults(settings: Settings, files: tuple[KeptFile, ...]) -> Iterator[Fault]:
-    """Read every file and compare it with its row, and name the files without one.
+    """Read every file and compare it with its row, and find the files without one.
 
-    The server may run meanwhile: a file whose row went is no fault, nor is one whose row came, or that an
-    attempt under way is making.
+    The server may run meanwhile: a file whose row was deleted or added since is no fault, nor is a file that
+    an attempt under way writes.
     """
     storage = open_storage(settings)
     storage.prepare()
     beside = {f"{file.name}{SIDE_SUFFIX}" for file in files if file.name.startswith("recordings/")}
-    strangers = set(storage.list_names()) - {file.name for file in files} - beside
+    strangers = set(storage.find_names()) - {file.name for file in files} - beside
     suspects = [fault for file in files if (fault := _check(storage, file))]
-    still = {file.name for file in list_kept(settings)} if suspects or strangers else set()
+    still = {file.name for file in find_kept(settings)} if suspects or strangers else set()
     yield from (fault for fault in suspects if fault.name in still)
-    at_work = _list_attempts_under_way(settings) if strangers else ()
-    gone = strangers - set(storage.list_names()) if strangers else set()
+    at_work = _find_attempts_under_way(settings) if strangers else ()
+    gone = strangers - set(storage.find_names()) if strangers else set()
     for name in sorted(strangers - still - gone):
         if not name.startswith(at_work):
             yield Fault(name, "orphan")
     yield from _check_side_files(settings, storage)
-    yield from (Fault(name, "quarantine") for name in list_strange(storage))
+    yield from (Fault(name, "quarantine") for name in find_strange(storage))
 
 
 def _check_side_files(settings: Settings, storage: Storage) -> Iterator[Fault]:
-    """Compare every side file with its row; one that differs is read again: a writer may be at work."""
+    """Compare every side file with its row; one that differs is read again: the server may be writing it."""
     suspects = _compare_side_files(settings, storage)
-    for _ in range(LOOKS):
+    for _ in range(RECHECKS):
         if not suspects:
             return
-        time.sleep(WRITER_S)
+        time.sleep(RECHECK_PAUSE_S)
         suspects &= _compare_side_files(settings, storage)
     yield from sorted(suspects, key=lambda fault: fault.name)
 
 
 def _compare_side_files(settings: Settings, storage: Storage) -> set[Fault]:
-    present = storage.list_recordings()
+    present = storage.find_recordings()
     faults = set()
     for recording_id, revision in _read_revisions(settings):
-        name = name_side(recording_id)
+        name = format_side_file_name(recording_id)
         side = decode_side_file(storage.read_small(name), recording_id)
         if side is None:
             is_there = f"{recording_id}{SIDE_SUFFIX}" in present
@@ -159,27 +149,27 @@ def _compare_side_files(settings: Settings, storage: Storage) -> set[Fault]:
 
 def _read_revisions(settings: Settings) -> list[tuple[str, int]]:
     """Give every recording with the revision of its row."""
-    engine = connect(settings.database_url).execution_options(**READ_ONLY)
     query = select(recordings.c.id, recordings.c.revision).where(recordings.c.state != PURGING)
-    try:
-        with engine.connect() as connection:
-            return [(row.id, row.revision) for row in connection.execute(query)]
-    finally:
-        engine.dispose()
+    with _reading(settings) as connection:
+        return [(row.id, row.revision) for row in connection.execute(query)]
 
 
-def _list_attempts_under_way(settings: Settings) -> tuple[str, ...]:
+def _find_attempts_under_way(settings: Settings) -> tuple[str, ...]:
+    """Give the folders of the running attempts, as prefixes of names."""
+    query = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
+    with _reading(settings) as connection:
+        return tuple(f"analyses/{row.id}/{row.token}/" for row in connection.execute(query))
+
+
+@contextmanager
+def _reading(settings: Settings) -> Iterator[Connection]:
+    """Connect to the database for one reading."""
     engine = connect(settings.database_url).execution_options(**READ_ONLY)
-    asked = select(analyses.c.id, analyses.c.token).where(analyses.c.state == JobState.RUNNING)
     try:
         with engine.connect() as connection:
-            return tuple(f"analyses/{row.id}/{row.token}/" for row in connection.execute(asked))
+            yield connection
     finally:
         engine.dispose()
-
-
-def _read(connection: Connection, table: Table) -> tuple[dict[str, object], ...]:
-    return tuple(row._asdict() for row in connection.execute(select(table)))
 
 
 def _check(storage: Storage, file: KeptFile) -> Fault | None:
@@ -188,5 +178,5 @@ def _check(storage: Storage, file: KeptFile) -> Fault | None:
         damaged = hash_file(path) != file.sha256
     except FileNotFoundError:
         return Fault(file.name, "missing")
-    storage.give_back(path)
+    storage.release(path)
     return Fault(file.name, "damaged") if damaged else None

@@ -15,8 +15,8 @@ from app.api.problems import Refusal
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.jobs.library import Entry
-from app.jobs.renewing import can_renew
-from app.jobs.renewing import retry as retry_job
+from app.jobs.regeneration import can_regenerate
+from app.jobs.regeneration import retry as retry_job
 from app.jobs.store import JobFilter
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
@@ -80,7 +80,7 @@ class History:
     @classmethod
     def of(cls, services: Services, job: Job) -> "History":
         """Read it; comparisons with a reference are no reports."""
-        found = services.store.list_page(JobFilter(recording_id=job.recording_id), SHOWN)
+        found = services.store.find_page(JobFilter(recording_id=job.recording_id), SHOWN)
         return cls(tuple(other for other in found if other.request.reference is None))
 
     @property
@@ -168,7 +168,7 @@ def show_damage(services: Services, facts: Mapping[str, ProblemFact], language: 
         return None
     code = ResultDamaged.code
     words = describe_problem(code, {"name": facts["name"]}, language)
-    is_source_whole = job.replaced_by is not None or can_renew(services.store, services.storage, job)
+    is_source_whole = job.replaced_by is not None or can_regenerate(services.store, services.storage, job)
     source = None if is_source_whole else describe_problem(StoreDamaged.code, {}, language)
     return Damage(job.id, job.file_name, words, code, job.replaced_by or "", source)
 
@@ -321,7 +321,7 @@ def home(request: Request, services: UsedServices, language: UsedLanguage) -> Re
     values |= {"max_bytes": limit_bytes, "max_size": format_size(limit_bytes, language)}
     values |= {
         "devices": dict(load_wording(language)["device"]),
-        "has_batches": bool(services.batches.list_newest(1)),
+        "has_batches": bool(services.batches.find_newest(1)),
         "address": str(request.base_url).rstrip("/"),
         "quarantined": str(len(services.quarantine.names) or ""),
     }

@@ -23,7 +23,7 @@ router = APIRouter(include_in_schema=False, prefix="/batches")
 @router.get("")
 def list_batches(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """List the batches, the newest first."""
-    rows = [_tell_batch(batch, language) for batch in services.batches.list_newest(SHOWN)]
+    rows = [_tell_batch(batch, language) for batch in services.batches.find_newest(SHOWN)]
     return show_page(request, "batches.html", language, {"rows": rows, "w": _load_words(language)})
 
 

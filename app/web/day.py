@@ -19,7 +19,7 @@ from app.jobs.job import Job, JobState
 from app.report.words.subject import MAX_TEXT
 from app.request import SUBJECT_ALLOWED, ReportRequest, check_subject, list_window_counts
 from app.services import Services, UsedServices
-from app.storage.day_file import NAME, DayFile, open_day
+from app.storage.day_file import DAY_NAME, DayFile, open_day
 from app.web.day_views import DayClock, place_rows
 from app.web.forms import Form, first, read_body, read_form
 from app.web.rendering import find_base
@@ -197,6 +197,6 @@ def find_day(services: Services, job: Job) -> DayFile:
     NoSuchFile, ResultDamaged
     """
     if job.state is not JobState.SUCCEEDED:
-        raise NoSuchFile(name=NAME)
-    with borrow_file(services, job, NAME) as path:
+        raise NoSuchFile(name=DAY_NAME)
+    with borrow_file(services, job, DAY_NAME) as path:
         return open_day(path)

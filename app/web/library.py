@@ -36,7 +36,7 @@ TableName = Literal["summary", "summary_fr", "problems"]
 @router.get("/library/{name}.csv")
 def take_table(name: TableName, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Give the main figures, or the problems, of every recording that the list shows."""
-    entries = Library(services.store.reader).list_page(read_filter(request), MOST_ROWS)
+    entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
     dialect = FRENCH_EXCEL if name == "summary_fr" else INTERNATIONAL
     if name == "problems":
         newest = (entry.attempt or entry.job for entry in entries)
@@ -93,7 +93,7 @@ def take_back(recording_id: str, request: Request, services: UsedServices) -> Re
 @router.get("/trash")
 def show_trash(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """List what is in the trash."""
-    rows = services.recordings.list_page(RecordingFilter(trashed=True), SHOWN)
+    rows = services.recordings.find_page(RecordingFilter(trashed=True), SHOWN)
     values = {
         "rows": [(row, format_size(row.size_bytes, language)) for row in rows],
         "term": _tell_term(services, language),
@@ -103,7 +103,7 @@ def show_trash(request: Request, services: UsedServices, language: UsedLanguage)
 
 
 def _describe(services: Services, row: StoredRow, language: Language) -> dict[str, Any]:
-    made = services.store.list_page(JobFilter(recording_id=row.id), SHOWN)
+    made = services.store.find_page(JobFilter(recording_id=row.id), SHOWN)
     return {
         "recording": row,
         "size": format_size(row.size_bytes, language),

@@ -77,7 +77,7 @@ def show_library(
     counts = library.count(wanted)
     pages = max(1, -(-counts[wanted.group] // PER_PAGE))
     page = min(_read_page(request.query_params.get("page", "")), pages)
-    entries = library.list_page(wanted, PER_PAGE, (page - 1) * PER_PAGE)
+    entries = library.find_page(wanted, PER_PAGE, (page - 1) * PER_PAGE)
     words = load_wording(language, "page")["list"]
     return {
         "entries": [show_entry(entry, language) for entry in entries],
@@ -97,15 +97,15 @@ def show_library(
 def show_entry(entry: Entry, language: Language) -> ShownEntry:
     """Show a recording with its report or, without one, its newest analysis."""
     row, attempt = show_row(entry.job, language, now_utc()), _show_attempt(entry, language)
-    if entry.answer is None:
+    if entry.headline is None:
         return ShownEntry(row, "", "", attempt)
     words = load_wording(language, "page")
     facts = {
-        "verdict": str(words["verdict_short"].get(entry.answer.verdict, "")),
-        "start": (entry.answer.start or "")[:16].replace("T", " "),
-        "percent": format_percent(entry.answer.above_60_percent, language),
+        "verdict": str(words["verdict_short"].get(entry.headline.verdict, "")),
+        "start": (entry.headline.start or "")[:16].replace("T", " "),
+        "percent": format_percent(entry.headline.above_60_percent, language),
     }
-    return ShownEntry(row, entry.answer.verdict, fill(words["row"]["told"], facts), attempt)
+    return ShownEntry(row, entry.headline.verdict, fill(words["row"]["told"], facts), attempt)
 
 
 def _show_attempt(entry: Entry, language: Language) -> JobRow | None:

@@ -168,24 +168,24 @@ class Offer:
 
 def list_offers(services: Services, job: Job, start: str, language: Language) -> tuple[Offer, ...]:
     """Offer a pair where arm and day fit, else a comparison, the earlier first."""
-    others = Library(services.store.reader).list_others(job)
+    others = Library(services.store.reader).find_others(job)
     return tuple(_offer(job, start, other, language) for other in others)
 
 
 def list_trunks(services: Services, first: Job, second: Job, start: str) -> tuple[Job, ...]:
     """Give the recordings that may be of the trunk: same person, same day, neither arm stated."""
-    others = Library(services.store.reader).list_others(first, MOST_TRUNKS)
+    others = Library(services.store.reader).find_others(first, MOST_TRUNKS)
     return tuple(
         other.job
         for other in others
         if other.job.request.side is None
         and other.job.recording_id != second.recording_id
-        and ((other.answer.start if other.answer else None) or "")[:DAY] == start[:DAY]
+        and ((other.headline.start if other.headline else None) or "")[:DAY] == start[:DAY]
     )
 
 
 def _offer(job: Job, start: str, other: Entry, language: Language) -> Offer:
-    other_start = (other.answer.start if other.answer else None) or ""
+    other_start = (other.headline.start if other.headline else None) or ""
     facts = {"name": other.job.file_name, "when": other_start[:16].replace("T", " ")}
     words = load_wording(language, "pair_pages")
     if _are_arms(job, start, other.job, other_start):

@@ -27,10 +27,10 @@ from tests.badfiles.ways_in import Server, analyse_by_fusion, codes_in, content_
 
 HEAD = """# Bad inputs: expected and seen
 
-Written by `python -m benchmarks.bad_inputs`. Each file is made by a generator in `tests/badfiles`; rows are
-those of the list of what goes wrong with files. An outcome is a refusal (`E-`), or a report with warnings and
-with its seconds: analysed + missing + excluded = recorded. Left out is what every short recording calibrated
-in a proposed window of the N-pose is told (W-FEW-HOURS, W-NPOSE, W-POSE-ALONE). "same" means: exactly the
+`python -m benchmarks.bad_inputs` writes this page. A generator in `tests/badfiles` makes each file; row
+numbers are those of RELIABILITY §1.3. An outcome is a refusal (`E-`), or a report with caveats and with its
+seconds: analysed + missing + excluded = recorded. Caveats that every short recording calibrated in a proposed
+window of the N-pose carries (W-FEW-HOURS, W-NPOSE, W-POSE-ALONE) are left out. "same" means: exactly the
 expected outcome.
 """
 Outcomes = dict[BadFile, str]

@@ -28,74 +28,65 @@ PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
 SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance", "good_sensors", "slips")
 TITLE = "# Validation of arm elevation"
 PREFACE = """\
-This document is written by `python -m benchmarks.validation`; nothing in it is typed by hand. Every figure
-is an angle in degrees unless it says otherwise, and compares what the software says with a reference:
-optical motion capture (BROAD) or the exact angle of a simulated arm. No real person with a reference for
-the upper arm is among the data; what that leaves open is said in each section.
+`python -m benchmarks.validation` writes this document. Every figure is an angle in degrees unless it says
+otherwise, and compares the software with a reference: optical motion capture (BROAD) or the exact angle
+of a simulated arm. No real person with a reference for the upper arm is among the data.
 
 `smoothed` is the default for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer,
 Roy, Poitras and Campeau-Lecours, `live` the causal one for feedback.
 
-Four warnings before the figures. The odd half of BROAD was seen while two parameters were chosen: the
-gyroscope's lag (`SmoothedParameters.gyro_lag_s`, 1 ms in the first version, none since) and the number of
-rounds in the search for its bias (`BiasSettings.rounds`, three at first, two since); these are the two that
-the project's history shows changed after both halves had been printed. What the accelerometer reads while
-the arm moves (`fusion/sensor/self_calibration.py`) has a window, a bound and a rule for what it may take
-off; all three were chosen with the tasks of all five people and both halves of BROAD in view (decision 9 says
-how the rule does on people and motion not seen before). The amplitudes of the simulated tasks
-were chosen after `published` had been seen beside the paper's Table 1. The simulated sensor knows no soft
-tissue, so its errors are a lower bound for a worn one."""
+Not everything is blind:
+
+- The odd half of BROAD was seen while two parameters were chosen: the gyroscope's lag
+  (`SmoothedParameters.gyro_lag_s`, first 1 ms, now none) and the rounds in the search for its bias
+  (`BiasSettings.rounds`, first three, now two).
+- Window, bound and rule of the readings from the moving arm (`fusion/sensor/self_calibration.py`) were
+  chosen with the tasks of all five people and both halves of BROAD in view; decision 9 tests the rule on
+  others.
+- The amplitudes of the simulated tasks were chosen after `published` had been seen beside the paper's
+  Table 1.
+- The simulated sensor knows no soft tissue: its errors are a lower bound for a worn one."""
 WHY_MISSED = """\
 ## Where a goal is missed: what was tried, and why
 
-**`smoothed` on the ten tasks, LSM9DS1, separate: throws.** What is left is the accelerometer's offset. In
-these recordings the arm nearly always hangs when it is still, and |a| = 1 g tells the offset only along the
-directions seen. Across them the moving arm tells it since (decision 9): not by the mean length of the
-acceleration, which centripetal acceleration lengthens as much, but by the length of its mean in a frame that
-turns with the gyroscope. In a minute of throws alone no window of 4 s is calm enough for that, and with less
-calm ones BROAD's fast trials, whose sensor is good, were bent. The band around the angle says so: it grows
-with what the directions leave open. Before, task 5 read 1.41 deg (standing) and 1.15 deg (separate).
+**`smoothed` on the ten tasks, LSM9DS1, separate: throws.** The accelerometer's offset remains. In these
+recordings the arm nearly always hangs when it is still, and |a| = 1 g shows the offset only along the
+directions seen; across them the moving arm shows it (decision 9). A minute of throws alone has no window
+of 4 s that is calm enough, and livelier windows bent BROAD's fast trials, whose sensor is good. The band
+around the angle grows with what the directions leave open.
 
-**A 30 deg bin of one simulated hour, LSM9DS1.** The offset of the accelerometer is followed through the day
-since (decision 9), which brought the worst hours down, and days of eight hours far within the goal. In the
-hour that still misses (seed 10), the arm spends 3.7 % of the time within half a degree of 30 deg, so that a
-hundredth of a degree counts; with the exact offset and gain put in by hand it reads 0.04 points. An hour does
-not show enough directions to find them as exactly; priors that fit the simulated part better would be tuned
-to it.
+**A 30 deg bin of one simulated hour, LSM9DS1.** In this hour (seed 10) the arm spends 3.7 % of the time
+within half a degree of 30 deg, so that a hundredth of a degree counts; with the exact offset and gain it
+reads 0.04 points. An hour does not show enough directions to find them as exactly, and priors that fit
+the simulated part better would be tuned to it.
 
-**Turns that are undone.** A stretch between two turns is told by walking; in the 20 minutes of one simulated
-day, half of them a break, nobody walks. An hour at the wheel between two on foot, with nothing turned, looks
-as different (0.06 of 2 on one of 60 hard days); a bound that finds the turn would leave out such an hour.
+**Turns that are undone.** Walking identifies a stretch between two turns; in the 20 minutes of one
+simulated day, half of them a break, nobody walks. An hour at the wheel between two on foot, with nothing
+turned, looks as different (0.06 of 2 on one of 60 hard days): a bound that finds the turn would leave out
+such an hour.
 
-**8 h at 100 Hz.** The document is made on a machine that others share, so that the figures move by a tenth
-and more. What was over the goal before: 0.05 s in which a pool of threads waited for three small products of
-matrices, and what decision 39 lists.
+**8 h at 100 Hz.** The machine is shared, so that times move by a tenth and more.
 
-**`published`, pattern of Table 1.** The pattern in rank is there in part, in size not. The amplitudes are
-ours, the paper's are not given, and the paper's errors hold skin, muscle and Xsens MVN's own error. Another
-weight of the slerp (the sweep is printed) and other amplitudes bring single tasks nearer; choosing them to
-hit the table would only hide that they are unknown, so neither was moved again.
+**`published`, pattern of Table 1.** The ranks agree in part, the sizes do not. The amplitudes are ours,
+the paper's are not given, and the paper's errors hold skin, muscle and Xsens MVN's own error. Another
+weight of the slerp (the sweep is printed) or other amplitudes bring single tasks nearer; choosing them to
+hit the table would only hide that they are unknown.
 
-**BROAD at 286 Hz.** Tried: a cubic in place of a straight line between samples, with the first coning term
-(kept); filter nodes at every sample; self-calibration; and once more, on the even half alone, time
-constants from 2.6 to 3.5 s, motion windows of 8 and 16 s, twice as many of them, four rounds, and other
-weights of the still moments and of the bias's walk: all score 0.302 to 0.304 there, so nothing was changed.
-Low-passes of other orders and shapes in the same frame (Butterworth of order 3 and 4, the present one twice,
-Gaussian), each at its best time constant: 0.303 to 0.305. The best time constant for each trial, told by
-the truth itself, would give 0.318 over all: 1.5 s for rotation, 6 s for slow translation.
-BROAD's gyroscope is about 1 ms late against its accelerometer; told so, `smoothed` comes to about 0.31 deg,
-but that lag cannot be told from a recording and differs between parts, so it is not assumed. Rectangular
-integration happens to undo it.
+**BROAD at 286 Hz.** A cubic in place of a straight line between samples, with the first coning term, was
+kept. Filter nodes at every sample and self-calibration were tried, too. Time constants from 2.6 to 3.5 s,
+other motion windows, rounds and weights scored 0.302 to 0.304 on the even half, low-passes of other
+orders and shapes 0.303 to 0.305, so nothing was changed. The best time constant for each trial, chosen by
+the truth, would give 0.318 over all. BROAD's gyroscope is about 1 ms late against its accelerometer; with
+that lag `smoothed` comes to about 0.31 deg, but a recording does not show the lag, and it differs between
+parts, so it is not assumed. Rectangular integration happens to undo it.
 
-**First call.** What the first call costs is the compiler: loading it (numba, and scipy, which numba loads,
-0.4 s) and compiling eight kernels. They are plain loops without allocation, and compiled by ten of the
-compiler's steps while garbage is not collected (decision 39): two thirds of the time before. The table gives
-the call alone and the whole process. A later call in a new process misses its goal with all imports by what
-numpy and numba take to load and to run the first compiled function, whatever it is: about 0.65 s.
+**First call.** The compiler costs this time: loading it (numba, and scipy, which numba loads, 0.4 s) and
+compiling eight kernels (decision 39). A later call in a new process misses its goal, with all imports, by
+what numpy and numba take to load and to run the first compiled function: about 0.65 s.
 
-**Offset of +10, -20, +15 deg/s with no rest, `live`.** Not a goal: a causal estimator that is never at rest
-has no reference for a bias of 27 deg/s; VQF's fails alike. `live` says whether it has rested
-(`has_rested`)."""
+**Offset of +10, -20, +15 deg/s with no rest, `live`.** Not a goal: a causal estimator that is never at
+rest has no reference for a bias of 27 deg/s; VQF's fails alike. `has_rested` of `live` says whether it
+has rested."""
 
 
 def main() -> None:

@@ -24,13 +24,12 @@ Angle = NDArray[np.float64]
 
 PROSE = f"""\
 Half a simulated hour of each device (seed {SEED}), `smoothed`, changed in ways that do not change the motion;
-the difference from the angle of the unchanged recording. *Strapped on another way*: all samples turned by
-{MOUNTINGS} random rotations, the worst of them; as recorded, and from a sensor without errors. Turning the
-samples of an imperfect sensor turns its errors too, which no mounting does; but gain and offset are sought
-without regard to axes (full matrices, priors and thresholds that look the same from all sides), so that the
-answer turns with the samples. *Units*: acceleration in m/s2 and back, in single precision.
-*Cut*: at {CUTS} still moments, each piece fused by itself with the whole file's calibration. *Rate halved*:
-every second sample left out, no filter. The goals are taken for the largest difference at any sample."""
+the largest difference from the angle of the unchanged recording at any sample. *Strapped on another way*: all
+samples turned by {MOUNTINGS} random rotations, the worst of them; as recorded, and from a sensor without
+errors. Turning an imperfect sensor's samples turns its errors too, but gain and offset are sought without
+regard to axes, so that the answer turns with the samples. *Units*: acceleration in m/s2 and back, in single
+precision. *Cut*: at {CUTS} still moments, each piece fused by itself with the whole file's calibration. *Rate
+halved*: every second sample left out, no filter."""
 
 LIMITS_DEG: Mapping[str, float] = {
     "strapped on another way": 0.01,

@@ -23,22 +23,21 @@ BIN_LIMIT_POINTS = 0.3
 BAND = 1.96
 
 PROSE = """\
-A simulated day of work with the sensor on the right upper arm (`fusion/simulation`), read from memory as
-the device would have rounded and clipped it, and taken through `analyse` with no option set: the
-calibration pose is proposed by the software, errors of the sensor are as in `fusion/simulation/sensor.py`.
-Compared with the exact elevation at every row that the result calls valid; bins and entries against those
-of the exact elevation after the same metric filter. Not in it: skin and muscle, an error of the pose,
-holes. The seed decides the day, the specimen of the sensor and its noise.
+A simulated day of work with the sensor on the right upper arm, rounded and clipped as the device would, taken
+through `analyse` with no option set: the software proposes the calibration pose. Compared with the exact
+elevation at every valid row; bins and entries against those of the exact elevation after the same metric
+filter. Not in it: skin and muscle, an error of the pose, holes. The seed decides the day, the specimen of the
+sensor and its noise.
 
 The 95 % band is 1.96 times the standard deviation that the software gives for each second
-(`ElevationSegment.sigma_deg`, the pose left out); the column says how much of the valid time the truth lies
-within it. The weights behind it were fitted on days with even seeds; the goal is judged on the odd ones. So
-were the settings of the accelerometer's correction: how far its offset wanders was chosen on even seeds (2 to
-10 for one hour, 2 and 4 for eight), without the form of the simulated warming.
+(`ElevationSegment.sigma_deg`, the pose left out); the column gives the share of the valid time in which it
+holds the truth. Its weights were fitted on days with even seeds, and so was how far the accelerometer's
+offset wanders (2 to 10 for one hour, 2 and 4 for eight), without the form of the simulated warming. The goal
+is judged on odd seeds.
 
-A share of time can be wrong by much where the angle is wrong by little: an arm that rests for a minute at
-29.9 deg and is read at 30.1 moves that minute to the next bin. In an hour a minute is 1.7 points. The bins
-are therefore given for the hours and for the whole shift."""
+A small error of the angle can move much time: an arm that rests for a minute at 29.9 deg and is read at 30.1
+moves that minute to the next bin, 1.7 points of an hour. The bins are therefore given for the hours and for
+the whole shift."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,36 +27,34 @@ GRADUAL_S = 600.0
 LIMIT_DEG = 10.0
 BACK_HOURS, BACK_AT, BACK_MINUTES, BACK_ANGLES_DEG = 3.0, 0.4, (20.0, 60.0), (20.0, 30.0, 45.0, 60.0, 90.0)
 SURE_DEG, BACK_SURE_DEG = 60.0, 45.0
-HEADER = ("turn", "left out", "told", "valid %, least", "RMSE deg, worst", "in the band %, worst")
+HEADER = ("turn", "left out", "named", "valid %, least", "RMSE deg, worst", "in the band %, worst")
 ALONG = np.array([0.0, 0.0, 1.0])
 
 PROSE = f"""\
 Simulated days of {HOURS:g} h ({RATE_HZ:g} Hz, both devices, seeds {SEEDS[0]} to {SEEDS[-1]}) on which the
-sensor turns on the arm while it is worn: across the arm's axis, at a tenth, half and nine tenths of the
-day, within {ABRUPT_S:g} s or over {GRADUAL_S / 60:g} minutes. The gyroscope feels the turn, as it does
-when a strap slips, so that no sample contradicts another; only the postures tell. No window is given: the
-pose is proposed. *Left out*: days on which some part was left out or read from an axis of its own; *told*:
-days with a caveat that names a turn or a pose apart from walking; *valid*: share of the rows that the result
-calls valid, the least of the days. *RMSE*: of these rows, the worst day; *in the band*: share of these
-rows within 1.96 times the standard deviation given for each second (the pose left out), the worst day.
-Where less than half is valid, the report's verdict is poor. The rules were set on other days: 52 mixed ones
-and 60 hard ones of even seeds ([decision 32](decisions/0032-turned-and-pushed-back.md)), and again on mixed
-and hard days of even seeds ([decision 38](decisions/0038-what-confirms-the-axis.md)).
+worn sensor turns across the arm's axis, at a tenth, half and nine tenths of the day, within {ABRUPT_S:g}
+s or over {GRADUAL_S / 60:g} minutes. The gyroscope feels the turn, as when a strap slips, so that only
+the postures show it. The pose is proposed by the software. *Left out*: days on which some part was left
+out or read from an axis of its own. *Named*: days with a caveat that names a turn or a pose apart from
+walking. *Valid*: share of valid rows, the least of the days. *RMSE*: of these rows, the worst day. *In
+the band*: share of these rows within 1.96 times the standard deviation given for each second (the pose
+left out), the worst day. Where less than half is valid, the verdict is poor. The rules were set on other
+days, of even seeds ([decision 38](decisions/0038-what-confirms-the-axis.md)).
 
-What is not told stands in the table: a turn that ends shortly before the recording does and after which
-nobody walked; those rows stay valid and are wrong by up to the turn. After a turn at a tenth of the day the
-rest is read from a window like walking, off by some degrees (after one of 20 or 30 deg by up to 20), which is
-in the pose's standard deviation and not in the band. Hours of other work without any walking look like a
-turn and are left out (tests/fusion/test_other_work.py). A turn about the arm's own axis does not change the
-angle. Days without any turn, of an hour (seeds {QUIET_SEEDS[0]} to {QUIET_SEEDS[-1]}) and of {BACK_HOURS:g}
-hours (the odd ones), are to raise no alarm and no caveat. The recordings of BROAD and of the project are
-shorter than the ten minutes that the search asks for."""
+Not named: a turn shortly before the end of the recording, after which nobody walked; those rows stay valid
+and are wrong by up to the turn. After a turn at a tenth of the day the rest is read from a window like
+walking, some degrees off (after one of 20 or 30 deg by up to 20), which is in the pose's standard
+deviation and not in the band. Hours of other work without any walking look like a turn and are left out
+(tests/fusion/test_other_work.py). A turn about the arm's own axis does not change the angle. Days without
+any turn, of an hour (seeds {QUIET_SEEDS[0]} to {QUIET_SEEDS[-1]}) and of {BACK_HOURS:g} hours (the odd
+ones), are to raise no caveat. The recordings of BROAD and of the project are shorter than the ten minutes
+that the search needs."""
 
 BACK_PROSE = f"""\
-The same on days of {BACK_HOURS:g} h, with the sensor turned at {100 * BACK_AT:g} % of the day and pushed back
-to its first place after 20 minutes or an hour. *Valid between*: share of the rows in which it sat turned
-that the result calls valid, the most of the days: read from an axis of their own where the turn was found,
-wrong by up to the turn where it was not. On the days of seed 1 nobody walks in those 20 minutes."""
+Days of {BACK_HOURS:g} h, with the sensor turned at {100 * BACK_AT:g} % of the day and pushed back to its
+first place after 20 minutes or an hour. *Valid between*: share of valid rows while it sat turned, the
+most of the days: read from an axis of their own where the turn was found, wrong by up to the turn where
+it was not. On the days of seed 1 nobody walks in those 20 minutes."""
 
 
 def list_turns(seed: int) -> Iterator[tuple[tuple[float, float, bool], Turn]]:
@@ -149,7 +147,7 @@ def _draw_case(name: str, days: Sequence[Turned]) -> list[str]:
     return [
         name,
         f"{sum(day.is_found for day in days)}/{len(days)}",
-        f"{sum(day.is_told for day in days)}/{len(days)}",
+        f"{sum(day.is_named for day in days)}/{len(days)}",
         f"{min(day.valid_percent for day in days):.1f}",
         f"{max(day.rmse_deg for day in days):.2f}",
         f"{min(day.covered_percent for day in days):.1f}",
@@ -166,7 +164,7 @@ def _judge_slips(
         for day in days
     ]
     missed = sum(not day.is_found for day in large)
-    alarms = sum(day.is_found or day.is_told for day in unturned)
+    alarms = sum(day.is_found or day.is_named for day in unturned)
     what = f"turns of {SURE_DEG:g} deg and more, ten minutes or more before the end: "
     return (
         judge(what + "not found", missed, 0, f"of {len(large)}", 0),

@@ -31,12 +31,11 @@ COLD = "benchmarks.validation.cold"
 
 PROSE = f"""\
 Eight hours of a simulated recording (a quarter of an hour, repeated), float32 as the readers give it.
-`smoothed` is the whole elevation path: still moments, bias, accelerometer, calibration, fusion, angle. The
-peers get their arrays ready made in their own units and give quaternions. All estimators run in turn,
-{ROUNDS} rounds after one that warms up, in one process and one thread; the figure is the median of the
-processor time (which other programs on the machine disturb less), wall time in the next column. imufusion
-(its Python loop) and the filters of `ahrs` run over {PIECE_S:.0f} s only, once each round, scaled to eight
-hours."""
+`smoothed` is the whole elevation path: still moments, bias, accelerometer, calibration, fusion, angle.
+The peers get arrays in their own units and give quaternions. All estimators run in turn, {ROUNDS} rounds
+after one that warms up, in one process and one thread; the figure is the median of the processor time,
+wall time in the next column. imufusion (its Python loop) and the filters of `ahrs` run over {PIECE_S:.0f}
+s only, scaled to eight hours."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,29 +24,26 @@ Results = dict[tuple[Device, MethodName, int], TaskFigures]
 
 PROSE = """\
 Five virtual people (seeds 1 to 5) do each task five times, throws nine times; rigid arm, exact truth,
-sensors with offset, scale, misalignment, drift, noise, resolution and range as in
-`fusion/simulation/sensor.py`. Each repetition counts from the first movement until the arm hangs again; the
-repetitions of a person are pooled, r, RMSE and mean absolute error are taken of the pool, and the table
-gives their means over people. r is not given (NA) where elevation is quasi-static, as in the paper. All
-angles rest on the N-pose held for 10 s at the start; the simulated arm then hangs plumb, so no error of the
-pose is in these figures.
+sensors with offset, scale, misalignment, drift, noise, resolution and range
+(`fusion/simulation/sensor.py`). Each repetition counts from the first movement until the arm hangs again;
+r, RMSE and mean absolute error are taken of a person's pooled repetitions, and the table gives their
+means over people. r is not given (NA) where elevation is quasi-static, as in the paper. All angles rest
+on the N-pose held for 10 s at the start; the simulated arm then hangs plumb, so that no error of the pose
+is in these figures.
 
-**Not blind.** The paper gives tempi, not amplitudes. The amplitudes were chosen here, and two of them after
-`published` had been seen beside Table 1: the range at 3 Hz was reduced from 45 to 30 deg, and the throws
-were made harder (faster turn of the trunk, a stop after the step), twice. What agrees or not in size at 3
-Hz and in throws is therefore no evidence; the comparison of methods on the same motion is. The paper's
-errors also hold what a rigid simulated arm has not: skin and muscle under the sensor, and the error of
-Xsens MVN itself.
+**Not blind.** The paper gives tempi, not amplitudes. Two of ours were chosen after `published` had been
+seen beside Table 1: the range at 3 Hz was reduced from 45 to 30 deg, and the throws were made harder,
+twice. What agrees or not in size at 3 Hz and in throws is no evidence; the comparison of methods on the
+same motion is. The paper's errors also hold skin, muscle and the error of Xsens MVN itself.
 
 **Three protocols.** *Seated*: all ten tasks of a person are one recording: the pose, then the tasks, and
 after each 20 to 40 s of sitting with the arm in the lap or on a table (our assumption; the paper does not
-say what people did between tasks). *Standing*: the same, but the person stands with the arm hanging in
-between. *Separate*: each task is a recording of its own with its own pose, of about a minute. We hold the
-first for the truest picture of a session, and the main tables show it: the sensor is the same all along,
-and its still moments point in several directions, so that the accelerometer can calibrate itself. In the
-other two it nearly always hangs when it is still; then only the part of its offset that lies along the arm
-can be found, and the rest stays: that is what their larger errors are. *Seated* was added after `smoothed`
-had exceeded 1 deg in *separate*; the goals below are judged for all three."""
+say). *Standing*: the same, with the arm hanging in between. *Separate*: each task is a recording of about
+a minute with its own pose. *Seated* is nearest to a session, and the main tables show it: its still
+moments point in several directions, so that the accelerometer can calibrate itself. In the other two the
+arm nearly always hangs when it is still; only the part of the offset along the arm can be found, hence
+their larger errors. *Seated* was added after `smoothed` had exceeded 1 deg in *separate*; the goals are
+judged for all three."""
 
 
 def compare_on_tasks() -> Section:

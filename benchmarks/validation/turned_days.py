@@ -25,12 +25,12 @@ TELLING = frozenset({"W-REMOUNT", "W-SLIP-DOUBT", "W-POSE-APART", "W-POSE-DOUBT"
 class Turned:
     """One day: whether a turn was found, and what the angle is worth.
 
-    ``is_told``: some caveat names it. ``ranged_percent``: valid rows within their range, the pose in it.
+    ``is_named``: some caveat names it. ``ranged_percent``: valid rows within their range, the pose in it.
     ``turned_percent``: share of the rows between two turns that are valid.
     """
 
     is_found: bool
-    is_told: bool
+    is_named: bool
     valid_percent: float
     rmse_deg: float
     covered_percent: float
@@ -74,7 +74,7 @@ def _play(device: Device, seed: int, hours: float) -> tuple[SimulatedShift, tupl
 
 
 def wear_turning(device: Device, seed: int, turn: Turn | None, hours: float = HOURS) -> Worn:
-    """Play a day with the sensor turning as told; nothing else differs, down to the noise."""
+    """Play a day with the sensor turning as given; nothing else differs, down to the noise."""
     shift, states = _play(device, seed, hours)
     rows, first = [], 0
     for number, state in enumerate(states):

@@ -11,10 +11,10 @@ from fusion.angle_series import AngleRows, lay_angles
 from fusion.caveats import Caveat
 from fusion.elevation import Elevation
 from fusion.errors import UnknownAxis
+from fusion.pose.rules import NPOSE_ERROR_DEG
 from fusion.recording import FloatArray, QualityFlag, Recording
 
 STILL_S, STILL_DEG, LEAST_ROWS = 2.0, 3.0, 10
-NPOSE_ERROR_DEG = 15
 STEADY = 0.99
 """Length of the mean vertical over the calibration: below it the sensor turned by about 8 deg or more."""
 

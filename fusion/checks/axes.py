@@ -25,7 +25,7 @@ from fusion.checks.gravity_windows import (
     measure_miss,
     pick_windows,
 )
-from fusion.recording import QualityFlag
+from fusion.recording import Float64Array, QualityFlag
 
 # Parts of a recording in which the two sensors contradict each other, though in the rest they agree.
 #
@@ -34,7 +34,6 @@ from fusion.recording import QualityFlag
 # a time.
 
 
-Table = NDArray[np.float64]
 LIVELY_G = 0.1
 TOGETHER = 6
 ODD_SCORE, ODD_MISS_G = 0.5, 0.2
@@ -58,7 +57,7 @@ def flag_odd_parts(windows: GravityWindows, model: GyroModel) -> tuple[QualityFl
     return (QualityFlag(Caveat.MIXED_PART, len(spans_s), seconds, first_s, last_s, facts, spans_s),)
 
 
-def _mark_odd(left_g: Table, miss_g: Table, blind_g: Table) -> NDArray[np.bool_]:
+def _mark_odd(left_g: Float64Array, miss_g: Float64Array, blind_g: Float64Array) -> NDArray[np.bool_]:
     """Which lively windows are among any six that follow each other and are together as bad as can be."""
     odd = np.zeros(len(left_g), np.bool_)
     for first in range(len(left_g) - TOGETHER + 1):
@@ -69,7 +68,7 @@ def _mark_odd(left_g: Table, miss_g: Table, blind_g: Table) -> NDArray[np.bool_]
     return odd
 
 
-def _join(starts_s: Table) -> tuple[tuple[float, float], ...]:
+def _join(starts_s: Float64Array) -> tuple[tuple[float, float], ...]:
     """Windows that follow each other closely, as stretches (start, end)."""
     joined: list[tuple[float, float]] = []
     for start_s in np.round(starts_s, 2).tolist():
@@ -138,11 +137,11 @@ def _is_least(windows: GravityWindows, model: GyroModel, rows: int) -> bool:
     return bool(as_read <= min(earlier, later))
 
 
-def _weigh_shifts(windows: GravityWindows, model: GyroModel, shifts: Sequence[int]) -> Table:
+def _weigh_shifts(windows: GravityWindows, model: GyroModel, shifts: Sequence[int]) -> Float64Array:
     return _weigh(np.array([measure_miss(_shift(windows, rows), model) for rows in shifts]))
 
 
-def _weigh(miss_g: Table) -> Table:
+def _weigh(miss_g: Float64Array) -> Float64Array:
     """Nats against each shift, (m,) of misses (m, n): Cauchy, as arrangements are weighed."""
     spread_g = max(float(np.median(miss_g, axis=1).min()) / 0.8, LEAST_MISS_G)
     return np.asarray(np.log1p((miss_g / spread_g) ** 2).sum(axis=1) / 2.0)
@@ -202,9 +201,9 @@ class Arrangement:
     ``miss_g`` (n,) of the windows, and ``score``: 0 explains everything, 1 no better than no gyroscope.
     """
 
-    turn: Table
+    turn: Float64Array
     model: GyroModel
-    miss_g: Table
+    miss_g: Float64Array
     score: float
 
     @property
@@ -227,8 +226,8 @@ class Scale:
 
     overall: float
     error: float
-    axes: Table
-    axes_errors: Table
+    axes: Float64Array
+    axes_errors: Float64Array
     model: GyroModel
 
     @property
@@ -275,7 +274,9 @@ class FrameEvidence:
         return self.is_doubtful and self.lively >= BAD_WINDOWS
 
 
-def judge_frame(windows: GravityWindows, offset_dps: Table, factors: Sequence[float]) -> FrameEvidence | None:
+def judge_frame(
+    windows: GravityWindows, offset_dps: Float64Array, factors: Sequence[float]
+) -> FrameEvidence | None:
     """Find the unit factor, order and signs; None where there is too little motion to tell.
 
     ``offset_dps``: what the gyroscope reads at rest. ``factors``: units that come into question, the first
@@ -318,9 +319,9 @@ class _Search:
     """The windows, what each would miss without a gyroscope, (n,), and the offset at rest."""
 
     windows: GravityWindows
-    offset_dps: Table
+    offset_dps: Float64Array
     factors: Sequence[float]
-    blind_g: Table
+    blind_g: Float64Array
 
     @property
     def lively(self) -> int:
@@ -334,16 +335,16 @@ class _Search:
         )
         return float(np.degrees(np.quantile(rates, 0.999)))
 
-    def try_out(self, factor: float, turn: Table) -> Arrangement:
+    def try_out(self, factor: float, turn: Float64Array) -> Arrangement:
         gain = factor * turn
         return self.measure(turn, GyroModel(gain, -gain @ self.offset_dps, np.zeros(3)))
 
-    def measure(self, turn: Table, model: GyroModel) -> Arrangement:
+    def measure(self, turn: Float64Array, model: GyroModel) -> Arrangement:
         miss_g = measure_miss(self.windows, model)
         score = float(np.minimum(miss_g, self.blind_g).sum() / max(self.blind_g.sum(), 1e-9))
         return Arrangement(turn, model, miss_g, score)
 
-    def refine(self, one: Arrangement, basis: Table) -> Arrangement:
+    def refine(self, one: Arrangement, basis: Float64Array) -> Arrangement:
         """Fit the offset, or more, and keep it only if better."""
         fitted = self.measure(one.turn, fit_model(self.windows, one.model, basis, one.factor, rounds=4).model)
         return fitted if fitted.score < one.score else one
@@ -388,12 +389,12 @@ class _Search:
         return [one for one in ranked if one.factor * self.fastest_dps < MOST_DPS]
 
 
-def _start_search(windows: GravityWindows, offset_dps: Table, factors: Sequence[float]) -> _Search:
+def _start_search(windows: GravityWindows, offset_dps: Float64Array, factors: Sequence[float]) -> _Search:
     blind = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
     return _Search(windows, offset_dps, factors, measure_miss(windows, blind))
 
 
-def make_scale_basis(turn: Table) -> Table:
+def make_scale_basis(turn: Float64Array) -> Float64Array:
     """One factor on all axes as they are arranged, and the offsets, shape (15, 7)."""
     basis = np.zeros((15, 7))
     basis[:9, 0] = turn.ravel()
@@ -401,7 +402,7 @@ def make_scale_basis(turn: Table) -> Table:
     return basis
 
 
-def make_axes_basis(turn: Table) -> Table:
+def make_axes_basis(turn: Float64Array) -> Float64Array:
     """A factor on each of the axes as they are arranged, and the offsets, shape (15, 9)."""
     basis = np.zeros((15, 9))
     for axis in range(3):

@@ -9,11 +9,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-SAME_SHARE = 0.999
-"""The two ends of a signed range differ by one count."""
+RANGE_SHARE = 0.999
+"""A sample is cut off from this share of a full scale or of the extreme on: the two ends of a signed range
+differ by one count.
+"""
+FLAT_TOP_SHARE = 0.98
+"""An axis that stops at this share of its extreme is taken for cut off, not for stuck."""
 FLAT_ROWS, FEWEST_TOPS = 3, 5
-LEAST_ACC_G, LEAST_GYR_DPS = 1.5, 50.0
-"""A sensor at rest, in coarse counts, rests at its extreme as well; under these it may."""
+"""An axis rests at one value for so many rows; so often, where nothing states the range."""
+LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS = 1.9, 240.0
+"""No sensor has a smaller range (2 g, 245 deg/s): a lower extreme is not the end of one."""
+LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS = 1.5, 50.0
+"""Of a sensor with a range narrower than stated. At rest, in coarse counts, one rests at its extreme as well;
+under these it may.
+"""
 
 
 def find_flat_range(pieces: Sequence[NDArray[np.float32]], least: float = 0.0) -> float | None:
@@ -25,7 +34,7 @@ def find_flat_range(pieces: Sequence[NDArray[np.float32]], least: float = 0.0) -
     extreme = max((float(max(piece.max(), -piece.min())) for piece in filled), default=0.0)
     if not least <= extreme < np.inf:
         return None
-    limit = np.float32(SAME_SHARE * extreme)
+    limit = np.float32(RANGE_SHARE * extreme)
     tops = sum(_count_tops(piece, sign, limit) for piece in filled for sign in (1, -1))
     return extreme if tops >= FEWEST_TOPS else None
 

@@ -18,16 +18,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import kernel
-from fusion.recording import Segment
+from fusion.recording import Float64Array, Segment
+from fusion.still_limits import REST
 
 # Short looks, spread over a recording: how still it is, and what its sensors read then.
 
 
 PROBED_BLOCKS = 150
 BLOCK_S = 8.0
-STILL_S = 0.05
-OFFSET_S = 0.5
-STILL_G, STILL_DPS = 0.015, 3.0
+MEAN_S = 0.05
 RESTING_PART = 0.02
 """The gyroscope rests where it scatters by less than this part of its liveliest stretch."""
 
@@ -42,16 +41,16 @@ def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
     return blocks[::stride]
 
 
-def moving_mean(segment: Segment, first: int, stop: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def moving_mean(segment: Segment, first: int, stop: int) -> tuple[Float64Array, Float64Array]:
     """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
-    width = max(3, round(STILL_S * segment.rate_hz))
+    width = max(3, round(MEAN_S * segment.rate_hz))
     if stop - first <= width:
         return np.empty((0, 3)), np.empty(0)
     return slide_mean(segment.acc_g[first:stop], width)
 
 
 @njit(cache=True, nogil=True)
-def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[Float64Array, Float64Array]:
     """Mean over ``width`` rows from each row on, and the largest of its three standard deviations."""
     n = len(acc_g) - width + 1
     means, scatter = np.empty((n, 3)), np.zeros(n)
@@ -71,7 +70,7 @@ def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[NDArray[np.float
     return means, np.sqrt(scatter)
 
 
-def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
+def measure_rests_g(segments: Sequence[Segment]) -> Float64Array:
     """Mean acceleration of each half second in which neither sensor moves, shape (n, 3).
 
     A channel that keeps one value measures nothing (a hole filled with zeros, an axis that stuck), unless
@@ -79,10 +78,10 @@ def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
     """
     rests, flat = [np.zeros((0, 3))], [np.zeros(0, np.bool_)]
     for segment, first, stop in probe_blocks(segments):
-        width = max(5, round(OFFSET_S * segment.rate_hz))
+        width = max(5, round(REST.window_s * segment.rate_hz))
         acc_g, acc_sd, acc_flat = _measure_stretches(segment.acc_g[first:stop], width)
         _, gyr_sd, gyr_flat = _measure_stretches(segment.gyr_dps[first:stop], width)
-        is_still = (acc_sd < STILL_G) & (gyr_sd < STILL_DPS)
+        is_still = (acc_sd < REST.acc_sd_g) & (gyr_sd < REST.gyro_sd_dps)
         rests.append(acc_g[is_still])
         flat.append((acc_flat | gyr_flat)[is_still])
     found, is_flat = np.concatenate(rests), np.concatenate(flat)
@@ -91,7 +90,7 @@ def measure_rests_g(segments: Sequence[Segment]) -> NDArray[np.float64]:
 
 def _measure_stretches(
     samples: NDArray[np.float32], width: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:
     """Mean (m, 3) of each ``width`` rows, their largest standard deviation, and whether any is 0 (m,)."""
     count = len(samples) // width
     means, scatter = np.zeros((count, 3)), np.zeros((count, 3))
@@ -113,7 +112,7 @@ def reduce_stretches(samples, width, means, scatter):  # type: ignore[no-untyped
             means[k, axis] += first
 
 
-def tell_directions(unit: NDArray[np.float64], near_deg: float) -> NDArray[np.intp]:
+def tell_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
     """Number the directions: each moment belongs to the first, in order of time, that is near it."""
     number, found = np.full(len(unit), -1, dtype=np.intp), 0
     left = np.arange(len(unit))
@@ -125,13 +124,13 @@ def tell_directions(unit: NDArray[np.float64], near_deg: float) -> NDArray[np.in
     return number
 
 
-def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
+def find_gyro_offset_dps(segments: Sequence[Segment]) -> Float64Array:
     """What the gyroscope reads at rest, shape (3,), in its own unit; zeros where it never rests."""
-    means = list[NDArray[np.float64]]()
+    means = list[Float64Array]()
     scatters, spread = list[float](), list[float]()
     for segment, first, stop in probe_blocks(segments):
         rows = segment.gyr_dps[first:stop]
-        mean, scatter, _ = _measure_stretches(rows, max(5, round(OFFSET_S * segment.rate_hz)))
+        mean, scatter, _ = _measure_stretches(rows, max(5, round(REST.window_s * segment.rate_hz)))
         means.extend(mean)
         scatters.extend(scatter)
         spread.append(_measure_stretches(rows, len(rows))[1].max())
@@ -139,7 +138,6 @@ def find_gyro_offset_dps(segments: Sequence[Segment]) -> NDArray[np.float64]:
     return np.median(np.array(means)[is_still], axis=0) if is_still.any() else np.zeros(3)
 
 
-Table = NDArray[np.float64]
 WINDOW_S = 8.0
 SHORTEST_S = 0.8
 """Of a segment shorter than a window, the whole is one if it lasts so long."""
@@ -160,11 +158,11 @@ class GravityWindows:
     when they begin, from the first sample of the recording.
     """
 
-    acc_g: Table
-    turn: Table
+    acc_g: Float64Array
+    turn: Float64Array
     first: NDArray[np.int64]
-    period_s: Table
-    start_s: Table
+    period_s: Float64Array
+    start_s: Float64Array
 
     def __len__(self) -> int:
         return len(self.period_s)
@@ -174,9 +172,9 @@ class GravityWindows:
 class GyroModel:
     """True rate = ``gain`` (3, 3) @ reading + ``drift_dps``; true acceleration = reading - ``offset_g``."""
 
-    gain: Table
-    drift_dps: Table
-    offset_g: Table
+    gain: Float64Array
+    drift_dps: Float64Array
+    offset_g: Float64Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,8 +182,8 @@ class GyroFit:
     """A fitted model, its free values less where they began, (p,), and their standard errors."""
 
     model: GyroModel
-    values: Table
-    errors: Table
+    values: Float64Array
+    errors: Float64Array
 
 
 def cut_windows(
@@ -235,7 +233,7 @@ def _tell_flat(segment: Segment, first: int, rows: int) -> NDArray[np.bool_]:
     return np.concatenate([(values == values[0]).all(axis=0) for values in sensors])
 
 
-def _cut_window(segment: Segment, first: int, rows: int) -> tuple[Table, Table, float]:
+def _cut_window(segment: Segment, first: int, rows: int) -> tuple[Float64Array, Float64Array, float]:
     """Means of 20 ms; the rate between two rows is a straight line."""
     width = max(1, round(ROW_S * segment.rate_hz))
     count = rows // width // 2 * 2
@@ -261,14 +259,14 @@ def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> Gravity
     return GravityWindows(windows.acc_g[rows], windows.turn[rows], first, periods_s, start_s)
 
 
-def measure_miss(windows: GravityWindows, model: GyroModel) -> Table:
+def measure_miss(windows: GravityWindows, model: GyroModel) -> Float64Array:
     """How far, in g, gravity of the second half is from that of the first, shape (n,)."""
     miss, _ = _carry(windows, model, has_slope=False)
     return np.asarray(np.linalg.norm(miss, axis=1))
 
 
 def fit_model(
-    windows: GravityWindows, start: GyroModel, shape: Table, factor: float = 1.0, rounds: int = 8
+    windows: GravityWindows, start: GyroModel, shape: Float64Array, factor: float = 1.0, rounds: int = 8
 ) -> GyroFit:
     """Gauss-Newton with Cauchy weights from ``start`` along the columns of ``shape``, (15, p).
 
@@ -300,11 +298,13 @@ def fit_model(
     return GyroFit(_unpack(origin + basis @ values), values, errors)
 
 
-def _unpack(numbers: Table) -> GyroModel:
+def _unpack(numbers: Float64Array) -> GyroModel:
     return GyroModel(numbers[:9].reshape(3, 3), numbers[9:12] * 100.0, numbers[12:])
 
 
-def _carry(windows: GravityWindows, model: GyroModel, *, has_slope: bool) -> tuple[Table, Table]:
+def _carry(
+    windows: GravityWindows, model: GyroModel, *, has_slope: bool
+) -> tuple[Float64Array, Float64Array]:
     """Misses (n, 3) and, if asked for, their slopes (n, 3, 15)."""
     miss = np.zeros((len(windows), 3))
     slope = np.zeros((len(windows) if has_slope else 0, 3, 15))

@@ -26,9 +26,9 @@ from fusion.checks.axes import (
     measure_lag,
     measure_scale,
 )
-from fusion.checks.clipping import LEAST_ACC_G, LEAST_GYR_DPS, SAME_SHARE, find_flat_range
+from fusion.checks.clipping import LEAST_ACC_TOP_G, LEAST_GYR_TOP_DPS, RANGE_SHARE, find_flat_range
 from fusion.checks.gravity_windows import (
-    STILL_S,
+    MEAN_S,
     GravityWindows,
     cut_windows,
     find_gyro_offset_dps,
@@ -39,7 +39,7 @@ from fusion.checks.gravity_windows import (
     tell_directions,
 )
 from fusion.errors import ExchangedSensors, MixedColumns, TooShort, WrongScale
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_dps
 
 # Scale of the accelerometer: how long gravity reads at rest, in all the directions that were seen.
@@ -50,10 +50,8 @@ from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY, acc_scale_g, gyr_scale_d
 # directions only: at one, both read alike.
 
 
-Table = NDArray[np.float64]
-
 CELL_DEG, FEWEST_DIRECTIONS = 10.0, 6
-CELL_G, STILL_G = 0.002, 0.004
+CELL_SD_G, REST_SD_G = 0.002, 0.004
 """Standard deviation of the length at a direction, and of a single rest."""
 OFFSET_G = 0.04
 """What parts have, one standard deviation (LSM9DS1: 90 mg at most)."""
@@ -75,8 +73,8 @@ class RestScale:
     overall: float
     error: float
     left_g: float
-    axes: Table
-    axes_errors: Table
+    axes: Float64Array
+    axes_errors: Float64Array
     axes_left_g: float
 
     @property
@@ -98,7 +96,7 @@ class RestScale:
         return self.axes_left_g < MOST_LEFT_G and bool(np.any(is_far))
 
 
-def measure_rest_scale(rests_g: Table) -> RestScale | None:
+def measure_rest_scale(rests_g: Float64Array) -> RestScale | None:
     """Fit factors and offset to mean accelerations at rest, (n, 3); None from too few directions."""
     length_g = np.linalg.norm(rests_g, axis=1)
     rests_g, length_g = rests_g[length_g > 0.0], length_g[length_g > 0.0]
@@ -106,13 +104,13 @@ def measure_rest_scale(rests_g: Table) -> RestScale | None:
     if len(cell) == 0 or cell.max() + 1 < FEWEST_DIRECTIONS:
         return None
     reading_g, count = _average(rests_g, cell)
-    variance = CELL_G**2 + STILL_G**2 / count
+    variance = CELL_SD_G**2 + REST_SD_G**2 / count
     values, errors, left_g = _fit(reading_g, variance, np.ones((3, 1)))
     axes, axes_errors, axes_left_g = _fit(reading_g, variance, np.eye(3))
     return RestScale(float(values[0]), float(errors[0]), left_g, axes, axes_errors, axes_left_g)
 
 
-def _average(rests_g: Table, cell: NDArray[np.intp]) -> tuple[Table, Table]:
+def _average(rests_g: Float64Array, cell: NDArray[np.intp]) -> tuple[Float64Array, Float64Array]:
     """One reading for each direction, (c, 3), so that no pose outvotes the others, and how many rests, (c,).
 
     The median length in the mean direction: the mean itself is too short by the spread of the directions.
@@ -123,7 +121,9 @@ def _average(rests_g: Table, cell: NDArray[np.intp]) -> tuple[Table, Table]:
     return mean_g * (median_g / np.linalg.norm(mean_g, axis=1))[:, None], count.astype(np.float64)
 
 
-def _fit(reading_g: Table, variance: Table, shape: Table) -> tuple[Table, Table, float]:
+def _fit(
+    reading_g: Float64Array, variance: Float64Array, shape: Float64Array
+) -> tuple[Float64Array, Float64Array, float]:
     """Factors along the columns of ``shape`` (3, p), their errors, and what is left, with Cauchy weights."""
     p = shape.shape[1]
     values = np.concatenate([np.ones(p), np.zeros(3)])
@@ -146,7 +146,6 @@ def _fit(reading_g: Table, variance: Table, shape: Table) -> tuple[Table, Table,
 # Samples put right, in place, and how that is said: a shift is too large to be held twice.
 
 
-Matrix = NDArray[np.float64]
 Facts = Mapping[str, str | int | float]
 BLOCK_ROWS = 1 << 16
 """Rows that change places in one step."""
@@ -159,24 +158,24 @@ def flag_correction(recording: Recording, what: str, evidence: str, facts: Facts
     return replace(recording, flags=(*recording.flags, flag))
 
 
-def multiply_acceleration(recording: Recording, factors: Matrix | Sequence[float] | float) -> None:
+def multiply_acceleration(recording: Recording, factors: Float64Array | Sequence[float] | float) -> None:
     """Multiply the acceleration, all axes alike or each by its own factor, in place."""
     for segment in recording.segments:
         segment.acc_g[:] *= np.asarray(factors, np.float32)
 
 
-def multiply_rates(recording: Recording, factors: Matrix | Sequence[float] | float) -> None:
+def multiply_rates(recording: Recording, factors: Float64Array | Sequence[float] | float) -> None:
     """Multiply the angular rate in the same way."""
     for segment in recording.segments:
         segment.gyr_dps[:] *= np.asarray(factors, np.float32)
 
 
-def is_mirrored(turn: Matrix) -> bool:
+def is_mirrored(turn: Float64Array) -> bool:
     """Whether all three rates are the other way about, as in a left-handed frame."""
     return bool(np.all(turn == -np.eye(3)))
 
 
-def turn_axes(recording: Recording, turn: Matrix) -> Recording:
+def turn_axes(recording: Recording, turn: Float64Array) -> Recording:
     """Put the rates in the order and signs of ``turn`` (3, 3), in place, and say which were not.
 
     Row i of ``turn`` says which reading, with which sign, is the rate about axis i. Where all are the other
@@ -204,12 +203,12 @@ def reorder_columns(values: NDArray[np.float32], order: NDArray[np.intp]) -> Non
         values[first : first + BLOCK_ROWS] = values[first : first + BLOCK_ROWS, order]
 
 
-def name_axes(turn: Matrix) -> str:
+def name_axes(turn: Float64Array) -> str:
     """Which readings, with which signs, are the rates about x, y and z: "+x +y +z" as it should be."""
     return " ".join(f"{'-' if row.sum() < 0 else '+'}{'xyz'[int(np.abs(row).argmax())]}" for row in turn)
 
 
-def name_factors(axes: Matrix) -> dict[str, float]:
+def name_factors(axes: Float64Array) -> dict[str, float]:
     """Factors of x, y and z as facts."""
     return {f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", axes, strict=True)}
 
@@ -245,9 +244,9 @@ def _measure_spread(segments: Sequence[Segment], *, is_rate: bool) -> float:
     return float(high / max(low, 1e-9))
 
 
-def _measure_lengths(segment: Segment, first: int, stop: int, *, is_rate: bool) -> NDArray[np.float64]:
+def _measure_lengths(segment: Segment, first: int, stop: int, *, is_rate: bool) -> Float64Array:
     samples = (segment.gyr_dps if is_rate else segment.acc_g)[first:stop]
-    width = max(3, round(STILL_S * segment.rate_hz))
+    width = max(3, round(MEAN_S * segment.rate_hz))
     if len(samples) < width:
         return np.empty(0)
     return np.asarray(np.linalg.norm(slide_mean(samples, width)[0], axis=1))
@@ -288,7 +287,6 @@ COUNTED = ("row number", "packet counter")
 """What the readers call a table whose rows bear no time: somebody told its rate."""
 FEWEST_RESTS, UNEVEN_G = 20, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
-Vector = NDArray[np.float64]
 
 
 def check_physics(recording: Recording) -> Recording:
@@ -355,7 +353,7 @@ def _check_lag(recording: Recording, lag: SensorLag) -> Recording:
 def cut_whole_windows(segments: Sequence[Segment]) -> tuple[GravityWindows, float | None]:
     """Windows in which the gyroscope is not cut off, and the size at which it is; None where it never is."""
     cut_off = find_flat_range([segment.gyr_dps for segment in segments])
-    return cut_windows(segments, SAME_SHARE * (cut_off or np.inf)), cut_off
+    return cut_windows(segments, RANGE_SHARE * (cut_off or np.inf)), cut_off
 
 
 def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
@@ -363,9 +361,9 @@ def _narrow_ranges(recording: Recording, *, is_cut: bool) -> Recording:
 
     ``is_cut``: the gyroscope's flat tops were seen, in whatever unit it was.
     """
-    acc_g = find_flat_range([segment.acc_g for segment in recording.segments], LEAST_ACC_G)
+    acc_g = find_flat_range([segment.acc_g for segment in recording.segments], LEAST_ACC_TOP_G)
     rates = [segment.gyr_dps for segment in recording.segments] if is_cut else []
-    gyr_dps = find_flat_range(rates, LEAST_GYR_DPS)
+    gyr_dps = find_flat_range(rates, LEAST_GYR_TOP_DPS)
     return replace(
         recording,
         acc_range_g=min((r for r in (acc_g, recording.acc_range_g) if r is not None), default=None),
@@ -390,7 +388,7 @@ def _correct_rest_length(recording: Recording) -> Recording:
     return flag_correction(recording, "accelerometer scale", "rest", {"factor": round(scale.overall, 3)})
 
 
-def _refuse_uneven(lengths_g: Vector) -> None:
+def _refuse_uneven(lengths_g: Float64Array) -> None:
     """An accelerometer that reads another length at rest in every direction has an axis of another scale."""
     if len(lengths_g) < FEWEST_RESTS:
         return
@@ -495,8 +493,8 @@ def _tell_place(recording: Recording, at_s: float) -> dict[str, str]:
 
 def find_rest_g(segments: Sequence[Segment]) -> tuple[float, bool]:
     """Median length of the acceleration at still moments, and whether there were any; else over all."""
-    still: list[NDArray[np.float64]] = []
-    every: list[NDArray[np.float64]] = []
+    still: list[Float64Array] = []
+    every: list[Float64Array] = []
     for segment, first, stop in probe_blocks(segments):
         means, scatter = moving_mean(segment, first, stop)
         lengths = np.linalg.norm(means, axis=1)

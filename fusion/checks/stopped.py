@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.checks.clipping import FLAT_TOP_SHARE
 from fusion.recording import MICROSECONDS, Segment, Span
 
 # Ranges of rows: found where all channels rest, joined, and taken out of a segment.
@@ -184,8 +185,6 @@ LEAP_COUNTS, LEAP_STEPS = 10.0, 8.0
 SMOOTH_PART = 0.5
 """The steps around a leap are smaller than this part of it: a knock rings."""
 FEWEST_ROWS, FEWEST_BETWEEN_LEAPS = 5, 3
-CLIPPED_PART = 0.98
-"""A flat top at the axis' own extreme is told of as clipped."""
 PROVEN_STOPS = 3
 SAMPLED_ROWS = 20_000
 BLOCK_ROWS = 64
@@ -241,7 +240,7 @@ def _choose_signs(segments: Sequence[Segment], channel: int) -> _Signs:
     moved = (MOVED_G, MOVED_DPS) if is_acc else (MOVED_DPS, MOVED_G)
     columns = [_sense(segment, channel)[0][:, axis] for segment in segments]
     extreme = max(max(one.max(initial=0.0), -one.min(initial=0.0)) for one in columns)
-    return _Signs((leap, max(leap, LEAP_STEPS * usual)), moved, CLIPPED_PART * float(extreme))
+    return _Signs((leap, max(leap, LEAP_STEPS * usual)), moved, FLAT_TOP_SHARE * float(extreme))
 
 
 def _name_value(segments: Sequence[Segment], channel: int, stops: Sequence[Rows]) -> float | None:

@@ -5,7 +5,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.errors import TERM, UnusableRecording, name_facts
+from fusion.caveats import TERM, name_facts
+from fusion.errors import UnusableRecording
 from fusion.recording import FloatArray
 
 

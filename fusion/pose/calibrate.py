@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.conventions import Pose
 from fusion.errors import UnusableCalibration
@@ -29,7 +28,7 @@ from fusion.pose.windows import (
     scale_to_unit,
     share_between,
 )
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.gyro_scale import GyroScale, leave_gyro_scale
 from fusion.sensor.model import GyroBias, view_segment
@@ -44,7 +43,6 @@ from fusion.sensor.stillness import (
     find_still_moments,
 )
 
-Vector = NDArray[np.float64]
 WHOLE_DAY_S = (-np.inf, np.inf)
 
 
@@ -60,7 +58,7 @@ class Calibration:
 
     pose: Pose
     still: StillPeriod
-    arm_axis: Vector
+    arm_axis: Float64Array
     second: StillPeriod | None = None
     sigma_deg: float = 0.0
 
@@ -162,7 +160,7 @@ def calibrate(
     )
 
 
-def _correct(still: StillPeriod, correction: AccelerometerCorrection) -> Vector:
+def _correct(still: StillPeriod, correction: AccelerometerCorrection) -> Float64Array:
     """Gravity as the accelerometer should have read it in the middle of the still period."""
     return np.asarray(correction.apply(still.gravity_g, still.start_s + still.duration_s / 2.0))
 

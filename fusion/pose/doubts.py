@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.conventions import Pose
@@ -13,9 +12,8 @@ from fusion.pose.rules import OTHER_RULES, rules_for
 from fusion.pose.slips import Doubt, SlipRules
 from fusion.pose.wear import AxisPart, WornPart, WornParts
 from fusion.pose.windows import Blocks, StillPeriod, find_quiet_windows
-from fusion.recording import QualityFlag, Recording
+from fusion.recording import Float64Array, QualityFlag, Recording
 
-Vector = NDArray[np.float64]
 UNLIKE_WALKING_DEG = 30.0
 """Between a calibration pose and walking: 10 deg at most was seen; a load carried may add to it."""
 LIKE_WALKING_DEG = 15.0
@@ -78,7 +76,7 @@ def weigh_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still:
     return PoseEvidence(sigma_deg, apart_deg, first_deg, first_s, is_sure)
 
 
-def weigh_asked(worn: WornParts, still: StillPeriod, arm_axis: Vector) -> PoseEvidence:
+def weigh_asked(worn: WornParts, still: StillPeriod, arm_axis: Float64Array) -> PoseEvidence:
     """What speaks against a pose in a window that a person gave; nobody needs to have walked.
 
     Where walking differs from the window by more than poses do, the axis is known as well as walking tells
@@ -148,7 +146,6 @@ def _flag(caveat: Caveat, still: StillPeriod, facts: dict[str, float] | None = N
 # Turns that cannot be told for sure: what is left out for them, and what is kept with a wider range.
 
 
-Table = NDArray[np.float64]
 Spans = list[tuple[float, float]]
 EARLY_TURN_DEG = 15.0
 EARLY_S = SlipRules().least_s
@@ -184,7 +181,7 @@ def find_early_turn(worn: WornParts, pose_s: float, evidence: PoseEvidence) -> t
 
 
 def find_doubted_parts(
-    worn: WornParts, arm_axis: Table, remounts: Sequence[AxisPart]
+    worn: WornParts, arm_axis: Float64Array, remounts: Sequence[AxisPart]
 ) -> tuple[DoubtedPart, ...]:
     """The side of each doubt on which the arm hung farther from the axis that its part is read by."""
     found: list[DoubtedPart] = []
@@ -196,13 +193,13 @@ def find_doubted_parts(
     return tuple(found)
 
 
-def _find_axis(part: WornPart, arm_axis: Table, remounts: Sequence[AxisPart]) -> Table | None:
+def _find_axis(part: WornPart, arm_axis: Float64Array, remounts: Sequence[AxisPart]) -> Float64Array | None:
     """The axis that a part is read by; None where it is left out."""
     span_s = (part.start_s, part.end_s)
     return next((one.arm_axis for one in remounts if (one.start_s, one.end_s) == span_s), arm_axis)
 
 
-def _take_side(doubt: Doubt, part: WornPart, axis: Table) -> Spans:
+def _take_side(doubt: Doubt, part: WornPart, axis: Float64Array) -> Spans:
     """The side that the axis fits less, as far as walking, which tells both apart, shows no other."""
     strides = part.strides
     within = (strides.time_s >= doubt.first_s) & (strides.time_s < doubt.end_s)

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds
 
-Table = NDArray[np.float64]
 NEAR_DEG = 10.0
 """Directions are counted within this angle of each other."""
 MOST = 500
@@ -37,8 +37,8 @@ MINUTE_STRIDING, SURE_STRIDING = 30, 150
 class Moments:
     """Directions of gravity ``up`` (m, 3), unit vectors of the sensor, at the times ``time_s`` (m,)."""
 
-    time_s: Table
-    up: Table
+    time_s: Float64Array
+    up: Float64Array
 
     def within(self, first_s: float, end_s: float) -> "Moments":
         """Those from ``first_s`` on and before ``end_s``."""
@@ -90,8 +90,8 @@ def _find_striding(run: QuarterSeconds, accelerometer: AccelerometerCorrection) 
 
 
 def _take_calm(
-    time_s: Table, acc_g: Table, accelerometer: AccelerometerCorrection
-) -> tuple[Table, Table, NDArray[np.bool_]]:
+    time_s: Float64Array, acc_g: Float64Array, accelerometer: AccelerometerCorrection
+) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:
     """Times, unit directions, and which of them are calm."""
     up = accelerometer.apply(acc_g, time_s)
     length = np.linalg.norm(up, axis=1)
@@ -99,7 +99,7 @@ def _take_calm(
     return time_s, up / np.maximum(length, 1e-9)[:, None], np.asarray(calm)
 
 
-def _average_blocks(run: QuarterSeconds) -> tuple[Table, Table, Table]:
+def _average_blocks(run: QuarterSeconds) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Middle, mean acceleration and standard deviation (three axes together) of every 2 s."""
     count = len(run.acc) // CALM_BLOCKS
     blocks = run.acc[: count * CALM_BLOCKS].reshape(count, CALM_BLOCKS, 6)
@@ -115,19 +115,19 @@ def cos_deg(angle_deg: float) -> float:
     return float(np.cos(np.radians(angle_deg)))
 
 
-def find_angle_deg(first: Table, second: Table) -> float:
+def find_angle_deg(first: Float64Array, second: Float64Array) -> float:
     """Angle between two vectors, whatever their lengths."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)))
 
 
-def share_near(up: Table, directions: Table) -> Table:
+def share_near(up: Float64Array, directions: Float64Array) -> Float64Array:
     """Share of the moments near each direction."""
     # Not `@`: the threads it starts for so little wait longer, at work, than the product takes.
     cosines = np.einsum("md,nd->nm", up, directions)
     return np.asarray((cosines >= cos_deg(NEAR_DEG)).mean(axis=1))
 
 
-def find_commonest(up: Table) -> tuple[Table, float]:
+def find_commonest(up: Float64Array) -> tuple[Float64Array, float]:
     """The commonest direction, and the share of the moments near it."""
     shares = share_near(up, up)
     best = int(np.argmax(shares))
@@ -147,7 +147,7 @@ def compare_postures(first: Moments, second: Moments) -> tuple[float, float]:
     return find_angle_deg(at_one, at_other), float(known)
 
 
-def find_hanging(strides: Moments) -> Table | None:
+def find_hanging(strides: Moments) -> Float64Array | None:
     """The direction in which the arm hangs while walking; None where too little was walked."""
     return find_commonest(strides.thin().up)[0] if len(strides.up) >= LEAST_STRIDING else None
 
@@ -158,7 +158,7 @@ def compare_hanging(first: Moments, second: Moments) -> float | None:
     return None if one is None or other is None else find_angle_deg(one, other)
 
 
-def build_frame(up: Table) -> Table:
+def build_frame(up: Float64Array) -> Float64Array:
     """Rows: the commonest direction, and two across it, set by the mean of all."""
     commonest, _ = find_commonest(up)
     across = np.cross(commonest, up.mean(axis=0))

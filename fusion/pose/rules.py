@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from fusion.recording import Float64Array
+from fusion.still_limits import POSE
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,14 +13,13 @@ class CalibrationRules:
     """What counts as still, and as too much motion to calibrate on.
 
     The first block is EXPOSURE.md A15: at least ``length_s`` with the acceleration's standard deviation
-    (largest axis) under ``quiet_acc_sd_g`` and its mean within ``one_g_within`` of 1 g.
-    ``quiet_gyro_sd_dps`` is ours: it keeps out a turn about the vertical, which the accelerometer cannot
-    see. The second block refuses windows; the third orders proposals.
+    (largest axis) under ``quiet_acc_sd_g`` and its mean within ``one_g_within`` of 1 g; see
+    :data:`fusion.still_limits.POSE`. The second block refuses windows; the third orders proposals.
     """
 
-    length_s: float = 5.0
-    quiet_acc_sd_g: float = 0.01
-    quiet_gyro_sd_dps: float = 3.0
+    length_s: float = POSE.window_s
+    quiet_acc_sd_g: float = POSE.acc_sd_g
+    quiet_gyro_sd_dps: float = POSE.gyro_sd_dps
     one_g_within: float = 0.10
 
     fallback_s: float = 2.0
@@ -40,6 +41,8 @@ class CalibrationRules:
     early_s: float = 600.0
 
 
+NPOSE_ERROR_DEG = 15
+"""With the arm along the body as the reference, a raised arm may read too low by so much."""
 GT9X_RULES = CalibrationRules(one_g_within=0.05)
 OTHER_RULES = CalibrationRules()
 
@@ -52,15 +55,15 @@ def rules_for(device: str) -> CalibrationRules:
 
 
 def score_still_period(
-    duration_s: float, acc_sd_g: float, gravity_g: NDArray[np.float64], rules: CalibrationRules = OTHER_RULES
+    duration_s: float, acc_sd_g: float, gravity_g: Float64Array, rules: CalibrationRules = OTHER_RULES
 ) -> float:
     """Grade a still period, 0 to 1, as :func:`score_still_periods` does several."""
     return float(score_still_periods(duration_s, np.array([acc_sd_g]), gravity_g[None], rules)[0])
 
 
 def score_still_periods(
-    duration_s: float, acc_sd_g: NDArray[np.float64], gravity_g: NDArray[np.float64], rules: CalibrationRules
-) -> NDArray[np.float64]:
+    duration_s: float, acc_sd_g: Float64Array, gravity_g: Float64Array, rules: CalibrationRules
+) -> Float64Array:
     """Grade still periods of one length, (w,) and (w, 3): the product of how still, how near 1 g, how long.
 
     Still: ``1 / (1 + (sd / 0.01 g)^2)``, a half at the limit. Near: ``1 - ||a| - 1| / (2 x tolerance)``, a

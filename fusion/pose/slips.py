@@ -25,9 +25,9 @@ from fusion.pose.postures import (
     NEAR_DEG,
     SURE_STRIDING,
     Moments,
-    Table,
     cos_deg,
 )
+from fusion.recording import Float64Array
 
 # Every stretch of a day held against the rest of it: whether both show the arm hanging alike.
 #
@@ -50,7 +50,7 @@ class CountedMoments:
 
     moments: Moments
     cell: Rows
-    centre: Table
+    centre: Float64Array
     near: Counts
 
 
@@ -66,13 +66,13 @@ class Stretches:
     in ``known``.
     """
 
-    known: Table
-    angle_deg: Table
-    hangs_deg: Table
+    known: Float64Array
+    angle_deg: Float64Array
+    hangs_deg: Float64Array
     strides: NDArray[np.int64]
-    explained: Table
-    pure: Table
-    crossed: Table
+    explained: Float64Array
+    pure: Float64Array
+    crossed: Float64Array
 
 
 def count_moments(moments: Moments, cell_deg: float) -> CountedMoments:
@@ -102,8 +102,8 @@ def compare_stretches(
 
 
 def _compare_walking(
-    strides: CountedMoments, edges_s: Table, first: Rows, stop: Rows
-) -> tuple[Table, NDArray[np.int64], Table, Table, Table]:
+    strides: CountedMoments, edges_s: Float64Array, first: Rows, stop: Rows
+) -> tuple[Float64Array, NDArray[np.int64], Float64Array, Float64Array, Float64Array]:
     """Angle between the directions of walking (NaN: not known), the lesser count, shares explained."""
     interval = np.searchsorted(edges_s, strides.moments.time_s, "right")
     walked = np.concatenate([[0], np.cumsum(np.bincount(interval, minlength=len(edges_s) + 1)[1:-1])])
@@ -126,7 +126,7 @@ def _compare_walking(
     return hangs_deg, fewer, (near + far) / walked[-1], pure, crossed
 
 
-def _add_up(counted: CountedMoments, interval: Rows, edges: int, *weights: Table) -> Counts:
+def _add_up(counted: CountedMoments, interval: Rows, edges: int, *weights: Float64Array) -> Counts:
     """Count, and sum weights, near each cell from the first edge to each: (1 + weights, edges, c)."""
     cells = len(counted.near)
     place, bins = interval * cells + counted.cell, (edges + 1) * cells
@@ -142,11 +142,11 @@ def _part(sums: Counts, first: Rows, stop: Rows) -> tuple[Counts, Counts]:
     return inside, sums[-1] - inside
 
 
-def _scale(vectors: Table) -> Table:
+def _scale(vectors: Float64Array) -> Float64Array:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 
-def _find_angles_deg(first: Table, second: Table) -> Table:
+def _find_angles_deg(first: Float64Array, second: Float64Array) -> Float64Array:
     return np.asarray(np.degrees(np.arccos(np.clip((first * second).sum(axis=1), -1.0, 1.0))))
 
 
@@ -170,7 +170,7 @@ class SlipRules:
       where a side is shorter than ``short_s``) for one; the first of ``known_between`` and
       ``turned_between_deg`` for two, as an hour at the wheel between two on foot looks like 45 deg.
 
-    The figures behind the bounds stand in decision 32. Of stretches that are as good, one that reaches to the
+    The figures behind the bounds stand in decision 38. Of stretches that are as good, one that reaches to the
     end is taken, unless another is known less by ``clearer``. A slip over minutes leaves most of its
     beginning and end to either side; ``margin_s`` is added to both. A turn is in doubt where
     ``pure`` of the walking on each side is near its commonest direction and hardly any near that of the
@@ -228,7 +228,7 @@ class _Day:
     rules: SlipRules
 
     @property
-    def time_s(self) -> Table:
+    def time_s(self) -> Float64Array:
         """Times of the calm moments."""
         return self.calm.moments.time_s
 
@@ -335,11 +335,11 @@ def _list_usable(day: _Day, edges: Rows, span: Span) -> NDArray[np.bool_]:
     return np.asarray(before & (after | (stop == last)) & enough)
 
 
-def _find_times(day: _Day, moments: Rows) -> Table:
+def _find_times(day: _Day, moments: Rows) -> Float64Array:
     return day.time_s[np.minimum(moments, len(day.time_s) - 1)]
 
 
-def _bound_one(found: Stretches, is_short: NDArray[np.bool_], rules: SlipRules) -> Table:
+def _bound_one(found: Stretches, is_short: NDArray[np.bool_], rules: SlipRules) -> Float64Array:
     """What two sides of one slip may know of each other at most; 0 where nothing turned."""
     turned_deg = np.where(is_short, rules.turned_short_deg, rules.turned_deg)
     unseen = np.where(found.angle_deg >= turned_deg, rules.known, 0.0)
@@ -348,7 +348,7 @@ def _bound_one(found: Stretches, is_short: NDArray[np.bool_], rules: SlipRules) 
     return np.where(np.isnan(found.hangs_deg), unseen, seen)
 
 
-def _bound_between(found: Stretches, rules: SlipRules) -> Table:
+def _bound_between(found: Stretches, rules: SlipRules) -> Float64Array:
     """The same for a stretch between two slips."""
     unseen = np.where(found.angle_deg >= rules.turned_between_deg, rules.known_between[0], 0.0)
     walked = np.take(rules.known_between, _grade_walking(found, rules))
@@ -381,7 +381,7 @@ def _narrow(day: _Day, edges: tuple[int, int, int]) -> tuple[int, int]:
     return start, end
 
 
-def _share(day: _Day, first: int, stop: int) -> Table:
+def _share(day: _Day, first: int, stop: int) -> Float64Array:
     """Share of the moments near each cell, (c,)."""
     count = np.bincount(day.calm.cell[first:stop], minlength=len(day.calm.near))
     return np.asarray(count @ day.calm.near / max(stop - first, 1), dtype=np.float64)

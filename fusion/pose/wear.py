@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.pose.postures import (
@@ -26,9 +25,10 @@ from fusion.pose.postures import (
     find_striding_moments,
 )
 from fusion.pose.slips import Doubt, Slip, find_slips
-from fusion.recording import QualityFlag
+from fusion.recording import Float64Array, QualityFlag
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds, QuietTable, summarise_windows
+from fusion.still_limits import OFF_THE_ARM
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,8 @@ class WearRules:
     """What counts as off the arm. ``least_share`` of the calm moments: in such a part the pose is sought."""
 
     off_s: float = 600.0
-    still_acc_sd_g: float = 0.013
-    window_s: float = 10.0
+    still_acc_sd_g: float = OFF_THE_ARM.acc_sd_g
+    window_s: float = OFF_THE_ARM.window_s
     hole_s: float = 300.0
     least_share: float = 0.15
 
@@ -58,7 +58,7 @@ class WornPart:
     is_whole: bool = True
     opens: bool = True
 
-    def find_hanging(self) -> NDArray[np.float64] | None:
+    def find_hanging(self) -> Float64Array | None:
         """The direction in which the arm hangs while walking; None where too little was walked."""
         return find_hanging(self.strides)
 
@@ -193,9 +193,6 @@ def _cut_part(day: WornPart, wear: int, span_s: tuple[float, float]) -> WornPart
 # and 38 deg wrong before). A turn about the arm's own axis changes nothing and is not looked for.
 
 
-Table = NDArray[np.float64]
-
-
 @dataclass(frozen=True, slots=True)
 class RemountRules:
     """What counts as another direction, and as enough to tell.
@@ -228,12 +225,12 @@ class AxisPart:
 
     start_s: float
     end_s: float
-    arm_axis: Table | None
+    arm_axis: Float64Array | None
     sigma_deg: float = 0.0
 
 
 def find_remounts(
-    worn: WornParts, calibrated: tuple[float, Table], rules: RemountRules | None = None
+    worn: WornParts, calibrated: tuple[float, Float64Array], rules: RemountRules | None = None
 ) -> tuple[AxisPart, ...]:
     """Parts that need an axis of their own; ``calibrated``: when the pose was held, and the axis it gave."""
     (pose_s, arm_axis), rules = calibrated, rules or RemountRules()
@@ -245,7 +242,7 @@ def find_remounts(
 
 
 def count_readable(
-    worn: WornParts, calibrated: tuple[float, Table], rules: RemountRules | None = None
+    worn: WornParts, calibrated: tuple[float, Float64Array], rules: RemountRules | None = None
 ) -> int:
     """How many of the calm moments an axis reads, in its own part and in those to which it is carried."""
     (pose_s, arm_axis), rules = calibrated, rules or RemountRules()
@@ -253,12 +250,14 @@ def count_readable(
     return sum(len(part.calm.up) for part in worn.parts if _is_readable(home, part, arm_axis, rules))
 
 
-def _is_readable(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountRules) -> bool:
+def _is_readable(home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules) -> bool:
     judged = None if part is home else _judge_part(home, part, arm_axis, rules)
     return judged is None or judged.arm_axis is not None
 
 
-def _judge_part(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountRules) -> AxisPart | None:
+def _judge_part(
+    home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules
+) -> AxisPart | None:
     """The part with an axis of its own, or left out; None where nothing turned."""
     if _hangs_alike(home, part, arm_axis, rules):
         is_plain = part.wear != home.wear and part.is_whole
@@ -268,7 +267,7 @@ def _judge_part(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountR
     return _calibrate_part(home, part, arm_axis, rules)
 
 
-def _hangs_alike(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountRules) -> bool:
+def _hangs_alike(home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules) -> bool:
     """Whether walking shows the arm hanging in the same direction, or as it did in the pose."""
     apart_deg = compare_hanging(home.strides, part.strides)
     hangs = part.find_hanging()
@@ -285,7 +284,7 @@ def _is_turned(home: WornPart, part: WornPart, rules: RemountRules) -> bool:
     return angle_deg > rules.turned_deg and known < rules.known
 
 
-def _calibrate_part(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountRules) -> AxisPart:
+def _calibrate_part(home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules) -> AxisPart:
     """The axis carried over, or none."""
     left_out = AxisPart(part.start_s, part.end_s, None)
     if min(len(home.still.up), len(part.still.up)) < rules.least_to_carry:
@@ -299,7 +298,9 @@ def _calibrate_part(home: WornPart, part: WornPart, arm_axis: Table, rules: Remo
     return AxisPart(part.start_s, part.end_s, both / np.linalg.norm(both), rules.axis_sigma_deg)
 
 
-def _carry_over(home: WornPart, part: WornPart, arm_axis: Table, rules: RemountRules) -> Iterator[Table]:
+def _carry_over(
+    home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules
+) -> Iterator[Float64Array]:
     """The axis by still moments and by calm ones, each only where the arm mostly hung at home, and where
     walking confirms it.
     """

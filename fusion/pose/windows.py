@@ -16,7 +16,7 @@ from fusion.pose.postures import (
 )
 from fusion.pose.rules import CalibrationRules, rules_for, score_still_period, score_still_periods
 from fusion.pose.wear import WornPart, WornParts, count_readable, part_recording
-from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import calibrate_accelerometer, leave_accelerometer
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import (
@@ -30,9 +30,6 @@ from fusion.sensor.stillness import (
 # Which quiet stretches could be the calibration pose, and how good each is.
 
 
-Vector = NDArray[np.float64]
-
-
 def find_quiet_windows(blocks: Sequence[QuarterSeconds], rules: CalibrationRules) -> QuietTable:
     """Windows of the length a pose is held for that are still and near 1 g."""
     table = summarise_windows(blocks, rules.length_s)
@@ -41,7 +38,7 @@ def find_quiet_windows(blocks: Sequence[QuarterSeconds], rules: CalibrationRules
     return quiet.select(np.abs(np.linalg.norm(quiet.gravity_g, axis=1) - 1.0) < rules.one_g_within)
 
 
-def join_stretches(quiet: QuietTable, rules: CalibrationRules) -> tuple[NDArray[np.intp], Vector]:
+def join_stretches(quiet: QuietTable, rules: CalibrationRules) -> tuple[NDArray[np.intp], Float64Array]:
     """First window and end of each stretch of overlapping quiet windows; a long one ends after 10 s."""
     breaks = np.flatnonzero(np.diff(quiet.start_s) > quiet.duration_s) + 1
     first = np.concatenate([np.zeros(1, dtype=np.intp), breaks])
@@ -59,14 +56,14 @@ class Witness:
     pose.
     """
 
-    hangs: Vector
+    hangs: Float64Array
     is_sure: bool
     is_fresh: bool
 
 
 def rank_stretches(
-    windows: QuietTable, end_s: Vector, rules: CalibrationRules, walking: Witness | None = None
-) -> Vector:
+    windows: QuietTable, end_s: Float64Array, rules: CalibrationRules, walking: Witness | None = None
+) -> Float64Array:
     """The product that ``propose_still_periods`` describes, from the first window of each stretch."""
     scores = score_still_periods(windows.duration_s, windows.acc_sd_g, windows.gravity_g, rules)
     good = np.minimum(1.0, scores / rules.good_score)
@@ -81,7 +78,7 @@ def rank_stretches(
     return np.asarray(good * early * agreed)
 
 
-def _hang(gravity_g: Vector, walking: Witness, rules: CalibrationRules) -> Vector:
+def _hang(gravity_g: Float64Array, walking: Witness, rules: CalibrationRules) -> Float64Array:
     """1 where the arm hangs as it does in walking, half where nearly so, little elsewhere.
 
     Where the first stretch is no pose, none may have been held: the nearer to walking then the better.
@@ -95,7 +92,7 @@ def _hang(gravity_g: Vector, walking: Witness, rules: CalibrationRules) -> Vecto
     return np.where(apart_deg <= rules.same_direction_deg, near, rules.elsewhere)
 
 
-def _agree(gravity_g: Vector, seconds: Vector, within_deg: float) -> Vector:
+def _agree(gravity_g: Float64Array, seconds: Float64Array, within_deg: float) -> Float64Array:
     """Seconds of stillness near each direction; counted in cells of 5 deg, so that a long day stays cheap."""
     unit = gravity_g / np.linalg.norm(gravity_g, axis=1, keepdims=True)
     _, rows, cell = np.unique(np.round(unit / 0.09), axis=0, return_index=True, return_inverse=True)
@@ -108,7 +105,7 @@ def _agree(gravity_g: Vector, seconds: Vector, within_deg: float) -> Vector:
 # The arm axis from two poses, hanging and level.
 
 
-def share_between(hanging_g: Vector, level_g: Vector) -> Vector:
+def share_between(hanging_g: Float64Array, level_g: Float64Array) -> Float64Array:
     """Arm axis for the two-point pose.
 
     With ``gamma`` the angle between both gravity directions, the axis lies in their plane, turned from the
@@ -121,7 +118,7 @@ def share_between(hanging_g: Vector, level_g: Vector) -> Vector:
     return np.asarray(np.cos(turn) * first + np.sin(turn) * across)
 
 
-def scale_to_unit(vector: Vector) -> Vector:
+def scale_to_unit(vector: Float64Array) -> Float64Array:
     """The same direction at length 1."""
     return np.asarray(vector / np.linalg.norm(vector))
 
@@ -149,8 +146,8 @@ class StillPeriod:
 
     start_s: float
     duration_s: float
-    gravity_g: Vector
-    gyro_bias_dps: Vector
+    gravity_g: Float64Array
+    gyro_bias_dps: Float64Array
     score: float
 
 
@@ -321,7 +318,7 @@ def _segment_around(recording: Recording, start_s: float, end_s: float) -> Segme
     return None
 
 
-def _cut(recording: Recording, start_s: float, end_s: float) -> tuple[Vector, Vector]:
+def _cut(recording: Recording, start_s: float, end_s: float) -> tuple[Float64Array, Float64Array]:
     segment = _segment_around(recording, start_s, end_s)
     if segment is None:
         raise UnusableCalibration(why="hole", start_s=start_s, end_s=end_s)

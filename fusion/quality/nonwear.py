@@ -11,9 +11,8 @@ from numba import njit
 
 from fusion.exposure.rows import find_runs
 from fusion.recording import MICROSECONDS, Recording, Segment, Span
+from fusion.still_limits import OFF_THE_ARM
 
-WINDOW_S = 10.0
-STILL_G = 0.013
 SHORTEST_S = 600.0
 
 
@@ -34,12 +33,12 @@ def _is_covered(span: Span, left_out: tuple[Span, ...]) -> bool:
 
 
 def _find_still(segment: Segment) -> list[Span]:
-    rows = round(WINDOW_S * segment.rate_hz)
+    rows = round(OFF_THE_ARM.window_s * segment.rate_hz)
     windows = len(segment) // max(rows, 1)
-    if windows * WINDOW_S < SHORTEST_S:
+    if windows * OFF_THE_ARM.window_s < SHORTEST_S:
         return []
     still = np.zeros(windows, np.bool_)
-    mark_still(segment.acc_g, rows, STILL_G, still)
+    mark_still(segment.acc_g, rows, OFF_THE_ARM.acc_sd_g, still)
     runs = find_runs(still)
     long_enough = runs[(runs[:, 1] - runs[:, 0]) * rows >= SHORTEST_S * segment.rate_hz - 1e-3 * rows]
     times_us = segment.start_us + np.rint(long_enough * (rows * MICROSECONDS / segment.rate_hz))

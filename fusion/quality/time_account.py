@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.clipping import FLAT_ROWS
+from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure.rows import IntArray, find_runs, list_touched_rows
@@ -23,9 +23,6 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span
 
 
 MARGIN_S = 0.1
-RANGE_SHARE = 0.999  # of the full scale: the highest count of a signed range lies just under it
-LOWEST_ACC_RANGE_G = 1.9
-LOWEST_GYR_RANGE_DPS = 240.0
 
 FloatMatrix = NDArray[np.float32]
 
@@ -38,10 +35,10 @@ def find_clipped(recording: Recording) -> list[Span]:
     more and no sensor has so small a range (2 g, 245 deg/s).
     """
     acc_limits = find_limits(
-        [segment.acc_g for segment in recording.segments], recording.acc_range_g, LOWEST_ACC_RANGE_G
+        [segment.acc_g for segment in recording.segments], recording.acc_range_g, LEAST_ACC_RANGE_G
     )
     gyr_limits = find_limits(
-        [segment.gyr_dps for segment in recording.segments], recording.gyr_range_dps, LOWEST_GYR_RANGE_DPS
+        [segment.gyr_dps for segment in recording.segments], recording.gyr_range_dps, LEAST_GYR_RANGE_DPS
     )
     return [
         span for segment in recording.segments for span in _find_in_segment(segment, acc_limits, gyr_limits)

@@ -3,13 +3,13 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.caveats import FEW_H, POOR_H, Caveat, Grade
 from fusion.exposure.types import Exposure
 from fusion.pose.calibrate import Calibration
+from fusion.pose.rules import NPOSE_ERROR_DEG
 from fusion.quality.types import Quality, TimeAccount, Verdict
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, flag_spans
+from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Span, flag_spans
 from fusion.sensor.model import GyroBias
 
 # What makes the figures doubtful: a gyroscope that wandered, a method that cannot follow it, an arm raised
@@ -38,7 +38,7 @@ def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
     return (QualityFlag(Caveat.GYRO_DRIFT, 1, last_s - first_s, first_s, last_s, facts),)
 
 
-def flag_published(bias: GyroBias, static_dps: NDArray[np.float64]) -> tuple[QualityFlag, ...]:
+def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFlag, ...]:
     """W-PUBLISHED: `published` takes the offset once (``static_dps``, (3,)) and loses slow rotation.
 
     Fact ``dps``: how far the offset of this recording got from that one, as `smoothed` follows it.
@@ -60,7 +60,6 @@ def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
 
 
 HOUR_S = 3600.0
-NPOSE_ERROR_DEG = 15
 VERDICTS: tuple[Verdict, ...] = ("good", "caution", "poor")
 """By :class:`fusion.caveats.Grade`."""
 SIGNAL_REASONS = frozenset({"docked", "asleep", "clipped", "short-segment", "spikes", "stuck"})

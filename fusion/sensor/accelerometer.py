@@ -13,14 +13,13 @@ directions know no axes: a sensor strapped on another way gives the same correct
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from fusion.checks.gravity_windows import tell_directions
+from fusion.recording import Float64Array
 from fusion.sensor.model import Hats, hold_together
 from fusion.sensor.stillness import QuietTable
 
-Table = NDArray[np.float64]
 FIRST_AXIS, SECOND_AXIS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 """Where the six numbers of a symmetric matrix stand."""
 PAIRS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
@@ -72,24 +71,24 @@ class AccelerometerCorrection:
     of space: that of a part as delivered where nothing was seen.
     """
 
-    time_s: Table
-    offset_g: Table
-    gain: Table
+    time_s: Float64Array
+    offset_g: Float64Array
+    gain: Float64Array
     directions: int = 0
     offset_sd_g: float = AccelerometerSettings().offset_g
 
-    def apply(self, acc_g: Table, time_s: float | Table) -> Table:
+    def apply(self, acc_g: Float64Array, time_s: float | Float64Array) -> Float64Array:
         """Correct accelerations, shape (3,) or (n, 3), read at a time or at the times (n,)."""
         offset_g = [np.interp(time_s, self.time_s, self.offset_g[:, axis]) for axis in range(3)]
         return np.asarray((acc_g - np.stack(offset_g, axis=-1)) @ self.gain)
 
-    def find_up(self, gravity_g: Table, time_s: Table) -> Table:
+    def find_up(self, gravity_g: Float64Array, time_s: Float64Array) -> Float64Array:
         """Directions to the zenith, unit vectors (n, 3), of accelerations at rest."""
         up = self.apply(gravity_g, time_s)
         return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))
 
     @property
-    def mean_offset_g(self) -> Table:
+    def mean_offset_g(self) -> Float64Array:
         """Shape (3,): over the recording."""
         return np.asarray(self.offset_g.mean(axis=0))
 
@@ -103,8 +102,8 @@ class AccelerometerCorrection:
 class MovingReadings:
     """As if the sensor had been at rest: readings ``gravity_g`` (w, 3) at ``time_s`` (w,)."""
 
-    time_s: Table
-    gravity_g: Table
+    time_s: Float64Array
+    gravity_g: Float64Array
 
 
 def leave_accelerometer() -> AccelerometerCorrection:
@@ -122,7 +121,7 @@ def _count_directions(stills: QuietTable, settings: AccelerometerSettings) -> in
     return int(tell_directions(_scale(stills.gravity_g), settings.cell_deg).max(initial=-1)) + 1
 
 
-def _scale(gravity_g: Table) -> Table:
+def _scale(gravity_g: Float64Array) -> Float64Array:
     return np.asarray(gravity_g / np.maximum(np.linalg.norm(gravity_g, axis=1), 1e-9)[:, None])
 
 
@@ -174,7 +173,7 @@ def _find_correction(
     return AccelerometerCorrection(cells.knots_s, offset_g, gain, cells.directions, left_g)
 
 
-def _find_offset_sd(cells: "_Cells", corrected: Table, settings: AccelerometerSettings) -> float:
+def _find_offset_sd(cells: "_Cells", corrected: Float64Array, settings: AccelerometerSettings) -> float:
     """What the directions seen leave open of an offset that stands still, beside the gain."""
     slope = np.hstack([-corrected, _slope_by_gain(corrected, corrected)])
     departure = np.linalg.norm(corrected, axis=1) - 1.0
@@ -184,7 +183,7 @@ def _find_offset_sd(cells: "_Cells", corrected: Table, settings: AccelerometerSe
     return float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
 
 
-def _slope_by_gain(along: Table, bare: Table) -> Table:
+def _slope_by_gain(along: Float64Array, bare: Float64Array) -> Float64Array:
     """How the length along a direction (w, 3) changes with the six numbers of the gain, (w, 6)."""
     once = along[:, FIRST_AXIS] * bare[:, SECOND_AXIS] + along[:, SECOND_AXIS] * bare[:, FIRST_AXIS]
     return np.asarray(PAIRS / 2.0 * once)
@@ -197,9 +196,9 @@ class _Cells:
     ``reading_g`` (c, 3), ``variance`` (c,) of its length; ``hats`` places them among the knots.
     """
 
-    knots_s: Table
-    reading_g: Table
-    variance: Table
+    knots_s: Float64Array
+    reading_g: Float64Array
+    variance: Float64Array
     directions: int
     hats: Hats = field(repr=False)
 
@@ -232,7 +231,7 @@ def _average_cells(
     return _Cells(knots_s, reading_g, variance, int(direction.max()) + 1, Hats(knots_s, middle_s))
 
 
-def _fit(cells: _Cells, settings: AccelerometerSettings) -> tuple[Table, Table]:
+def _fit(cells: _Cells, settings: AccelerometerSettings) -> tuple[Float64Array, Float64Array]:
     """Offsets at the knots (k, 3) and gain (3, 3)."""
     offset_g, gain = np.zeros((len(cells.knots_s), 3)), np.eye(3)
     for _ in range(settings.rounds):
@@ -255,8 +254,10 @@ def _fit(cells: _Cells, settings: AccelerometerSettings) -> tuple[Table, Table]:
 
 
 def _solve(
-    cells: _Cells, rows: tuple[Table, Table, Table, Table], settings: AccelerometerSettings
-) -> tuple[Table, Table]:
+    cells: _Cells,
+    rows: tuple[Float64Array, Float64Array, Float64Array, Float64Array],
+    settings: AccelerometerSettings,
+) -> tuple[Float64Array, Float64Array]:
     """One round: the knots' offsets are eliminated (they form a band), then the six numbers of the gain."""
     by_offset, by_gain, aim, weight = rows
     band = hold_together(cells.knots_s, settings.wander_g_per_root_min)

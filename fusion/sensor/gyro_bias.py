@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from fusion.numba_kernels import kernel
+from fusion.recording import Float64Array
 from fusion.sensor.model import (
     JUMP_S,
     RADIANS,
@@ -50,12 +50,12 @@ class WindowEquations:
     ``every_s`` the distance of two windows, which overlap where it is less than their length.
     """
 
-    time_s: NDArray[np.float64]
-    matrix: NDArray[np.float64]
-    difference: NDArray[np.float64]
+    time_s: Float64Array
+    matrix: Float64Array
+    difference: Float64Array
     every_s: float
 
-    def residual(self, bias_dps: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residual(self, bias_dps: Float64Array) -> Float64Array:
         """What is left of the differences under a bias (3,) or (w, 3)."""
         predicted = np.einsum("wij,wj->wi", self.matrix, np.broadcast_to(bias_dps, self.difference.shape))
         return np.asarray(self.difference - predicted)
@@ -132,7 +132,6 @@ def _walk_windows(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
                     spread[w, i, j] += share * turned[i, j]
 
 
-Table = NDArray[np.float64]
 CAUCHY = 2.385
 LOOSE = 1e-4  # a very weak pull to the start, so that the equations can be solved
 
@@ -214,7 +213,7 @@ def _grow_windows(nodes: Sequence[Nodes], settings: BiasSettings) -> GyroBias:
     return bias
 
 
-def _place_knots(nodes: Sequence[Nodes], settings: BiasSettings) -> Table:
+def _place_knots(nodes: Sequence[Nodes], settings: BiasSettings) -> Float64Array:
     first_s = nodes[0].start_s
     last_s = max(nodes[-1].start_s + len(nodes[-1].acc_g) * nodes[-1].period_s, first_s + 1e-3)
     pieces = max(1, round((last_s - first_s) / settings.knot_s))
@@ -236,7 +235,7 @@ def find_jumps(stills: QuietTable, settings: BiasSettings) -> list[float]:
     return sorted(jumps)
 
 
-def _break_at(knots_s: Table, jumps_s: list[float]) -> Table:
+def _break_at(knots_s: Float64Array, jumps_s: list[float]) -> Float64Array:
     """Two knots at each jump in place of those within a second of it."""
     for jump_s in jumps_s:
         kept = knots_s[np.abs(knots_s - jump_s) > 1.0]
@@ -244,14 +243,14 @@ def _break_at(knots_s: Table, jumps_s: list[float]) -> Table:
     return knots_s
 
 
-def _weigh(residual: Table) -> Table:
+def _weigh(residual: Float64Array) -> Float64Array:
     """Cauchy weights over the residuals' own scale, as inverse variances (per axis)."""
     size = np.linalg.norm(residual, axis=1)
     scale = max(1.2 * float(np.median(size)), 1e-4) if len(size) else 1.0
     return np.asarray(1.0 / (scale**2 * (1.0 + (size / (CAUCHY * scale)) ** 2)))
 
 
-def _solve_constant(windows: WindowEquations, start_dps: Table) -> Table:
+def _solve_constant(windows: WindowEquations, start_dps: Float64Array) -> Float64Array:
     bias = start_dps
     for _ in range(5):
         weight = _weigh(windows.residual(bias))
@@ -262,7 +261,11 @@ def _solve_constant(windows: WindowEquations, start_dps: Table) -> Table:
 
 
 def _solve(
-    knots_s: Table, start_dps: Table, stills: QuietTable, windows: WindowEquations, settings: BiasSettings
+    knots_s: Float64Array,
+    start_dps: Float64Array,
+    stills: QuietTable,
+    windows: WindowEquations,
+    settings: BiasSettings,
 ) -> GyroBias:
     """One round: all observations together, weights and solution in turn."""
     overlap = max(1.0, settings.window_s / windows.every_s)
@@ -283,7 +286,7 @@ def _solve(
     return bias
 
 
-def _weigh_stills(stills: QuietTable, bias: GyroBias, settings: BiasSettings) -> Table:
+def _weigh_stills(stills: QuietTable, bias: GyroBias, settings: BiasSettings) -> Float64Array:
     variance = settings.still_floor_dps**2 + stills.gyro_sd_dps**2 / 4.0
     off = np.linalg.norm(stills.gyro_dps - bias.at(stills.middle_s), axis=1)
     return np.asarray(1.0 / (variance * (1.0 + off**2 / (CAUCHY**2 * variance))))

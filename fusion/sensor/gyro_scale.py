@@ -13,15 +13,13 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.numba_kernels import kernel
+from fusion.recording import Float64Array
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import RADIANS, GyroBias, carry, turn_factors
 from fusion.sensor.nodes import Nodes
 from fusion.sensor.stillness import QuietTable
-
-Table = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +51,7 @@ class GyroScale:
     errors; ``pairs`` used.
     """
 
-    gain: Table
+    gain: Float64Array
     error: float
     pairs: int = 0
 
@@ -84,8 +82,8 @@ def estimate_gyro_scale(
 
 
 def _compare_in_run(
-    nodes: Nodes, middle_s: Table, up: Table, bias: GyroBias, settings: GyroScaleSettings
-) -> tuple[Table, Table, Table]:
+    nodes: Nodes, middle_s: Float64Array, up: Float64Array, bias: GyroBias, settings: GyroScaleSettings
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Slopes (w, 3, 9), misses (w, 3) and variances (w,) of the pairs of still moments inside a run."""
     place = np.round((middle_s - nodes.start_s) / nodes.period_s).astype(np.int64)
     inside = np.flatnonzero((place >= 0) & (place < len(nodes.acc_g)))
@@ -104,7 +102,9 @@ def _compare_in_run(
     return slope, miss, variance + (settings.turn_share * turned) ** 2
 
 
-def _fit(slope: Table, miss: Table, variance: Table, settings: GyroScaleSettings) -> tuple[Table, float]:
+def _fit(
+    slope: Float64Array, miss: Float64Array, variance: Float64Array, settings: GyroScaleSettings
+) -> tuple[Float64Array, float]:
     """Damped least squares with Cauchy weights; the gain less one, (3, 3), and its standard error."""
     prior = np.eye(9) / settings.scale**2
     weight, solution, normal = 1.0 / variance, np.zeros(9), prior

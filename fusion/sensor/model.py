@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import fused
-from fusion.recording import FloatArray, Segment
+from fusion.recording import Float64Array, FloatArray, Segment
 
 # The rotation between two samples, and how a vector moves with it.
 #
@@ -63,7 +63,6 @@ def carry(vector: Any, turn: Any, factors: Any) -> Scalars:  # pragma: no cover
 # Normal equations of three unknowns that are straight lines between knots.
 
 
-Table = NDArray[np.float64]
 BAND = 6
 """Three unknowns at each knot, and neighbours touch."""
 
@@ -72,7 +71,7 @@ JUMP_S = 0.02
 """Two knots so near each other stand for a jump, and are not held together."""
 
 
-def hold_together(knots_s: Table, sd_per_root_min: float) -> Table:
+def hold_together(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array:
     """Lower band of a random walk from knot to knot, the same for each of the three unknowns."""
     band = np.zeros((BAND, 3 * len(knots_s)))
     apart_s = np.diff(knots_s)
@@ -88,12 +87,14 @@ def hold_together(knots_s: Table, sd_per_root_min: float) -> Table:
 class Hats:
     """Shares observations at given times between the two knots about each."""
 
-    def __init__(self, knots_s: Table, time_s: Table) -> None:
+    def __init__(self, knots_s: Float64Array, time_s: Float64Array) -> None:
         self.left = np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, len(knots_s) - 2)
         width_s = knots_s[self.left + 1] - knots_s[self.left]
         self.share = np.clip((time_s - knots_s[self.left]) / width_s, 0.0, 1.0)
 
-    def add(self, band: Table, right: Table, squares: Table, pulls: Table) -> None:
+    def add(
+        self, band: Float64Array, right: Float64Array, squares: Float64Array, pulls: Float64Array
+    ) -> None:
         """Add ``squares`` (w, 3, 3) to the lower band and ``pulls`` (w, 3) to the right side."""
         here, there = 1.0 - self.share, self.share
         self.pull(right, pulls)
@@ -105,7 +106,9 @@ class Hats:
                     self._collect(band[row - column], column, here**2 * value)
                     self._collect(band[row - column], column + 3, there**2 * value)
 
-    def add_alike(self, band: Table, right: Table, weight: Table, pulls: Table) -> None:
+    def add_alike(
+        self, band: Float64Array, right: Float64Array, weight: Float64Array, pulls: Float64Array
+    ) -> None:
         """The same where each observation is of the three unknowns themselves, with one ``weight`` (w,)."""
         here, there = 1.0 - self.share, self.share
         self.pull(right, pulls)
@@ -117,18 +120,18 @@ class Hats:
             sums = np.bincount(self.left, weights=values)
             place[: 3 * len(sums)] += np.repeat(sums, 3)
 
-    def pull(self, right: Table, pulls: Table) -> None:
+    def pull(self, right: Float64Array, pulls: Float64Array) -> None:
         """Add ``pulls`` (w, 3) to the right side alone."""
         for row in range(3):
             self._collect(right, row, (1.0 - self.share) * pulls[:, row])
             self._collect(right, row + 3, self.share * pulls[:, row])
 
-    def read(self, values: Table) -> Table:
+    def read(self, values: Float64Array) -> Float64Array:
         """Values (k, 3) of the knots at the times of the observations, (w, 3)."""
         share = self.share[:, None]
         return np.asarray((1.0 - share) * values[self.left] + share * values[self.left + 1])
 
-    def _collect(self, target: Table, offset: int, values: Table) -> None:
+    def _collect(self, target: Float64Array, offset: int, values: Float64Array) -> None:
         """Add ``values`` (w,) so many places behind the first unknown of the knot on the left."""
         sums = np.bincount(self.left, weights=values)
         target[offset : offset + 3 * len(sums) : 3] += sums
@@ -144,12 +147,12 @@ class GyroBias:
     ``still_moments`` and ``motion_windows`` count the observations it rests on.
     """
 
-    time_s: NDArray[np.float64]
-    bias_dps: NDArray[np.float64]
+    time_s: Float64Array
+    bias_dps: Float64Array
     still_moments: int = 0
     motion_windows: int = 0
 
-    def at(self, time_s: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    def at(self, time_s: NDArray[np.floating[Any]]) -> Float64Array:
         """Bias at the times asked for, shape (n, 3)."""
         if len(self.time_s) == 1:
             return np.repeat(self.bias_dps, len(time_s), axis=0)
@@ -157,7 +160,7 @@ class GyroBias:
         return np.stack(columns, axis=1)
 
 
-def hold_bias(bias_dps: NDArray[np.float64]) -> GyroBias:
+def hold_bias(bias_dps: Float64Array) -> GyroBias:
     """One bias for the whole recording."""
     return GyroBias(np.zeros(1), np.asarray(bias_dps, dtype=np.float64).reshape(1, 3))
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.numba_kernels import fused, inner, kernel
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.accelerometer import AccelerometerCorrection, leave_accelerometer
 from fusion.sensor.model import RADIANS, GyroBias, SensorRun, bend, carry, turn_factors
 
@@ -39,10 +38,10 @@ class Nodes:
     rows_per_node: int
     rows: int
     lag_rows: float
-    acc_g: NDArray[np.float64]
-    turn_rad: NDArray[np.float64]
-    bias_rad: NDArray[np.float64]
-    gyro_gain: NDArray[np.float64]
+    acc_g: Float64Array
+    turn_rad: Float64Array
+    bias_rad: Float64Array
+    gyro_gain: Float64Array
 
 
 def reduce_to_nodes(
@@ -67,7 +66,7 @@ def reduce_to_nodes(
 def correct_nodes(
     nodes: Nodes,
     bias: GyroBias,
-    gyro_gain: NDArray[np.float64] | None = None,
+    gyro_gain: Float64Array | None = None,
     accelerometer: AccelerometerCorrection | None = None,
 ) -> Nodes:
     """The same nodes under another bias, gyroscope gain and accelerometer correction; no sample is read.
@@ -115,7 +114,7 @@ def _correct(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
 
 
 def spread_rows(  # noqa: PLR0913, PLR0917 (it is asked for block by block)
-    gyr_dps: FloatArray, rate_hz: float, nodes: Nodes, up: NDArray[np.float64], out: FloatArray, first: int
+    gyr_dps: FloatArray, rate_hz: float, nodes: Nodes, up: Float64Array, out: FloatArray, first: int
 ) -> None:
     """Carry the vertical from each node to the rows about it, into ``out`` for the nodes from ``first`` on.
 

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.numba_kernels import kernel
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.accelerometer import (
     AccelerometerCorrection,
     MovingReadings,
@@ -34,7 +35,6 @@ from fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run
 # that the length of the mean tells the offset along the mean direction of gravity in the sensor.
 
 
-Table = NDArray[np.float64]
 WINDOW_S = 4.0
 EVERY_S = 1.0
 MOST_WINDOWS = 2000
@@ -74,7 +74,7 @@ def _read_runs(runs: Sequence[Nodes], steps: int) -> MovingReadings:
     return MovingReadings(middle_s[told], gravity_g)
 
 
-def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp], Table]:
+def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp], Float64Array]:
     """First node of each window, counted through all runs, and its middle, s; none spans two runs."""
     firsts, middles_s, before = [], [], 0
     for run in runs:
@@ -88,8 +88,8 @@ def _place_windows(runs: Sequence[Nodes], steps: int) -> tuple[NDArray[np.intp],
 
 
 def _average(
-    acc_g: Table, turn_rad: Table, first: NDArray[np.intp], steps: int
-) -> tuple[Table, Table, Table]:
+    acc_g: Float64Array, turn_rad: Float64Array, first: NDArray[np.intp], steps: int
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Mean acceleration (w, 3) and rotation (w, 3, 3) in each window's first frame, and mean square (w,)."""
     weight = np.hanning(steps + 2)[1:-1]
     weight /= weight.sum()
@@ -104,7 +104,7 @@ def _average(
     return felt, turned, squares
 
 
-def _turn_back(turn_rad: Table) -> Table:
+def _turn_back(turn_rad: Float64Array) -> Float64Array:
     """Matrices (w, 3, 3) that take what is seen after each turn (w, 3) to what was seen before."""
     angle = np.maximum(np.linalg.norm(turn_rad, axis=1), 1e-12)[:, None, None]
     x, y, z = turn_rad.T
@@ -127,10 +127,6 @@ def _turn_back(turn_rad: Table) -> Table:
 # random.
 
 
-RANGE_SHARE = 0.999
-FLAT_ROWS = 3
-LEAST_ACC_RANGE_G = 1.9
-LEAST_GYR_RANGE_DPS = 240.0
 LONGEST_REPAIR_S = 0.3
 MOST_TIMES = 3.0
 
@@ -174,11 +170,11 @@ class _Channel:
     """One sensor of one run: samples (n, 3), and lowest and highest (6, m) of each block of rows."""
 
     samples: FloatArray
-    ends: Table
+    ends: Float64Array
     rows_per_block: int
 
 
-def _find_limits(channels: Sequence[_Channel], full_scale: float | None, least: float) -> Table:
+def _find_limits(channels: Sequence[_Channel], full_scale: float | None, least: float) -> Float64Array:
     """Values from which an axis is clipped, towards either side and as sizes, (2, 3); infinite where none."""
     low = np.min([channel.ends[:3].min(axis=1) for channel in channels], axis=0)
     high = np.max([channel.ends[3:].max(axis=1) for channel in channels], axis=0)
@@ -215,7 +211,7 @@ def _count_rest(
     return longest
 
 
-def _repair(samples: FloatArray, limits: Table, rate_hz: float) -> FloatArray:
+def _repair(samples: FloatArray, limits: Float64Array, rate_hz: float) -> FloatArray:
     if not np.isfinite(limits).any():
         return samples
     repaired = samples.copy()

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import kernel
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.model import SensorRun
+from fusion.still_limits import MOMENT
 
-FloatTable = NDArray[np.float64]
 BLOCK_S = 0.25
 
 
@@ -28,18 +28,18 @@ class QuietTable:
     standard deviation of the three axes, shapes (m,), or the length of the three together.
     """
 
-    start_s: FloatTable
+    start_s: Float64Array
     duration_s: float
-    gravity_g: FloatTable
-    gyro_dps: FloatTable
-    acc_sd_g: FloatTable
-    gyro_sd_dps: FloatTable
+    gravity_g: Float64Array
+    gyro_dps: Float64Array
+    acc_sd_g: Float64Array
+    gyro_sd_dps: Float64Array
 
     def __len__(self) -> int:
         return len(self.start_s)
 
     @property
-    def middle_s(self) -> FloatTable:
+    def middle_s(self) -> Float64Array:
         """Middle of each window."""
         return np.asarray(self.start_s + self.duration_s / 2.0)
 
@@ -85,10 +85,10 @@ class QuarterSeconds:
     start_s: float
     block_s: float
     rows_per_block: int
-    acc: FloatTable
-    gyr: FloatTable
-    acc_ends: FloatTable
-    gyr_ends: FloatTable
+    acc: Float64Array
+    gyr: Float64Array
+    acc_ends: Float64Array
+    gyr_ends: Float64Array
 
 
 def reduce_run(run: SensorRun) -> QuarterSeconds:
@@ -99,7 +99,7 @@ def reduce_run(run: SensorRun) -> QuarterSeconds:
     return QuarterSeconds(run.start_s, per_block / run.rate_hz, per_block, acc, gyr, acc_ends, gyr_ends)
 
 
-def _reduce_sensor(samples: FloatArray, per_block: int) -> tuple[FloatTable, FloatTable]:
+def _reduce_sensor(samples: FloatArray, per_block: int) -> tuple[Float64Array, Float64Array]:
     blocks = -(-len(samples) // per_block)
     moments, extremes = np.empty((blocks, 6)), np.empty((6, blocks))
     reduce_to_blocks(samples, per_block, moments, extremes)
@@ -154,9 +154,9 @@ class StillRules:
     bounded, no more.
     """
 
-    still_s: float = 1.5
-    acc_sd_g: float = 0.02
-    gyro_sd_dps: float = 1.4
+    still_s: float = MOMENT.window_s
+    acc_sd_g: float = MOMENT.acc_sd_g
+    gyro_sd_dps: float = MOMENT.gyro_sd_dps
     largest_bias_dps: float = 60.0
 
 
@@ -194,7 +194,7 @@ def keep_apart(table: QuietTable) -> QuietTable:
     return table.select(np.array(chosen, dtype=np.intp))
 
 
-def find_quietest_rate(run: SensorRun, duration_s: float = 2.0) -> FloatTable:
+def find_quietest_rate(run: SensorRun, duration_s: float = 2.0) -> Float64Array:
     """Mean angular rate, shape (3,), of the moment in which both sensors varied least; nil where there is
     none.
 

@@ -11,8 +11,8 @@ from enum import IntEnum
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from fusion.recording import Float64Array
 from fusion.units import STANDARD_GRAVITY
 
 # Joint motion as a score of strokes and waves, so that every derivative is exact.
@@ -22,9 +22,6 @@ from fusion.units import STANDARD_GRAVITY
 # twice continuously differentiable, at rest at both ends. Strokes may overlap, so that a movement need not
 # stop before the next begins. A wave is a sinusoid that swells and fades along the same polynomial: gait,
 # tremor.
-
-
-FloatArray = NDArray[np.float64]
 
 
 class Channel(IntEnum):
@@ -59,11 +56,11 @@ class Motion:
         fading in s, frequency in Hz, amplitude, phase in rad.
     """
 
-    strokes: FloatArray
-    waves: FloatArray
+    strokes: Float64Array
+    waves: Float64Array
 
 
-def play(motion: Motion, first: int, count: int, rate_hz: float) -> FloatArray:
+def play(motion: Motion, first: int, count: int, rate_hz: float) -> Float64Array:
     """Evaluate all channels at samples ``first`` to ``first + count`` of an even grid that starts at 0 s.
 
     Returns
@@ -97,7 +94,7 @@ def _ramp(x: float) -> tuple[float, float, float]:  # pragma: no cover - compile
 
 @njit(cache=True, nogil=True)
 def _add_strokes(
-    strokes: FloatArray, base: FloatArray, first: int, rate_hz: float, out: FloatArray
+    strokes: Float64Array, base: Float64Array, first: int, rate_hz: float, out: Float64Array
 ) -> None:  # pragma: no cover - compiled
     """Add each stroke where it moves; what it leaves behind is a step, summed up at the end."""
     count = out.shape[2]
@@ -135,7 +132,7 @@ def _envelope(
 
 @njit(cache=True, nogil=True)
 def _add_waves(
-    waves: FloatArray, first: int, rate_hz: float, out: FloatArray
+    waves: Float64Array, first: int, rate_hz: float, out: Float64Array
 ) -> None:  # pragma: no cover - compiled
     """Add each wave by the product rule: envelope times sinusoid."""
     count = out.shape[2]
@@ -186,13 +183,13 @@ class ArmState:
         Shape (n,): angle between the arm and gravity, 0 hanging, 180 overhead. Exact.
     """
 
-    acc_g: FloatArray
-    gyr_dps: FloatArray
-    field_ut: FloatArray
-    elevation_deg: FloatArray
+    acc_g: Float64Array
+    gyr_dps: Float64Array
+    field_ut: Float64Array
+    elevation_deg: Float64Array
 
 
-def feel(channels: FloatArray, body: Body) -> ArmState:
+def feel(channels: Float64Array, body: Body) -> ArmState:
     """Derive the readings of an ideal sensor from the channels of :func:`fusion.simulation.body.play`.
 
     The pelvis is accelerated by walking (change of speed, speed times rate of turn) and by its sway, both in
@@ -213,7 +210,7 @@ _Y, _Z = 1, 2
 
 @njit(cache=True, nogil=True)
 def _turn(
-    seen: FloatArray, axis: int, angle: float, rate: float, acceleration: float
+    seen: Float64Array, axis: int, angle: float, rate: float, acceleration: float
 ) -> None:  # pragma: no cover - compiled
     """Go over to a frame turned about ``axis``: rows of ``seen`` are what is seen from there.
 
@@ -232,7 +229,7 @@ def _turn(
 
 
 @njit(cache=True, nogil=True)
-def _add_lever(seen: FloatArray, lever: FloatArray) -> None:  # pragma: no cover - compiled
+def _add_lever(seen: Float64Array, lever: Float64Array) -> None:  # pragma: no cover - compiled
     """Move along a rigid lever: dw/dt x l + w x (w x l)."""
     rate, acceleration = seen[_RATE], seen[_ACCELERATION]
     along = rate[0] * lever[0] + rate[1] * lever[1] + rate[2] * lever[2]
@@ -244,7 +241,7 @@ def _add_lever(seen: FloatArray, lever: FloatArray) -> None:  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def _stand(seen: FloatArray, q: FloatArray, field: FloatArray) -> None:  # pragma: no cover - compiled
+def _stand(seen: Float64Array, q: Float64Array, field: Float64Array) -> None:  # pragma: no cover - compiled
     """Begin in the frame of the heading (``q``: channels x derivatives, rad)."""
     seen[:] = 0.0
     seen[_FIELD] = field
@@ -257,7 +254,7 @@ def _stand(seen: FloatArray, q: FloatArray, field: FloatArray) -> None:  # pragm
 
 @njit(cache=True, nogil=True)
 def _feel(
-    channels: FloatArray, levers: FloatArray, felt: FloatArray, elevation: FloatArray
+    channels: Float64Array, levers: Float64Array, felt: Float64Array, elevation: Float64Array
 ) -> None:  # pragma: no cover - compiled
     """Walk the chain for each sample; ``felt`` (n, 9) takes force in g, rate in dps, field in uT."""
     seen = np.empty((5, 3))

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.recording import Float64Array
 from fusion.simulation.body import ArmState
 
 # The two sensors as parts: ranges, resolution, noise and how far their makers let them be off.
@@ -107,7 +108,6 @@ within what is quoted for the part (90 mg, 30 dps); not measured."""
 PARTS: dict[Device, Part] = {"gt9x": GT9X, "lsm9ds1": LSM9DS1}
 
 
-FloatArray = NDArray[np.float64]
 RawArray = NDArray[np.int16]
 
 KNOT_S = 60.0
@@ -140,14 +140,14 @@ class SensorErrors:
         Standard deviation of each sample.
     """
 
-    mounting: FloatArray
-    acc_gain: FloatArray
-    gyr_gain: FloatArray
-    acc_offset_g: FloatArray
-    gyr_offset_dps: FloatArray
-    acc_wander_g: FloatArray
-    gyr_wander_dps: FloatArray
-    temperature_c: FloatArray
+    mounting: Float64Array
+    acc_gain: Float64Array
+    gyr_gain: Float64Array
+    acc_offset_g: Float64Array
+    gyr_offset_dps: Float64Array
+    acc_wander_g: Float64Array
+    gyr_wander_dps: Float64Array
+    temperature_c: Float64Array
     acc_noise_g: float
     gyr_noise_dps: float
 
@@ -156,8 +156,8 @@ class SensorErrors:
 class Readings:
     """What the sensor gives before it is made digital: shapes (n, 3), g and dps."""
 
-    acc_g: FloatArray
-    gyr_dps: FloatArray
+    acc_g: Float64Array
+    gyr_dps: Float64Array
 
 
 def draw_errors(part: Part, rate_hz: float, duration_s: float, chance: np.random.Generator) -> SensorErrors:
@@ -192,7 +192,9 @@ def draw_perfect(duration_s: float, chance: np.random.Generator) -> SensorErrors
     )
 
 
-def sense(state: ArmState, errors: SensorErrors, time_s: FloatArray, chance: np.random.Generator) -> Readings:
+def sense(
+    state: ArmState, errors: SensorErrors, time_s: Float64Array, chance: np.random.Generator
+) -> Readings:
     """Read the arm's motion with this specimen at the instants ``time_s``, shape (n,)."""
     knots_s = KNOT_S * np.arange(len(errors.temperature_c))
     acc_g = state.acc_g @ (errors.acc_gain @ errors.mounting).T + errors.acc_offset_g
@@ -205,24 +207,24 @@ def sense(state: ArmState, errors: SensorErrors, time_s: FloatArray, chance: np.
     return Readings(acc_g, gyr_dps)
 
 
-def quantise(values: FloatArray, unit_per_lsb: float, full_scale: float) -> RawArray:
+def quantise(values: Float64Array, unit_per_lsb: float, full_scale: float) -> RawArray:
     """Round to the nearest step and cut at full scale, as 16-bit counts."""
     limit = min(32767, int(full_scale / unit_per_lsb))
     counts = np.rint(values / unit_per_lsb)
     return np.clip(counts, -limit, limit).astype(np.int16)
 
 
-def _draw_mounting(chance: np.random.Generator) -> FloatArray:
+def _draw_mounting(chance: np.random.Generator) -> Float64Array:
     """Strap it on: its y axis about along the arm, turned any way about it, tilted by a few degrees."""
     along_y = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     tilt_deg = chance.normal(0.0, 3.0, 3)
     tilt_deg[1] = chance.uniform(-180.0, 180.0)
     tilted = _rotation_about(tilt_deg[0], 0) @ _rotation_about(tilt_deg[2], 2)
-    mounting: FloatArray = tilted @ _rotation_about(tilt_deg[1], 1) @ along_y
+    mounting: Float64Array = tilted @ _rotation_about(tilt_deg[1], 1) @ along_y
     return mounting
 
 
-def _rotation_about(angle_deg: float, axis: int) -> FloatArray:
+def _rotation_about(angle_deg: float, axis: int) -> Float64Array:
     """Rotation matrix about a coordinate axis."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     a, b = (axis + 1) % 3, (axis + 2) % 3
@@ -232,20 +234,20 @@ def _rotation_about(angle_deg: float, axis: int) -> FloatArray:
     return matrix
 
 
-def _draw_evenly(deviation: float, chance: np.random.Generator) -> FloatArray:
+def _draw_evenly(deviation: float, chance: np.random.Generator) -> Float64Array:
     """Draw three values of a given standard deviation within hard limits: a maker sorts out the worst."""
     limit = deviation * float(np.sqrt(3.0))
     return chance.uniform(-limit, limit, 3)
 
 
-def _draw_gain(scale: float, misalignment: float, chance: np.random.Generator) -> FloatArray:
+def _draw_gain(scale: float, misalignment: float, chance: np.random.Generator) -> Float64Array:
     """Scale errors on the diagonal, misalignment beside it."""
     gain = chance.normal(0.0, misalignment, (3, 3))
     np.fill_diagonal(gain, 1.0 + _draw_evenly(scale, chance))
     return gain
 
 
-def _draw_temperature(knots: int, chance: np.random.Generator) -> FloatArray:
+def _draw_temperature(knots: int, chance: np.random.Generator) -> Float64Array:
     """Warm up on the skin within the first hour, then drift with the work."""
     time_s = KNOT_S * np.arange(knots)
     warming_k = 7.0 * (1.0 - np.exp(-time_s / 1200.0))

@@ -7,6 +7,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.recording import Float64Array
 from fusion.simulation.activities import ACTIVITIES, HANGING, Choreography
 from fusion.simulation.body import ArmState, Body, Motion, feel, play
 from fusion.simulation.sensor import (
@@ -68,7 +69,7 @@ class SampleBlock:
     """
 
     first: int
-    time_s: NDArray[np.float64]
+    time_s: Float64Array
     state: ArmState
     readings: Readings
 
@@ -85,7 +86,7 @@ class ShiftArrays:
     start: datetime
     acc_g: NDArray[np.float32]
     gyr_dps: NDArray[np.float32]
-    elevation_deg: NDArray[np.float64]
+    elevation_deg: Float64Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +147,7 @@ class SimulatedShift:
             elevation_deg[rows] = block.state.elevation_deg
         return ShiftArrays(self.rate_hz, self.start, acc_g, gyr_dps, elevation_deg)
 
-    def _seen(self, readings: Readings) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _seen(self, readings: Readings) -> tuple[Float64Array, Float64Array]:
         """Give what a reader of the file would see."""
         if self.perfect:
             return readings.acc_g, readings.gyr_dps

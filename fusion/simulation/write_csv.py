@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.recording import Float64Array
 from fusion.simulation.imu_rows import TEMPERATURE_AT_ZERO, ImuSeconds
 from fusion.simulation.shift import SampleBlock, SimulatedShift
 from fusion.simulation.write_gt3x import name_serial
@@ -163,8 +164,6 @@ def _write_lsm9ds1_header(shift: SimulatedShift) -> bytes:
     return "".join(line + "\n" for line in lines).encode()
 
 
-FloatArray = NDArray[np.float64]
-
 _COLUMNS = (
     "Timestamp,Accelerometer X,Accelerometer Y,Accelerometer Z,Temperature,"
     "Gyroscope X,Gyroscope Y,Gyroscope Z,Magnetometer X,Magnetometer Y,Magnetometer Z"
@@ -193,12 +192,12 @@ class ActilifeCsvWriter(OpenFile):
         self._file.write(out[:size].tobytes())
 
 
-def round_to_millionths(values: FloatArray) -> NDArray[np.int64]:
+def round_to_millionths(values: Float64Array) -> NDArray[np.int64]:
     """Round half away from zero, as .NET prints (0.0078125 becomes 0.007813)."""
     return (np.sign(values) * np.floor(np.abs(values) * 1e6 + 0.5)).astype(np.int64)
 
 
-def _resample(seconds: ImuSeconds) -> FloatArray:
+def _resample(seconds: ImuSeconds) -> Float64Array:
     """Interpolate each second's n rows at k n / 100, k = 0 ... 99, held at the last row."""
     rows = seconds.rows
     counts = np.column_stack((rows["acc"], rows["temp"], rows["gyr"], rows["mag"])).astype(np.float64)

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 from numba import njit
 from numpy.typing import NDArray
 
+from fusion.recording import Float64Array
 from fusion.simulation.sensor import SensorErrors
 from fusion.simulation.shift import SampleBlock, SimulatedShift
 
@@ -25,9 +26,7 @@ START_MS = 1_772_434_800_000
 ARM_M = 0.28
 
 
-def write_mvnx(
-    path: Path, elevation_deg: NDArray[np.float64], frame_rate_hz: float, side: str = "right"
-) -> Path:
+def write_mvnx(path: Path, elevation_deg: Float64Array, frame_rate_hz: float, side: str = "right") -> Path:
     """Write one frame for each angle, shape (n,); the arm is raised sideways, the heading turns slowly.
 
     The segment's frame is MVN's: x forward, y to the left, z up when the arm is held level to the side.
@@ -69,7 +68,6 @@ def _write_head(frame_rate_hz: float, side: str, sign: float) -> str:
     )
 
 
-FloatArray = NDArray[np.float64]
 WholeNumbers = NDArray[np.int64]
 
 EDGES_DEG = (0.0, 20.0, 30.0, 45.0, 60.0, 80.0, 90.0, 120.0, 150.0, 180.0)
@@ -167,13 +165,13 @@ def describe_errors(errors: SensorErrors) -> dict[str, Any]:
     }
 
 
-def _describe_wander(knots: FloatArray) -> dict[str, list[float]]:
+def _describe_wander(knots: Float64Array) -> dict[str, list[float]]:
     return {"first": knots[0].tolist(), "last": knots[-1].tolist(), "span": np.ptp(knots, axis=0).tolist()}
 
 
 @njit(cache=True, nogil=True)
 def count_entries(
-    elevation_deg: FloatArray, threshold_deg: float, state: int
+    elevation_deg: Float64Array, threshold_deg: float, state: int
 ) -> tuple[int, int]:  # pragma: no cover - compiled
     """Count rises above the threshold with 10 deg of hysteresis.
 

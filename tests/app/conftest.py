@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
+from app.jobs import worker
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
 from app.jobs.store import JobStore
@@ -15,6 +16,7 @@ from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import Storage
+from app.upkeep import verify
 from fusion.simulation import simulate_shift, write_shift
 from tests.postgres import PostgresServer
 from tests.swift import SwiftServer
@@ -28,6 +30,14 @@ on_both_set_ups = pytest.mark.parametrize(
     ids=["embedded", "distributed"],
     indirect=True,
 )
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorten the pauses before a worker or a verification tries again: nobody is there to come back."""
+    monkeypatch.setattr(worker, "TROUBLE_S", 0.2)
+    monkeypatch.setattr(worker, "DEATH_GRACE_S", 0.05)
+    monkeypatch.setattr(verify, "WRITER_S", 0.01)
 
 
 @pytest.fixture

@@ -93,14 +93,14 @@ def test_an_attempt_that_failed_is_withdrawn_and_needs_no_attention_any_more(
     correct(store, first)
     fail_next(store)
     library = Library(store.reader)
-    (entry,) = library.list_page(LibraryFilter(group="attention"), 10)
+    (entry,) = library.find_page(LibraryFilter(group="attention"), 10)
     assert entry.attempt is not None
 
     kept = store.withdraw(entry.attempt.id)
 
     assert kept.id == first.id
-    assert library.list_page(LibraryFilter(group="attention"), 10) == ()
-    (entry,) = library.list_page(LibraryFilter(), 10)
+    assert library.find_page(LibraryFilter(group="attention"), 10) == ()
+    (entry,) = library.find_page(LibraryFilter(), 10)
     assert (entry.job.id, entry.attempt) == (first.id, None)
 
 
@@ -117,9 +117,9 @@ def test_in_its_batch_what_was_withdrawn_still_counts_as_failed(store: JobStore,
     row = RecordingStore(store.engine, store.reader).get(first.recording_id)
     batch = batches.add("spring", [(row, replace(first.request, diary=BREAK))])
     fail_next(store)
-    (failed,) = batches.list_jobs(batch.id)
+    (failed,) = batches.find_jobs(batch.id)
 
     store.withdraw(failed.id)
 
     assert batches.get(batch.id).counts[JobState.FAILED] == 1
-    assert [job.id for job in batches.list_jobs(batch.id)] == [failed.id]
+    assert [job.id for job in batches.find_jobs(batch.id)] == [failed.id]

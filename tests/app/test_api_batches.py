@@ -49,7 +49,7 @@ def test_the_settings_of_an_item_win_over_those_of_the_batch(client: TestClient,
     ]
     client.post(URL, json={"items": items, "settings": {"side": "right", "method": "live"}})
 
-    requests = {job.file_name: job.request for job in store.list_newest()}
+    requests = {job.file_name: job.request for job in store.find_newest()}
     assert (requests["0.csv"].side, requests["1.csv"].side) == ("right", "left")
     assert requests["1.csv"].method == "live"
 
@@ -61,7 +61,7 @@ def test_an_items_settings_that_cannot_be_start_nothing(
     items = [{"recording_id": keep(client, 0), "settings": wished}]
 
     assert client.post(URL, json={"items": items}).json()["code"] == "E-PARAMETER"
-    assert store.list_newest() == ()
+    assert store.find_newest() == ()
 
 
 def test_half_a_table_is_not_given(client: TestClient) -> None:
@@ -175,4 +175,4 @@ def test_a_recording_that_is_not_there_is_named(client: TestClient, store: JobSt
     refused = client.post(URL, json={"items": items})
 
     assert (refused.status_code, "rec_none" in refused.json()["detail"]) == (404, True)
-    assert store.list_newest() == ()
+    assert store.find_newest() == ()

@@ -4,7 +4,7 @@ import pytest
 from fastapi.testclient import TestClient
 from starlette.requests import Request
 
-from app.jobs.idempotency import AnswerStore, KeptAnswer
+from app.jobs.idempotency import KeptResponse, ResponseStore
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.services import find_services
@@ -27,7 +27,7 @@ def test_the_same_request_twice_is_done_once_and_answered_alike(client: TestClie
 
     assert (second.status_code, second.content) == (first.status_code, first.content)
     assert second.headers["location"] == first.headers["location"]
-    assert len(store.list_newest()) == 1
+    assert len(store.find_newest()) == 1
 
 
 @pytest.mark.parametrize("change", [{"content": b"y"}, {"params": {"side": "left"}}])
@@ -82,13 +82,13 @@ def test_a_key_is_forgotten_after_its_term(client: TestClient) -> None:
     services = find_services(Request({"type": "http", "app": client.app}))
     client.post(URL, content=b"x", headers=KEY)
 
-    services.answers.age(3600.0, 3600.0)
+    services.responses.age(3600.0, 3600.0)
 
     assert client.post(URL, content=b"y", headers=KEY).status_code == 202
 
 
 def test_a_server_that_starts_leaves_the_keys_of_its_peers(store: JobStore) -> None:
-    one, other = (AnswerStore(store.engine, store.reader, name) for name in ("one", "other"))
+    one, other = (ResponseStore(store.engine, store.reader, name) for name in ("one", "other"))
     one.reserve("key of a request under way")
 
     other.free_unfinished()
@@ -100,7 +100,7 @@ def test_a_server_that_starts_leaves_the_keys_of_its_peers(store: JobStore) -> N
 
 
 def test_the_key_of_a_server_that_did_not_come_back_is_free_after_an_hour(store: JobStore) -> None:
-    one, other = (AnswerStore(store.engine, store.reader, name) for name in ("one", "other"))
+    one, other = (ResponseStore(store.engine, store.reader, name) for name in ("one", "other"))
     one.reserve("key")
 
     other.age(3600.0, 24 * 3600.0)
@@ -123,7 +123,7 @@ def test_a_repetition_after_a_purge_makes_nothing_anew(client: TestClient, store
     answer = client.post(URL, content=b"x", headers=KEY)
 
     assert (answer.status_code, answer.json()["code"]) == (410, "E-PURGED")
-    assert store.list_newest() == ()
+    assert store.find_newest() == ()
 
 
 def test_after_a_purge_the_key_still_belongs_to_its_request(client: TestClient) -> None:
@@ -178,9 +178,9 @@ def test_a_batch_with_other_recordings_outlives_a_purge(client: TestClient) -> N
 
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
 def test_an_answer_whose_recording_was_purged_meanwhile_is_kept_empty(store: JobStore) -> None:
-    answers = AnswerStore(store.engine, store.reader, "one")
+    answers = ResponseStore(store.engine, store.reader, "one")
     answers.reserve("key")
 
-    answers.keep("key", KeptAnswer("f", 201, (), b'{"id":"rec_0123456789abcdef","subject":"S1"}'))
+    answers.keep("key", KeptResponse("f", 201, (), b'{"id":"rec_0123456789abcdef","subject":"S1"}'))
 
     assert list_kept(store) == [(410, "[]", b"")]

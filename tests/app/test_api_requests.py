@@ -102,7 +102,7 @@ def test_a_recording_that_is_not_there_starts_nothing(client: TestClient, store:
     answer = client.post(URL, json={"recording_ids": [keep(client), "rec_none"]})
 
     assert answer.status_code == 404
-    assert store.list_newest() == ()
+    assert store.find_newest() == ()
 
 
 def test_the_same_question_twice_gives_the_same_analysis(client: TestClient, bench: OpenBench) -> None:
@@ -253,7 +253,7 @@ def test_of_several_recordings_none_is_analysed_where_one_is_not_there(
     refused = client.post(URL, json=wish)
 
     assert (refused.status_code, "rec_none" in refused.json()["detail"]) == (404, True)
-    assert store.list_newest() == ()
+    assert store.find_newest() == ()
 
 
 def test_a_person_goes_before_a_hundred_scripts(client: TestClient, store: JobStore) -> None:

@@ -273,7 +273,7 @@ def test_an_upload_that_was_whole_when_the_server_died_becomes_its_recording(
 
 def test_two_writers_at_once_are_not_let_in(client: TestClient) -> None:
     address = announce(client, 10)
-    find_services(Request({"type": "http", "app": client.app})).incoming.take(address.rpartition("/")[2])
+    find_services(Request({"type": "http", "app": client.app})).incoming.acquire(address.rpartition("/")[2])
 
     assert append(client, address, 0, b"x") == 423
     assert client.delete(address, headers=TUS).status_code == 423

@@ -58,7 +58,7 @@ def listener() -> Iterator[Listener]:
             """Be quiet."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Ears)
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
     ears.url = f"http://127.0.0.1:{server.server_address[1]}/hook?from=acromion"
     yield ears

@@ -50,6 +50,34 @@ def test_the_words_of_a_caveat_name_only_facts_declared(caveat: Caveat) -> None:
     assert set(re.findall(r"{(\w+)", words["title"] + words["detail"])) <= caveat.fact_meanings.keys()
 
 
+def test_a_caveat_is_given_with_facts_declared() -> None:
+    undeclared = [
+        (caveat, name)
+        for call in list_calls()
+        if (caveat := name_caveat(call)) is not None
+        for name in list_fact_names(call)
+        if name not in caveat.fact_meanings
+    ]
+
+    assert undeclared == []
+
+
+def name_caveat(call: ast.Call) -> Caveat | None:
+    """Give the caveat of a call such as ``QualityFlag(Caveat.GAP, ...)``."""
+    first = call.args[0] if call.args else None
+    is_named = isinstance(first, ast.Attribute) and ast.unparse(first.value) == "Caveat"
+    return Caveat[first.attr] if is_named and isinstance(first, ast.Attribute) else None
+
+
+def list_fact_names(call: ast.Call) -> Iterator[str]:
+    """Give the facts written out in the call: the keys of a mapping, or the keywords of ``flag_spans``."""
+    for value in (*call.args, *(keyword.value for keyword in call.keywords)):
+        if isinstance(value, ast.Dict):
+            yield from (str(ast.literal_eval(key)) for key in value.keys if key is not None)
+    if ast.unparse(call.func) == "flag_spans":
+        yield from (str(keyword.arg) for keyword in call.keywords)
+
+
 def test_a_caveats_member_is_named_as_its_code() -> None:
     assert [f"W-{caveat.name}".replace("_", "-") for caveat in Caveat] == list(Caveat)
 

@@ -25,11 +25,11 @@ from app.services import Services
 from app.settings import Settings
 from app.storage.folder import FolderStorage
 from app.storage.store import (
-    VERDICT_TERM_S,
+    VERIFIED_TERM_S,
     ResultFile,
     Storage,
     StoredRecording,
-    Verdicts,
+    VerifiedFiles,
     borrow_recording,
     borrow_result,
 )
@@ -42,7 +42,7 @@ Kept = tuple[JobStore, Storage]
 HTML = {"accept": "text/html,application/xhtml+xml"}
 
 
-def name_result(store: JobStore, job: Job, name: str) -> str:
+def format_result_name(store: JobStore, job: Job, name: str) -> str:
     return f"analyses/{job.id}/{store.get(job.id).token}/{name}"
 
 
@@ -54,7 +54,7 @@ def alter(storage: Storage, name: str, content: bytes = ALTERED) -> None:
 
 
 def remove(storage: Any, name: str) -> None:
-    if storage.is_near:
+    if storage.is_local:
         (storage.root / name).unlink()
     else:
         storage._delete([name])
@@ -111,7 +111,7 @@ def test_a_damaged_result_is_a_problem_and_never_served(
 ) -> None:
     (store, storage), (name, asked) = kept, names
     job = finish()
-    spoil(storage, name_result(store, job, name), how)
+    spoil(storage, format_result_name(store, job, name), how)
 
     answer = ask(client, job, asked)
 
@@ -129,7 +129,7 @@ def test_a_result_that_is_damaged_after_it_was_served_is_not_served_again(
     job = finish()
     assert ask(client, job, "results.json").status_code == 200
 
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
 
     assert ask(client, job, "results.json").status_code == 410
 
@@ -139,7 +139,7 @@ def test_a_result_that_was_put_right_is_served_at_once(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    name = name_result(store, job, "results.json")
+    name = format_result_name(store, job, "results.json")
     alter(storage, name)
     assert ask(client, job, "results.json").status_code == 410
 
@@ -153,7 +153,7 @@ def test_a_damaged_result_leaves_the_other_files_readable(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
 
     assert ask(client, job, "report.pdf?lang=en").content == b"%PDF-en"
 
@@ -163,7 +163,7 @@ def test_part_of_a_damaged_file_is_not_served_either(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
 
     answer = ask(client, job, "results.json", headers={"range": "bytes=0-3"})
 
@@ -174,7 +174,7 @@ def test_a_folder_in_the_place_of_a_result_is_a_problem(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    path = storage.root / name_result(store, job, "results.json")
+    path = storage.root / format_result_name(store, job, "results.json")
     path.unlink()
     path.mkdir()
 
@@ -188,7 +188,7 @@ def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again(
 ) -> None:
     store, storage = kept
     job = finish()
-    spoil(storage, name_result(store, job, "report.fr.pdf"), how)
+    spoil(storage, format_result_name(store, job, "report.fr.pdf"), how)
 
     answer = client.post(f"/api/v1/analyses/{job.id}/retry")
     run_next(bench(stand_ins.write_report))
@@ -212,7 +212,7 @@ def test_a_damaged_analysis_is_queued_again_once(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
 
     first, second = (client.post(f"/api/v1/analyses/{job.id}/retry").json()["id"] for _ in range(2))
 
@@ -223,7 +223,7 @@ def test_the_problem_of_a_replaced_analysis_names_the_new_one(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
     again = client.post(f"/api/v1/analyses/{job.id}/retry").json()["id"]
 
     assert again in ask(client, job, "results.json").json()["detail"]
@@ -235,7 +235,7 @@ def test_damaged_work_that_is_sent_again_is_done_again(
 ) -> None:
     first = client.post("/api/v1/analyze", content=b"recording").json()["id"]
     run_next(bench(stand_ins.write_report))
-    alter(storage, name_result(store, store.get(first), "results.json"))
+    alter(storage, format_result_name(store, store.get(first), "results.json"))
 
     second, third = (client.post("/api/v1/analyze", content=b"recording").json()["id"] for _ in range(2))
 
@@ -248,7 +248,7 @@ def test_damaged_work_that_is_asked_for_again_is_done_again(
 ) -> None:
     first = client.post("/api/v1/analyze", content=b"recording", params={"file_name": "a.csv"}).json()
     run_next(bench(stand_ins.write_report))
-    alter(storage, name_result(store, store.get(first["id"]), "results.json"))
+    alter(storage, format_result_name(store, store.get(first["id"]), "results.json"))
 
     again = client.post("/api/v1/analyses", json={"recording_ids": [first["recording_id"]]}).json()
 
@@ -277,7 +277,7 @@ def test_a_damaged_analysis_of_a_damaged_recording_cannot_be_made_again(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish, how: str
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
     spoil(storage, f"recordings/{job.recording_id}", how)
 
     answer = client.post(f"/api/v1/analyses/{job.id}/retry")
@@ -330,7 +330,7 @@ def test_the_page_of_a_damaged_analysis_says_so_and_offers_to_analyse_again(
     store, storage = kept
     language, title, button = words
     job = finish()
-    remove(storage, name_result(store, job, name.format(language)))
+    remove(storage, format_result_name(store, job, name.format(language)))
 
     page = client.get(f"/analyses/{job.id}?lang={language}")
 
@@ -344,7 +344,7 @@ def test_the_button_leads_to_a_new_analysis_and_old_links_follow_it(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
 
     pressed = client.post(f"/analyses/{job.id}/retry")
     run_next(bench(stand_ins.write_report))
@@ -359,7 +359,7 @@ def test_a_browser_that_opens_a_damaged_report_gets_a_page_with_the_button(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "report.en.html"))
+    alter(storage, format_result_name(store, job, "report.en.html"))
 
     page = ask(client, job, "report.html?lang=en", headers=HTML)
 
@@ -372,7 +372,7 @@ def test_the_page_of_a_damaged_recording_names_no_cure_that_cannot_help(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
     alter(storage, f"recordings/{job.recording_id}")
 
     page = client.get(f"/analyses/{job.id}?lang=en").text
@@ -405,7 +405,7 @@ def test_lists_are_shown_with_a_damaged_analysis_in_them(
 ) -> None:  # fmt: skip
     store, storage = kept
     job = finish()
-    spoil(storage, name_result(store, job, "results.json"), how)
+    spoil(storage, format_result_name(store, job, "results.json"), how)
 
     assert client.get(path).status_code == 200
 
@@ -414,7 +414,7 @@ def test_the_library_table_says_which_results_are_damaged(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish(file_name="a.csv")
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
 
     (row,) = csv.DictReader(io.StringIO(client.get("/library/summary.csv").content.decode("utf-8-sig")))
 
@@ -428,8 +428,8 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
     recording = client.post("/api/v1/recordings", content=b"recording").json()["id"]
     batch = client.post("/api/v1/batches", json={"items": [{"recording_id": recording}]}).json()["id"]
     run_next(bench(stand_ins.write_report))
-    (job,) = store.list_newest()
-    alter(storage, name_result(store, job, "results.json"))
+    (job,) = store.find_newest()
+    alter(storage, format_result_name(store, job, "results.json"))
 
     tables = [client.get(f"/api/v1/batches/{batch}/{name}.csv").text for name in ("summary", "problems")]
     counts = client.post(f"/api/v1/batches/{batch}/retry-failed").json()["counts"]
@@ -445,7 +445,7 @@ def test_a_damaged_analysis_beside_another_is_a_problem_answer(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish, path: str
 ) -> None:
     one, other = (finish(stand_ins.write_findings, content=content) for content in (b"1", b"2"))
-    alter(storage, name_result(store, other, "findings.json"))
+    alter(storage, format_result_name(store, other, "findings.json"))
 
     answer = client.get(path.format(one.id, other.id))
 
@@ -472,7 +472,7 @@ def test_a_replaced_report_is_not_what_counts_in_the_library(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
     client.post(f"/analyses/{job.id}/retry")
     run_next(bench(stand_ins.refuse))
 
@@ -486,7 +486,7 @@ def test_a_failed_repetition_cannot_be_withdrawn_for_the_damaged_report(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, finish: Finish
 ) -> None:
     job = finish()
-    alter(storage, name_result(store, job, "results.json"))
+    alter(storage, format_result_name(store, job, "results.json"))
     again = store.repeat(job, "web")
     run_next(bench(stand_ins.refuse))
 
@@ -514,7 +514,7 @@ def clock() -> Hours:
 @pytest.fixture
 def folder(tmp_path: Path, clock: Hours) -> FolderStorage:
     """A folder with one result, and a clock of the test's own."""
-    kept = FolderStorage(tmp_path / "kept", Verdicts(clock))
+    kept = FolderStorage(tmp_path / "kept", VerifiedFiles(clock))
     kept.prepare()
     (kept.open_attempt("an_1", "t") / "a.txt").write_bytes(b"whole")
     return kept
@@ -545,7 +545,7 @@ def test_a_verdict_counts_for_an_hour_at_most(folder: FolderStorage, clock: Hour
     read(folder)
     rot(folder)
 
-    clock.now_s = VERDICT_TERM_S
+    clock.now_s = VERIFIED_TERM_S
 
     with pytest.raises(ResultDamaged):
         read(folder)
@@ -602,7 +602,7 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
 
     async def send(message: Message) -> None:
         sent.append(message.get("body", b""))
-        alter(storage, name_result(store, store.get(job.id), "results.json"))
+        alter(storage, format_result_name(store, store.get(job.id), "results.json"))
 
     with pytest.raises(ResultDamaged):
         asyncio.run(answer(scope, receive, send))
@@ -611,8 +611,8 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
 
 
 def test_too_many_verdicts_forget_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.storage.store.MOST_VERDICTS", 2)
-    verdicts = Verdicts()
+    monkeypatch.setattr("app.storage.store.MOST_VERIFIED", 2)
+    verdicts = VerifiedFiles()
 
     for name in ("a", "b", "c"):
         verdicts.remember(name, "0", (1,))

@@ -10,12 +10,12 @@ import pytest
 
 from app.request import ReportRequest
 from app.roads.analyse import make_report
-from app.storage.decoded import DecodedCache, KnownLogs, name_entry
+from app.storage.decoded import DecodedCache, KnownLogs, hash_entry_key
 from fusion.recording import QualityFlag, Recording, Span
 from fusion.simulation import write_recordings
 from tests.factories import hold
 
-KEY = name_entry("00" * 32, "", "0123")
+KEY = hash_entry_key("00" * 32, "", "0123")
 MIB = 1 << 20
 
 
@@ -89,10 +89,10 @@ def test_the_cache_stays_within_its_bounds(tmp_path: Path, recording: Recording)
     cache = DecodedCache(tmp_path / "cache", 3 * size_bytes)
 
     for number in range(5):
-        cache.keep(name_entry(str(number), "", ""), recording)
+        cache.keep(hash_entry_key(str(number), "", ""), recording)
 
     assert len(list_entries(cache)) == 2
-    assert cache.find(name_entry("4", "", "")) is not None
+    assert cache.find(hash_entry_key("4", "", "")) is not None
 
 
 def test_a_recording_larger_than_the_cache_is_not_kept(tmp_path: Path, recording: Recording) -> None:
@@ -104,7 +104,7 @@ def test_a_recording_larger_than_the_cache_is_not_kept(tmp_path: Path, recording
 
 
 def test_another_revision_or_another_reading_has_another_key() -> None:
-    keys = {name_entry("a", "", "1"), name_entry("a", "", "2"), name_entry("a", "rate 500", "1")}
+    keys = {hash_entry_key("a", "", "1"), hash_entry_key("a", "", "2"), hash_entry_key("a", "rate 500", "1")}
 
     assert len(keys) == 3
 

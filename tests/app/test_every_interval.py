@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.report.export.results import build_results
+from app.report.figures import read_figures
 from app.report.findings import take_findings
 from fusion.diary import DiaryEntry
 from fusion.pipeline import AnalysisSettings, analyse
@@ -106,6 +107,13 @@ def test_every_figure_has_a_range_or_a_reason_for_none(exposure: dict[str, Any])
         and not has_range(path, around, ranges)
     }
     assert without == set()
+
+
+def test_every_range_is_of_a_declared_figure(exposure: dict[str, Any]) -> None:
+    figures = set(read_figures({"exposure": exposure}))
+
+    classes = r"eva_\d+_(\d+|up)_(deg|s)_percent|episodes_above_\d+_longer_than_\d+_s_total_s"
+    assert [n for n in exposure["intervals"] if n not in figures and not re.fullmatch(classes, n)] == []
 
 
 def test_every_range_holds_its_figure_in_each_part_of_the_day(exposure: dict[str, Any]) -> None:

@@ -14,9 +14,10 @@ import pytest
 
 from app.report.analysis.report import build_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
-from app.report.export.columns import COLUMNS, PERIOD_COLUMNS, encode_dictionary, list_paths, name_unit
+from app.report.export.columns import PERIOD_COLUMNS, encode_dictionary, list_paths
 from app.report.export.naming import pack_files
 from app.report.export.results import encode_results
+from app.report.figures import SUMMARY, name_unit
 from app.report.render.write import tell_in_brief
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.request import ReportRequest
@@ -107,7 +108,7 @@ def test_every_column_of_every_table_is_explained_in_both_languages() -> None:
     rows = rows_of(encode_dictionary())
 
     explained = {file: [row["column"] for row in rows if row["file"] == file] for file in FILES}
-    assert explained == {"summary.csv": [c.name for c in COLUMNS], "periods.csv": PERIOD_COLUMNS}
+    assert explained == {"summary.csv": [c.name for c in SUMMARY], "periods.csv": PERIOD_COLUMNS}
     assert all(row["english"] and row["french"] for row in rows)
 
 

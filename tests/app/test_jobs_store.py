@@ -185,7 +185,7 @@ def test_two_stores_may_open_a_new_database_at_once(settings: Settings) -> None:
     with ThreadPoolExecutor(4) as pool:
         stores = list(pool.map(lambda _: JobStore(settings.database_url), range(4)))
 
-    assert [one.list_newest() for one in stores] == [(), (), (), ()]
+    assert [one.find_newest() for one in stores] == [(), (), (), ()]
     for one in stores:
         one.close()
 

@@ -45,7 +45,7 @@ class SlowRoad:
     def _watch_beats(self) -> None:
         end_s = time.monotonic() + 20
         while len(self.beats) < 3 and time.monotonic() < end_s:
-            (claim,) = self._store.list_claims()
+            (claim,) = self._store.find_claims()
             if claim.beats not in self.beats:
                 self.beats.append(claim.beats)
             time.sleep(0.02)
@@ -287,12 +287,16 @@ def test_an_analysis_outlasts_the_death_of_the_fork_server(
 def test_a_fork_server_that_does_not_answer_is_replaced(
     store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def end_and_wait_longer() -> None:
+        monkeypatch.setattr(forking, "START_TICKS", 180)
+        end_fork_server()
+
     job = add_job()
     warm_up_and_wait()
     hanging = find_fork_server()
     os.kill(hanging, signal.SIGSTOP)
-    monkeypatch.setattr(forking, "START_TICKS", 5)
-    monkeypatch.setattr(forking, "START_TRIES", 100)  # another may take longer than that to load
+    monkeypatch.setattr(forking, "START_TICKS", 1)
+    monkeypatch.setattr(forking, "end_fork_server", end_and_wait_longer)  # another may take long to load
 
     run_next(bench(stand_ins.write_report))
 
@@ -306,6 +310,8 @@ def test_a_fork_server_that_reports_no_end_holds_no_worker(
     store: JobStore, add_job: AddJob, bench: OpenBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     job = add_job()
+    monkeypatch.setattr(forking, "TICK_S", 0.1)
+    monkeypatch.setattr(forking, "START_TICKS", 1800)
     monkeypatch.setattr(forking, "END_TICKS", 2)
     thread = threading.Thread(target=run_next, args=(bench(stand_ins.write_in_a_second),))
     thread.start()
@@ -415,11 +421,11 @@ def test_the_lease_of_a_silent_holder_elsewhere_runs_out(store: JobStore, add_jo
     add_job()
     store.claim(Claimer("another computer", 1, "10"))
     watch = LeaseWatch(identify_self(), lease_s=0.05)
-    watch.find_abandoned(store.list_claims())
+    watch.find_abandoned(store.find_claims())
 
     time.sleep(0.1)
 
-    assert len(watch.find_abandoned(store.list_claims())) == 1
+    assert len(watch.find_abandoned(store.find_claims())) == 1
 
 
 def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: AddJob) -> None:
@@ -428,12 +434,12 @@ def test_a_beating_holder_elsewhere_keeps_its_lease(store: JobStore, add_job: Ad
     assert claimed is not None
     assert claimed.token is not None
     watch = LeaseWatch(identify_self(), lease_s=0.05)
-    watch.find_abandoned(store.list_claims())
+    watch.find_abandoned(store.find_claims())
     time.sleep(0.1)
 
     store.beat(job.id, claimed.token, "fusing", 0.5)
 
-    assert watch.find_abandoned(store.list_claims()) == ()
+    assert watch.find_abandoned(store.find_claims()) == ()
 
 
 @pytest.mark.parametrize("way", ["fetch", "keep_attempt"])

@@ -6,7 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.batches import BatchStore
-from app.jobs.figures import Answer
+from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Claimer, Job
 from app.jobs.library import Library, LibraryFilter
 from app.jobs.recordings import RecordingStore
@@ -30,12 +30,12 @@ def finish(store: JobStore, verdict: str, start: str = "2026-03-02T07:00:00") ->
     job = store.claim(ME)
     assert job is not None
     files = [ResultFile("results.json", "0" * 64, 2)]
-    assert store.finish(job.id, str(job.token), files, Answer(verdict, start, 28800.0, 7.0))
+    assert store.finish(job.id, str(job.token), files, HeadlineFigures(verdict, start, 28800.0, 7.0))
     return store.get(job.id)
 
 
 def list_ids(library: Library, wanted: LibraryFilter) -> list[str]:
-    return [entry.job.id for entry in library.list_page(wanted, 10)]
+    return [entry.job.id for entry in library.find_page(wanted, 10)]
 
 
 def test_a_recording_shows_its_newest_analysis_alone(
@@ -52,7 +52,7 @@ def test_the_newest_recording_comes_first_and_pages_follow_one_another(
 ) -> None:
     jobs = [add_job(str(number).encode()) for number in range(3)]
 
-    pages = [[entry.job.id for entry in library.list_page(LibraryFilter(), 2, skip)] for skip in (0, 2)]
+    pages = [[entry.job.id for entry in library.find_page(LibraryFilter(), 2, skip)] for skip in (0, 2)]
 
     assert pages == [[jobs[2].id, jobs[1].id], [jobs[0].id]]
 
@@ -131,9 +131,9 @@ def test_a_failed_repetition_leaves_the_earlier_report_in_the_list(
     good = finish(store, "good")
     failed = fail_again(store, good)
 
-    (entry,) = library.list_page(LibraryFilter(), 10)
+    (entry,) = library.find_page(LibraryFilter(), 10)
 
-    assert (entry.job.id, entry.answer and entry.answer.verdict) == (good.id, "good")
+    assert (entry.job.id, entry.headline and entry.headline.verdict) == (good.id, "good")
     assert entry.attempt is not None
     assert (entry.attempt.id, entry.attempt.problem_code) == (failed.id, "E-CALIB")
 
@@ -179,7 +179,7 @@ def test_a_report_whose_repetition_runs_is_offered_to_be_compared(
         ids.append(finish(store, "good").id)
     store.add_analysis((job.recording_id, job.sha256), ReportRequest("shift.gt3x", "S1", pose="side-lean"))
 
-    (other,) = library.list_others(store.get(ids[0]))
+    (other,) = library.find_others(store.get(ids[0]))
 
     assert other.job.id == ids[1]
 
@@ -192,7 +192,7 @@ def test_a_batch_shows_its_own_analyses_and_no_other(
     asked = [(row, ReportRequest("shift.gt3x", side="left"))]
     batch = BatchStore(store.engine, store.reader).add("spring", asked)
 
-    (entry,) = library.list_page(LibraryFilter(batch=batch.id), 10)
+    (entry,) = library.find_page(LibraryFilter(batch=batch.id), 10)
 
     assert entry.job.batch_id == batch.id
 

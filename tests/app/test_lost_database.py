@@ -21,7 +21,7 @@ from app.jobs.store import JobStore
 from app.jobs.worker import open_bench, run_next
 from app.main import create_app
 from app.settings import Settings
-from app.storage.store import Storage, name_side
+from app.storage.store import Storage, format_side_file_name
 from app.upkeep.recover import read_side_file
 from tests.app import stand_ins
 from tests.app.conftest import on_both_set_ups
@@ -66,7 +66,7 @@ def lose_database(settings: Settings) -> None:
 def read_every_byte(storage: Storage) -> dict[str, bytes]:
     """Give what is kept, by name, without the side files."""
     names = [
-        name for name in storage.list_names() if not name.endswith(".json") or name.startswith("analyses/")
+        name for name in storage.find_names() if not name.endswith(".json") or name.startswith("analyses/")
     ]
     return {name: storage.read_small(name) or b"" for name in names}
 
@@ -148,7 +148,7 @@ def test_a_finished_report_is_in_the_side_file_with_the_digest_of_each_file(
 def test_one_altered_digit_makes_a_side_file_invalid(settings: Settings, storage: Storage) -> None:
     with serving(settings) as client:
         recording_id = upload(client, b"one", subject="S012")
-        content = storage.read_small(name_side(recording_id))
+        content = storage.read_small(format_side_file_name(recording_id))
 
     assert content is not None
     assert decode_side_file(content, recording_id) is not None
@@ -158,7 +158,7 @@ def test_one_altered_digit_makes_a_side_file_invalid(settings: Settings, storage
 def test_a_side_file_of_another_recording_is_not_valid(settings: Settings, storage: Storage) -> None:
     with serving(settings) as client:
         first, second = upload(client, b"one"), upload(client, b"two")
-        content = storage.read_small(name_side(first))
+        content = storage.read_small(format_side_file_name(first))
 
     assert decode_side_file(content, second) is None
 
@@ -169,7 +169,7 @@ def test_the_first_start_of_a_folder_without_side_files_writes_them_all(
     with serving(settings) as client:
         kept = [upload(client, content) for content in (b"one", b"two", b"three")]
     for recording_id in kept:
-        (storage.root / name_side(recording_id)).unlink()
+        (storage.root / format_side_file_name(recording_id)).unlink()
 
     with serving(settings):
         assert all(read_side_file(storage, recording_id) is not None for recording_id in kept)
@@ -293,7 +293,7 @@ def test_a_recording_in_quarantine_comes_back_with_its_row(settings: Settings, s
     with serving(settings) as client:
         recording_id = upload(client, b"one")
     shutil.copy(database, settings.data_dir.with_name("backup"))
-    (storage.root / name_side(recording_id)).unlink()
+    (storage.root / format_side_file_name(recording_id)).unlink()
     lose_database(settings)
     with serving(settings):
         assert (storage.root / "quarantine" / recording_id).exists()
@@ -319,7 +319,7 @@ def test_the_attempt_of_a_known_analysis_that_does_not_count_is_removed(
     (storage.open_attempt(analysis_id, "dead") / "results.json").write_bytes(b"{}")
 
     with serving(settings):
-        assert [name for name, _ in storage.list_attempts()] == [analysis_id]
+        assert [name for name, _ in storage.find_attempts()] == [analysis_id]
 
 
 # --- a purge that is interrupted ------------------------------------------------------------------------
@@ -341,7 +341,7 @@ def test_an_interrupted_purge_goes_on_at_the_next_start(
 
     with serving(settings) as client:
         assert client.get(f"/api/v1/recordings/{recording_id}").status_code == 404
-        assert list(storage.list_names()) == []
+        assert list(storage.find_names()) == []
 
 
 @pytest.mark.parametrize("step", ["drop_analysis", "drop_recording"])
@@ -363,7 +363,7 @@ def test_a_purge_that_was_begun_does_not_come_back_with_a_lost_database(
 
     with serving(settings) as client:
         assert client.get(f"/api/v1/recordings/{recording_id}").status_code == 404
-        assert list(storage.list_names()) == []
+        assert list(storage.find_names()) == []
 
 
 def test_verify_does_not_blame_an_interrupted_purge(
@@ -415,7 +415,7 @@ def test_a_pipe_among_the_recordings_holds_up_no_start(settings: Settings, stora
     os.mkfifo(storage.root / "recordings" / "x.json")
 
     with serving(settings):
-        assert storage.list_quarantine() == ("x.json",)
+        assert storage.find_quarantined() == ("x.json",)
 
 
 # --- recover --------------------------------------------------------------------------------------------
@@ -670,7 +670,7 @@ def test_verify_names_a_side_file_that_is_absent_or_damaged(
 ) -> None:
     with serving(settings) as client:
         recording_id = upload(client, b"one")
-    side = storage.root / name_side(recording_id)
+    side = storage.root / format_side_file_name(recording_id)
     side.unlink() if content is None else side.write_bytes(content)
 
     verified = acromion("verify")
@@ -684,7 +684,7 @@ def test_recover_writes_a_damaged_side_file_anew(
 ) -> None:
     with serving(settings) as client:
         recording_id = upload(client, b"one", subject="S012")
-    (storage.root / name_side(recording_id)).write_bytes(b"{}")
+    (storage.root / format_side_file_name(recording_id)).write_bytes(b"{}")
 
     acromion("recover")
 

@@ -122,7 +122,7 @@ def test_the_batches_of_an_earlier_release_hold_what_they_asked_for(engine: Engi
 
     store = JobStore(database)
     batches = BatchStore(store.engine, store.reader)
-    assert [job.id for job in batches.list_jobs("ba_1")] == ["an_b", "an_a"]
+    assert [job.id for job in batches.find_jobs("ba_1")] == ["an_b", "an_a"]
     assert (batches.get("ba_1").item_count, batches.get("ba_1").duplicate_count) == (2, 0)
     store.close()
 

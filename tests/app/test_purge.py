@@ -18,7 +18,7 @@ from app.jobs.webhooks import EVENTS, WebhookStore
 from app.jobs.worker import run_next
 from app.services import Services, find_services
 from app.settings import Settings
-from app.storage.decoded import DecodedCache, name_entry
+from app.storage.decoded import DecodedCache, hash_entry_key
 from app.storage.store import Storage
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench, on_both_set_ups
@@ -118,7 +118,7 @@ def test_no_table_holds_a_word_of_what_was_purged(store: JobStore) -> None:
 @on_both_set_ups
 @pytest.mark.usefixtures("purged")
 def test_no_byte_of_the_data_folder_and_of_the_bucket_holds_one(settings: Settings, storage: Storage) -> None:
-    assert list(storage.list_names()) == []
+    assert list(storage.find_names()) == []
     files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
 
     assert [path for path in files if CANARY.encode() in path.read_bytes()] == []
@@ -138,7 +138,7 @@ def keep_samples(settings: Settings, sha256: str) -> Path:
     cache = DecodedCache(settings.data_dir / "cache", 1 << 20)
     recording = hold((0, 1)).recording
     object.__setattr__(recording, "sha256", sha256)
-    cache.keep(name_entry(sha256, "", ""), recording)
+    cache.keep(hash_entry_key(sha256, "", ""), recording)
     return cache.folder
 
 

@@ -80,7 +80,7 @@ def test_an_analysis_of_a_later_version_is_found_again_by_its_settings(
     first = add_job()
     second = store.add_analysis((first.recording_id, first.sha256), MOVED)
 
-    (found,) = store.list_same(first.sha256, MOVED)
+    (found,) = store.find_same(first.sha256, MOVED)
 
     assert found.id == second.id
 

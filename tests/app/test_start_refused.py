@@ -202,7 +202,7 @@ def frozen_worker(data: Path) -> Iterator[int]:
 def test_a_worker_frozen_with_the_write_lock_is_named_by_its_number(
     data: Path, frozen_worker: int, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(database_module, "BUSY_S", 1)
+    monkeypatch.setattr(database_module, "BUSY_TIMEOUT_S", 1)
 
     answer = call(command, data)
 

@@ -141,7 +141,7 @@ def test_a_folder_among_the_uploads_stays(storage: FolderStorage) -> None:
 def test_what_is_set_aside_keeps_its_name_and_its_bytes(storage: FolderStorage) -> None:
     storage.recording("holiday.jpg").write_bytes(b"picture")
 
-    storage.set_aside("holiday.jpg")
+    storage.quarantine("holiday.jpg")
 
     assert (storage.root / "quarantine" / "holiday.jpg").read_bytes() == b"picture"
     assert not storage.recording("holiday.jpg").exists()
@@ -150,9 +150,9 @@ def test_what_is_set_aside_keeps_its_name_and_its_bytes(storage: FolderStorage) 
 def test_what_is_set_aside_replaces_nothing_in_quarantine(storage: FolderStorage) -> None:
     for content in (b"first", b"second"):
         storage.recording("holiday.jpg").write_bytes(content)
-        storage.set_aside("holiday.jpg")
+        storage.quarantine("holiday.jpg")
 
-    kept = [(storage.root / "quarantine" / name).read_bytes() for name in storage.list_quarantine()]
+    kept = [(storage.root / "quarantine" / name).read_bytes() for name in storage.find_quarantined()]
     assert sorted(kept) == [b"first", b"second"]
 
 

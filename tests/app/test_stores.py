@@ -88,7 +88,7 @@ def test_a_kept_result_can_be_fetched_again_and_again(storage: Storage) -> None:
     for _ in range(2):
         path = storage.fetch("analyses/an_1/t/results.json").path
         assert path.read_bytes() == b"{}"
-        storage.give_back(path)
+        storage.release(path)
 
 
 def test_keeping_an_attempt_twice_does_no_harm(storage: Storage) -> None:

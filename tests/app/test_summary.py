@@ -7,11 +7,12 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.export.columns import COLUMNS, encode_summary, summarise_failure
+from app.report.export.columns import encode_summary, summarise_failure
 from app.report.export.csv import FRENCH_EXCEL, Origin, encode_table
+from app.report.figures import SUMMARY
 
 FAILED = Origin("left.gt3x", "S012", "left", "p1/left.gt3x", "left")
-NAMES = [column.name for column in COLUMNS]
+NAMES = [column.name for column in SUMMARY]
 
 
 def read_rows(encoded: bytes) -> list[dict[str, str]]:

@@ -424,7 +424,7 @@ def test_a_backup_is_not_restored_over_rows_of_any_kind(
 
     assert (result.exit_code, result.output.split()[0]) == (3, "E-NOT-EMPTY")
     assert "1 in webhooks" in result.output
-    assert len(WebhookStore(store.engine, store.reader).list_all()) == 1
+    assert len(WebhookStore(store.engine, store.reader).find_all()) == 1
 
 
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"], indirect=True)
@@ -455,7 +455,7 @@ def test_an_upload_under_way_is_not_restored_for_its_bytes_are_not_in_the_backup
     acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
     restored = JobStore(Settings(data_dir=tmp_path / "new").database_url)
-    assert UploadStore(restored.engine, restored.reader).list_growing() == frozenset()
+    assert UploadStore(restored.engine, restored.reader).find_growing() == frozenset()
     restored.close()
 
 

@@ -23,7 +23,7 @@ from app.errors import Crashed, Interrupted
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
 from app.settings import Settings
-from app.upkeep.verify import find_faults, list_kept
+from app.upkeep.verify import find_faults, find_kept
 from tests.ways_in.servers import ROOT, list_children, read_stat, wait_for
 
 Victim = Literal["web", "worker", "child", "all"]
@@ -198,7 +198,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
     broken: list[str] = []
     acknowledged = journal.recordings.copy()  # first: what is acknowledged later need not be read
     store = JobStore(settings.database_url)
-    jobs = {job.id: job for job in store.list_newest(1_000_000)}
+    jobs = {job.id: job for job in store.find_newest(1_000_000)}
     store.close()
     for analysis_id, (recording_id, sha256) in acknowledged.items():
         job = jobs.get(analysis_id)
@@ -210,7 +210,7 @@ def check_acknowledged(settings: Settings, journal: Journal) -> list[str]:
             broken.append(f"I3 {analysis_id} went back from its end")
         elif job.is_over:
             journal.ends[analysis_id] = (job.state, job.token)
-    faults = find_faults(settings, list_kept(settings))
+    faults = find_faults(settings, find_kept(settings))
     return broken + [f"I2/I5 {fault.name} {fault.finding}" for fault in faults if fault.finding in LOSSES]
 
 
@@ -241,7 +241,7 @@ def _find_lags(settings: Settings) -> list[str]:
 
 
 def _list_lags(settings: Settings) -> list[str]:
-    faults = find_faults(settings, list_kept(settings))
+    faults = find_faults(settings, find_kept(settings))
     return [f"I15 {fault.name} {fault.finding}" for fault in faults if fault.finding.startswith("side_")]
 
 
@@ -253,7 +253,7 @@ def _wait_for_ends(store: JobStore) -> None:
 
 def _retry_set_aside(store: JobStore, journal: Journal) -> None:
     """Ask again for what was set aside after enough ends of its host; after fewer it stays, as a break."""
-    for job in store.list_newest(1_000_000):
+    for job in store.find_newest(1_000_000):
         if job.problem_code == Interrupted.code and journal.cuts[job.id] >= ENDS_BORNE:
             journal.recordings[store.retry(job.id).id] = journal.recordings.pop(job.id)
             journal.retried.add(job.id)
@@ -264,7 +264,7 @@ def _has_fewer_open(store: JobStore, than: int) -> bool:
 
 
 def _list_open(store: JobStore) -> list[Job]:
-    return [job for job in store.list_newest(1_000_000) if not job.is_over]
+    return [job for job in store.find_newest(1_000_000) if not job.is_over]
 
 
 def count_blamed(settings: Settings) -> int:
@@ -287,7 +287,7 @@ def _check_results(settings: Settings, journal: Journal) -> list[str]:
 
 def _find_litter(settings: Settings) -> list[str]:
     """Files on the disk that no row promises; each recording has its side file."""
-    promised = {file.name for file in list_kept(settings)}
+    promised = {file.name for file in find_kept(settings)}
     promised |= {f"{name}.json" for name in promised if name.startswith("recordings/")}
     kept = [path for kind in ("recordings", "analyses") for path in (settings.data_dir / kind).rglob("*")]
     names = {str(path.relative_to(settings.data_dir)) for path in kept if path.is_file()}

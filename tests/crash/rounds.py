@@ -106,7 +106,7 @@ def _is_at_work(site: Site, store: JobStore) -> bool:
 def _count_cut(settings: Settings, journal: Journal) -> int:
     """Write down which analyses have just lost their worker."""
     store = JobStore(settings.database_url)
-    cut = [claim.analysis_id for claim in store.list_claims()]
+    cut = [claim.analysis_id for claim in store.find_claims()]
     store.close()
     journal.cuts.update(cut)
     return len(cut)

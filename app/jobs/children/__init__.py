@@ -1,1 +1,1 @@
-"""Child processes: one for each attempt, started by a server that has loaded the science."""
+"""Child processes: one for each attempt, forked from a server that has loaded the science."""

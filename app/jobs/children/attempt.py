@@ -1,4 +1,4 @@
-"""One attempt at a job, in a process of its own: limited, and harmless when it dies."""
+"""One attempt at a job, in a child process: its limits, its messages and its outcomes."""
 
 import importlib
 import json
@@ -23,7 +23,7 @@ from app.jobs.children.fork_server import NotStarted, choose_context, end_child,
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
 from app.storage.decoded import NOTHING_KNOWN, KnownLogs
-from app.storage.store import ResultFile, name_full_disk, seal_folder
+from app.storage.store import ResultFile, seal_folder, translate_disk_full
 from fusion.errors import Fact, FusionError
 
 if TYPE_CHECKING:  # a child loads this module too, and has no use for pydantic
@@ -44,7 +44,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What one attempt may use."""
+    """The resources that one attempt may use."""
 
     memory_bytes: int
     wall_s: float
@@ -52,9 +52,9 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What one attempt has to do: from this file, by this request, into this folder.
+    """The input of one attempt: the file, the request, and the folder for its output.
 
-    ``gives_way``: the pages and uploads of the same machine go first.
+    ``gives_way``: it runs at a lower priority than the pages and uploads of the same machine.
     """
 
     log: Path
@@ -67,14 +67,14 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """The files are made, and durable."""
+    """The files are written and durable."""
 
     files: tuple[ResultFile, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """No report can be made of this file; trying again would end alike."""
+    """No report can be made of this file; another attempt would end in the same way."""
 
     code: str
     facts: Mapping[str, Fact]
@@ -82,19 +82,19 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Died:
-    """The process ended without a word (killed, crashed)."""
+    """The process ended without a message (killed, crashed)."""
 
     exit_code: int | None
 
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """We ended it, for its result is no longer wanted."""
+    """The worker ended the process: its result is no longer wanted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unstarted:
-    """No child could be started: the machine's trouble, not the file's."""
+    """No child could be started: the machine is at fault, not the file."""
 
 
 Outcome = Finished | Refused | Died | Stopped | Unstarted
@@ -103,7 +103,7 @@ Outcome = Finished | Refused | Died | Stopped | Unstarted
 def load_and_make_report(
     log: Path, request: ReportRequest, out: Path, on_stage: OnStage, known: KnownLogs = NOTHING_KNOWN
 ) -> None:
-    """Take the one road; the science is loaded only where it is needed, in the child process."""
+    """Make a report by the one road; the science is loaded only here, in the child process."""
     if request.reference is not None:
         importlib.import_module("app.roads.validate").make_validation(log, request, out, on_stage)
     else:
@@ -111,19 +111,19 @@ def load_and_make_report(
         importlib.import_module("app.roads.analyse").make_report(log, request, out, on_stage, known)
 
 
-def load_and_tell_again(finished: Path) -> MakeReport:
-    """Take the short road, from the finished analysis in a folder to its report in another language."""
-    return partial(_load_and_tell_again, finished)
+def load_and_render_again(finished: Path) -> MakeReport:
+    """Give the short road: from the finished analysis in a folder to its report in another language."""
+    return partial(_load_and_render_again, finished)
 
 
-def _load_and_tell_again(
+def _load_and_render_again(
     finished: Path, _log: Path, request: ReportRequest, out: Path, on_stage: OnStage
 ) -> None:
     importlib.import_module("app.roads.analyse").make_report_again(finished, request, out, on_stage)
 
 
 def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
-    """Give a large file more time."""
+    """Choose the limits of an attempt: a large file gets more time."""
     wall_s = max(settings.wall_limit_s, settings.wall_limit_s_per_gb * size_bytes / 1e9)
     return Limits(settings.memory_limit_bytes, wall_s)
 
@@ -131,12 +131,12 @@ def choose_limits(settings: "Settings", size_bytes: int) -> Limits:
 def run_attempt(attempt: Attempt, on_progress: OnProgress) -> Outcome:
     """Make the attempt in a child process and wait for it.
 
-    ``on_progress`` is called several times a second with the stage and the fraction done; when it answers
+    ``on_progress`` is called several times a second with the stage and the fraction done; when it returns
     False the child is killed.
     """
     context = choose_context()
     ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=_work, args=(attempt, theirs), daemon=True)
+    child = context.Process(target=_run_child, args=(attempt, theirs), daemon=True)
     try:
         start_child(child)
     except NotStarted:
@@ -170,32 +170,32 @@ def _follow(child: BaseProcess, pipe: Connection, limits: Limits, on_progress: O
 
 
 def _read_outcome(message: dict[str, Any]) -> Outcome:
-    """Understand the child's last word. It is JSON: a child that read hostile bytes is not believed more."""
+    """Read the child's last message. It is JSON: a child that has read hostile bytes is not trusted."""
     if "files" in message:
         return Finished(tuple(ResultFile(*file) for file in message["files"]))
     return Refused(message["code"], message["facts"])
 
 
-def _work(attempt: Attempt, pipe: Connection) -> None:
-    """Be the child process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for our worker, who ends us
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
-    _limit_self(attempt.limits)
+def _run_child(attempt: Attempt, pipe: Connection) -> None:
+    """Run in the child process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the worker, which then ends the child
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    _apply_limits(attempt.limits)
     start_logging(logging.WARNING)
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
-    result = _try(attempt, partial(_tell_stage, pipe))
+    result = _make_files(attempt, partial(_send_stage, pipe))
     if isinstance(result, Finished):
         files = [(file.name, file.sha256, file.size_bytes) for file in result.files]
-        _tell(pipe, {"files": files})
+        _send(pipe, {"files": files})
     else:
-        _tell(pipe, {"code": result.code, "facts": dict(result.facts)})
+        _send(pipe, {"code": result.code, "facts": dict(result.facts)})
     pipe.close()
 
 
-def _try(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
+def _make_files(attempt: Attempt, on_stage: OnStage) -> Finished | Refused:
     try:
-        with name_full_disk():
+        with translate_disk_full():
             attempt.make_report(attempt.log, attempt.request, attempt.out, on_stage)
             return Finished(seal_folder(attempt.out))
     except (FusionError, AppError) as refusal:
@@ -212,24 +212,24 @@ def _refuse(error: AttemptFailed) -> Refused:
     return Refused(error.code, error.facts)
 
 
-def _tell_stage(pipe: Connection, stage: Stage, fraction: float) -> None:
-    _tell(pipe, {"stage": stage, "fraction": fraction})
+def _send_stage(pipe: Connection, stage: Stage, fraction: float) -> None:
+    _send(pipe, {"stage": stage, "fraction": fraction})
 
 
-def _tell(pipe: Connection, message: Mapping[str, object]) -> None:
+def _send(pipe: Connection, message: Mapping[str, object]) -> None:
     pipe.send_bytes(json.dumps(message).encode())
 
 
-def _leave_with_parent() -> None:
-    """Wait for the worker's end, and do not outlive it."""
+def _exit_with_parent() -> None:
+    """Wait for the end of the worker, then exit."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])
         os._exit(1)
 
 
-def _limit_self(limits: Limits) -> None:
-    """Ask the system to hold us to the limits, should our worker not be able to."""
+def _apply_limits(limits: Limits) -> None:
+    """Have the system enforce the limits, in case the worker cannot."""
     if sys.platform == "win32":
         return
     cpu_s = round(limits.wall_s * (os.cpu_count() or 1)) + 1

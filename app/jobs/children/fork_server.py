@@ -1,10 +1,10 @@
-"""Where children come from: a server of them that has loaded the science once.
+"""The fork server: it loads the science once, and starts every child process.
 
-It is a small module of its own, so that the command line can start that server before it has loaded itself.
+The module is small, so that the command line can start the fork server before it has loaded itself.
 
-The server of children may itself be killed, or hang. A child that runs does not need it: it goes on, and its
-result counts. Whoever waits for that server (to start a child, to report its end) ends it after a while and
-begins again with another.
+The fork server may itself be killed, or hang. A running child does not need it: the child continues, and its
+result counts. A process that waits in vain for the fork server (to start a child, to report its end) ends it
+and starts another.
 """
 
 import gc
@@ -20,19 +20,16 @@ from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-# How a process that others are forked from loads what they share with it.
-
-
 READING = ("app.jobs.children.attempt", "app.roads.reading")
 ALL = (*READING, "app.roads.analyse", "app.roads.inspect")
 
 
 def load(names: tuple[str, ...]) -> None:
-    """Load modules, and the part of the compiler that fetches what was compiled before.
+    """Load modules, and the part of the compiler that reads the cache of compiled code.
 
-    The garbage collector rests meanwhile: nothing of what is loaded here is ever let go, and looking through
-    it again and again takes a sixth of the time. Frozen, it is not looked at in the children either, so that
-    memory shared with them stays shared.
+    The garbage collector is off meanwhile: nothing that is loaded here is ever freed, and the collections
+    take a sixth of the time. Frozen objects are not visited in the children either, so that the memory
+    shared with them stays shared.
     """
     gc.disable()
     for name in names:
@@ -42,25 +39,25 @@ def load(names: tuple[str, ...]) -> None:
     gc.enable()
 
 
-FOR_MANY, FOR_ONE = "app.jobs.children.preloaded", "app.jobs.children.preloaded_reading"
-"""What the server loads before it serves: everything, or no more than the first child begins with."""
+PRELOAD_ALL, PRELOAD_READING = "app.jobs.children.preloaded", "app.jobs.children.preloaded_reading"
+"""The modules that the fork server loads first: everything, or only what the first child begins with."""
 
 TICK_S = 1.0
 START_TICKS, START_TRIES = 180, 3
-"""Loading the science takes seconds, and minutes on a machine that is very busy."""
+"""Loading the science takes seconds, and minutes on a very busy machine."""
 END_TICKS = 10
 
 logger = logging.getLogger(__name__)
 
 
 class NotStarted(Exception):
-    """No child could be started: the machine's fault, never that of a file."""
+    """No child could be started: the machine is at fault, never a file."""
 
 
-def choose_context(preloaded: str = FOR_MANY) -> Any:
-    """Prefer the fork server: it has imported the science already, and it has no threads of ours.
+def choose_context(preloaded: str = PRELOAD_ALL) -> Any:
+    """Choose the fork server where there is one: it has imported the science, and has no threads of ours.
 
-    ``preloaded`` counts until the server runs.
+    ``preloaded`` has an effect only until the server runs.
     """
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
@@ -69,14 +66,14 @@ def choose_context(preloaded: str = FOR_MANY) -> Any:
     return context
 
 
-def warm_up(preloaded: str = FOR_MANY) -> None:
-    """Have the fork server import the science now, so that the first job need not wait for it."""
+def warm_up(preloaded: str = PRELOAD_ALL) -> None:
+    """Start the fork server, which imports the science, so that the first job need not wait for it."""
     if choose_context(preloaded).get_start_method() == "forkserver":
         forkserver.ensure_running()
 
 
 def warm_up_and_wait() -> None:
-    """Have the fork server import the science, and wait until it has, so that no claimed job waits for it."""
+    """Start the fork server and wait until it has imported the science, so that no claimed job waits."""
     child = choose_context().Process(target=int, daemon=True)
     with suppress(NotStarted):
         start_child(child)
@@ -84,7 +81,7 @@ def warm_up_and_wait() -> None:
 
 
 def start_child(child: BaseProcess) -> None:
-    """Start a child, by another fork server where the first is dead or does not answer.
+    """Start a child, by a new fork server where the first is dead or does not answer.
 
     Raises
     ------
@@ -102,7 +99,7 @@ def start_child(child: BaseProcess) -> None:
 
 
 def end_child(child: BaseProcess) -> None:
-    """Kill a child, and wait until its end is reported or the reporter is known to hang."""
+    """Kill a child, and wait until its end is reported; a fork server that does not report it is ended."""
     child.kill()
     for _ in range(END_TICKS):
         child.join(TICK_S)
@@ -114,7 +111,7 @@ def end_child(child: BaseProcess) -> None:
 
 
 def end_fork_server() -> None:
-    """Kill the fork server if there is one; the next child is started by another."""
+    """Kill the fork server if there is one; the next child starts a new one."""
     pid = getattr(forkserver._forkserver, "_forkserver_pid", None)  # noqa: SLF001 - it has no public name
     if pid is not None:
         with suppress(ProcessLookupError, ChildProcessError):
@@ -124,7 +121,7 @@ def end_fork_server() -> None:
 
 @contextmanager
 def _ending_hung_server() -> Iterator[None]:
-    """End the fork server when the block takes too long, counted in ticks of our own running."""
+    """End the fork server when the block takes too long, in ticks of our own running time."""
     done = threading.Event()
 
     def watch() -> None:

@@ -1,4 +1,4 @@
-"""A look at a recording while somebody waits: in a child process as an analysis is, but not queued."""
+"""Inspections and other short tasks for which a person waits: in a child process, but not queued."""
 
 import importlib
 import json
@@ -24,22 +24,22 @@ from app.request import OnStage, ReportRequest
 from app.settings import Settings
 from app.storage.incoming import TAIL_SUFFIX
 
-AT_ONCE = 2
+MOST_CONCURRENT = 2
 PREFIX = "look_"
 
 
 def load_and_inspect(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Look at a whole file; the science is loaded in the child process only."""
+    """Inspect a whole file; the science is loaded in the child process only."""
     importlib.import_module("app.roads.inspect").write_inspection(log, request, out, on_stage)
 
 
 def load_and_inspect_head(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Look at the first bytes of a file."""
+    """Inspect the first bytes of a file."""
     importlib.import_module("app.roads.inspect").write_head_inspection(log, request, out, on_stage)
 
 
 def load_and_compare(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Set one result beside another."""
+    """Compare two results."""
     importlib.import_module("app.roads.pair").write_comparison(log, request, out, on_stage)
 
 
@@ -49,40 +49,42 @@ def load_and_write_angles(log: Path, request: ReportRequest, out: Path, on_stage
 
 
 def load_and_propose_columns(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Look at the head of a table for what its columns may be."""
+    """Propose what the columns of a table are, from its first rows."""
     importlib.import_module("app.roads.inspect").write_column_proposal(log, request, out, on_stage)
 
 
 @dataclass(frozen=True, slots=True)
 class Inspector:
-    """Looks at a few recordings at once; whoever comes later waits."""
+    """Runs a few of these tasks at once; further callers wait."""
 
     settings: Settings
     folder: Path
     inspect: MakeReport = load_and_inspect
     inspect_head: MakeReport = load_and_inspect_head
-    _turns: threading.BoundedSemaphore = field(default_factory=lambda: threading.BoundedSemaphore(AT_ONCE))
+    _turns: threading.BoundedSemaphore = field(
+        default_factory=lambda: threading.BoundedSemaphore(MOST_CONCURRENT)
+    )
     _warm: threading.Event = field(default_factory=threading.Event)
 
     def prepare(self) -> None:
-        """Make the folder for what passes from child to parent."""
+        """Create the folder for the files that pass from child to parent."""
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     def sweep(self) -> None:
-        """Remove what a crash left of a look; only for the one server of this folder, before it looks."""
+        """Remove what a crash left; only for the one server of this folder, before its first inspection."""
         for left in self.folder.glob(f"{PREFIX}*"):
             shutil.rmtree(left, ignore_errors=True)
             if left.is_file():
                 left.unlink()
 
     def get_ready(self) -> None:
-        """Load the science now, in the fork server, for a recording has been announced."""
+        """Load the science now, in the fork server: a recording has been announced."""
         if not self._warm.is_set():
             self._warm.set()
             threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
 
     def look(self, log: Path, request: ReportRequest) -> dict[str, Any]:
-        """Look at a whole recording.
+        """Inspect a whole recording.
 
         Raises
         ------
@@ -92,7 +94,7 @@ class Inspector:
         return _read(self._run(log, request, self.inspect, "inspection.json"))
 
     def look_at_head(self, head: bytes, tail: bytes | None, request: ReportRequest) -> dict[str, Any]:
-        """Look at the first bytes of a recording and, where they are known, at its last.
+        """Inspect the first bytes of a recording and, where they are known, its last.
 
         Raises
         ------
@@ -106,7 +108,7 @@ class Inspector:
             return _read(self._run(log, request, self.inspect_head, "inspection.json"))
 
     def propose_columns(self, log: Path, request: ReportRequest) -> dict[str, Any]:
-        """Say what the columns of a table are called and what they may be.
+        """Give the names of a table's columns, and what they may be.
 
         Raises
         ------
@@ -115,7 +117,7 @@ class Inspector:
         return _read(self._run(log, request, load_and_propose_columns, "columns.json"))
 
     def compare(self, before: bytes, after: bytes) -> dict[str, Any]:
-        """Compare what two analyses found."""
+        """Compare the results of two analyses."""
         both = b"[" + before + b"," + after + b"]"
         return _read(self._run_on(both, ReportRequest(""), load_and_compare, "comparison.json"))
 
@@ -130,7 +132,7 @@ class Inspector:
             return self._run(Path(file.name), request, make, name)
 
     def _run(self, log: Path, request: ReportRequest, make: MakeReport, name: str) -> bytes:
-        """Give the file of this name that the child has made."""
+        """Give the content of the file of this name that the child has written."""
         with self._turns, tempfile.TemporaryDirectory(prefix=PREFIX, dir=self.folder) as folder:
             out = Path(folder)
             limits = choose_limits(self.settings, log.stat().st_size)

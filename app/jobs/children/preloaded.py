@@ -1,4 +1,4 @@
-"""Imported by the server that children come from, and by nothing else: it loads the science for them all."""
+"""Imported only by the fork server: it loads the science for all children."""
 
 from app.jobs.children.fork_server import ALL, load
 

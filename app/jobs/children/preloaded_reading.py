@@ -1,7 +1,7 @@
-"""Imported by the server of a command line's children, and by nothing else: it loads what reading takes.
+"""Imported only by the fork server of a command line: it loads the modules for reading.
 
 So the first child starts sooner; it loads the rest while it reads (:func:`app.roads.reading.read_ahead`).
-Where a second one is asked for, the rest is loaded here, once for all that follow.
+Before a second child the rest is loaded here, once for all that follow.
 """
 
 import os

@@ -1,1 +1,1 @@
-"""The database: connected to, migrated, written out; its tables."""
+"""The database: its tables, the connection, migrations, and the dump of all rows."""

@@ -9,16 +9,16 @@ from typing import Any
 from sqlalchemy import Connection, MetaData, Table
 
 from app.jobs.database.tables import metadata
-from app.storage.private import create_file, make_folder
+from app.storage.permissions import create_file, make_folder
 from app.storage.store import sync_file, sync_folder
 
 ROWS_AT_ONCE = 1000
 
 
 def reflect_tables(connection: Connection) -> tuple[Table, ...]:
-    """Give our tables as they are in this database, those that others refer to first.
+    """Give our tables as they are in this database, referenced tables first.
 
-    A database may hold tables of somebody else: they are neither read nor touched.
+    Tables that are not ours are neither read nor touched.
     """
     found = MetaData()
     found.reflect(connection, only=lambda name, _: name in metadata.tables)
@@ -51,7 +51,7 @@ def write_rows_file(connection: Connection, path: Path) -> None:
 
 
 def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
-    """Give the rows of a table back; none when the backup has no such table."""
+    """Give the rows of a table in a backup; none when the backup has no such table."""
     name = f"rows/{table}.jsonl"
     if name in archive.namelist():
         with archive.open(name) as member:
@@ -59,8 +59,8 @@ def read_rows(archive: zipfile.ZipFile, table: str) -> Iterator[dict[str, Any]]:
                 yield json.loads(line)
 
 
-def settle_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Make a row true of another place: an analysis that ran waits again; no side file is written yet."""
+def reset_row(table: str, row: dict[str, Any]) -> dict[str, Any]:
+    """Reset what holds only at a row's origin: a running analysis waits again, no side file is written."""
     if table == "recordings" and "side_revision" in row:
         return row | {"side_revision": 0}
     if table == "analyses" and row["state"] == "running":

@@ -1,6 +1,6 @@
-"""Bring the tables of an earlier release up to date, after a copy of every row.
+"""Migrate the tables of an earlier release, after a copy of every row.
 
-Imports Alembic, so the server loads it only when there is something to migrate.
+This module imports Alembic: the server loads it only when there is something to migrate.
 """
 
 from datetime import UTC, datetime

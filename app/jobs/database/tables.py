@@ -1,4 +1,4 @@
-"""The tables of the database, in words that SQLite and PostgreSQL both understand."""
+"""The tables of the database, in types that SQLite and PostgreSQL share."""
 
 from sqlalchemy import (
     BigInteger,
@@ -93,7 +93,7 @@ batches = Table(
     Column("duplicate_count", Integer, nullable=False, server_default="0"),
 )
 
-# Which analyses a batch asked for, in order; one may stand in several batches.
+# The analyses of each batch, in order; an analysis may belong to several batches.
 batch_items = Table(
     "batch_items",
     metadata,

@@ -4,7 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.export.results import VELOCITIES
+from app.report.figures import (
+    CYCLES,
+    CYCLES_COUNT,
+    ENTRIES_PER_H,
+    EPISODES,
+    PERCENTILE,
+    REST_TABLE,
+    SINGLE_GROUPS,
+    STAY_LONGEST_S,
+    STAY_MEDIAN_S,
+    STAY_P90_S,
+    STAYS_PER_H,
+    VELOCITIES,
+    VELOCITY,
+    WORST_WINDOW,
+    format_figure,
+    format_figure_range,
+)
 from app.report.model import Table
 from app.report.words.numbers import (
     NONE,
@@ -19,118 +36,7 @@ from app.report.words.numbers import (
 )
 from app.report.words.wording import Language, Words, fill
 from fusion.conventions import CONVENTIONS
-from fusion.exposure.types import Cycles, ElevationBin, Episodes, Exposure, PeakWindow, TimeAbove
-
-# Tables of long stays, rest, frequency and variation.
-
-
-def list_extra_measures(exposure: Exposure, entry: Words, language: Language) -> tuple[Table, ...]:
-    """List the tables; one without rows is left out by the caller."""
-    return (
-        _tabulate_long_stays(exposure, entry["long_stays"], language),
-        _tabulate_recovery(exposure, entry["recovery"], language),
-        _tabulate_variation(exposure, entry["variation"], language),
-        _tabulate_conventions(exposure, entry["conventions"], language),
-    )
-
-
-def _make(entry: Words, rows: Sequence[tuple[str, ...]]) -> Table:
-    """Make a table; a last column in which nothing stands (no interval anywhere) is left out."""
-    width = len(entry["columns"]) - all(row[-1] == NONE for row in rows)
-    kept = tuple(row[:width] for row in rows)
-    return Table(entry["caption"], tuple(entry["columns"][:width]), kept, note=entry["note"])
-
-
-def _tabulate_long_stays(exposure: Exposure, entry: Words, language: Language) -> Table:
-    """Say how much time was spent in stays longer than 5, 10, 30 and 60 s."""
-    rows = [
-        (
-            f"{item.threshold_deg:g}°",
-            _add_range(format_rate(item.per_hour, language), item, "per_h", exposure, language),
-            _add_range(format_duration(item.p90_s, language), item, "p90_s", exposure, language),
-            *(format_duration(total_s, language) for _, total_s in item.longer_s),
-        )
-        for item in exposure.episodes
-        if item.longer_s
-    ]
-    return _make(entry, rows)
-
-
-def _add_range(told: str, item: Episodes, end: str, exposure: Exposure, language: Language) -> str:
-    interval = exposure.intervals.get(f"episodes_above_{item.threshold_deg:g}_{end}")
-    if interval is None:
-        return told
-    tell = format_rate if end == "per_h" else format_duration
-    return f"{told} ({tell(interval.low, language)}–{tell(interval.high, language)})"
-
-
-def _tabulate_recovery(exposure: Exposure, entry: Words, language: Language) -> Table:
-    recovery, frequency = exposure.recovery, exposure.frequency
-    figures: list[tuple[str, float | None, str]] = []
-    if recovery is not None:
-        figures += [
-            ("neutral", recovery.neutral_slow_percent, "recovery_neutral_slow_percent"),
-            ("neutral_per_h", recovery.neutral_slow_per_hour, "recovery_neutral_slow_per_h"),
-            ("slow", recovery.slow_percent, "recovery_slow_percent"),
-            ("without", recovery.longest_without_s, "recovery_longest_without_s"),
-        ]
-    if frequency is not None:
-        crossings = "inclination_velocity_zero_crossings_per_h"
-        figures += [
-            ("crossings", frequency.crossings_per_hour, crossings),
-            ("mpf", frequency.mean_power_hz, "inclination_velocity_mpf_hz"),
-        ]
-    rows = [
-        (entry["row"][key], tell_figure(value, name, language), tell_interval(exposure, name, language))
-        for key, value, name in figures
-        if value is not None
-    ]
-    return _make(entry, rows)
-
-
-def tell_figure(value: float, name: str, language: Language) -> str:
-    """Write a figure in the unit that its name ends in."""
-    if name.endswith("_percent"):
-        return format_percent(value, language)
-    if name.endswith("_hz"):
-        return f"{format_number(value, 2, language)}\u202fHz"
-    return format_duration(value, language) if name.endswith("_s") else format_rate(value, language)
-
-
-def tell_interval(exposure: Exposure, name: str, language: Language) -> str:
-    """Write the range of a figure; a dash where none is known."""
-    interval = exposure.intervals.get(name)
-    if interval is None:
-        return NONE
-    return f"{tell_figure(interval.low, name, language)}–{tell_figure(interval.high, name, language)}"
-
-
-def _tabulate_conventions(exposure: Exposure, entry: Words, language: Language) -> Table:
-    rows = [
-        (
-            entry["name"][convention.key],
-            f"{part.lower_deg:g}–{part.upper_deg:g}°",
-            format_duration(part.duration_s, language),
-            format_percent(part.percent, language),
-            format_range(part.interval, language) or NONE,
-        )
-        for convention in CONVENTIONS
-        for part in exposure.conventions.get(convention.key, ())
-    ]
-    return _make(entry, rows)
-
-
-def _tabulate_variation(exposure: Exposure, entry: Words, language: Language) -> Table:
-    rows = [
-        (
-            entry["figure"][name],
-            format_percent(item.coefficient_percent, language),
-            format_number(item.spread, 1, language),
-            format_number(item.last_less_first, 1, language),
-        )
-        for name, item in exposure.hour_variation.items()
-    ]
-    return _make(entry, rows)
+from fusion.exposure.types import Cycles, ElevationBin, Exposure, PeakWindow, TimeAbove
 
 
 def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
@@ -144,7 +50,10 @@ def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table
         _tabulate_cycles(exposure, entry, language),
         _tabulate_velocities(exposure, entry, language),
         _tabulate_windows(exposure, entry, clock),
-        *list_extra_measures(exposure, entry, language),
+        _tabulate_long_stays(exposure, entry["long_stays"], language),
+        _tabulate_rest(exposure, entry["recovery"], language),
+        _tabulate_variation(exposure, entry["variation"], language),
+        _tabulate_conventions(exposure, entry["conventions"], language),
     )
     return tuple(table for table in tables if table.rows)
 
@@ -169,7 +78,7 @@ def _tabulate_percentiles(exposure: Exposure, entry: Words, language: Language) 
     said, ranks = entry["percentiles"], sorted(exposure.percentiles_deg)
     if not ranks:
         return Table("", (), ())
-    intervals = [exposure.intervals.get(f"elevation_p{p}_deg") for p in ranks]
+    intervals = [exposure.intervals.get(PERCENTILE.spell({"name": p})) for p in ranks]
     rows = [(said["row"], *(format_angle(exposure.percentiles_deg[p], language, 1) for p in ranks))]
     if any(intervals):
         rows.append((said["range"], *(format_angle_range(i, language) or NONE for i in intervals)))
@@ -191,13 +100,11 @@ def _tabulate_entries(exposure: Exposure, entry: Words, language: Language) -> T
             format_duration(stay.longest_s if stay else None, language),
             format_number(stay.censored if stay else None, 0, language),
         )
-        ends = (f"entries_above_{item.threshold_deg:g}_per_h", "", *_name_stays(item.threshold_deg))
-        rows += [row, *_tell_ranges(exposure, ("", *ends, ""), entry, language)]
+        above = {"threshold_deg": item.threshold_deg}
+        per_h, median, longest = (f.spell(above) for f in (ENTRIES_PER_H, STAY_MEDIAN_S, STAY_LONGEST_S))
+        ranges = _tell_ranges(exposure, ("", per_h, "", median, longest, ""), entry, language)
+        rows += [row, *ranges]
     return _tabulate(entry["entries"], rows)
-
-
-def _name_stays(threshold_deg: float) -> tuple[str, str]:
-    return tuple(f"episodes_above_{threshold_deg:g}_{end}_s" for end in ("median", "longest"))  # type: ignore[return-value]
 
 
 def _tell_ranges(
@@ -237,8 +144,7 @@ def _tabulate_cycles(exposure: Exposure, entry: Words, language: Language) -> Ta
 
 
 def _tell_cycles(exposure: Exposure, cycles: Cycles, language: Language) -> str:
-    upper = "up" if cycles.upper_deg is None else f"{cycles.upper_deg:g}"
-    interval = exposure.intervals.get(f"cycles_{cycles.lower_deg:g}_{upper}_count")
+    interval = exposure.intervals.get(CYCLES_COUNT.spell(CYCLES.describe(cycles)))
     if interval is None:
         return NONE
     return f"{format_number(interval.low, 1, language)}–{format_number(interval.high, 1, language)}"
@@ -249,17 +155,10 @@ def _tabulate_velocities(exposure: Exposure, entry: Words, language: Language) -
     for kind in VELOCITIES:
         velocity = exposure.velocity_dps.get(kind)
         if velocity is not None:
-            values = (
-                velocity.p10_dps,
-                velocity.p50_dps,
-                velocity.p90_dps,
-                velocity.p99_dps,
-                velocity.mean_dps,
-            )
-            told = (format_number(value, 1, language) for value in values)
-            names = [f"{kind}_velocity_{end}_dps" for end in ("p10", "p50", "p90", "p99", "mean")]
+            values = VELOCITY.name_values(velocity, kind)
+            told = (format_number(value, 1, language) for value in values.values())
             rows.append((entry["velocities"]["kind"][kind], *told))
-            rows += _tell_ranges(exposure, names, entry, language)
+            rows += _tell_ranges(exposure, list(values), entry, language)
     return _tabulate(entry["velocities"], rows)
 
 
@@ -276,7 +175,7 @@ def _tabulate_windows(exposure: Exposure, entry: Words, clock: Clock) -> Table:
 
 
 def _tell_window_share(window: PeakWindow, exposure: Exposure, language: Language) -> str:
-    interval = exposure.intervals.get(f"worst_{window.length_s // 60}_min_above_60_percent")
+    interval = exposure.intervals.get(WORST_WINDOW.spell({"length_s": window.length_s}))
     share = format_percent(window.percent_above_60, language)
     return f"{share} ({format_range(interval, language)})" if interval else share
 
@@ -285,6 +184,84 @@ def _tell_window(window: PeakWindow, clock: Clock) -> str:
     if window.start_s is None:
         return NONE
     return f"{clock.tell(window.start_s)}–{clock.tell(window.start_s + window.length_s)}"
+
+
+def _tabulate_long_stays(exposure: Exposure, entry: Words, language: Language) -> Table:
+    """Say how much time was spent in stays longer than 5, 10, 30 and 60 s."""
+    rows = []
+    for item in exposure.episodes:
+        if item.longer_s:
+            stays = EPISODES.describe(item)
+            rates = _tell_range(exposure, STAYS_PER_H.spell(stays), language)
+            lengths = _tell_range(exposure, STAY_P90_S.spell(stays), language)
+            row = (
+                f"{item.threshold_deg:g}°",
+                format_rate(item.per_hour, language) + (f" ({rates})" if rates else ""),
+                format_duration(item.p90_s, language) + (f" ({lengths})" if lengths else ""),
+                *(format_duration(total_s, language) for _, total_s in item.longer_s),
+            )
+            rows.append(row)
+    return _make(entry, rows)
+
+
+def _tabulate_rest(exposure: Exposure, entry: Words, language: Language) -> Table:
+    values = {
+        name: value
+        for group in SINGLE_GROUPS
+        if (record := getattr(exposure, group.key)) is not None
+        for name, value in group.name_values(record).items()
+    }
+    rows = [
+        (
+            entry["row"][name],
+            format_figure(values[name], name, language),
+            _tell_range(exposure, name, language) or NONE,
+        )
+        for name in REST_TABLE
+        if values.get(name) is not None
+    ]
+    return _make(entry, rows)
+
+
+def _tell_range(exposure: Exposure, name: str, language: Language) -> str:
+    """Write the range of a figure; empty where none is known."""
+    interval = exposure.intervals.get(name)
+    return format_figure_range(interval, name, language) if interval else ""
+
+
+def _tabulate_conventions(exposure: Exposure, entry: Words, language: Language) -> Table:
+    rows = [
+        (
+            entry["name"][convention.key],
+            f"{part.lower_deg:g}–{part.upper_deg:g}°",
+            format_duration(part.duration_s, language),
+            format_percent(part.percent, language),
+            format_range(part.interval, language) or NONE,
+        )
+        for convention in CONVENTIONS
+        for part in exposure.conventions.get(convention.key, ())
+    ]
+    return _make(entry, rows)
+
+
+def _tabulate_variation(exposure: Exposure, entry: Words, language: Language) -> Table:
+    rows = [
+        (
+            entry["figure"][name],
+            format_percent(item.coefficient_percent, language),
+            format_number(item.spread, 1, language),
+            format_number(item.last_less_first, 1, language),
+        )
+        for name, item in exposure.hour_variation.items()
+    ]
+    return _make(entry, rows)
+
+
+def _make(entry: Words, rows: Sequence[tuple[str, ...]]) -> Table:
+    """Make a table; a last column in which nothing stands (no interval anywhere) is left out."""
+    width = len(entry["columns"]) - all(row[-1] == NONE for row in rows)
+    kept = tuple(row[:width] for row in rows)
+    return Table(entry["caption"], tuple(entry["columns"][:width]), kept, note=entry["note"])
 
 
 def _tabulate(entry: Words, rows: Sequence[tuple[str, ...]]) -> Table:

@@ -7,19 +7,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from app.report.export.columns import (
-    COLUMNS,
-    NOT_OF_ONE,
-    Column,
-    Results,
-    encode_dictionary,
-    encode_summary,
-    name_unit,
-    summarise_results,
-)
+from app.report.export.columns import encode_dictionary, encode_summary, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, Cell, Row, encode_table
 from app.report.export.parquet import lay_some_numbers, lay_some_texts
 from app.report.export.xlsx import encode_workbook
+from app.report.figures import NOT_OF_ONE, SUMMARY, Column, Results, name_unit
+from app.report.words.wording import LANGUAGES
 
 # For REDCap: a data dictionary that makes the form, and the row to import into it.
 #
@@ -40,7 +33,7 @@ _CHOICES: Mapping[str, str] = {
     "side": "left, Left | right, Right",
     "verdict": "good, Good | caution, Use with care | poor, Poor",
 }
-_SHOWN = tuple(column for column in COLUMNS if column.name not in NOT_OF_ONE)
+_SHOWN = tuple(column for column in SUMMARY if column.name not in NOT_OF_ONE)
 
 
 def encode_redcap_dictionary() -> bytes:
@@ -62,7 +55,7 @@ def _make_record(results: Results) -> Row:
 
 def _describe_column(column: Column) -> Row:
     kind = "dropdown" if column.name in _CHOICES else "text"
-    row = _describe(column.name, kind, f"{column.english} / {column.french}")
+    row = _describe(column.name, kind, " / ".join(map(column.explain, LANGUAGES)))
     row["Choices, Calculations, OR Slider Labels"] = _CHOICES.get(column.name)
     row["Field Note"] = name_unit(column.name) or None
     if column.kind == "number":
@@ -100,8 +93,8 @@ def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:
     """Write one typed row for each recording: text or float64, null where it is not computable."""
     rows = [summarise_results(results) for results in every]
     lay: dict[str, Callable[..., pa.Array]] = {"text": lay_some_texts, "number": lay_some_numbers}
-    columns = [lay[column.kind]([row[column.name] for row in rows]) for column in COLUMNS]
+    columns = [lay[column.kind]([row[column.name] for row in rows]) for column in SUMMARY]
     body = io.BytesIO()
-    table = pa.Table.from_arrays(columns, [column.name for column in COLUMNS])
+    table = pa.Table.from_arrays(columns, [column.name for column in SUMMARY])
     pq.write_table(table, body, compression="zstd")
     return body.getvalue()

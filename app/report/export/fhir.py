@@ -14,15 +14,15 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime, timedelta
 from typing import Any
 
-from app.report.export.columns import COLUMNS, Column, Results, find_range, name_unit, summarise_results
-from app.report.export.csv import Row
+from app.report.export.columns import summarise_results
 from app.report.export.naming import name_report
+from app.report.figures import SUMMARY, Column, Results, name_unit, read_ranges
 from app.report.words.wording import Language
 
 CODES = "urn:acromion:dictionary"
 SUBJECTS = "urn:acromion:subject"
 _UCUM = {"%": "%", "1/h": "/h", "deg/s": "deg/s", "deg": "deg", "Hz": "Hz", "s": "s"}
-_LEFT_OUT = ("_low", "_high")
+_RANGE_ENDS = ("_low", "_high")
 
 
 def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1) -> bytes:
@@ -81,11 +81,11 @@ def _list_observations(
     results: Results, common: Mapping[str, Any]
 ) -> Iterable[tuple[Column, dict[str, Any]]]:
     """Give one observation for each figure there is, with the ends of its range where they are known."""
-    row: Row = summarise_results(results)
-    for column in COLUMNS:
-        if column.kind != "number" or row[column.name] is None or column.name.endswith(_LEFT_OUT):
+    row, ranges = summarise_results(results), read_ranges(results)
+    for column in SUMMARY:
+        if column.kind != "number" or row[column.name] is None or column.name.endswith(_RANGE_ENDS):
             continue
-        ends = zip(_LEFT_OUT, find_range(results, column.name), strict=False)
+        ends = zip(_RANGE_ENDS, ranges.get(column.name, ()), strict=False)
         ranged = [
             {
                 "code": _name_code(f"{column.name}{end}", f"{column.name}{end}"),
@@ -96,7 +96,7 @@ def _list_observations(
         observation = {
             "resourceType": "Observation",
             **common,
-            "code": _name_code(column.name, column.english),
+            "code": _name_code(column.name, column.explain("en")),
             "valueQuantity": _measure(column.name, row[column.name]),
             **({"bodySite": {"text": f"{row['side']} upper arm"}} if row["side"] else {}),
             **({"component": ranged} if ranged else {}),

@@ -9,123 +9,33 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from app.report.figures import (
+    BINS,
+    CYCLES,
+    ENTRIES,
+    ENTRIES_PER_H,
+    EPISODES,
+    EVA_SUMMARY,
+    HOUR_VARIATION,
+    PERCENTILE,
+    SHARE_ABOVE,
+    SINGLE_GROUPS,
+    TIME_ABOVE,
+    VELOCITIES,
+    VELOCITY,
+    WINDOWS,
+    Group,
+)
 from app.report.findings import CalibrationFacts, Findings, MethodFacts, StillFacts
 from app.report.words.numbers import Clock
 from app.report.words.subject import ReportSubject
 from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS, Convention
-from fusion.exposure.types import (
-    ElevationBin,
-    Episodes,
-    Eva,
-    EvaSummary,
-    Exposure,
-    Frequency,
-    HourVariation,
-    Interval,
-    PartExposure,
-    Recovery,
-    Velocity,
-)
+from fusion.exposure.types import ElevationBin, Episodes, Eva, Exposure, Interval, PartExposure, PeakWindow
 from fusion.quality.types import TimeAccount
 from fusion.recording import MICROSECONDS, QualityFlag
 
-# The figures of ``results.json`` beyond those of the first contract; names are only ever added.
-
-
-def pick(record: object, *names: str) -> dict[str, object]:
-    """Lay out the fields of a record that stand in the results under their own names, in this order."""
-    return {name: getattr(record, name) for name in names}
-
-
-def describe_episodes(episodes: Episodes) -> dict[str, object]:
-    """Lay out the stays above one threshold."""
-    names = ("threshold_deg", "count", "longest_s", "median_s", "per_hour", "total_s", "p90_s", "censored")
-    longer = [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s]
-    return {**pick(episodes, *names), "longer": longer}
-
-
-def describe_extra(exposure: Exposure) -> dict[str, object]:
-    """Lay out rest, frequency, variation (None where the exposure does not carry them) and conventions."""
-    return {
-        "recovery": _describe_recovery(exposure.recovery),
-        "frequency": _describe_frequency(exposure.frequency),
-        "variation": {
-            "by_hour": _describe_variation(exposure.hour_variation),
-            "eva": _describe_eva_summary(exposure.eva_summary),
-        },
-        "conventions": [
-            _describe_convention(item, exposure.conventions[item.key])
-            for item in CONVENTIONS
-            if item.key in exposure.conventions
-        ],
-    }
-
-
-def _describe_convention(convention: Convention, classes: Sequence[ElevationBin]) -> dict[str, object]:
-    """Lay out the time in the classes of a standard or method."""
-    return {
-        "key": convention.key,
-        "source": convention.source,
-        "evidence": convention.evidence,
-        "classes": [describe_bin(part) for part in classes],
-    }
-
-
-def describe_bin(part: ElevationBin) -> dict[str, object]:
-    """Lay out the time between two angles."""
-    return {
-        "lower_deg": part.lower_deg,
-        "upper_deg": part.upper_deg,
-        "duration_s": part.duration_s,
-        "percent": part.percent,
-        **describe_interval(part.interval),
-    }
-
-
-def describe_interval(interval: Interval | None) -> dict[str, object]:
-    """Lay out the range of a figure that has one of its own."""
-    if interval is None:
-        return {"low": None, "high": None}
-    return {"low": interval.low, "high": interval.high}
-
-
-def _describe_recovery(recovery: Recovery | None) -> dict[str, object] | None:
-    if recovery is None:
-        return None
-    return {
-        "neutral_slow_percent": recovery.neutral_slow_percent,
-        "neutral_slow_per_h": recovery.neutral_slow_per_hour,
-        "slow_percent": recovery.slow_percent,
-        "slow_per_h": recovery.slow_per_hour,
-        "longest_without_s": recovery.longest_without_s,
-    }
-
-
-def _describe_frequency(frequency: Frequency | None) -> dict[str, object] | None:
-    if frequency is None:
-        return None
-    return {
-        "inclination_velocity_mpf_hz": frequency.mean_power_hz,
-        "inclination_velocity_zero_crossings_per_h": frequency.crossings_per_hour,
-    }
-
-
-def _describe_variation(figures: Mapping[str, HourVariation]) -> dict[str, object]:
-    names = ("hours", "coefficient_percent", "spread", "last_less_first")
-    return {figure: pick(item, *names) for figure, item in figures.items()}
-
-
-def _describe_eva_summary(summary: EvaSummary | None) -> dict[str, object] | None:
-    if summary is None:
-        return None
-    names = ("by_angle_percent", "by_duration_percent", "cell_sd_percent", "centroid_deg", "centroid_s")
-    return pick(summary, *names)
-
-
 SCHEMA = "acromion.results/1"
-VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
-_SPEEDS = {"10": "p10_dps", "50": "p50_dps", "90": "p90_dps", "99": "p99_dps", "mean": "mean_dps"}
 _DECIMALS = 6
 
 
@@ -228,62 +138,71 @@ def _describe_method(method: MethodFacts | None) -> dict[str, object] | None:
 
 def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
     return {
-        **_describe_distribution(exposure),
-        **_describe_repetition(exposure),
-        "velocity_dps": {kind: _describe_velocity(exposure.velocity_dps.get(kind)) for kind in VELOCITIES},
-        "peak": _describe_peak(exposure, clock),
+        "bins": [BINS.describe(part) | _describe_range(part.interval) for part in exposure.bins],
+        "time_above": [
+            TIME_ABOVE.describe(above) | _describe_range(above.interval) for above in exposure.time_above
+        ],
+        "percentiles_deg": {str(p): angle_deg for p, angle_deg in exposure.percentiles_deg.items()},
+        "entries": [ENTRIES.describe(entries) for entries in exposure.entries],
+        "cycles": [CYCLES.describe(cycles) for cycles in exposure.cycles],
+        "episodes": [_describe_episodes(episodes) for episodes in exposure.episodes],
+        "velocity_dps": {kind: _describe(VELOCITY, exposure.velocity_dps.get(kind)) for kind in VELOCITIES},
+        "peak": {
+            "elevation_p99_deg": exposure.elevation_p99_deg,
+            "windows": [_describe_window(window, clock) for window in exposure.peak_windows],
+        },
         "eva": _describe_eva(exposure.eva),
         "by_hour": [_describe_part(part) for part in exposure.by_hour],
         "by_period": [_describe_period(part) for part in exposure.by_period],
         "by_task": [{"periods": part.periods, **_describe_period(part)} for part in exposure.by_task],
         "intervals": _describe_intervals(exposure.intervals),
-        **describe_extra(exposure),
-    }
-
-
-def _describe_distribution(exposure: Exposure) -> dict[str, object]:
-    return {
-        "bins": [describe_bin(b) for b in exposure.bins],
-        "time_above": [
-            {**pick(t, "threshold_deg", "duration_s", "percent"), **describe_interval(t.interval)}
-            for t in exposure.time_above
+        **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
+        "variation": {
+            "by_hour": {
+                figure: HOUR_VARIATION.describe(varied) for figure, varied in exposure.hour_variation.items()
+            },
+            "eva": _describe(EVA_SUMMARY, exposure.eva_summary),
+        },
+        "conventions": [
+            _describe_convention(item, exposure.conventions[item.key])
+            for item in CONVENTIONS
+            if item.key in exposure.conventions
         ],
-        "percentiles_deg": {str(p): value for p, value in exposure.percentiles_deg.items()},
     }
+
+
+def _describe(group: Group, record: object) -> dict[str, object] | None:
+    """Lay out a record that an exposure may lack."""
+    return None if record is None else group.describe(record)
+
+
+def _describe_range(interval: Interval | None) -> dict[str, object]:
+    """Lay out the range of a figure that has one of its own."""
+    return {"low": interval.low if interval else None, "high": interval.high if interval else None}
 
 
 def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
     return {name: [interval.low, interval.high] for name, interval in sorted(intervals.items())}
 
 
-def _describe_repetition(exposure: Exposure) -> dict[str, object]:
+def _describe_episodes(episodes: Episodes) -> dict[str, object]:
+    """Lay out the stays above one threshold."""
+    longer = [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s]
+    return {**EPISODES.describe(episodes), "longer": longer}
+
+
+def _describe_window(window: PeakWindow, clock: Clock) -> dict[str, object]:
+    start = _tell_iso(window.start_s, clock)
+    return {"length_s": window.length_s, "start": start, **WINDOWS.describe(window)}
+
+
+def _describe_convention(convention: Convention, classes: Sequence[ElevationBin]) -> dict[str, object]:
+    """Lay out the time in the classes of a standard or method."""
     return {
-        "entries": [
-            pick(e, "threshold_deg", "count", "per_hour", "busy_minutes_percent") for e in exposure.entries
-        ],
-        "cycles": [pick(c, "lower_deg", "upper_deg", "count") for c in exposure.cycles],
-        "episodes": [describe_episodes(e) for e in exposure.episodes],
-    }
-
-
-def _describe_velocity(velocity: Velocity | None) -> dict[str, object] | None:
-    if velocity is None:
-        return None
-    return {rank: getattr(velocity, field) for rank, field in _SPEEDS.items()}
-
-
-def _describe_peak(exposure: Exposure, clock: Clock) -> dict[str, object]:
-    return {
-        "elevation_p99_deg": exposure.elevation_p99_deg,
-        "windows": [
-            {
-                "length_s": window.length_s,
-                "start": _tell_iso(window.start_s, clock),
-                "start_s": window.start_s,
-                "percent_above_60": window.percent_above_60,
-            }
-            for window in exposure.peak_windows
-        ],
+        "key": convention.key,
+        "source": convention.source,
+        "evidence": convention.evidence,
+        "classes": [BINS.describe(part) | _describe_range(part.interval) for part in classes],
     }
 
 
@@ -303,9 +222,9 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
         "start_s": part.start_s,
         "end_s": part.end_s,
         "analysed_s": part.analysed_s,
-        **{f"elevation_p{p}_deg": value for p, value in part.percentiles_deg.items()},
-        **{f"time_above_{c}_percent": value for c, value in part.percent_above.items()},
-        "entries_above_60_per_h": part.entries_above_60_per_h,
+        **{PERCENTILE.spell({"name": p}): angle_deg for p, angle_deg in part.percentiles_deg.items()},
+        **{SHARE_ABOVE.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
+        ENTRIES_PER_H.spell({"threshold_deg": 60}): part.entries_above_60_per_h,
         "intervals": _describe_intervals(part.intervals),
     }
 

@@ -8,15 +8,14 @@ from typing import Any
 import xlsxwriter
 
 from app.report.export.columns import (
-    COLUMNS,
     DICTIONARY_COLUMNS,
     PERIOD_COLUMNS,
-    Results,
     list_dictionary,
     list_periods,
     summarise_results,
 )
 from app.report.export.csv import Row, find_place
+from app.report.figures import SUMMARY, Results
 
 _NO_TIME = datetime(2000, 1, 1, tzinfo=UTC).replace(tzinfo=None)
 """A workbook must name a time of its making; ours is always the same, so that its bytes are, too."""
@@ -36,7 +35,7 @@ def encode_workbook(every: Sequence[Results]) -> bytes:
         book.set_properties({"title": "Acromion", "created": _NO_TIME})
         head = book.add_format({"bold": True, "bottom": 1})
         sheets = (
-            ("summary", [column.name for column in COLUMNS], map(summarise_results, every)),
+            ("summary", [column.name for column in SUMMARY], map(summarise_results, every)),
             ("bins", _BINS, (row for results in every for row in _list_bins(results))),
             ("periods", PERIOD_COLUMNS, (row for results in every for row in list_periods(results))),
             ("warnings", _WARNINGS, (row for results in every for row in _list_warnings(results))),

@@ -18,6 +18,7 @@ Part = Literal[
     "agreement",
     "run",
     "fields",
+    "tables",
     "page",
     "day",
     "columns",
@@ -42,9 +43,11 @@ def load_wording(language: Language, part: Part = "report") -> Words:
     """Read one part of the words: those of the report, of the pages, of the commands, ...
 
     The files are written with plain spaces and straight apostrophes; the no-break spaces of French
-    punctuation and the curly apostrophe are set here, so that no translator has to type them.
+    punctuation and the curly apostrophe are set here, so that no translator has to type them. The meanings
+    of columns ("tables") stay as they are: programs read them.
     """
-    return MappingProxyType(_set_all(_read_language(language)[part], language))
+    words = _read_language(language)[part]
+    return MappingProxyType(words if part == "tables" else _set_all(words, language))
 
 
 @cache

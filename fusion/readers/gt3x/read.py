@@ -60,6 +60,7 @@ from fusion.recording import (
     flag_gaps,
     flag_spans,
 )
+from fusion.still_limits import BOTH_ACCELEROMETERS
 
 WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
 MAX_DAMAGED_PERCENT = 5.0
@@ -167,7 +168,6 @@ PROBED_EVERY_S = 16
 """One second in sixteen is enough evidence and costs nothing."""
 DEFAULT_SCALE = 256.0
 ROW_BYTES = 6
-STILL_G = 0.02
 FEWEST_STILL = 2
 LARGEST_DIFFERENCE_G = 0.2
 
@@ -201,11 +201,11 @@ def measure_bias_g(
     places = {int(unix_s): k for k, unix_s in enumerate(seconds.unix_s)}
     apart = []
     for second in seen:
-        if second.unix_s not in places or second.scatter > STILL_G * scale:
+        if second.unix_s not in places or second.scatter > BOTH_ACCELEROMETERS.acc_sd_g * scale:
             continue
         k = places[second.unix_s]
         rows = columns.acc[seconds.first_row[k] : seconds.first_row[k] + seconds.n_rows[k]].astype(np.float64)
-        if rows.std(axis=0).max() <= STILL_G:
+        if rows.std(axis=0).max() <= BOTH_ACCELEROMETERS.acc_sd_g:
             apart.append(float(np.linalg.norm(rows.mean(axis=0) - second.mean / scale)))
     return float(np.median(apart)) if len(apart) >= FEWEST_STILL else None
 

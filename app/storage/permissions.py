@@ -1,7 +1,6 @@
 """Files and folders that only the user who runs Acromion may read, whatever the umask.
 
-Each is made with its mode at once. A folder that was given, and holds anything that is not ours, keeps its
-mode.
+Each is created with its final mode. A given folder that holds anything that is not ours keeps its mode.
 """
 
 import os
@@ -33,42 +32,43 @@ OUR_DATABASE = "acromion.sqlite3"
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it that are not there."""
+    """Create a folder, and missing folders above it."""
     for place in (*reversed(folder.parents), folder):
         if place == folder or not place.exists():
             place.mkdir(mode=FOLDER_MODE, exist_ok=True)
 
 
 def create_file(path: Path) -> IO[bytes]:
-    """Make a file that is not there yet, and open it for reading and writing.
+    """Create a file that does not exist yet, and open it for reading and writing.
 
     Raises
     ------
     FileExistsError
     """
-    return open(path, "x+b", opener=_open_private)  # Path.open knows no opener
+    return open(path, "x+b", opener=_open_private)  # Path.open has no opener
 
 
-def close_to_others(data_dir: Path, database: Path | None = None) -> None:
-    """Put right what an earlier release, or a wide umask, left readable to others.
+def restrict_permissions(data_dir: Path, database: Path | None = None) -> None:
+    """Take from others the permissions that an earlier release, or a wide umask, gave them.
 
-    Only what bears one of our names; the folder itself only when it holds nothing else. ``database``: the
-    file of the rows, where they are in one.
+    Only files and folders with one of our names are changed; the data folder itself only when it holds
+    nothing else. ``database`` is the file of the rows, where they are in one.
     """
-    ours = {*OUR_FILES, *OUR_FOLDERS, *_name_database(OUR_DATABASE)}
+    ours = {*OUR_FILES, *OUR_FOLDERS, *_find_database_names(OUR_DATABASE)}
     held = list(data_dir.iterdir())
     if all(path.name in ours for path in held):
-        _close(data_dir)
+        _restrict(data_dir)
     for path in held:
         if path.name in ours:
-            _close(path)
+            _restrict(path)
     for path in (data_dir / "backups").glob("rows-before-*.zip"):
-        _close(path)
-    for name in _name_database(database.name) if database else ():
-        _close(database.with_name(name))  # type: ignore[union-attr]
+        _restrict(path)
+    if database is not None:
+        for name in _find_database_names(database.name):
+            _restrict(database.with_name(name))
 
 
-def is_open_to_others(path: Path) -> bool:
+def is_readable_by_others(path: Path) -> bool:
     """Tell whether anybody else may read it; False where there are no such modes, and for a link."""
     if sys.platform == "win32":
         return False
@@ -76,13 +76,13 @@ def is_open_to_others(path: Path) -> bool:
     return not stat.S_ISLNK(mode) and bool(mode & OTHERS)
 
 
-def _name_database(name: str) -> tuple[str, ...]:
+def _find_database_names(name: str) -> tuple[str, ...]:
     return tuple(f"{name}{ending}" for ending in DATABASE_ENDINGS)
 
 
-def _close(path: Path) -> None:
+def _restrict(path: Path) -> None:
     with suppress(FileNotFoundError, PermissionError):  # it may be another user's
-        if is_open_to_others(path):
+        if is_readable_by_others(path):
             path.chmod(stat.S_IMODE(path.stat().st_mode) & ~OTHERS)
 
 

@@ -12,7 +12,7 @@ from app.jobs.database.migrate import migrate, upgrade
 from app.jobs.store import JobStore
 from app.settings import Settings
 from app.storage.folder import FolderStorage
-from app.storage.private import close_to_others, make_folder
+from app.storage.permissions import make_folder, restrict_permissions
 
 
 @pytest.fixture(autouse=True)
@@ -79,7 +79,7 @@ def earlier(tmp_path: Path) -> Path:
 
 
 def test_what_an_earlier_release_left_open_is_closed(earlier: Path) -> None:
-    close_to_others(earlier)
+    restrict_permissions(earlier)
 
     assert {mode_of(path) for path in (earlier, earlier / "recordings", earlier / "backups")} == {0o700}
     files = [path for path in earlier.rglob("*") if path.is_file()]
@@ -89,7 +89,7 @@ def test_what_an_earlier_release_left_open_is_closed(earlier: Path) -> None:
 def test_a_folder_that_holds_anything_else_keeps_its_mode(earlier: Path) -> None:
     (earlier / "thesis.docx").touch()
 
-    close_to_others(earlier)
+    restrict_permissions(earlier)
 
     assert (mode_of(earlier), mode_of(earlier / "thesis.docx")) == (0o777, 0o666)
     assert (mode_of(earlier / "recordings"), mode_of(earlier / "acromion.sqlite3")) == (0o700, 0o600)
@@ -99,7 +99,7 @@ def test_what_a_link_leads_to_is_not_ours_to_close(earlier: Path, tmp_path: Path
     (tmp_path / "elsewhere").mkdir()
     (earlier / "cache").symlink_to(tmp_path / "elsewhere")
 
-    close_to_others(earlier)
+    restrict_permissions(earlier)
 
     assert mode_of(tmp_path / "elsewhere") == 0o777
 
@@ -110,6 +110,6 @@ def test_a_database_in_another_folder_is_closed_and_the_folder_is_not(earlier: P
     open_database(f"sqlite:///{database}").dispose()
     database.chmod(0o644)
 
-    close_to_others(earlier, database)
+    restrict_permissions(earlier, database)
 
     assert (mode_of(database), mode_of(database.parent)) == (0o600, 0o777)

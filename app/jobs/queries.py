@@ -1,23 +1,51 @@
-"""From rows to jobs."""
+"""Queries that several stores share, and how the values of a row are read."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
-from typing import Any, cast
+from typing import Any
 
-from sqlalchemy import Row, Select, func, select
+from sqlalchemy import Engine, Row, Select, func, select
 
 from app.jobs.database.tables import analyses, batch_items, recordings
 from app.jobs.job import Job, JobState
 from app.request import ReportRequest
-from fusion.errors import Fact
+from fusion.diary import DiaryEntry
 
 STORED = "stored"
 TRASHED = "trashed"
 PURGING = "purging"
 """Deleted for good: its files are being removed, its rows go last."""
 REFERENCE = "reference"
-"""Stored for the comparison of another recording: in no list, and gone with that recording."""
+"""Stored for the comparison of another recording: in no list, and deleted with that recording."""
+
+
+class RowStore:
+    """Rows of one kind: one engine writes them, another, of the same database, only reads.
+
+    Rows become frozen values here, not through SQLAlchemy's ORM: its dataclasses can be neither frozen nor
+    slotted (2.1).
+    """
+
+    def __init__(self, engine: Engine, reader: Engine) -> None:
+        self._engine, self._reader = engine, reader
+
+    def _read_all(self, query: Select[Any]) -> Sequence[Any]:
+        with self._reader.connect() as connection:
+            return connection.execute(query).all()
+
+    def _read_one(self, query: Select[Any]) -> Any | None:
+        with self._reader.connect() as connection:
+            return connection.execute(query).one_or_none()
+
+    def _read_value(self, query: Select[Any]) -> Any:
+        with self._reader.connect() as connection:
+            return connection.execute(query).scalar()
+
+    def _read_ids(self, query: Select[Any]) -> frozenset[str]:
+        with self._reader.connect() as connection:
+            return frozenset(connection.execute(query).scalars())
 
 
 def select_jobs() -> Select[Any]:
@@ -51,7 +79,7 @@ def read_job(row: Row[Any]) -> Job:
         started_at=_read_time(row.started_at),
         ended_at=_read_time(row.ended_at),
         problem_code=row.problem_code,
-        problem_facts=read_facts(row.problem_facts),
+        problem_facts=json.loads(row.problem_facts or "{}"),
         batch_id=row.batch_id,
         replaced_by=row.replaced_by,
         put_backs=row.put_backs,
@@ -59,12 +87,17 @@ def read_job(row: Row[Any]) -> Job:
     )
 
 
-def read_facts(text: str | None) -> Mapping[str, Fact]:
-    """Read the facts of a refusal."""
-    return cast("dict[str, Fact]", json.loads(text or "{}"))
+def read_diary(text: str) -> tuple[DiaryEntry, ...]:
+    """Read the diary of a recording."""
+    return tuple(DiaryEntry(**entry) for entry in json.loads(text))
 
 
-def tell_now() -> str:
+def format_diary(diary: Sequence[DiaryEntry]) -> str:
+    """Give a diary as the rows hold it."""
+    return json.dumps([asdict(entry) for entry in diary])
+
+
+def format_now() -> str:
     """Give the time as the rows hold it: it sorts as text."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
 

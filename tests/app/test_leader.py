@@ -1,4 +1,4 @@
-"""Several web servers on one database: one keeps house for all, so that no term passes twice as fast."""
+"""Several web servers on one database: one leads, so that no term passes twice as fast."""
 
 import asyncio
 import threading
@@ -10,7 +10,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.api.analyses import run_to_end
 from app.jobs.database.connect import open_database
-from app.jobs.leader import Keeper
+from app.jobs.leader import Leader
 
 on_postgresql = pytest.mark.parametrize("database", ["postgresql"], indirect=True)
 
@@ -23,51 +23,51 @@ def engine(database: str) -> Iterator[Engine]:
 
 
 @pytest.fixture
-def keepers(engine: Engine, database: str) -> Iterator[tuple[Keeper, Keeper]]:
+def leaders(engine: Engine, database: str) -> Iterator[tuple[Leader, Leader]]:
     """Two servers, each with connections of its own."""
     other = open_database(database)
-    pair = Keeper(engine), Keeper(other)
+    pair = Leader(engine), Leader(other)
     yield pair
-    for keeper in pair:
-        keeper.close()
+    for leader in pair:
+        leader.close()
     other.dispose()
 
 
 @on_postgresql
-def test_one_of_two_servers_keeps_house(keepers: tuple[Keeper, Keeper]) -> None:
-    one, other = keepers
+def test_one_of_two_servers_leads(leaders: tuple[Leader, Leader]) -> None:
+    one, other = leaders
 
-    assert [one.holds_office(), other.holds_office(), one.holds_office()] == [True, False, True]
+    assert [one.is_leader(), other.is_leader(), one.is_leader()] == [True, False, True]
 
 
 @on_postgresql
-def test_the_other_takes_over_when_the_first_ends(keepers: tuple[Keeper, Keeper]) -> None:
-    one, other = keepers
-    one.holds_office()
+def test_the_other_takes_over_when_the_first_ends(leaders: tuple[Leader, Leader]) -> None:
+    one, other = leaders
+    one.is_leader()
 
     one.close()
 
-    assert other.holds_office()
+    assert other.is_leader()
 
 
 @on_postgresql
-def test_a_keeper_whose_connection_is_cut_has_lost_the_office(keepers: tuple[Keeper, Keeper]) -> None:
-    one, other = keepers
-    one.holds_office()
+def test_a_leader_whose_connection_is_cut_leads_no_more(leaders: tuple[Leader, Leader]) -> None:
+    one, other = leaders
+    one.is_leader()
     cut = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
     with other.engine.connect() as connection:
         connection.execute(text(cut + " AND datname = current_database()"))
 
     with pytest.raises(OperationalError):
-        one.holds_office()
-    assert [other.holds_office(), one.holds_office()] == [True, False]
+        one.is_leader()
+    assert [other.is_leader(), one.is_leader()] == [True, False]
 
 
-def test_where_one_server_is_all_there_can_be_it_keeps_house(engine: Engine) -> None:
-    assert Keeper(engine).holds_office()
+def test_where_there_can_be_only_one_server_it_leads(engine: Engine) -> None:
+    assert Leader(engine).is_leader()
 
 
-def test_what_keeps_house_is_waited_for_when_the_server_ends() -> None:
+def test_upkeep_is_waited_for_when_the_server_ends() -> None:
     began, may_end, ended = threading.Event(), threading.Event(), threading.Event()
 
     def work() -> None:

@@ -1,7 +1,7 @@
-"""Finished analyses whose files are damaged or missing, and the analyses that take their place.
+"""Regenerate finished analyses whose files are damaged or missing.
 
-The recording and the settings are still there, so the same report can be made again. Only where the recording
-itself is damaged this cannot help: the original has to be uploaded again, or a backup restored.
+Recording and settings are still there, so that the same report can be made again. Where the recording itself
+is damaged, too, the original has to be uploaded again, or a backup restored.
 """
 
 from app.errors import StoreDamaged
@@ -13,15 +13,15 @@ from app.storage.store import Storage, is_recording_whole, is_result_whole
 
 
 def is_damaged(store: JobStore, storage: Storage, job: Job) -> bool:
-    """Tell whether a finished analysis has lost a file, or holds one that is not what was made."""
+    """Tell whether a file of a finished analysis is missing or altered."""
     if job.state is not JobState.SUCCEEDED or job.token is None:
         return False
-    token, files = job.token, store.list_files(job.id)
+    token, files = job.token, store.find_files(job.id)
     return not all(is_result_whole(storage, job.id, token, file) for file in files)
 
 
 def retry(store: JobStore, storage: Storage, analysis_id: str, way_in: WayIn) -> Job:
-    """Queue what failed, was cancelled or is damaged again; what is under way or whole stays as it is.
+    """Queue an analysis again that failed, was cancelled or is damaged; any other stays as it is.
 
     Raises
     ------
@@ -30,24 +30,24 @@ def retry(store: JobStore, storage: Storage, analysis_id: str, way_in: WayIn) ->
         The recording is damaged, too.
     """
     job = store.retry(analysis_id, way_in)
-    return renew(store, storage, job, way_in) if is_damaged(store, storage, job) else job
+    return regenerate(store, storage, job, way_in) if is_damaged(store, storage, job) else job
 
 
-def renew(store: JobStore, storage: Storage, job: Job, way_in: WayIn) -> Job:
-    """Queue a finished analysis again, in its place.
+def regenerate(store: JobStore, storage: Storage, job: Job, way_in: WayIn) -> Job:
+    """Queue a finished analysis again; the new one replaces it.
 
     Raises
     ------
     StoreDamaged
         The recording, or the reference it is compared with, is damaged: no new report could be made.
     """
-    if not can_renew(store, storage, job):
+    if not can_regenerate(store, storage, job):
         raise StoreDamaged
     return store.repeat(job, way_in)
 
 
-def can_renew(store: JobStore, storage: Storage, job: Job) -> bool:
-    """Tell whether everything is whole that an analysis is made from."""
+def can_regenerate(store: JobStore, storage: Storage, job: Job) -> bool:
+    """Tell whether the recording of an analysis, and its reference where it has one, are whole."""
     reference = job.request.reference
     others = () if reference is None else ((reference.path, store.find_sha256(reference.path)),)
     sources = ((job.recording_id, job.sha256), *others)
@@ -57,17 +57,17 @@ def can_renew(store: JobStore, storage: Storage, job: Job) -> bool:
 def find_same(
     store: JobStore, storage: Storage, recording: tuple[str, str], request: ReportRequest, way_in: WayIn
 ) -> Job | None:
-    """Give the analysis of the same bytes with the same settings by the same engine, if one counts.
+    """Find the analysis of the same bytes with the same settings by the same engine, if one counts.
 
-    A damaged one is queued again. One of another recording whose bytes are damaged does not count: the bytes
-    in hand (``recording`` is their id and SHA-256) are then the only good ones, and are to be kept.
+    A damaged analysis is queued again. An analysis of another recording whose bytes are damaged does not
+    count: the new bytes (``recording`` is their id and SHA-256) are then the only good ones, and are kept.
 
     Raises
     ------
     StoreDamaged
     """
     recording_id, sha256 = recording
-    for job in store.list_same(sha256, request):
+    for job in store.find_same(sha256, request):
         if job.recording_id == recording_id or is_recording_whole(storage, job.recording_id, sha256):
-            return renew(store, storage, job, way_in) if is_damaged(store, storage, job) else job
+            return regenerate(store, storage, job, way_in) if is_damaged(store, storage, job) else job
     return None

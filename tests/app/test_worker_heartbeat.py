@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from app.jobs.lease import START_TIMES, SilenceCount, read_pulse
+from app.jobs.lease import START_TIMES, SilenceCount, read_heartbeat
 
 
 def hear(count: SilenceCount, beats: str) -> list[bool]:
@@ -30,6 +30,6 @@ def test_a_beat_is_heard_once(sent: bytes, heard: bool) -> None:
     os.set_blocking(ours, False)
     os.write(theirs, sent)
 
-    assert (read_pulse(ours), read_pulse(ours)) == (heard, False)
+    assert (read_heartbeat(ours), read_heartbeat(ours)) == (heard, False)
     os.close(ours)
     os.close(theirs)

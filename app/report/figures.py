@@ -1,0 +1,380 @@
+"""Every figure of a recording, declared once: its name, its place in ``results.json``, where else it stands.
+
+A figure is a field of a record of :mod:`fusion.exposure.types`. To add one: compute it there, give it an
+entry in its group here (and in :data:`SUMMARY` or :data:`REST_TABLE`, if it stands there), and one line in
+``words/en.toml`` and ``words/fr.toml``, under its place in ``results.json``. From the entries follow the
+JSON, the CSV, Excel and Parquet tables, the dictionary, the REDCap form and the FHIR bundle.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal
+
+from app.report.words.numbers import (
+    NARROW,
+    format_angle,
+    format_duration,
+    format_number,
+    format_percent,
+    format_rate,
+)
+from app.report.words.wording import Language, fill, load_wording
+
+if TYPE_CHECKING:
+    from app.report.export.csv import Cell, CellKind
+    from fusion.exposure.types import Interval
+
+Results = Mapping[str, Any]
+"""A document ``results.json``."""
+
+_PLACEHOLDER = re.compile(r"\{(\w+)\}")
+_UNITS = (
+    ("_percent", "%"),
+    ("_per_h", "1/h"),
+    ("_dps", "deg/s"),
+    ("_deg", "deg"),
+    ("_hz", "Hz"),
+    ("_s", "s"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure, of one record or of each record of a list.
+
+    Attributes
+    ----------
+    key
+        Its key in ``results.json``; empty where the value stands there without a record about it.
+    name
+        Its name as a column, as the code in FHIR and of its range in ``exposure.intervals``. It ends in the
+        unit. A place such as ``{threshold_deg}`` takes the value of that key in the same record, ``{name}``
+        the name of the record. Empty for what is no figure (an edge) or has another name already.
+    attribute
+        The field of the record, where it is not called like the key.
+    """
+
+    key: str
+    name: str = ""
+    attribute: str = ""
+
+    def spell(self, record: Mapping[str, Any]) -> str:
+        """Give the name in one record: ``time_above_60_percent``."""
+        facts = {"length_min": record["length_s"] // 60, **record} if "length_s" in record else record
+        return _PLACEHOLDER.sub(lambda place: _spell_edge(facts[place[1]]), self.name)
+
+
+def _spell_edge(value: str | float | None) -> str:
+    if value is None:
+        return "up"  # no upper edge
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """The figures of one kind of record; ``path`` is its place: ``[]`` any of a list, ``*`` any name."""
+
+    path: str
+    figures: tuple[Figure, ...]
+
+    @property
+    def key(self) -> str:
+        """The last step of the path."""
+        return self.path.rpartition(".")[2]
+
+    def describe(self, record: object) -> dict[str, Any]:
+        """Lay out a record of the exposure as it stands in ``results.json``."""
+        return {f.key: getattr(record, f.attribute or f.key) for f in self.figures}
+
+    def name_values(self, record: object, name: str = "") -> dict[str, Any]:
+        """Give the figures of a record of the exposure by their names."""
+        described = {"name": name, **self.describe(record)}
+        return {figure.spell(described): described[figure.key] for figure in self.figures if figure.name}
+
+
+# The figures that other modules name.
+SHARE_ABOVE = Figure("percent", "time_above_{threshold_deg}_percent")
+TIME_ABOVE_S = Figure("duration_s", "time_above_{threshold_deg}_s")
+ENTRIES_PER_H = Figure("per_hour", "entries_above_{threshold_deg}_per_h")
+STAYS_PER_H = Figure("per_hour", "episodes_above_{threshold_deg}_per_h")
+STAY_MEDIAN_S = Figure("median_s", "episodes_above_{threshold_deg}_median_s")
+STAY_P90_S = Figure("p90_s", "episodes_above_{threshold_deg}_p90_s")
+STAY_LONGEST_S = Figure("longest_s", "episodes_above_{threshold_deg}_longest_s")
+PERCENTILE = Figure("", "elevation_p{name}_deg")
+CYCLES_COUNT = Figure("count", "cycles_{lower_deg}_{upper_deg}_count")
+WORST_WINDOW = Figure("percent_above_60", "worst_{length_min}_min_above_60_percent")
+_SHARE = Figure("percent", "time_{lower_deg}_{upper_deg}_percent")
+
+BINS = Group(
+    "exposure.bins[]",
+    (
+        Figure("lower_deg"),
+        Figure("upper_deg"),
+        Figure("duration_s", "time_{lower_deg}_{upper_deg}_s"),
+        _SHARE,
+    ),
+)
+TIME_ABOVE = Group("exposure.time_above[]", (Figure("threshold_deg"), TIME_ABOVE_S, SHARE_ABOVE))
+PERCENTILES = Group("exposure.percentiles_deg.*", (PERCENTILE,))
+ENTRIES = Group(
+    "exposure.entries[]",
+    (
+        Figure("threshold_deg"),
+        Figure("count", "entries_above_{threshold_deg}_count"),
+        ENTRIES_PER_H,
+        Figure("busy_minutes_percent", "entries_above_{threshold_deg}_busy_minutes_percent"),
+    ),
+)
+CYCLES = Group("exposure.cycles[]", (Figure("lower_deg"), Figure("upper_deg"), CYCLES_COUNT))
+EPISODES = Group(
+    "exposure.episodes[]",
+    (
+        Figure("threshold_deg"),
+        Figure("count", "episodes_above_{threshold_deg}_count"),
+        STAY_LONGEST_S,
+        STAY_MEDIAN_S,
+        STAYS_PER_H,
+        Figure("total_s", "episodes_above_{threshold_deg}_total_s"),
+        STAY_P90_S,
+        Figure("censored", "episodes_above_{threshold_deg}_censored"),
+    ),
+)
+VELOCITY = Group(
+    "exposure.velocity_dps.*",
+    (
+        Figure("10", "{name}_velocity_p10_dps", "p10_dps"),
+        Figure("50", "{name}_velocity_p50_dps", "p50_dps"),
+        Figure("90", "{name}_velocity_p90_dps", "p90_dps"),
+        Figure("99", "{name}_velocity_p99_dps", "p99_dps"),
+        Figure("mean", "{name}_velocity_mean_dps", "mean_dps"),
+    ),
+)
+VELOCITIES = ("inclination", "generalised", "generalised_accelerometer", "gyroscope")
+"""The kinds of speed, in the order of ``results.json`` and of the report."""
+
+WINDOWS = Group("exposure.peak.windows[]", (Figure("start_s"), WORST_WINDOW))
+RECOVERY = Group(
+    "exposure.recovery",
+    (
+        Figure("neutral_slow_percent", "recovery_neutral_slow_percent"),
+        Figure("neutral_slow_per_h", "recovery_neutral_slow_per_h", "neutral_slow_per_hour"),
+        Figure("slow_percent", "recovery_slow_percent"),
+        Figure("slow_per_h", "recovery_slow_per_h", "slow_per_hour"),
+        Figure("longest_without_s", "recovery_longest_without_s"),
+    ),
+)
+FREQUENCY = Group(
+    "exposure.frequency",
+    (
+        Figure("inclination_velocity_mpf_hz", "inclination_velocity_mpf_hz", "mean_power_hz"),
+        Figure(
+            "inclination_velocity_zero_crossings_per_h",
+            "inclination_velocity_zero_crossings_per_h",
+            "crossings_per_hour",
+        ),
+    ),
+)
+HOUR_VARIATION = Group(
+    "exposure.variation.by_hour.*",
+    (
+        Figure("hours", "by_hour_{name}_hours"),
+        Figure("coefficient_percent", "by_hour_{name}_coefficient_percent"),
+        Figure("spread", "by_hour_{name}_spread"),
+        Figure("last_less_first", "by_hour_{name}_last_less_first"),
+    ),
+)
+EVA_SUMMARY = Group(
+    "exposure.variation.eva",
+    (
+        Figure("by_angle_percent"),
+        Figure("by_duration_percent"),
+        Figure("cell_sd_percent", "eva_cell_sd_percent"),
+        Figure("centroid_deg", "eva_centroid_deg"),
+        Figure("centroid_s", "eva_centroid_s"),
+    ),
+)
+_FACTS = (
+    Group(
+        "recording",
+        tuple(
+            Figure(key, key)
+            for key in ("file_name", "subject", "side", "device", "start", "rate_hz", "sha256")
+        ),
+    ),
+    Group("time", tuple(Figure(key, key) for key in ("recorded_s", "analysed_s", "missing_s", "excluded_s"))),
+    Group("quality", (Figure("verdict", "verdict"),)),
+    Group("origin", (Figure("path", "path"), Figure("folder", "folder"))),
+)
+"""What is known of the recording beside its figures; ``origin`` stands only in tables of many recordings."""
+
+GROUPS = (
+    BINS,
+    TIME_ABOVE,
+    PERCENTILES,
+    ENTRIES,
+    CYCLES,
+    EPISODES,
+    VELOCITY,
+    WINDOWS,
+    RECOVERY,
+    FREQUENCY,
+    HOUR_VARIATION,
+    EVA_SUMMARY,
+)
+SINGLE_GROUPS = (RECOVERY, FREQUENCY)
+"""Those of which an exposure has one record, or none."""
+
+REST_TABLE = (
+    "recovery_neutral_slow_percent",
+    "recovery_neutral_slow_per_h",
+    "recovery_slow_percent",
+    "recovery_longest_without_s",
+    "inclination_velocity_zero_crossings_per_h",
+    "inclination_velocity_mpf_hz",
+)
+"""The rows of the report's table of rest and change of direction, of the single groups."""
+
+
+def read_figures(results: Results) -> dict[str, Cell]:
+    """Read every figure of ``results.json`` by its name."""
+    return {
+        figure.spell(record): record[figure.key]
+        for group in (*_FACTS, *GROUPS)
+        for record in _find_records(results, group.path.split("."))
+        for figure in group.figures
+        if figure.name and figure.key in record
+    }
+
+
+def read_ranges(results: Results) -> dict[str, tuple[Cell, Cell]]:
+    """Read both ends of the 95 % ranges by the names of their figures; what has no range is absent."""
+    own = {
+        figure.spell(record): (record["low"], record["high"])
+        for group, figure in ((TIME_ABOVE, SHARE_ABOVE), (BINS, _SHARE))
+        for record in _find_records(results, group.path.split("."))
+    }
+    named = {name: (low, high) for name, (low, high) in results["exposure"]["intervals"].items()}
+    return {name: ends for name, ends in {**named, **own}.items() if None not in ends}
+
+
+def _find_records(value: Any, steps: list[str], name: str = "") -> Iterator[dict[str, Any]]:
+    """Find the records at a path; a value that is no record stands under the empty key."""
+    if value is None:
+        return
+    if not steps:
+        yield {"name": name, **(value if isinstance(value, Mapping) else {"": value})}
+        return
+    step, *rest = steps
+    if step == "*":
+        for key, inner in value.items():
+            yield from _find_records(inner, rest, key)
+    elif step.endswith("[]"):
+        for inner in value.get(step.removesuffix("[]"), ()):
+            yield from _find_records(inner, rest)
+    else:
+        yield from _find_records(value.get(step), rest)
+
+
+# Columns of the tables: which figures stand in them, in which order.
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of ``summary.csv`` or ``periods.csv``; ``pattern`` is its name with places for the facts."""
+
+    pattern: str
+    facts: Mapping[str, str | int] = field(default_factory=dict)
+    kind: CellKind = "number"
+
+    @property
+    def name(self) -> str:
+        """The name, which ends in the unit; that of the end of a range in ``_low`` or ``_high``."""
+        return fill(self.pattern, self._told)
+
+    @property
+    def _told(self) -> dict[str, str]:
+        return {key: str(value) for key, value in self.facts.items()}
+
+    def explain(self, language: Language, table: Literal["summary", "periods"] = "summary") -> str:
+        """Say what the column means: in words of its own, or those of its field in ``results.json``."""
+        words = load_wording(language, "tables")[table]
+        text = words.get(self.name) or words.get(self.pattern)
+        return fill(text, self._told) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])
+
+
+_PATHS = {f.name: f"{group.path}.{f.key}".removesuffix(".") for group in GROUPS for f in group.figures}
+
+SUMMARY: tuple[Column, ...] = (
+    *(Column(name, kind="text") for name in ("file_name", "subject", "side", "device", "start")),
+    *map(Column, ("rate_hz", "recorded_s", "analysed_s", "missing_s", "excluded_s")),
+    *(
+        Column(_SHARE.name, {"lower_deg": low, "upper_deg": high})
+        for low, high in pairwise((0, 20, 30, 45, 60, 80, 90, 120, 150, 180))
+    ),
+    *(
+        Column(figure.name, {"threshold_deg": threshold_deg})
+        for threshold_deg in (30, 60, 90)
+        for figure in (SHARE_ABOVE, TIME_ABOVE_S, ENTRIES_PER_H)
+    ),
+    *(Column(PERCENTILE.name, {"name": p}) for p in (1, 5, 10, 25, 50, 75, 90, 95, 99)),
+    Column("{name}_velocity_p50_dps", {"name": "inclination"}),
+    Column(WORST_WINDOW.name, {"length_min": 15}),
+    *(Column(name, kind="text") for name in ("verdict", "warnings", "sha256", "error_code")),
+    *(
+        Column("{figure}_" + end, {"figure": name})
+        for name in (
+            *(f"time_above_{threshold_deg}_percent" for threshold_deg in (30, 60, 90)),
+            *(f"elevation_p{p}_deg" for p in (10, 50, 90, 99)),
+        )
+        for end in ("low", "high")
+    ),
+    *(Column(name, kind="text") for name in ("path", "folder")),
+)
+"""The columns of ``summary.csv``, for each recording one row. A new one follows all others."""
+
+NOT_OF_ONE = frozenset({"error_code", "path", "folder"})
+"""Columns of the summary that say something only in a table of many recordings."""
+
+PERIODS: tuple[Column, ...] = (
+    *(Column(name, kind="text") for name in ("file_name", "subject", "kind", "label")),
+    *map(Column, ("start_s", "end_s", "analysed_s")),
+    *(Column(PERCENTILE.name, {"name": p}) for p in (10, 50, 90)),
+    *(Column(SHARE_ABOVE.name, {"threshold_deg": threshold_deg}) for threshold_deg in (30, 60, 90)),
+    Column(ENTRIES_PER_H.name, {"threshold_deg": 60}),
+    Column("period_kind", kind="text"),
+    Column("recorded_s"),
+    Column("excluded_as", kind="text"),
+    Column("periods"),
+    *(Column(name, kind="text") for name in ("path", "side")),
+)
+"""The columns of ``periods.csv``: a row for each clock hour, period and task of the diary."""
+
+
+# Units: a figure is written in the unit that its name ends in.
+
+
+def name_unit(name: str) -> str:
+    """Read the unit off the end of a name, where it always stands; ends of ranges stand behind it."""
+    stem = name.removesuffix("_low").removesuffix("_high").removesuffix("[]")
+    return next((unit for ending, unit in _UNITS if stem.endswith(ending)), "")
+
+
+def format_figure(value: float, name: str, language: Language) -> str:
+    """Write a figure with its unit; a rate per hour has none."""
+    unit = name_unit(name)
+    if unit == "%":
+        return format_percent(value, language)
+    if unit == "deg":
+        return format_angle(value, language, 1)
+    if unit == "Hz":
+        return f"{format_number(value, 2, language)}{NARROW}Hz"
+    return format_duration(value, language) if unit == "s" else format_rate(value, language)
+
+
+def format_figure_range(interval: Interval, name: str, language: Language) -> str:
+    """Write both ends of a range as the figure is written."""
+    return f"{format_figure(interval.low, name, language)}–{format_figure(interval.high, name, language)}"

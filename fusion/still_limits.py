@@ -1,0 +1,42 @@
+"""How still is still: the limits that the steps set, side by side, and why they differ.
+
+Each bounds a standard deviation within a window. What ``still_g`` of the calibration settings says is another
+thing: the error of what an accelerometer reads at rest.
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+
+@dataclass(frozen=True, slots=True)
+class StillLimit:
+    """A window is still where the standard deviations stay under these.
+
+    They are those of the axis that varies most, as published rules have it, unless the limit says otherwise.
+    """
+
+    window_s: float
+    acc_sd_g: float
+    gyro_sd_dps: float = inf
+
+
+REST = StillLimit(0.5, 0.015, 3.0)
+"""For the check of scales (:mod:`fusion.checks`): short, as gravity must read 1 g in many directions."""
+
+BOTH_ACCELEROMETERS = StillLimit(1.0, 0.02)
+"""For holding the two accelerometers of a GT9X Link against each other: the seconds of its log."""
+
+MOMENT = StillLimit(1.5, 0.02, 1.4)
+"""For the calibration of the sensor (:mod:`fusion.sensor`), of all three axes together, so that it does not
+matter how the sensor is strapped on. The gyroscope's limit keeps slow turns out of its offset.
+"""
+
+POSE = StillLimit(5.0, 0.01, 3.0)
+"""For the pose, the strictest of the accelerometer (EXPOSURE.md A15). The gyroscope's limit is ours: it keeps
+out a turn about the vertical, which the accelerometer cannot see.
+"""
+
+OFF_THE_ARM = StillLimit(10.0, 0.013)
+"""For a sensor that lies on a desk, window after window for ten minutes: an arm at rest moves more than that
+through breathing and small corrections.
+"""
