@@ -23,7 +23,7 @@ from typing import Literal, get_args
 
 from fusion.caveats import Caveat
 from fusion.errors import UnusableDiary
-from fusion.recording import MICROSECONDS, QualityFlag, Span
+from fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
 
 # Small tables that people type: diaries, lists of participants. Any delimiter, any of two encodings.
 
@@ -36,7 +36,7 @@ def decode_text(content: bytes) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def list_rows(text: str) -> Iterator[tuple[int, list[str]]]:
+def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
     """Give the rows that say something, with their line from 1; lines that begin with # are remarks.
 
     A line may end as on any system, also as on old Macs, and a cell may be as long as the table.
@@ -85,7 +85,7 @@ ENDS = ("end", "stop", "fin")
 YES_NO = {"yes": True, "y": True, "1": True, "true": True, "oui": True, "o": True,
           "no": False, "n": False, "0": False, "false": False, "non": False}  # fmt: skip
 LONGEST_LABEL = 200
-MOST_TOLD = 20
+MOST_NAMED = 20
 MOST_ROWS = 10_000
 LOG_IDS = ("id", "identifiant", "participant", "subject", "sujet")
 LOG_DATE = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})")
@@ -103,6 +103,10 @@ class DiaryEntry:
     start, end
         Seconds from the first sample, or the clock as ISO 8601 text: ``"07:58:00"``,
         ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
+    kind
+        "work", "break" and so on: one of :data:`fusion.diary.Kind`.
+    label
+        The person's own word for it.
     left_out
         Whether its time leaves the denominator; None: as its kind says.
     line
@@ -132,7 +136,7 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     UnusableDiary
         With the line, the reason and the cure.
     """
-    rows = list(_list_rows(content))
+    rows = list(_read_few_rows(content))
     if len(rows) < 2:
         line = rows[0][0] if rows else 1
         raise UnusableDiary(line=line, why="empty", cure="header", value="")
@@ -140,7 +144,7 @@ def read_diary(content: bytes) -> tuple[DiaryEntry, ...]:
     if _is_activity_log(header[1]):
         told_log = _read_each(told, partial(_read_log_row, header[1], is_alone=len(told) == 1))
         return _drop_ends(told_log)
-    columns = _name_columns(*header)
+    columns = _read_header(*header)
     return _drop_ends(_read_each(told, partial(_read_rows, columns)))
 
 
@@ -172,22 +176,22 @@ def refuse_slips(slips: Sequence[UnusableDiary]) -> None:
     if not slips:
         return
     facts = dict(slips[0].facts)
-    for number, slip in enumerate(slips[1:MOST_TOLD], 2):
+    for number, slip in enumerate(slips[1:MOST_NAMED], 2):
         facts |= {f"{name}_{number}": value for name, value in slip.facts.items()}
-    if len(slips) > MOST_TOLD:
-        facts["more"] = len(slips) - MOST_TOLD
+    if len(slips) > MOST_NAMED:
+        facts["more"] = len(slips) - MOST_NAMED
     raise UnusableDiary(**facts)
 
 
-def _list_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
+def _read_few_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
     """Give so many rows and no more: each is laid over the whole recording."""
-    for count, (line, cells) in enumerate(list_rows(decode_text(content))):
+    for count, (line, cells) in enumerate(read_rows(decode_text(content))):
         if count >= MOST_ROWS:
             raise UnusableDiary(line=line, why="too many rows", cure="rows", value=str(MOST_ROWS))
         yield line, cells
 
 
-def _name_columns(line: int, cells: list[str]) -> list[str]:
+def _read_header(line: int, cells: list[str]) -> list[str]:
     names = [COLUMNS.get(plain_word(cell).replace(" ", "_"), "") for cell in cells]
     known = [name for name in names if name]
     if "start" not in known or not {"kind", "event", "label"} & set(known) or len(known) != len(set(known)):
@@ -375,7 +379,7 @@ def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_
     inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
     if whole and not inside:
         raise UnusableDiary(
-            line=whole[0].line, why="outside recording", cure="clock", value=_tell(entries[0])
+            line=whole[0].line, why="outside recording", cure="clock", value=_format_times(entries[0])
         )
     _refuse_overlap(inside)
     cut = tuple(
@@ -410,9 +414,7 @@ def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
     if not shared:
         return ()
     spans_s = tuple(sorted((a / MICROSECONDS, b / MICROSECONDS) for a, b in shared))
-    seconds = sum(b - a for a, b in spans_s)
-    first_s, last_s = spans_s[0][0], spans_s[-1][1]
-    return (QualityFlag(Caveat.OVERLAP, len(spans_s), seconds, first_s, last_s, spans_s=spans_s),)
+    return (flag_stretches(Caveat.OVERLAP, spans_s),)
 
 
 def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tuple[int, int]]:
@@ -453,11 +455,11 @@ def _bound(
         end_us = max(duration_us, start_us + 1)
     if end_us <= start_us:
         late, why = (entry, "end first") if entry.end is not None else (following or entry, "order")
-        raise UnusableDiary(line=late.line, why=why, cure="order", value=_tell(late))
+        raise UnusableDiary(line=late.line, why=why, cure="order", value=_format_times(late))
     return start_us, end_us
 
 
-def _tell(entry: DiaryEntry) -> str:
+def _format_times(entry: DiaryEntry) -> str:
     return f"{entry.start}" if entry.end is None else f"{entry.start} - {entry.end}"
 
 
@@ -541,7 +543,7 @@ def _own(
     return Piece(start_us, end_us, -1, REASONS["outside"] if has_shift else "")
 
 
-def list_exclusions(pieces: Sequence[Piece]) -> tuple[Span, ...]:
+def find_left_out(pieces: Sequence[Piece]) -> tuple[Span, ...]:
     """Give the stretches that the diary takes out of the analysed time."""
     return tuple(
         Span(piece.start_us, piece.end_us - piece.start_us, piece.reason) for piece in pieces if piece.reason

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
-from fusion.angle_files import AngleFile, calibrate_alone, lay_file
+from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import MethodName, Pose
-from fusion.diary import DiaryEntry, Placed, divide_day, list_exclusions, place_diary
+from fusion.diary import DiaryEntry, Placed, divide_day, find_left_out, place_diary
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.errors import UnknownAxis
 from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure
@@ -20,6 +20,7 @@ from fusion.quality import (
     account_time,
     assess_quality,
     count_holes_us,
+    divide_time,
     find_exclusions,
     flag_gyro_drift,
     flag_published,
@@ -29,10 +30,10 @@ from fusion.quality import (
     flag_upside_down,
     leave_out,
     make_disjoint,
-    name_parts,
     propose_nonwear,
     refuse_short,
 )
+from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
@@ -51,9 +52,17 @@ UNKNOWN_SIGMA_DEG = 0.0
 class AnalysisSettings:
     """What the person may decide; everything else follows from the recording.
 
-    ``calibration_windows_s``: (start, end) seconds from the first sample; none means "propose one";
-    two for the two-point pose (hanging, then level).
-    ``diary``: what the day consisted of; breaks, time not worn and outside the shift are not analysed.
+    Attributes
+    ----------
+    method
+        "smoothed", "published" or "live".
+    pose
+        How the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
+    calibration_windows_s
+        (start, end) from the first sample; empty: a window is proposed. Two for the two-point pose, hanging
+        and then level.
+    diary
+        What the day consisted of; breaks, time not worn and outside the shift are not analysed.
     """
 
     method: MethodName = "smoothed"
@@ -64,10 +73,26 @@ class AnalysisSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """Every step's result. ``calibration`` is None for a ready angle series.
+    """Every step's result.
 
-    ``elevation`` is valid in breaks too; ``exclusions`` are all that left the analysed time, the diary's
-    breaks among them.
+    Attributes
+    ----------
+    recording
+        What was read.
+    settings
+        As given, or the defaults.
+    calibration
+        The pose; None for a ready angle series.
+    elevation
+        The angle at every sample; valid in breaks too.
+    exclusions
+        All that left the analysed time, the diary's breaks among them.
+    time
+        Where the time of the recording went.
+    exposure
+        The figures.
+    quality
+        The verdict and all caveats.
     """
 
     recording: Recording
@@ -78,6 +103,15 @@ class Analysis:
     time: TimeAccount
     exposure: Exposure
     quality: Quality
+
+    def __repr__(self) -> str:
+        start = f" from {self.recording.start:%Y-%m-%d %H:%M}" if self.recording.start else ""
+        above = {item.threshold_deg: item.percent for item in self.exposure.time_above}
+        return (
+            f"Analysis({self.recording.device}{start}, {self.exposure.analysed_s / 3600.0:.2f} h analysed, "
+            f"{above[60]:.1f} % at 60 deg or above, median {self.exposure.percentiles_deg[50]:.1f} deg, "
+            f"quality {self.quality.verdict})"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,19 +131,39 @@ def announce_nothing(_step: Step) -> None:
 
 
 def analyse(
-    recording: Recording,
+    recording: Recording | RecordingFile,
     settings: AnalysisSettings | None = None,
     on_step: Callable[[Step], None] = announce_nothing,
 ) -> Analysis:
     """Turn a recording into elevation, exposure and a verdict.
 
+    Parameters
+    ----------
+    recording
+        What :func:`fusion.read_recording` gives; or a path or a file, which is then read by it.
+    settings
+        Method, pose, calibration windows and diary; by default none is set.
+    on_step
+        Called with the name of each step as it begins.
+
+    Returns
+    -------
+    Analysis
+        The result of every step.
+
     Raises
     ------
+    fusion.errors.UnreadableFile
+        The file holds no recording that can be read.
     fusion.errors.UnusableRecording
-        When no angle can be trusted (too short, no usable calibration).
+        No angle can be trusted (too short, no usable calibration).
     fusion.errors.UnusableDiary
-        When a row of the diary cannot be placed on the recording.
+        A row of the diary cannot be placed on the recording.
+    OSError
+        A path that cannot be opened.
     """
+    if not isinstance(recording, Recording):
+        recording = read_recording(recording)
     settings = settings or AnalysisSettings()
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
@@ -197,7 +251,7 @@ def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, 
         return _Day(DayDivision(), exclusions, elevation)
     periods = snap_periods(placed.periods, elevation.segments)
     pieces = divide_day(periods, recording.duration_us)
-    left_out = list_exclusions(pieces)
+    left_out = find_left_out(pieces)
     every = make_disjoint((*exclusions, *left_out), recording.duration_us)
     return _Day(DayDivision(periods, pieces), every, leave_out(elevation, left_out))
 
@@ -217,7 +271,7 @@ def _account(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount
         part_us = round(part.analysed_s * MICROSECONDS)
         analysed_us[part.kind] = analysed_us.get(part.kind, 0) + part_us
     holes_us = count_holes_us(recording, day.exclusions) if recording.holds_samples else time.missing_us
-    return name_parts(time, analysed_us or {"work": time.analysed_us}, day.exclusions, holes_us)
+    return divide_time(time, analysed_us or {"work": time.analysed_us}, day.exclusions, holes_us)
 
 
 def analyse_angles(
@@ -245,7 +299,7 @@ def analyse_angle_file(
     known = calibrate_alone(file, windows_s)
     if known.elevation_deg is None:
         raise UnknownAxis
-    return _count_ready(*lay_file(known, known.elevation_deg), on_step, diary)
+    return _count_ready(*resample_file(known, known.elevation_deg), on_step, diary)
 
 
 def _count_ready(

@@ -14,8 +14,8 @@ from app.api.files import read_result
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
 from app.errors import NotHere, list_refusals
 from app.formats import FORMATS
-from app.report.export.columns import list_dictionary
-from app.report.words.messages import list_flag_codes
+from app.report.export.columns import describe_dictionary
+from app.report.words.messages import find_flag_codes
 from app.report.words.wording import Language
 from app.services import UsedLanguage, UsedServices
 from app.version import software_revision, software_version
@@ -115,7 +115,7 @@ def get_dictionary(language: UsedLanguage) -> Dictionary:
     """Say what every column and field means."""
     meaning = "french" if language == "fr" else "english"
     names = ("file", "column", "kind", "unit")
-    rows = list_dictionary()
+    rows = describe_dictionary()
     return Dictionary(
         items=[WordView(**{name: row[name] for name in names}, meaning=row[meaning]) for row in rows]  # type: ignore[arg-type]
     )
@@ -124,7 +124,7 @@ def get_dictionary(language: UsedLanguage) -> Dictionary:
 @router.get("/problems/{code}")
 def get_problem(code: str, language: UsedLanguage) -> ProblemView:
     """Explain the code of a refusal, or of a warning (status 200: it refuses nothing)."""
-    if code in list_flag_codes():
+    if code in find_flag_codes():
         return view_flag(code, language, f"/api/v1/problems/{code}")
     if code not in {refusal.code for refusal in list_refusals()}:
         raise NotHere

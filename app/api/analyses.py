@@ -37,7 +37,7 @@ from app.jobs.queue import WayIn
 from app.jobs.recordings import Place, StoredRow
 from app.jobs.regeneration import find_same, retry
 from app.jobs.store import JobFilter
-from app.report.export.columns import PERIOD_COLUMNS, list_periods
+from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
 from app.report.words.wording import Language
@@ -377,7 +377,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
 def get_periods_table(analysis_id: str, request: Request, services: UsedServices) -> Response:
     """The main figures by clock hour and by period of the diary."""
     job = services.store.get(analysis_id)
-    rows = list_periods(json.loads(read_result(services, job, "results.json")))
+    rows = describe_periods(json.loads(read_result(services, job, "results.json")))
     return serve_bytes(request, services, job, "periods.csv", encode_table(PERIOD_COLUMNS, rows))
 
 

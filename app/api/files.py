@@ -15,7 +15,7 @@ from starlette.types import Message, Receive, Scope, Send
 from app.api.guard import REPORT_POLICY
 from app.errors import NoSuchFile, NoSuchRange, NotFinished, ResultDamaged
 from app.jobs.job import Job, JobState
-from app.report.export.naming import Origin, name_file
+from app.report.export.naming import Origin, format_file_name
 from app.services import Services
 from app.storage.store import ResultFile, borrow_result, read_mark
 
@@ -199,7 +199,7 @@ def name_download(services: Services, job: Job, name: str) -> str:
     """Name a download by the one rule for all files that leave."""
     asked = job.request
     origin = Origin(asked.subject, job.file_name, _find_start(services, job), asked.side or "", asked.version)
-    return name_file(origin, name)
+    return format_file_name(origin, name)
 
 
 def _find_start(services: Services, job: Job) -> str:

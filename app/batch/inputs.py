@@ -30,7 +30,7 @@ from app.request import (
     check_subject,
 )
 from fusion.conventions import MethodName, Pose, Side
-from fusion.diary import KINDS, DiaryEntry, decode_text, list_rows, plain_word, read_diary, read_moment
+from fusion.diary import KINDS, DiaryEntry, decode_text, plain_word, read_diary, read_moment, read_rows
 from fusion.errors import UnusableDiary
 
 # The settings of a study as ``settings.yaml``: what a run used, and what ``--config`` takes back.
@@ -245,7 +245,7 @@ def read_participants(content: bytes, folder: Path) -> tuple[Participant, ...]:
     fusion.errors.UnusableDiary, OSError
         When a diary named in it (the fact ``diary``) cannot be used, or opened.
     """
-    rows = list_rows(decode_text(content))
+    rows = read_rows(decode_text(content))
     names = _name_columns(*next(rows, (1, [])))
     people = tuple(
         _read_row(line, dict(zip(names, cells, strict=False)), _readers(folder)) for line, cells in rows

@@ -13,9 +13,9 @@ from app.batch.inputs import encode_settings
 from app.batch.run import Outcome
 from app.report.export.columns import (
     PERIOD_COLUMNS,
+    describe_periods,
     encode_dictionary,
     encode_summary,
-    list_periods,
     summarise_failure,
     summarise_results,
 )
@@ -112,7 +112,7 @@ def _read_results(outcome: Outcome) -> dict[str, Any]:
 
 def _list_periods(outcomes: Sequence[Outcome]) -> list[Row]:
     good = (outcome for outcome in outcomes if not outcome.code)
-    return [row for outcome in good for row in list_periods(_read_results(outcome))]
+    return [row for outcome in good for row in describe_periods(_read_results(outcome))]
 
 
 def _render_index(outcomes: Sequence[Outcome], request: ReportRequest) -> bytes:

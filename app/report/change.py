@@ -1,4 +1,4 @@
-"""One analysis beside another: whether the change is larger than days differ anyway, and what else differs.
+"""One analysis beside another: is the change larger than the day-to-day variation, and what else differs.
 
 Pure. :func:`describe_comparison` is what ``comparison.json`` and the API give, :func:`build_comparison` the
 report for people; both come from :func:`fusion.comparison.compare_days`.
@@ -27,7 +27,7 @@ from app.report.pairs import (
     tell_poses,
     tell_time,
 )
-from app.report.render.write import sign_off
+from app.report.render.write import format_signature
 from app.report.words.numbers import NONE, format_number
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
@@ -74,8 +74,8 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         title=words["title"],
         subtitle=load_wording(language)["heading"]["subtitle"],
         header=header,
-        verdict=_tell_verdict(compared, words),
-        sentences=_tell_changes(compared, words, language),
+        verdict=_build_verdict(compared, words),
+        sentences=_format_changes(compared, words, language),
         pose_caution=f"{fill(words['caution'], {'source': SOURCE})} {tell_poses(sides, language)}".strip(),
         range_note="",
         figures=(build_two_bars(sides, language),)
@@ -83,10 +83,10 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         references=(),
         limits=limits,
         intended_use=use,
-        sections=(_list_changes(compared, words, language), build_sources(sides, language)),
+        sections=(_build_changes(compared, words, language), build_sources(sides, language)),
         report_id=report_id,
         footer=footer,
-        brief=sign_off(header, footer, language),
+        brief=format_signature(header, footer, language),
         made_of=find_end(sides),
         amendment="",
         words=load_wording(language)["label"],
@@ -126,8 +126,8 @@ def _build_header(sides: tuple[Beside, Beside], language: Language) -> tuple[Pai
     )
 
 
-def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
-    """Say first whether like is compared with like."""
+def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
+    """State whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
     for name in NO_TWO_DAYS:
@@ -141,33 +141,33 @@ def _tell_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     return VerdictLine(level, entry["label"], fill(entry["reason"], {"differences": told}))
 
 
-def _tell_changes(compared: DayComparison, words: Words, language: Language) -> tuple[str, ...]:
+def _format_changes(compared: DayComparison, words: Words, language: Language) -> tuple[str, ...]:
     changes = {change.name: change for change in compared.changes}
     return tuple(
-        _tell_change(changes[name], words, language) for name in (_ABOVE_60, _MEDIAN) if name in changes
+        _format_change(changes[name], words, language) for name in (_ABOVE_60, _MEDIAN) if name in changes
     )
 
 
-def _tell_change(change: FigureChange, words: Words, language: Language) -> str:
+def _format_change(change: FigureChange, words: Words, language: Language) -> str:
     entry = words["sentence"]
     facts = {
         "before": format_figure(change.before, change.name, language),
         "after": format_figure(change.after, change.name, language),
-        "change": _tell_difference(change, words, language),
-        "detectable": _tell_detectable(change, words, language),
+        "change": _format_difference(change, words, language),
+        "detectable": _format_detectable(change, words, language),
     }
     return f"{fill(entry[change.name], facts)} {fill(entry[change.verdict], facts)}"
 
 
-def _list_changes(compared: DayComparison, words: Words, language: Language) -> Section:
+def _build_changes(compared: DayComparison, words: Words, language: Language) -> Section:
     entry = words["table"]
     rows = tuple(
         (
             entry["figure"][change.name],
             format_figure(change.before, change.name, language),
             format_figure(change.after, change.name, language),
-            _tell_difference(change, words, language),
-            _tell_detectable(change, words, language),
+            _format_difference(change, words, language),
+            _format_detectable(change, words, language),
             entry["verdict"][change.verdict],
         )
         for change in compared.changes
@@ -178,18 +178,18 @@ def _list_changes(compared: DayComparison, words: Words, language: Language) -> 
     return Section("changes", entry["title"], tables=(table,))
 
 
-def _tell_difference(change: FigureChange, words: Words, language: Language) -> str:
+def _format_difference(change: FigureChange, words: Words, language: Language) -> str:
     sign = "+" if round(change.change, 1) > 0 else ""
-    return sign + _tell_points(change.change, change.name, words, language)
+    return sign + _format_points(change.change, change.name, words, language)
 
 
-def _tell_detectable(change: FigureChange, words: Words, language: Language) -> str:
+def _format_detectable(change: FigureChange, words: Words, language: Language) -> str:
     if change.detectable is None:
         return NONE
-    return _tell_points(change.detectable, change.name, words, language)
+    return _format_points(change.detectable, change.name, words, language)
 
 
-def _tell_points(value: float, name: str, words: Words, language: Language) -> str:
+def _format_points(value: float, name: str, words: Words, language: Language) -> str:
     """Differences of shares are percentage points; in French the plural begins at two."""
     if name.endswith("_percent"):
         form = "points" if round(abs(value), 1) >= 2 else "points_under_two"

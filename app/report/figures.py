@@ -87,7 +87,7 @@ class Group:
         return self.path.rpartition(".")[2]
 
     def describe(self, record: object) -> dict[str, Any]:
-        """Lay out a record of the exposure as it stands in ``results.json``."""
+        """Describe a record of the exposure as it stands in ``results.json``."""
         return {f.key: getattr(record, f.attribute or f.key) for f in self.figures}
 
     def name_values(self, record: object, name: str = "") -> dict[str, Any]:
@@ -293,17 +293,19 @@ class Column:
     @property
     def name(self) -> str:
         """The name, which ends in the unit; that of the end of a range in ``_low`` or ``_high``."""
-        return fill(self.pattern, self._told)
+        return fill(self.pattern, self._texts)
 
     @property
-    def _told(self) -> dict[str, str]:
+    def _texts(self) -> dict[str, str]:
         return {key: str(value) for key, value in self.facts.items()}
 
     def explain(self, language: Language, table: Literal["summary", "periods"] = "summary") -> str:
-        """Say what the column means: in words of its own, or those of its field in ``results.json``."""
+        """Give the meaning of the column: its own words, or those of its field in ``results.json``."""
         words = load_wording(language, "tables")[table]
         text = words.get(self.name) or words.get(self.pattern)
-        return fill(text, self._told) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])
+        return (
+            fill(text, self._texts) if text else str(load_wording(language, "fields")[_PATHS[self.pattern]])
+        )
 
 
 _PATHS = {f.name: f"{group.path}.{f.key}".removesuffix(".") for group in GROUPS for f in group.figures}
@@ -357,7 +359,7 @@ PERIODS: tuple[Column, ...] = (
 # Units: a figure is written in the unit that its name ends in.
 
 
-def name_unit(name: str) -> str:
+def find_unit(name: str) -> str:
     """Read the unit off the end of a name, where it always stands; ends of ranges stand behind it."""
     stem = name.removesuffix("_low").removesuffix("_high").removesuffix("[]")
     return next((unit for ending, unit in _UNITS if stem.endswith(ending)), "")
@@ -365,7 +367,7 @@ def name_unit(name: str) -> str:
 
 def format_figure(value: float, name: str, language: Language) -> str:
     """Write a figure with its unit; a rate per hour has none."""
-    unit = name_unit(name)
+    unit = find_unit(name)
     if unit == "%":
         return format_percent(value, language)
     if unit == "deg":

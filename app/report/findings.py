@@ -1,4 +1,4 @@
-"""All that a report is made of, in no language: what an analysis found, without its samples.
+"""The findings of an analysis: all that a report is made of, in no language and without the samples.
 
 Kept beside the results (``findings.json``), it gives the report again in either language, both arms side by
 side or one day beside another, with no new analysis and without the compiler.
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from fusion.pose.windows import StillPeriod
 
 
-# Frozen values to JSON and back, by their types: dataclasses, tuples, mappings, arrays, moments.
+# Conversion of frozen values to JSON and back by their types: dataclasses, tuples, mappings, arrays, times.
 #
 # Numbers keep every digit; NaN and infinity, which an array may hold, are written as ``json`` writes them.
 # A clock that follows a zone keeps the zone's name beside its time.
@@ -104,7 +104,7 @@ SCHEMA = "acromion.findings/1"
 
 @dataclass(frozen=True, slots=True)
 class RecordingFacts:
-    """What the file says of itself; as in :class:`fusion.recording.Recording`."""
+    """What the file states; as in :class:`fusion.recording.Recording`."""
 
     device: str
     sha256: str
@@ -117,7 +117,7 @@ class RecordingFacts:
 
 @dataclass(frozen=True, slots=True)
 class SettingsFacts:
-    """What the person decided; as in :class:`fusion.pipeline.AnalysisSettings`."""
+    """What the person chose; as in :class:`fusion.pipeline.AnalysisSettings`."""
 
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"

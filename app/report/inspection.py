@@ -1,10 +1,10 @@
-"""What `acromion inspect` found, in lines for people; every figure stands in its JSON as well."""
+"""The output of `acromion inspect` as lines for people; its JSON holds every figure too."""
 
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from app.report.words.messages import describe_flag, tell_facts
+from app.report.words.messages import describe_flag, format_facts
 from app.report.words.numbers import format_exact, format_long_duration, format_number
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
@@ -14,7 +14,7 @@ from fusion.recording import QualityFlag
 _MOST_LINES = 10
 _CORRECTION = Caveat.UNITS
 _TOLD_ABOVE = frozenset({"jitter_us", "time_exponent"})
-"""What the reader understood and another line tells."""
+"""Facts that the reader found and another line gives already."""
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 _NUMBERS = frozenset(
     {"samples", "records", "missing_seconds", "nominal_rate_hz", "rate_hz", "t_pose_elevation_deg"}
@@ -30,29 +30,32 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
         (words["rate"], f"{format_number(facts['rate_hz'], 3, language)} Hz"),
         (words["recorded"], format_long_duration(facts["recorded_s"])),
         (words["segments"], format_exact(facts["segments"], language)),
-        (words["jitter"], _tell_number(facts["jitter_us"], "µs", words, language)),
-        (words["rest"], _tell_number(facts["sanity"]["rest_g"], "g", words, language)),
-        (words["handedness"], _tell_number(facts["sanity"]["handedness"], "", words, language)),
+        (words["jitter"], _format_number(facts["jitter_us"], "µs", words, language)),
+        (words["rest"], _format_number(facts["sanity"]["rest_g"], "g", words, language)),
+        (words["handedness"], _format_number(facts["sanity"]["handedness"], "", words, language)),
         (words["axes"], facts["sanity"]["axes"] or words["unseen"]),
-        (words["gyro_scale"], _tell_scale(facts["sanity"], words, language)),
-        (words["corrections"], _tell_corrections(facts["warnings"], words, language)),
-        *_tell_understood(facts["understood"], words, language),
+        (words["gyro_scale"], _format_scale(facts["sanity"], words, language)),
+        (words["corrections"], _format_corrections(facts["warnings"], words, language)),
+        *_format_understood(facts["understood"], words, language),
         (
             words["gaps"],
-            _join((_tell_gap(gap, words, language) for gap in facts["gaps"]), words, facts["gap_count"]),
+            _join((_format_gap(gap, words, language) for gap in facts["gaps"]), words, facts["gap_count"]),
         ),
-        (words["warnings"], _join((_tell_warning(w, language) for w in facts["warnings"]), words)),
+        (words["warnings"], _join((_format_warning(w, language) for w in facts["warnings"]), words)),
         (
             words["proposals"],
-            _join((_tell_proposal(p, words, language) for p in facts["calibration_proposals"]), words),
+            _join((_format_proposal(p, words, language) for p in facts["calibration_proposals"]), words),
         ),
-        (words["nonwear"], _join((_tell_gap(p, words, language) for p in facts["nonwear_proposals"]), words)),
+        (
+            words["nonwear"],
+            _join((_format_gap(p, words, language) for p in facts["nonwear_proposals"]), words),
+        ),
     ]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
-def _tell_understood(
+def _format_understood(
     understood: Mapping[str, Any], words: Words, language: Language
 ) -> Iterable[tuple[str, str]]:
     """Give what the reader took the file for, in the words and numbers of the language."""
@@ -64,20 +67,20 @@ def _tell_understood(
             yield f"  {words['understood'].get(name, name)}", told
 
 
-def _tell_corrections(warnings: Iterable[Mapping[str, Any]], words: Words, language: Language) -> str:
-    """Name each axis, sign, order, unit and scale that was found wrong, and undone or assumed."""
+def _format_corrections(warnings: Iterable[Mapping[str, Any]], words: Words, language: Language) -> str:
+    """Write each axis, sign, order, unit and scale that was wrong or not stated, and was put right."""
     found = (warning["facts"] for warning in warnings if warning["code"] == _CORRECTION)
-    return _join((fill(words["correction"], tell_facts(facts, language)) for facts in found), words)
+    return _join((fill(words["correction"], format_facts(facts, language)) for facts in found), words)
 
 
-def _tell_scale(sanity: Mapping[str, Any], words: Words, language: Language) -> str:
+def _format_scale(sanity: Mapping[str, Any], words: Words, language: Language) -> str:
     if sanity["gyro_scale"] is None:
         return str(words["unseen"])
     scale, margin = (format_number(sanity[name], 3, language) for name in ("gyro_scale", "gyro_scale_margin"))
     return f"{scale} ± {margin}"
 
 
-def _tell_number(value: float | None, unit: str, words: Words, language: Language) -> str:
+def _format_number(value: float | None, unit: str, words: Words, language: Language) -> str:
     return str(words["unseen"]) if value is None else f"{format_number(value, 3, language)} {unit}".rstrip()
 
 
@@ -90,7 +93,7 @@ def _join(lines: Iterable[str], words: Words, count: int = 0) -> str:
     return "; ".join(shown) or str(words["none"])
 
 
-def _tell_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
+def _format_gap(gap: Mapping[str, float], words: Words, language: Language) -> str:
     facts = {
         "length": format_exact(gap["length_s"], language),
         "start": format_exact(gap["start_s"], language),
@@ -98,12 +101,12 @@ def _tell_gap(gap: Mapping[str, float], words: Words, language: Language) -> str
     return fill(words["gap"], facts)
 
 
-def _tell_warning(warning: Mapping[str, Any], language: Language) -> str:
+def _format_warning(warning: Mapping[str, Any], language: Language) -> str:
     flag = QualityFlag(warning["code"], warning["count"], facts=warning.get("facts", {}))
     return f"{flag.code} {describe_flag(flag, language).title} ({format_exact(flag.count, language)})"
 
 
-def _tell_proposal(proposal: Mapping[str, float], words: Words, language: Language) -> str:
+def _format_proposal(proposal: Mapping[str, float], words: Words, language: Language) -> str:
     facts = {
         "start": format_number(proposal["start_s"], 1, language),
         "end": format_number(proposal["start_s"] + proposal["duration_s"], 1, language),

@@ -1,4 +1,4 @@
-"""What a report is made of: rounded values and finished sentences, nothing left to compute.
+"""The content of a report: rounded values and finished sentences, with nothing left to compute.
 
 The templates (HTML and PDF) only loop over these.
 """
@@ -35,7 +35,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Chart:
     """A chart twice, as SVG for paper and wide screens and for a telephone, with its text and its table.
 
     ``alternative`` says in a sentence what the chart shows; ``table`` holds the values behind it.
@@ -84,7 +84,7 @@ class Section:
     key: str
     title: str
     paragraphs: tuple[str, ...] = ()
-    figures: tuple[Figure, ...] = ()
+    figures: tuple[Chart, ...] = ()
     pairs: tuple[Pair, ...] = ()
     tables: tuple[Table, ...] = ()
 
@@ -121,7 +121,7 @@ class Report:
     sentences: tuple[str, ...]
     pose_caution: str
     range_note: str
-    figures: tuple[Figure, ...]
+    figures: tuple[Chart, ...]
     references: tuple[Reference, ...]
     limits: Note
     intended_use: Note
@@ -148,7 +148,7 @@ class AgreementReport:
     header: tuple[Pair, ...]
     sentences: tuple[str, ...]
     main: tuple[Table, ...]
-    figures: tuple[Figure, ...]
+    figures: tuple[Chart, ...]
     limits: Note
     sections: tuple[Section, ...]
     report_id: str

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from app.report.analysis.day import Day, draw_up_day, shift_day
-from app.report.analysis.figures import label_day
+from app.report.analysis.charts import build_day_labels
+from app.report.analysis.day import Day, build_timeline, shift_day
 from app.report.charts.day import draw_two_days
 from app.report.charts.svg import NARROW, WIDE
 from app.report.export.results import round_all
 from app.report.findings import Kept
-from app.report.model import Figure, Pair, Report, Section, Table, VerdictLine
+from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
     Beside,
     build_curves,
@@ -30,7 +30,7 @@ from app.report.pairs import (
     tell_poses,
     tell_time,
 )
-from app.report.render.write import sign_off
+from app.report.render.write import format_signature
 from app.report.words.numbers import (
     NONE,
     Clock,
@@ -155,7 +155,7 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         ),
         report_id=report_id,
         footer=footer,
-        brief=sign_off(header, footer, language),
+        brief=format_signature(header, footer, language),
         made_of=find_end(sides),
         amendment="",
         words=load_wording(language)["label"],
@@ -244,7 +244,7 @@ def _tell_clock(pair: ArmPair, words: Words, language: Language) -> str:
     return f"{fill(entry[order], facts)} {entry[pair.offset_from]}"
 
 
-def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language) -> Figure:
+def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language) -> Chart:
     """Draw both days one above the other on the clock of the one that began first."""
     entry, report_words = load_beside_words(language)["days"], load_wording(language)
     first_s = min(0.0, pair.offset_s)
@@ -254,11 +254,11 @@ def _build_days(pair: ArmPair, sides: tuple[Beside, Beside], language: Language)
     clock = Clock(Clock(pair.left.findings.recording.start, language).at(first_s), language)
     days = []
     for side, begin_s in zip(sides, begins_s, strict=True):
-        own = draw_up_day(side.kept.findings, clock, report_words)
+        own = build_timeline(side.kept.findings, clock, report_words)
         days.append((side.name, shift_day(own, begin_s, whole_s, clock, entry["absent"])))
-    told = fill(entry["alternative"], {"start": clock.tell(0), "end": clock.tell(whole_s)})
-    labels = label_day(entry["title"], told, report_words)
-    return Figure(
+    told = fill(entry["alternative"], {"start": clock.format(0), "end": clock.format(whole_s)})
+    labels = build_day_labels(entry["title"], told, report_words)
+    return Chart(
         title=entry["title"],
         alternative=told,
         wide=draw_two_days(days, labels, WIDE),
@@ -271,7 +271,7 @@ def _tabulate_days(days: list[tuple[str, Day]], clock: Clock) -> tuple[tuple[str
     return tuple(
         (
             name,
-            clock.tell(band.start_s),
+            clock.format(band.start_s),
             *(format_angle(deg, clock.language) for deg in (band.low_deg, band.middle_deg, band.high_deg)),
         )
         for name, day in days

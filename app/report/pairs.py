@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Any
 
-from app.report.analysis.chapters import tell_accuracy
-from app.report.analysis.figures import build_parts, share_below
+from app.report.analysis.chapters import format_accuracy
+from app.report.analysis.charts import build_parts, share_below
 from app.report.charts.distribution import Curve, draw_two_curves
 from app.report.charts.svg import NARROW, WIDE
 from app.report.export.results import identify_report
 from app.report.findings import Kept
-from app.report.model import Figure, Note, Section, Table
+from app.report.model import Chart, Note, Section, Table
 from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
@@ -36,7 +36,7 @@ def load_beside_words(language: Language) -> Words:
     return load_wording(language, "pairs")
 
 
-def build_two_bars(sides: tuple[Beside, Beside], language: Language) -> Figure:
+def build_two_bars(sides: tuple[Beside, Beside], language: Language) -> Chart:
     """Build one stacked bar for each, to one scale."""
     entry = load_beside_words(language)
     parts = [(side.name, _take_whole(side.kept.findings.exposure)) for side in sides]
@@ -49,7 +49,7 @@ def _take_whole(exposure: Exposure) -> PartExposure:
     return PartExposure("", 0.0, 0.0, exposure.analysed_s, exposure.percentiles_deg, above, entries)
 
 
-def build_curves(sides: tuple[Beside, Beside], language: Language) -> Figure:
+def build_curves(sides: tuple[Beside, Beside], language: Language) -> Chart:
     """Build both distributions in one picture."""
     entry = load_beside_words(language)["curves"]
     first, second = (Curve(s.name, share_below(s.kept.findings.exposure)) for s in sides)
@@ -59,7 +59,7 @@ def build_curves(sides: tuple[Beside, Beside], language: Language) -> Figure:
         (f"{d}°", *(format_number(curve.below_percent[d], 1, language) for curve in (first, second)))
         for d in range(10, 181, 10)
     )
-    return Figure(
+    return Chart(
         title=entry["title"],
         alternative=title[1],
         wide=draw_two_curves((first, second), axes, title, WIDE),
@@ -102,7 +102,7 @@ def build_limits(sides: tuple[Beside, Beside], language: Language) -> tuple[Note
     """Give what the figures cannot say, how accurate each method is, and the intended use."""
     words = load_wording(language)
     limits, use = words["limits"], words["intended_use"]
-    accuracy = dict.fromkeys(tell_accuracy(side.kept.findings, words) for side in sides)
+    accuracy = dict.fromkeys(format_accuracy(side.kept.findings, words) for side in sides)
     paragraphs = (*limits["paragraphs"], *accuracy)
     return Note(limits["title"], paragraphs), Note(use["title"], (use["text"],))
 
@@ -126,7 +126,7 @@ def _tell_source(kept: Kept, words: Words, language: Language) -> tuple[str, ...
         clean_text(subject.file_name) or unknown,
         findings.recording.sha256[:16] + "…",
         words["device"].get(findings.recording.device, words["device"]["other"]),
-        f"{tell_time(kept, language)}, {clock.tell(0)}" if findings.recording.start else NONE,
+        f"{tell_time(kept, language)}, {clock.format(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
         load_beside_words(language)["pair"]["verdict"][findings.quality.verdict],
         f"{method.name} {method.version}" if method else NONE,

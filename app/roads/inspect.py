@@ -9,7 +9,7 @@ import numpy as np
 
 from app.request import OnStage, ReportRequest
 from app.storage.incoming import TAIL_SUFFIX
-from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
+from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.pose.windows import propose_still_periods
 from fusion.quality import find_exclusions, propose_nonwear
 from fusion.readers import parse_profile, read_recording
@@ -36,7 +36,7 @@ def inspect_file(
     """
     name = file_name or path.name
     with path.open("rb") as file:
-        if tell_layout(file, name) == "mvnx":
+        if recognise_layout(file, name) == "mvnx":
             return {"file": name} | _inspect_capture(read_angle_file(file, name))
         columns = parse_profile(profile) if profile else None
         recording = read_recording(file, file_name=name, rate_hz=rate_hz, profile=columns)
@@ -59,7 +59,7 @@ def inspect_file(
 
 def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
     """Say what a motion capture is, under the names of a recording; it holds angles, and no samples."""
-    recording, angles = lay_file(capture, np.zeros(len(capture.time_s)))
+    recording, angles = resample_file(capture, np.zeros(len(capture.time_s)))
     runs = [
         (run.start_us, run.start_us + round(len(run) / run.rate_hz * MICROSECONDS)) for run in angles.segments
     ]

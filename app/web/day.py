@@ -91,7 +91,7 @@ def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
         if start.strip() or end.strip():
             if not (start.strip() and end.strip()):
                 told = " – ".join(moment.strip() or "?" for moment in (start, end))
-                raise BadParameter(name="calibration", value=told[:60], allowed=clock.tell_bounds())
+                raise BadParameter(name="calibration", value=told[:60], allowed=clock.format_bounds())
             yield _check_order(*(clock.read(moment.strip(), "calibration") for moment in (start, end)))
 
 

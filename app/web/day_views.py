@@ -43,7 +43,7 @@ class DayClock:
         """An hour alone may mean two days."""
         return self.duration_s >= DAY_S
 
-    def tell(self, second: float) -> str:
+    def format(self, second: float) -> str:
         """Write a moment so that :meth:`read` gives it back, to the hundredth of a second."""
         if self.start is None:
             return f"{second:.2f}".rstrip("0").rstrip(".")
@@ -51,9 +51,9 @@ class DayClock:
         hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
         return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
 
-    def tell_bounds(self) -> str:
+    def format_bounds(self) -> str:
         """Write from when to when a moment may be."""
-        return f"{self.tell(0.0)} … {self.tell(self.duration_s)}"
+        return f"{self.format(0.0)} … {self.format(self.duration_s)}"
 
     def read(self, text: str, name: str) -> float:
         """Read a moment that a person typed, in seconds from the first sample.
@@ -66,7 +66,7 @@ class DayClock:
         try:
             (placed,) = place_diary(read_diary(row), self.start, self.duration_us).periods
         except (UnusableDiary, ValueError):
-            raise BadParameter(name=name, value=text[:60], allowed=self.tell_bounds()) from None
+            raise BadParameter(name=name, value=text[:60], allowed=self.format_bounds()) from None
         return placed.start_us / MICROSECONDS
 
 
@@ -82,8 +82,8 @@ def place_rows(entries: Sequence[DiaryEntry], clock: DayClock) -> list[dict[str,
         {
             "kind": period.kind,
             "label": period.label,
-            "start": clock.tell(period.start_us / MICROSECONDS),
-            "end": clock.tell(period.end_us / MICROSECONDS),
+            "start": clock.format(period.start_us / MICROSECONDS),
+            "end": clock.format(period.end_us / MICROSECONDS),
         }
         for period in periods
     ]
@@ -144,8 +144,8 @@ def show_day(day: DayFile, wish: ReportRequest, language: Language) -> DayView:
 
 def _show_window(place: int, day: DayFile, wish: ReportRequest, clock: DayClock) -> Window:
     asked, used = wish.calibration_windows_s, day.facts["calibration"]
-    start, end = map(clock.tell, asked[place]) if place < len(asked) else ("", "")
-    used_start, used_end = map(clock.tell, used[place][:2]) if place < len(used) else ("", "")
+    start, end = map(clock.format, asked[place]) if place < len(asked) else ("", "")
+    used_start, used_end = map(clock.format, used[place][:2]) if place < len(used) else ("", "")
     return Window(start, end, used_start, used_end)
 
 
@@ -159,7 +159,7 @@ def _list_proposals(
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     proposals = []
     for start_s, end_s, kind, score in (*still, *not_worn):
-        told = {"start": clock.tell(start_s), "end": clock.tell(end_s), "score": score}
+        told = {"start": clock.format(start_s), "end": clock.format(end_s), "score": score}
         proposals.append(Proposal(kind, told["start"], told["end"], fill(words[kind], told)))
     return tuple(proposals)
 

@@ -12,7 +12,7 @@ from fastapi.responses import RedirectResponse
 from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.intake import Intake
 from app.jobs.job import Job
-from app.report.words.messages import describe_flag, describe_problem, list_flag_codes
+from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
 from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
@@ -31,7 +31,7 @@ router = APIRouter(include_in_schema=False)
 def show_help(request: Request, language: UsedLanguage) -> Response:
     """List what help there is."""
     codes = [(code, describe_problem(code, {}, language).title) for code in _list_codes()]
-    warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in list_flag_codes()]
+    warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in find_flag_codes()]
     return _show(request, "help.html", language, {"codes": codes, "warnings": warnings})
 
 
@@ -50,7 +50,7 @@ def show_export(request: Request, language: UsedLanguage) -> Response:
 @router.get("/problems/{code}")
 def show_problem_page(code: str, request: Request, language: UsedLanguage) -> Response:
     """Explain the code of a refusal or of a warning."""
-    if code in list_flag_codes():
+    if code in find_flag_codes():
         caveat = describe_flag(QualityFlag(code), language)
         return _show(request, "problem.html", language, {"code": code, "problem": caveat, "fix": ""})
     if code not in _list_codes():

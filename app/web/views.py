@@ -225,7 +225,7 @@ def _tell_windows(job: Job, clock: DayClock | None, words: Words, language: Lang
     if not windows:
         return str(words["windows_proposed"])
     if clock is not None and clock.start is not None:
-        return "; ".join(f"{clock.tell(start_s)} – {clock.tell(end_s)}" for start_s, end_s in windows)
+        return "; ".join(f"{clock.format(start_s)} – {clock.format(end_s)}" for start_s, end_s in windows)
     pairs = (
         {"start": format_number(start_s, 1, language), "end": format_number(end_s, 1, language)}
         for start_s, end_s in windows

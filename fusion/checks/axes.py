@@ -25,7 +25,7 @@ from fusion.checks.gravity_windows import (
     measure_miss,
     pick_windows,
 )
-from fusion.recording import Float64Array, QualityFlag
+from fusion.recording import Float64Array, QualityFlag, flag_stretches
 
 # Parts of a recording in which the two sensors contradict each other, though in the rest they agree.
 #
@@ -36,35 +36,34 @@ from fusion.recording import Float64Array, QualityFlag
 
 LIVELY_G = 0.1
 TOGETHER = 6
-ODD_SCORE, ODD_MISS_G = 0.5, 0.2
+INCONSISTENT_SCORE, INCONSISTENT_MISS_G = 0.5, 0.2
 """Of good recordings, eight windows have a score of 0.39 at most, or miss by less than 0.17 g together."""
 
 
-def flag_odd_parts(windows: GravityWindows, model: GyroModel) -> tuple[QualityFlag, ...]:
-    """Tell the stretches that contradict what holds for the whole (W-MIXED-PART)."""
+def flag_inconsistent_spans(windows: GravityWindows, model: GyroModel) -> tuple[QualityFlag, ...]:
+    """Flag the stretches that contradict what holds for the whole (W-MIXED-PART)."""
     miss_g = measure_miss(windows, model)
     blind = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
     blind_g = measure_miss(windows, blind)
     lively = np.flatnonzero(blind_g > LIVELY_G)
-    odd = _mark_odd(np.minimum(miss_g, blind_g)[lively], miss_g[lively], blind_g[lively])
+    odd = _mark_inconsistent(np.minimum(miss_g, blind_g)[lively], miss_g[lively], blind_g[lively])
     if not odd.any():
         return ()
     starts_s = windows.start_s[lively[odd]]
     spans_s = _join(starts_s)
-    seconds = sum(end_s - start_s for start_s, end_s in spans_s)
-    facts = {"turns": int(odd.sum())}
-    first_s, last_s = spans_s[0][0], spans_s[-1][1]
-    return (QualityFlag(Caveat.MIXED_PART, len(spans_s), seconds, first_s, last_s, facts, spans_s),)
+    return (flag_stretches(Caveat.MIXED_PART, spans_s, {"turns": int(odd.sum())}),)
 
 
-def _mark_odd(left_g: Float64Array, miss_g: Float64Array, blind_g: Float64Array) -> NDArray[np.bool_]:
+def _mark_inconsistent(
+    left_g: Float64Array, miss_g: Float64Array, blind_g: Float64Array
+) -> NDArray[np.bool_]:
     """Which lively windows are among any six that follow each other and are together as bad as can be."""
     odd = np.zeros(len(left_g), np.bool_)
     for first in range(len(left_g) - TOGETHER + 1):
         some = slice(first, first + TOGETHER)
         miss = float(np.sqrt(np.mean(np.minimum(miss_g[some], 2.0) ** 2)))
-        if left_g[some].sum() > ODD_SCORE * blind_g[some].sum() and miss > ODD_MISS_G:
-            odd[some] = left_g[some] > ODD_SCORE * blind_g[some]
+        if left_g[some].sum() > INCONSISTENT_SCORE * blind_g[some].sum() and miss > INCONSISTENT_MISS_G:
+            odd[some] = left_g[some] > INCONSISTENT_SCORE * blind_g[some]
     return odd
 
 
@@ -169,7 +168,7 @@ BAD_SCORE, BAD_MISS_G, BAD_WINDOWS = 0.6, 0.15, 6
 CLEAR_NATS, CLEAR_RATIO = 12.0, 0.6
 UNIT_NATS = 8.0
 """Enough for a unit, or a left-handed frame, where the axes are in their order."""
-USUAL_ERROR, ODD_NATS = 0.1, 8.0
+USUAL_ERROR, MOST_FACTOR_NATS = 0.1, 8.0
 """By what share factors are off as a rule, and the most that an odd one counts against an arrangement."""
 CERTAIN_NATS, KNOWN_RATIO = 25.0, 0.75
 """A unit or a left-handed frame, which are common, may fit less well where the recording is poor."""
@@ -358,7 +357,7 @@ class _Search:
     def doubt(self, one: Arrangement) -> float:
         """Nats against an arrangement before anything is seen: odd factors, and mixed-up axes."""
         odd = min((abs(np.log(max(one.factor, 1e-12) / named)) for named in self.factors), default=0.0)
-        return min(0.5 * float(odd / USUAL_ERROR) ** 2, ODD_NATS) + (0.0 if one.is_known else 1.0)
+        return min(0.5 * float(odd / USUAL_ERROR) ** 2, MOST_FACTOR_NATS) + (0.0 if one.is_known else 1.0)
 
     def weigh(self, one: Arrangement, other: Arrangement, best: Arrangement) -> float:
         """Nats in favour of the other (Cauchy with the best's spread; windows lie half over each other)."""

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
@@ -28,6 +27,7 @@ from fusion.checks.stopped import (
 )
 from fusion.checks.unmeasured import bridge_rows, is_too_frequent
 from fusion.errors import DeadSensor
+from fusion.numba_kernels import njit
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
@@ -84,7 +84,7 @@ def exclude_stuck(recording: Recording) -> Recording:
         return recording
     kept = tuple(piece for segment, (_, cut) in pairs for piece in cut_rows(segment, cut))
     excluded = (*recording.excluded, *stuck)
-    others = (flag for flag in recording.flags if not _tells_stuck(flag))
+    others = (flag for flag in recording.flags if not _is_stuck_flag(flag))
     return replace(
         recording,
         segments=kept or segments[:1],
@@ -112,7 +112,7 @@ def _leave_holes(segment: Segment, stuck: Ranges) -> list[Pair]:
     return [(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
 
 
-def _tells_stuck(flag: QualityFlag) -> bool:
+def _is_stuck_flag(flag: QualityFlag) -> bool:
     return flag.code == Caveat.STUCK_PART and flag.facts.get("filled") == "stuck"
 
 
@@ -274,11 +274,11 @@ def exclude_faults(recording: Recording, searched: Recording | None = None) -> R
     if spikes:
         flags = (*recording.flags, *flag_spans(Caveat.SPIKE, spikes))
         recording = replace(recording, excluded=(*recording.excluded, *spikes), flags=flags)
-    is_same = searched is not None and _tell(recording) == _tell(searched)
+    is_same = searched is not None and _find_notes(recording) == _find_notes(searched)
     return recording if is_same else exclude_stuck(recording)
 
 
-def _tell(recording: Recording) -> tuple[object, object]:
+def _find_notes(recording: Recording) -> tuple[object, object]:
     return recording.flags, recording.understood
 
 

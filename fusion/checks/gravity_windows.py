@@ -14,10 +14,9 @@ from math import cos, sin, sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import kernel
+from fusion.numba_kernels import kernel, njit
 from fusion.recording import Float64Array, Segment
 from fusion.still_limits import REST
 
@@ -112,7 +111,7 @@ def reduce_stretches(samples, width, means, scatter):  # type: ignore[no-untyped
             means[k, axis] += first
 
 
-def tell_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
+def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
     """Number the directions: each moment belongs to the first, in order of time, that is near it."""
     number, found = np.full(len(unit), -1, dtype=np.intp), 0
     left = np.arange(len(unit))
@@ -202,7 +201,7 @@ def cut_windows(
     if np.isfinite(cut_off):
         places = [place for place in places if _find_size(*place) < cut_off]
     chosen = places[:: max(1, -(-len(places) // most))]
-    stuck = _tell_stuck(chosen)
+    stuck = _find_stuck(chosen)
     chosen = [place for place, is_stuck in zip(chosen, stuck, strict=True) if not is_stuck]
     cut = [_cut_window(*place) for place in chosen]
     if not cut:
@@ -219,16 +218,16 @@ def _find_size(segment: Segment, first: int, rows: int) -> float:
     return float(np.abs(segment.gyr_dps[first : first + rows]).max())
 
 
-def _tell_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]:
+def _find_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]:
     """Which windows hold a channel that keeps one value all along, shape (n,), if elsewhere it does not.
 
     One that never changes is dead, and told of elsewhere (fusion.checks.faults).
     """
-    flat = np.array([_tell_flat(*place) for place in places], np.bool_).reshape(-1, 6)
+    flat = np.array([_find_flat(*place) for place in places], np.bool_).reshape(-1, 6)
     return np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
 
 
-def _tell_flat(segment: Segment, first: int, rows: int) -> NDArray[np.bool_]:
+def _find_flat(segment: Segment, first: int, rows: int) -> NDArray[np.bool_]:
     sensors = (segment.acc_g[first : first + rows], segment.gyr_dps[first : first + rows])
     return np.concatenate([(values == values[0]).all(axis=0) for values in sensors])
 

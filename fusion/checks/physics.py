@@ -21,7 +21,7 @@ from fusion.checks.axes import (
     FrameEvidence,
     Scale,
     SensorLag,
-    flag_odd_parts,
+    flag_inconsistent_spans,
     judge_frame,
     measure_lag,
     measure_scale,
@@ -34,9 +34,9 @@ from fusion.checks.gravity_windows import (
     find_gyro_offset_dps,
     measure_rests_g,
     moving_mean,
+    number_directions,
     probe_blocks,
     slide_mean,
-    tell_directions,
 )
 from fusion.errors import ExchangedSensors, MixedColumns, TooShort, WrongScale
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
@@ -100,7 +100,7 @@ def measure_rest_scale(rests_g: Float64Array) -> RestScale | None:
     """Fit factors and offset to mean accelerations at rest, (n, 3); None from too few directions."""
     length_g = np.linalg.norm(rests_g, axis=1)
     rests_g, length_g = rests_g[length_g > 0.0], length_g[length_g > 0.0]
-    cell = tell_directions(rests_g / length_g[:, None], CELL_DEG)
+    cell = number_directions(rests_g / length_g[:, None], CELL_DEG)
     if len(cell) == 0 or cell.max() + 1 < FEWEST_DIRECTIONS:
         return None
     reading_g, count = _average(rests_g, cell)
@@ -193,8 +193,8 @@ def turn_axes(recording: Recording, turn: Float64Array) -> Recording:
     multiply_rates(recording, signs)
     if np.all(order == np.arange(3)):
         turned = ", ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
-        return flag_correction(recording, "signs", "motion", {"turned": turned, "order": name_axes(turn)})
-    return flag_correction(recording, "axes", "motion", {"order": name_axes(turn)})
+        return flag_correction(recording, "signs", "motion", {"turned": turned, "order": format_axes(turn)})
+    return flag_correction(recording, "axes", "motion", {"order": format_axes(turn)})
 
 
 def reorder_columns(values: NDArray[np.float32], order: NDArray[np.intp]) -> None:
@@ -203,12 +203,12 @@ def reorder_columns(values: NDArray[np.float32], order: NDArray[np.intp]) -> Non
         values[first : first + BLOCK_ROWS] = values[first : first + BLOCK_ROWS, order]
 
 
-def name_axes(turn: Float64Array) -> str:
+def format_axes(turn: Float64Array) -> str:
     """Which readings, with which signs, are the rates about x, y and z: "+x +y +z" as it should be."""
     return " ".join(f"{'-' if row.sum() < 0 else '+'}{'xyz'[int(np.abs(row).argmax())]}" for row in turn)
 
 
-def name_factors(axes: Float64Array) -> dict[str, float]:
+def describe_factors(axes: Float64Array) -> dict[str, float]:
     """Factors of x, y and z as facts."""
     return {f"factor_{axis}": round(float(k), 3) for axis, k in zip("xyz", axes, strict=True)}
 
@@ -226,7 +226,7 @@ in throws 7, and the gyroscope's beside them at least a hundred times; with an o
 """
 
 
-def look_exchanged(segments: Sequence[Segment]) -> bool:
+def are_exchanged(segments: Sequence[Segment]) -> bool:
     """Whether the angular rate keeps the length of gravity, and the acceleration does not."""
     accelerations = _measure_spread(segments, is_rate=False)
     if accelerations < LIVELY_RATIO:
@@ -304,7 +304,7 @@ def check_physics(recording: Recording) -> Recording:
     TooShort
         Less than a second, which tells nothing of a unit.
     """
-    if not look_exchanged(recording.segments):
+    if not are_exchanged(recording.segments):
         return _check_as_named(recording)[0]
     try:
         checked, is_borne_out = _check_as_named(exchange_sensors(recording))
@@ -335,7 +335,7 @@ def _check_agreement(
 ) -> Recording:
     """Whether the sensors agree at each moment and in each part, a factor on each axis allowed for."""
     checked = _check_lag(recording, measure_lag(windows, scale.model))
-    odd = flag_odd_parts(windows, scale.model) if chosen.score <= GOOD_SCORE else ()
+    odd = flag_inconsistent_spans(windows, scale.model) if chosen.score <= GOOD_SCORE else ()
     return replace(checked, flags=(*checked.flags, *odd))
 
 
@@ -382,7 +382,7 @@ def _correct_rest_length(recording: Recording) -> Recording:
     if scale.is_axis_off:
         multiply_acceleration(recording, scale.axes)
         return flag_correction(
-            recording, "scale of the accelerometer's axes", "rest", name_factors(scale.axes)
+            recording, "scale of the accelerometer's axes", "rest", describe_factors(scale.axes)
         )
     multiply_acceleration(recording, scale.overall)
     return flag_correction(recording, "accelerometer scale", "rest", {"factor": round(scale.overall, 3)})
@@ -412,7 +412,7 @@ def _assume(recording: Recording, unit: str, factor: float, evidence: FrameEvide
 def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence: FrameEvidence) -> Recording:
     """Apply what the motion says: unit, axes, then what is left of the scale."""
     chosen, candidates = evidence.chosen, _rate_candidates(unit)
-    factor = _name_factor(chosen.factor, candidates)
+    factor = _find_unit_factor(chosen.factor, candidates)
     arranged = _set_unit(recording, unit, factor)
     if factor != 1.0:
         arranged = flag_correction(arranged, "angular rate", "motion", {"factor": factor})
@@ -425,7 +425,7 @@ def _arrange(recording: Recording, unit: str, windows: GravityWindows, evidence:
     return _correct_scale(arranged, scale)
 
 
-def _name_factor(factor: float, candidates: Sequence[float]) -> float:
+def _find_unit_factor(factor: float, candidates: Sequence[float]) -> float:
     """The unit nearest to what fits; how far it is off is a matter of scale."""
     return min(candidates, key=lambda named: abs(np.log(factor / named)) if factor > 0.0 else named)
 
@@ -442,7 +442,7 @@ def _correct_scale(recording: Recording, scale: Scale) -> Recording:
     """Multiply the rates by what the motion says, if it is surely more than parts are off."""
     if scale.is_axis_off:
         multiply_rates(recording, scale.axes)
-        return flag_correction(recording, "scale of the axes", "motion", name_factors(scale.axes))
+        return flag_correction(recording, "scale of the axes", "motion", describe_factors(scale.axes))
     if scale.is_overall_off:
         multiply_rates(recording, scale.overall)
         facts = {"factor": round(scale.overall, 3)}
@@ -481,11 +481,11 @@ def refuse_impossible_rates(recording: Recording) -> Recording:
         if size > MOST_DPS:
             row = int(np.flatnonzero(np.abs(segment.gyr_dps).max(axis=1) > MOST_DPS)[0])
             at_s = segment.start_s + row / segment.rate_hz
-            raise WrongScale(dps=round(float(size)), **_tell_place(recording, at_s))
+            raise WrongScale(dps=round(float(size)), **_describe_place(recording, at_s))
     return recording
 
 
-def _tell_place(recording: Recording, at_s: float) -> dict[str, str]:
+def _describe_place(recording: Recording, at_s: float) -> dict[str, str]:
     if recording.start is None:
         return {"clock": f"+{at_s:.2f} s"}
     return {"clock": f"{recording.start + timedelta(seconds=at_s):%Y-%m-%d %H:%M:%S}"}

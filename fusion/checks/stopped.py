@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.checks.clipping import FLAT_TOP_SHARE
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS, Segment, Span
 
 # Ranges of rows: found where all channels rest, joined, and taken out of a segment.
@@ -216,7 +216,7 @@ def find_stops(segments: Sequence[Segment]) -> list[list[Stop]]:
     for channel in range(6):
         signs = _choose_signs(segments, channel)
         stops = [_scan(segment, channel, signs) for segment in segments]
-        value = _name_value(segments, channel, stops)
+        value = _find_value(segments, channel, stops)
         if value is not None:
             stops = [_scan(segment, channel, signs, value) for segment in segments]
         for one, rows in zip(found, stops, strict=True):
@@ -243,7 +243,7 @@ def _choose_signs(segments: Sequence[Segment], channel: int) -> _Signs:
     return _Signs((leap, max(leap, LEAP_STEPS * usual)), moved, FLAT_TOP_SHARE * float(extreme))
 
 
-def _name_value(segments: Sequence[Segment], channel: int, stops: Sequence[Rows]) -> float | None:
+def _find_value(segments: Sequence[Segment], channel: int, stops: Sequence[Rows]) -> float | None:
     """The value at which a channel stops again and again, if it is mostly one."""
     pairs = list(zip(segments, stops, strict=True))
     values = np.concatenate([_sense(segment, channel)[0][rows[:, 0], channel % 3] for segment, rows in pairs])
@@ -332,13 +332,13 @@ def is_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     held, is_long = own[first, axis], stop - first >= FEWEST_BETWEEN_LEAPS
     if not (is_long or held == 0.0) or abs(held) >= extreme:
         return False
-    if tells_stop(own, other, axis, first, stop, leaps[0 if is_long else 1], moved):
+    if is_plain_stop(own, other, axis, first, stop, leaps[0 if is_long else 1], moved):
         return True
     return held == value and stop - first >= FEWEST_ROWS and has_moved(own, other, axis, first, stop, moved)
 
 
 @njit(cache=True, nogil=True)
-def tells_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+def is_plain_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     own: Values, other: Values, axis: int, first: int, stop: int, leap: float, moved: tuple[float, float]
 ) -> bool:
     """Whether a run of one value is a stop: leaps at both ends that agree, or one and movement between."""

@@ -7,14 +7,12 @@ passes c - 5. A run of valid rows that starts above c + 5 starts "above": a stay
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from fusion.exposure.bins import PartHistograms
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.rows import IntArray
 from fusion.exposure.types import Entries, Episodes
-from fusion.recording import MICROSECONDS
+from fusion.numba_kernels import njit
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
 
 HALF_HYSTERESIS_DEG = 5.0
 MERGED_GAP_S = 0.5
@@ -28,16 +26,16 @@ START, STOP, COUNTED, CENSORED, RUN = range(5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stays:
-    """What one threshold saw in one segment.
+    """Repetitions and episodes of one segment above one threshold.
 
     ``entry_us``, shape (k,), are the times of the repetitions; ``start_s``, ``duration_s`` and ``censored``,
     shape (e,), are the episodes after merging and dropping.
     """
 
     entry_us: IntArray
-    start_s: NDArray[np.float64]
-    duration_s: NDArray[np.float64]
-    censored: NDArray[np.bool_]
+    start_s: Float64Array
+    duration_s: Float64Array
+    censored: BoolArray
 
 
 def find_stays(angle: MetricAngle, threshold_deg: float) -> Stays:
@@ -84,7 +82,7 @@ def scan_stays(angle_deg, valid, enter_deg, leave_deg, stays):  # type: ignore[n
     return count
 
 
-def _merge_and_drop(stays: IntArray, rate_hz: float) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
+def _merge_and_drop(stays: IntArray, rate_hz: float) -> tuple[IntArray, IntArray, BoolArray]:
     """Merge stays of one valid run over gaps under 0.5 s, then drop those under 0.5 s."""
     gap = stays[1:, START] - stays[:-1, STOP]
     same_run = stays[1:, RUN] == stays[:-1, RUN]
@@ -96,8 +94,8 @@ def _merge_and_drop(stays: IntArray, rate_hz: float) -> tuple[IntArray, IntArray
     return start[kept], stop[kept], censored[kept]
 
 
-def _is_under(rows: IntArray, limit_s: float, rate_hz: float) -> NDArray[np.bool_]:
-    """Say which lengths are under a limit; a thousandth of a row absorbs the fit of the rate."""
+def _is_under(rows: IntArray, limit_s: float, rate_hz: float) -> BoolArray:
+    """Find the lengths under a limit; a thousandth of a row absorbs the fit of the rate."""
     return rows < limit_s * rate_hz - 1e-3
 
 
@@ -124,13 +122,13 @@ def _share_busy(stays: list[Stays], minutes: PartHistograms) -> float | None:
     return 100.0 * float(is_busy(counts, analysed_min)[kept].mean())
 
 
-def find_analysed_minutes(minutes: PartHistograms) -> NDArray[np.float64]:
+def find_analysed_minutes(minutes: PartHistograms) -> Float64Array:
     """Give how much of each minute was analysed, shape (m,)."""
     return np.asarray(minutes.cell_us.sum(axis=1, dtype=np.int64) / (60 * MICROSECONDS), np.float64)
 
 
-def is_busy(counts: IntArray | NDArray[np.float64], analysed_min: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Say which minutes hold two entries or more per minute of analysed time; the last axis is minutes."""
+def is_busy(counts: IntArray | Float64Array, analysed_min: Float64Array) -> BoolArray:
+    """Find the minutes with two entries or more per minute of analysed time; the last axis is minutes."""
     return np.asarray(counts >= BUSY_PER_MINUTE * analysed_min - 1e-9)
 
 

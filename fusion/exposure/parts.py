@@ -9,10 +9,10 @@ import numpy as np
 
 from fusion.diary import Period, Piece
 from fusion.exposure.bins import PartHistograms, find_percentile_cells, find_percentiles, summarise_time_above
-from fusion.exposure.rows import EvenRun, IntArray, find_end_us
+from fusion.exposure.rows import EvenRun, find_end_us
 from fusion.exposure.stretches import AnyArray
 from fusion.exposure.types import MinuteProfile, PartExposure
-from fusion.recording import MICROSECONDS
+from fusion.recording import MICROSECONDS, IntArray
 
 PART_PERCENTS = (10, 50, 90)
 MINUTE_US = 60 * MICROSECONDS

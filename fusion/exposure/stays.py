@@ -2,13 +2,13 @@
 
 An angle read ``b`` too high is above c where the true one is above c - b: the trigger is run at 33 thresholds
 (30, 60 and 90 deg, each with 11 errors) in one pass. The thresholds that are "above" at any moment are the
-lowest k of them, for all have the same hysteresis; so one number is the state of all triggers.
+lowest k of them, as all have the same hysteresis; so one number is the state of all triggers.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.bins import THRESHOLDS_DEG, PartHistograms, find_percentile_cells
@@ -23,9 +23,11 @@ from fusion.exposure.episodes import (
 )
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
-from fusion.exposure.rows import IntArray, add_rows, find_part_rows
+from fusion.exposure.rows import add_rows, find_part_rows
 from fusion.exposure.stretches import BLOCK_MINUTES, Stretches, sum_groups
 from fusion.exposure.types import Episodes, Interval
+from fusion.numba_kernels import njit
+from fusion.recording import Float64Array, IntArray
 
 CELLS_PER_OCTAVE = 4
 CELLS = 16 * CELLS_PER_OCTAVE  # from 0.5 s to 9 h
@@ -33,7 +35,31 @@ CELLS = 16 * CELLS_PER_OCTAVE  # from 0.5 s to 9 h
 STAYS, STAY_S, LONGER_S = range(3)
 SUMS = LONGER_S + len(LONG_S)
 
-FloatArray = NDArray[np.float64]
+
+class _Limits(NamedTuple):
+    """What divides the rows of one segment, for the kernels.
+
+    ``levels_deg``, rising, are the thresholds with each error. Lengths are in rows: gaps under ``merged`` are
+    no gaps, stays under ``shortest`` no stays, and ``longer`` are the limits of :data:`LONG_S`.
+    ``stretch_rows`` and ``block_rows`` are the first rows of each stretch and 5-minute block.
+    """
+
+    levels_deg: Float64Array
+    merged: float
+    shortest: float
+    longer: Float64Array
+    stretch_rows: IntArray
+    block_rows: IntArray
+    rate_hz: float
+
+
+class _Counts(NamedTuple):
+    """The arrays of :class:`ShiftedStays`, for the kernels."""
+
+    entries: Float64Array
+    sums: Float64Array
+    cells: NDArray[np.int32]
+    longest_s: Float64Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,35 +72,39 @@ class ShiftedStays:
     an octave; ``longest_s``, shape (t,). An episode is counted where it begins, its time where it lies.
     """
 
-    errors_deg: FloatArray
+    errors_deg: Float64Array
     stretches: Stretches
-    levels_deg: FloatArray
-    entries: FloatArray
-    sums: FloatArray
+    levels_deg: Float64Array
+    entries: Float64Array
+    sums: Float64Array
     cells: NDArray[np.int32]
-    longest_s: FloatArray
+    longest_s: Float64Array
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment."""
-        limits = np.array([MERGED_GAP_S, SHORTEST_S, *LONG_S]) * angle.rate_hz
-        limits += np.array([-1e-3, -1e-3, *(1e-3 for _ in LONG_S)])
-        rows = find_part_rows(angle, self.stretches.edges_us)
-        block_rows = find_part_rows(angle, self.stretches.block_edges_us)
-        how = (self.levels_deg, limits, rows, block_rows, angle.rate_hz)
-        tally = (self.entries, self.sums, self.cells, self.longest_s)
-        scan_levels(angle.elevation_deg, angle.valid, how, tally)
+        limits = _Limits(
+            self.levels_deg,
+            MERGED_GAP_S * angle.rate_hz - 1e-3,
+            SHORTEST_S * angle.rate_hz - 1e-3,
+            np.array(LONG_S) * angle.rate_hz + 1e-3,
+            find_part_rows(angle, self.stretches.edges_us),
+            find_part_rows(angle, self.stretches.block_edges_us),
+            angle.rate_hz,
+        )
+        counts = _Counts(self.entries, self.sums, self.cells, self.longest_s)
+        scan_levels(angle.elevation_deg, angle.valid, limits, counts)
 
-    def pick(self, array: NDArray[np.float64] | NDArray[np.int32], threshold_deg: int) -> FloatArray:
+    def pick(self, array: Float64Array | NDArray[np.int32], threshold_deg: int) -> Float64Array:
         """Give the rows of one threshold in the order of the errors, shape (11, ...)."""
         wanted = np.searchsorted(self.levels_deg, np.round(threshold_deg - self.errors_deg, 9))
         return np.asarray(array[wanted], np.float64)
 
-    def pick_entries(self, threshold_deg: int, group_of: IntArray) -> FloatArray:
+    def pick_entries(self, threshold_deg: int, group_of: IntArray) -> Float64Array:
         """Give the entries of one threshold in each group of stretches, shape (11, groups)."""
         return sum_groups(self.pick(self.entries, threshold_deg).T, group_of).T
 
 
-def start_shifted_stays(errors_deg: FloatArray, stretches: Stretches) -> ShiftedStays:
+def start_shifted_stays(errors_deg: Float64Array, stretches: Stretches) -> ShiftedStays:
     """Start with nothing counted."""
     levels_deg = np.unique([np.round(c - errors_deg, 9) for c in THRESHOLDS_DEG])
     levels, blocks = len(levels_deg), len(stretches.block_edges_us) - 1
@@ -90,38 +120,39 @@ def start_shifted_stays(errors_deg: FloatArray, stretches: Stretches) -> Shifted
 
 
 @njit(cache=True, nogil=True)
-def scan_levels(angle_deg, valid, how, tally):  # type: ignore[no-untyped-def]
+def scan_levels(angle_deg, valid, limits, counts):  # type: ignore[no-untyped-def]
     """Run the triggers of all levels; ``above`` is how many of them, from the lowest, are up.
 
     ``state``, shape (t, 2), holds the first row and the row after the last of each level's last stay.
     """
-    levels = how[0]
+    levels = limits.levels_deg
     state = np.full((len(levels), 2), -1)
     above, inside, enter, leave = 0, False, levels[0] + HALF_HYSTERESIS_DEG, -np.inf
     for i in range(len(angle_deg) + 1):
         if i == len(angle_deg) or not valid[i]:
             if inside:
-                _close_all(above, i, state, how, tally)
+                _close_all(above, i, state, limits, counts)
                 above, inside = 0, False
                 enter, leave = levels[0] + HALF_HYSTERESIS_DEG, -np.inf
             continue
         if angle_deg[i] > enter or angle_deg[i] < leave:
-            above = _move(angle_deg[i], i, above if inside else -1, state, how, tally)
+            above = _move(angle_deg[i], i, above if inside else -1, state, limits, counts)
             enter = levels[above] + HALF_HYSTERESIS_DEG if above < len(levels) else np.inf
             leave = levels[above - 1] - HALF_HYSTERESIS_DEG if above > 0 else -np.inf
         inside = True
 
 
 @njit(cache=True, nogil=True)
-def _move(x, row, above, state, how, tally):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
+def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
     """Let levels go up or down to the angle ``x``; at the first row of a run (``above`` -1) uncounted."""
-    levels, limits, rows = how[:3]
+    levels = limits.levels_deg
     counted, above = above >= 0, max(above, 0)
     while above < len(levels) and x > levels[above] + HALF_HYSTERESIS_DEG:
         if counted:
-            tally[0][above, np.searchsorted(rows, row, side="right") - 1] += 1
-        if state[above, 0] < 0 or row - state[above, 1] >= limits[0]:
-            _record(above, state, how, tally)
+            stretch = np.searchsorted(limits.stretch_rows, row, side="right") - 1
+            counts.entries[above, stretch] += 1
+        if state[above, 0] < 0 or row - state[above, 1] >= limits.merged:
+            _record(above, state, limits, counts)
             state[above, 0] = row
         above += 1
     while above > 0 and x < levels[above - 1] - HALF_HYSTERESIS_DEG:
@@ -131,28 +162,28 @@ def _move(x, row, above, state, how, tally):  # type: ignore[no-untyped-def]  # 
 
 
 @njit(cache=True, nogil=True)
-def _close_all(above, row, state, how, tally):  # type: ignore[no-untyped-def]
+def _close_all(above, row, state, limits, counts):  # type: ignore[no-untyped-def]
     """End all stays where a run of valid rows ends."""
     for level in range(len(state)):
         if level < above:
             state[level, 1] = row
-        _record(level, state, how, tally)
+        _record(level, state, limits, counts)
 
 
 @njit(cache=True, nogil=True)
-def _record(level, state, how, tally):  # type: ignore[no-untyped-def]
+def _record(level, state, limits, counts):  # type: ignore[no-untyped-def]
     """Count a finished stay, unless it is too short, and forget it."""
-    _, limits, _, block_rows, rate_hz = how
-    _, sums, cells, longest_s = tally
+    block_rows, rate_hz = limits.block_rows, limits.rate_hz
+    sums, cells, longest_s = counts.sums, counts.cells, counts.longest_s
     first, rows = state[level, 0], state[level, 1] - state[level, 0]
     state[level, 0] = -1
-    if first < 0 or rows < limits[1]:
+    if first < 0 or rows < limits.shortest:
         return
     seconds = rows / rate_hz
     block = add_rows(first, first + rows, 1.0 / rate_hz, block_rows, sums[level, :, STAY_S])
     sums[level, block, STAYS] += 1
     for k in range(LONGER_S, SUMS):
-        if rows > limits[2 + k - LONGER_S]:
+        if rows > limits.longer[k - LONGER_S]:
             add_rows(first, first + rows, 1.0 / rate_hz, block_rows, sums[level, :, k])
     cell = int(np.log2(max(seconds / SHORTEST_S, 1.0)) * CELLS_PER_OCTAVE)
     cells[level, block, min(cell, CELLS - 1)] += 1
@@ -160,7 +191,7 @@ def _record(level, state, how, tally):  # type: ignore[no-untyped-def]
 
 
 def name_stay_intervals(
-    shifted: ShiftedStays, episodes: tuple[Episodes, ...], draws: Resampling, block_s: FloatArray
+    shifted: ShiftedStays, episodes: tuple[Episodes, ...], draws: Resampling, block_s: Float64Array
 ) -> dict[str, Interval]:
     """Give the intervals of repetitions and episodes; ``block_s``, shape (b,), is the analysed time.
 
@@ -220,7 +251,7 @@ def _name_lengths(shifted: ShiftedStays, item: Episodes, draws: Resampling) -> d
     }
 
 
-def _find_lengths(cells: FloatArray) -> FloatArray:
+def _find_lengths(cells: Float64Array) -> Float64Array:
     """Give median and P90 of lengths from their cells, shape (k, 64): shape (k, 2), NaN without any."""
     places = find_percentile_cells(cells, np.array([50.0, 90.0]))
     return np.asarray(SHORTEST_S * 2.0 ** (places / CELLS_PER_OCTAVE))

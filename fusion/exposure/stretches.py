@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.bins import CELLS, PartHistograms
-from fusion.exposure.rows import IntArray
+from fusion.numba_kernels import njit
+from fusion.recording import Float64Array, IntArray
 
 BLOCK_MINUTES = 5
 
-AnyArray = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.int32]
+AnyArray = Float64Array | IntArray | NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,8 +19,8 @@ class Stretches:
     """Stretches of a minute or less that follow one another.
 
     ``edges_us`` has shape (s + 1,), ``block_edges_us`` those of the 5-minute blocks; ``minute_of``,
-    ``hour_of`` and ``piece_of``, shape (s,), say to which minute, clock hour and piece of the diary each
-    belongs (piece 0 without a diary).
+    ``hour_of`` and ``piece_of``, shape (s,), are the minute, clock hour and piece of the diary that each
+    belongs to (piece 0 without a diary).
     """
 
     edges_us: IntArray
@@ -32,7 +32,7 @@ class Stretches:
 
     @property
     def block_of(self) -> IntArray:
-        """Say to which 5-minute block each stretch belongs, shape (s,)."""
+        """The 5-minute block that each stretch belongs to, shape (s,)."""
         return self.minute_of // BLOCK_MINUTES
 
     def start_histograms(self) -> PartHistograms:
@@ -59,12 +59,12 @@ def cut_day(minute_edges_us: IntArray, hour_edges_us: IntArray, piece_edges_us: 
 
 
 def _find_parts(times_us: IntArray, edges_us: IntArray) -> IntArray:
-    """Say in which part each time lies; what follows the last edge belongs to the last part."""
+    """Find the part in which each time lies; what follows the last edge belongs to the last part."""
     parts = np.searchsorted(edges_us, times_us, side="right") - 1
     return np.asarray(np.clip(parts, 0, max(len(edges_us) - 2, 0)), np.int64)
 
 
-def sum_groups(rows: NDArray[np.float64], group_of: IntArray) -> NDArray[np.float64]:
+def sum_groups(rows: Float64Array, group_of: IntArray) -> Float64Array:
     """Sum the rows, shape (s, ...), of each group; the groups follow one another."""
     return np.asarray(np.add.reduceat(rows, _find_first(group_of), axis=0), np.float64)
 

@@ -18,7 +18,7 @@ from fusion.pose.doubts import (
     weigh_asked,
     weigh_proposal,
 )
-from fusion.pose.wear import AxisPart, WornParts, find_remounts, flag_remounts, part_recording
+from fusion.pose.wear import AxisPart, Wear, divide_by_wear, find_reattachments, flag_reattachments
 from fusion.pose.windows import (
     StillPeriod,
     choose_still_period,
@@ -50,10 +50,19 @@ WHOLE_DAY_S = (-np.inf, np.inf)
 class Calibration:
     """The pose that tied the sensor to the arm.
 
-    ``arm_axis`` is a unit vector, shape (3,), in the sensor frame along the upper arm towards the shoulder
-    (it points to the zenith when the arm hangs), so that elevation is the angle between it and the vertical.
-    ``sigma_deg``: standard deviation of the axis where less is known of it than of any pose that is held; 0
-    otherwise.
+    Attributes
+    ----------
+    pose
+        How the arm was held.
+    still
+        The window in which it was held.
+    arm_axis
+        Shape (3,): unit vector in the sensor frame along the upper arm towards the shoulder. It points to the
+        zenith when the arm hangs, so that elevation is the angle between it and the vertical.
+    second
+        The other window of the two-point pose, the arm level; else None.
+    sigma_deg
+        Standard deviation of the axis where less is known of it than of any pose that is held; else 0.
     """
 
     pose: Pose
@@ -131,28 +140,31 @@ def calibrate(
     views = [view_segment(segment) for segment in recording.segments]
     sensor, runs = calibrate_sensor(views, blocks, stills, recording.acc_range_g, recording.gyr_range_dps)
     correction = sensor.accelerometer
-    worn = part_recording(blocks, stills, correction)
+    wear = divide_by_wear(blocks, stills, correction)
     if pose == "two-point":
         hanging, level = measure_pair(recording, windows_s)
         axis = share_between(_correct(hanging, correction), _correct(level, correction))
         calibration = Calibration(pose, hanging, axis, level)
     else:
-        still = _choose_still(recording, windows_s, blocks, worn)
+        still = _choose_still(recording, windows_s, blocks, wear)
         calibration = Calibration(pose, still, scale_to_unit(_correct(still, correction)))
     still, axis = calibration.still, calibration.arm_axis
     if windows_s:
-        evidence = weigh_asked(worn, still, axis)
+        evidence = weigh_asked(wear, still, axis)
         flags = flag_short_windows(calibration.windows)
     else:
-        evidence = weigh_proposal(recording, blocks, worn, still)
+        evidence = weigh_proposal(recording, blocks, wear, still)
         flags = (*flag_unquiet(still), *flag_unseen_lean(pose, still))
     calibration = replace(calibration, sigma_deg=evidence.sigma_deg)
-    remounts = (*find_early_turn(worn, still.start_s, evidence), *find_remounts(worn, (still.start_s, axis)))
-    doubted = find_doubted_parts(worn, axis, remounts)
+    remounts = (
+        *find_early_turn(wear, still.start_s, evidence),
+        *find_reattachments(wear, (still.start_s, axis)),
+    )
+    doubted = find_doubted_parts(wear, axis, remounts)
     duration_s = recording.duration_us / MICROSECONDS
     flags += (
         *flag_evidence(evidence, still),
-        *flag_remounts(remounts, duration_s),
+        *flag_reattachments(remounts, duration_s),
         *flag_doubted_parts(doubted, duration_s),
     )
     return CalibratedSamples(
@@ -169,11 +181,11 @@ def _choose_still(
     recording: Recording,
     windows_s: tuple[tuple[float, float], ...],
     blocks: list[QuarterSeconds],
-    worn: WornParts,
+    wear: Wear,
 ) -> StillPeriod:
     """Take the window asked for, or the best proposal."""
     if len(windows_s) > 1:
         raise UnusableCalibration(why="count", start_s=windows_s[0][0], end_s=windows_s[-1][1])
     if windows_s:
         return measure_asked(recording, windows_s[0])
-    return choose_still_period(recording, blocks, worn)
+    return choose_still_period(recording, blocks, wear)

@@ -10,9 +10,9 @@ from fusion.conventions import Pose
 from fusion.pose.postures import NEAR_DEG, SURE_STRIDING, Moments, cos_deg, find_angle_deg, find_commonest
 from fusion.pose.rules import OTHER_RULES, rules_for
 from fusion.pose.slips import Doubt, SlipRules
-from fusion.pose.wear import AxisPart, WornPart, WornParts
+from fusion.pose.wear import AxisPart, Wear, WearPart
 from fusion.pose.windows import Blocks, StillPeriod, find_quiet_windows
-from fusion.recording import Float64Array, QualityFlag, Recording
+from fusion.recording import Float64Array, QualityFlag, Recording, flag_stretches
 
 UNLIKE_WALKING_DEG = 30.0
 """Between a calibration pose and walking: 10 deg at most was seen; a load carried may add to it."""
@@ -50,7 +50,7 @@ class PoseEvidence:
         return self.is_sure and self.apart_deg is not None and self.first_s > -np.inf
 
 
-def weigh_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still: StillPeriod) -> PoseEvidence:
+def weigh_proposal(recording: Recording, blocks: Blocks, wear: Wear, still: StillPeriod) -> PoseEvidence:
     """What confirms a pose in the window that we proposed.
 
     The first stretch held still, and confirmed by walking, is taken for the pose. Another one, or one further
@@ -58,31 +58,31 @@ def weigh_proposal(recording: Recording, blocks: Blocks, worn: WornParts, still:
     the figure holds what the window differs from walking and what walking from the axis. Less than five
     minutes of walking may be another posture too: then its angle to the first stretch counts, if larger.
     """
-    home = worn.find_home(still.start_s)
+    pose_part = wear.find_part(still.start_s)
     quiet = find_quiet_windows(blocks, rules_for(recording.device))
-    own = quiet.select((quiet.start_s >= home.start_s) & (quiet.start_s < home.end_s))
+    own = quiet.select((quiet.start_s >= pose_part.start_s) & (quiet.start_s < pose_part.end_s))
     is_first = len(own) > 0 and still.start_s - own.start_s[0] < OTHER_RULES.length_s
     first_deg = find_angle_deg(own.gravity_g[0], still.gravity_g) if len(own) and not is_first else 0.0
-    first_s = float(own.start_s[0]) if len(own) and home.opens and not is_first else -np.inf
-    apart_deg = _compare_walking(worn, still)
-    is_pose = is_first and home.opens
+    first_s = float(own.start_s[0]) if len(own) and pose_part.opens and not is_first else -np.inf
+    apart_deg = _compare_walking(wear, still)
+    is_pose = is_first and pose_part.opens
     if apart_deg is None:
-        is_short = sum(len(part.calm.up) for part in worn.parts) < SHORT_MOMENTS
+        is_short = sum(len(part.calm.up) for part in wear.parts) < SHORT_MOMENTS
         return PoseEvidence(SHORT_SIGMA_DEG if is_pose and is_short else ALONE_SIGMA_DEG, None)
-    is_sure = len(home.strides.up) >= SURE_STRIDING
+    is_sure = len(pose_part.strides.up) >= SURE_STRIDING
     unknown_deg = apart_deg if is_sure else max(apart_deg, first_deg)
     is_confirmed = is_pose and apart_deg <= OTHER_RULES.hanging_deg
     sigma_deg = 0.0 if is_confirmed else _hold_walking(unknown_deg)
     return PoseEvidence(sigma_deg, apart_deg, first_deg, first_s, is_sure)
 
 
-def weigh_asked(worn: WornParts, still: StillPeriod, arm_axis: Float64Array) -> PoseEvidence:
+def weigh_asked(wear: Wear, still: StillPeriod, arm_axis: Float64Array) -> PoseEvidence:
     """What speaks against a pose in a window that a person gave; nobody needs to have walked.
 
     Where walking differs from the window by more than poses do, the axis is known as well as walking tells
     it, as in :func:`weigh_proposal`.
     """
-    hangs = worn.find_home(still.start_s).find_hanging()
+    hangs = wear.find_part(still.start_s).find_hanging()
     if hangs is None:
         return PoseEvidence(0.0, None)
     apart_deg = find_angle_deg(hangs, arm_axis)
@@ -104,41 +104,42 @@ def flag_evidence(evidence: PoseEvidence, still: StillPeriod) -> tuple[QualityFl
         return ()
     facts = {"deg": round(evidence.sigma_deg, 1)}
     if evidence.apart_deg is None:
-        return (_flag(Caveat.POSE_ALONE, still, facts),)
+        return (flag_window(Caveat.POSE_ALONE, still, facts),)
     if evidence.apart_deg > UNLIKE_WALKING_DEG:
-        return (_flag(Caveat.POSE_DOUBT, still),)
-    return (_flag(Caveat.POSE_APART, still, {**facts, "apart_deg": round(evidence.apart_deg)}),)
+        return (flag_window(Caveat.POSE_DOUBT, still),)
+    return (flag_window(Caveat.POSE_APART, still, {**facts, "apart_deg": round(evidence.apart_deg)}),)
 
 
-def _compare_walking(worn: WornParts, still: StillPeriod) -> float | None:
+def _compare_walking(wear: Wear, still: StillPeriod) -> float | None:
     """Angle to how the arm hangs in walking: in the part of the pose, or in another one that confirms it."""
-    own = worn.find_home(still.start_s).find_hanging()
+    own = wear.find_part(still.start_s).find_hanging()
     if own is not None:
         return find_angle_deg(own, still.gravity_g)
-    found = (part.find_hanging() for part in worn.parts)
+    found = (part.find_hanging() for part in wear.parts)
     apart_deg = [find_angle_deg(hangs, still.gravity_g) for hangs in found if hangs is not None]
     return next((deg for deg in sorted(apart_deg) if deg <= LIKE_WALKING_DEG), None)
 
 
 def flag_unseen_lean(pose: Pose, still: StillPeriod) -> tuple[QualityFlag, ...]:
     """W-LEAN: no sensor on the arm can tell whether the trunk was leaning in the window that we proposed."""
-    return (_flag(Caveat.LEAN, still),) if pose == "side-lean" else ()
+    return (flag_window(Caveat.LEAN, still),) if pose == "side-lean" else ()
 
 
 def flag_unquiet(still: StillPeriod) -> tuple[QualityFlag, ...]:
     """W-NO-STILL where a proposal had to make do with less than 5 s."""
     if still.duration_s >= OTHER_RULES.length_s - 0.5:
         return ()
-    return (_flag(Caveat.NO_STILL, still, {"score": still.score}),)
+    return (flag_window(Caveat.NO_STILL, still, {"score": still.score}),)
 
 
 def flag_short_windows(windows: tuple[StillPeriod, ...]) -> tuple[QualityFlag, ...]:
     """W-POSE-SHORT for each window that a person asked for and that is shorter than 5 s."""
     short = (still for still in windows if still.duration_s < OTHER_RULES.length_s - 1e-6)
-    return tuple(_flag(Caveat.POSE_SHORT, still) for still in short)
+    return tuple(flag_window(Caveat.POSE_SHORT, still) for still in short)
 
 
-def _flag(caveat: Caveat, still: StillPeriod, facts: dict[str, float] | None = None) -> QualityFlag:
+def flag_window(caveat: Caveat, still: StillPeriod, facts: dict[str, float] | None = None) -> QualityFlag:
+    """One flag for a calibration window, with its place."""
     end_s = still.start_s + still.duration_s
     return QualityFlag(caveat, 1, still.duration_s, still.start_s, end_s, dict(facts or {}))
 
@@ -166,40 +167,40 @@ class DoubtedPart:
         return self.angle_deg / WITHIN
 
 
-def find_early_turn(worn: WornParts, pose_s: float, evidence: PoseEvidence) -> tuple[AxisPart, ...]:
+def find_early_turn(wear: Wear, pose_s: float, evidence: PoseEvidence) -> tuple[AxisPart, ...]:
     """The first five minutes, left out where the arm was first held still more than 15 deg from the pose.
 
     A pose is held when the sensor has just been strapped on. One that walking does not know, before a window
     like walking: the sensor turned before a slip could be found, lay on a desk, or the arm was raised.
     """
-    home = worn.find_home(pose_s)
-    first_s = float(home.calm.time_s[0]) if len(home.calm.time_s) else 0.0
+    pose_part = wear.find_part(pose_s)
+    first_s = float(pose_part.calm.time_s[0]) if len(pose_part.calm.time_s) else 0.0
     is_early = evidence.first_s < min(first_s + EARLY_S, pose_s)
     if not evidence.is_seen or not is_early or evidence.first_deg <= EARLY_TURN_DEG:
         return ()
-    return (AxisPart(home.start_s, first_s + EARLY_S, None),)
+    return (AxisPart(pose_part.start_s, first_s + EARLY_S, None),)
 
 
 def find_doubted_parts(
-    worn: WornParts, arm_axis: Float64Array, remounts: Sequence[AxisPart]
+    wear: Wear, arm_axis: Float64Array, remounts: Sequence[AxisPart]
 ) -> tuple[DoubtedPart, ...]:
     """The side of each doubt on which the arm hung farther from the axis that its part is read by."""
     found: list[DoubtedPart] = []
-    for doubt in worn.doubts:
-        part = worn.find_home((doubt.of_s[0] + doubt.of_s[1]) / 2.0)
+    for doubt in wear.doubts:
+        part = wear.find_part((doubt.of_s[0] + doubt.of_s[1]) / 2.0)
         axis = _find_axis(part, arm_axis, remounts)
         if axis is not None:
             found += [DoubtedPart(*span_s, doubt.angle_deg) for span_s in _take_side(doubt, part, axis)]
     return tuple(found)
 
 
-def _find_axis(part: WornPart, arm_axis: Float64Array, remounts: Sequence[AxisPart]) -> Float64Array | None:
+def _find_axis(part: WearPart, arm_axis: Float64Array, remounts: Sequence[AxisPart]) -> Float64Array | None:
     """The axis that a part is read by; None where it is left out."""
     span_s = (part.start_s, part.end_s)
     return next((one.arm_axis for one in remounts if (one.start_s, one.end_s) == span_s), arm_axis)
 
 
-def _take_side(doubt: Doubt, part: WornPart, axis: Float64Array) -> Spans:
+def _take_side(doubt: Doubt, part: WearPart, axis: Float64Array) -> Spans:
     """The side that the axis fits less, as far as walking, which tells both apart, shows no other."""
     strides = part.strides
     within = (strides.time_s >= doubt.first_s) & (strides.time_s < doubt.end_s)
@@ -224,8 +225,5 @@ def flag_doubted_parts(parts: Sequence[DoubtedPart], duration_s: float) -> Itera
     if not parts:
         return
     spans = tuple((max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts)
-    seconds = sum(end_s - start_s for start_s, end_s in spans)
     apart_deg = round(max(part.angle_deg for part in parts))
-    yield QualityFlag(
-        Caveat.SLIP_DOUBT, len(parts), seconds, spans[0][0], spans[-1][1], {"apart_deg": apart_deg}, spans
-    )
+    yield flag_stretches(Caveat.SLIP_DOUBT, spans, {"apart_deg": apart_deg})

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.checks.gravity_windows import tell_directions
+from fusion.checks.gravity_windows import number_directions
 from fusion.pose.postures import (
     LEAST_STRIDING,
     MINUTE_STRIDING,
@@ -77,7 +77,7 @@ class Stretches:
 
 def count_moments(moments: Moments, cell_deg: float) -> CountedMoments:
     """Sort moments into cells."""
-    cell = tell_directions(moments.up, cell_deg)
+    cell = number_directions(moments.up, cell_deg)
     sums = [np.bincount(cell, moments.up[:, axis]) for axis in range(3)]
     centre = _scale(np.stack(sums, axis=1).astype(np.float64))
     near = (centre @ centre.T >= cos_deg(NEAR_DEG)).astype(np.float32)
@@ -281,7 +281,7 @@ def _compare(day: _Day, first: int, stop: int) -> tuple[Rows, Span, Stretches] |
     """Edges, and all stretches between two of them that can be compared with the rest."""
     edges = np.unique(np.linspace(first, stop, day.rules.places + 1).astype(np.intp))
     starts, ends = np.triu_indices(len(edges), 1)
-    usable = _list_usable(day, edges, (starts, ends))
+    usable = _find_usable(day, edges, (starts, ends))
     starts, ends = starts[usable], ends[usable]
     if len(starts) == 0:
         return None
@@ -321,7 +321,7 @@ def _find_doubt(day: _Day, edges: Rows, span: Span, compared: Stretches) -> Iter
     )
 
 
-def _list_usable(day: _Day, edges: Rows, span: Span) -> NDArray[np.bool_]:
+def _find_usable(day: _Day, edges: Rows, span: Span) -> NDArray[np.bool_]:
     """Stretches, from a time to the end or to a later time, with enough in them, before and after."""
     (first, stop), last, rules = span, len(edges) - 1, day.rules
     seconds = _find_times(day, edges)

@@ -25,7 +25,7 @@ from fusion.pose.postures import (
     find_striding_moments,
 )
 from fusion.pose.slips import Doubt, Slip, find_slips
-from fusion.recording import Float64Array, QualityFlag
+from fusion.recording import Float64Array, QualityFlag, flag_stretches
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds, QuietTable, summarise_windows
 from fusion.still_limits import OFF_THE_ARM
@@ -43,7 +43,7 @@ class WearRules:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WornPart:
+class WearPart:
     """A part of the day: in which stretch of wear it lies; its still, its calm and its walking moments.
 
     ``is_whole``: nothing slipped in its stretch of wear; ``opens``: it begins it.
@@ -51,7 +51,7 @@ class WornPart:
 
     start_s: float
     end_s: float
-    wear: int
+    stretch: int
     still: Moments
     calm: Moments
     strides: Moments
@@ -64,18 +64,18 @@ class WornPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WornParts:
+class Wear:
     """The recording, cut where the sensor was off or slipped; slips lie between parts, doubts in them."""
 
-    parts: tuple[WornPart, ...]
+    parts: tuple[WearPart, ...]
     slips: tuple[Slip, ...]
     doubts: tuple[Doubt, ...] = ()
 
-    def find_home(self, time_s: float) -> WornPart:
+    def find_part(self, time_s: float) -> WearPart:
         """The part that a time lies in, or the nearest."""
         return min(self.parts, key=lambda part: max(part.start_s - time_s, time_s - part.end_s))
 
-    def list_for_pose(self, time_s: float, rules: WearRules | None = None) -> tuple[WornPart, ...]:
+    def find_parts_for_pose(self, time_s: float, rules: WearRules | None = None) -> tuple[WearPart, ...]:
         """Where to seek the pose instead of in the whole day, given when its likeliest moment is.
 
         The parts, in order, of the first stretch of wear in which walking tells how the arm hung (one that
@@ -85,20 +85,20 @@ class WornParts:
         if len(self.parts) == 1:
             return ()
         least = (rules or WearRules()).least_share * sum(len(part.calm.up) for part in self.parts)
-        homes = [
+        likely = [
             part for part in self.parts if part.find_hanging() is not None and len(part.calm.up) >= least
         ]
-        home = homes[0] if homes else self.find_home(time_s)
-        wear = tuple(part for part in self.parts if part.wear == home.wear)
-        return wear if len(wear) > 1 or home.find_hanging() is not None else ()
+        pose_part = likely[0] if likely else self.find_part(time_s)
+        alike = tuple(part for part in self.parts if part.stretch == pose_part.stretch)
+        return alike if len(alike) > 1 or pose_part.find_hanging() is not None else ()
 
 
-def part_recording(
+def divide_by_wear(
     blocks: Sequence[QuarterSeconds],
     stills: QuietTable,
     accelerometer: AccelerometerCorrection,
     rules: WearRules | None = None,
-) -> WornParts:
+) -> Wear:
     """Cut a recording where the sensor may have been off the arm, and where it slipped."""
     cuts_s, off = _find_cuts(blocks, rules or WearRules())
     found = (
@@ -107,7 +107,7 @@ def part_recording(
         find_striding_moments(blocks, accelerometer),
     )
     still, calm, strides = (_leave_off(moments, off) for moments in found)
-    return _divide(WornPart(-np.inf, np.inf, 0, still, calm, strides), cuts_s)
+    return _divide(WearPart(-np.inf, np.inf, 0, still, calm, strides), cuts_s)
 
 
 def _find_still_moments(stills: QuietTable, accelerometer: AccelerometerCorrection) -> Moments:
@@ -146,27 +146,27 @@ def _leave_off(moments: Moments, off: list[tuple[float, float]]) -> Moments:
     return Moments(moments.time_s[worn], moments.up[worn])
 
 
-def _divide(day: WornPart, cuts_s: list[float]) -> WornParts:
+def _divide(day: WearPart, cuts_s: list[float]) -> Wear:
     """Cut into parts; a slip lies between two parts, unless it begins or ends the stretch of wear."""
-    parts: list[WornPart] = []
+    parts: list[WearPart] = []
     slips: list[Slip] = []
     doubts: list[Doubt] = []
-    for wear, (first_s, end_s) in enumerate(pairwise([-np.inf, *cuts_s, np.inf])):
+    for stretch, (first_s, end_s) in enumerate(pairwise([-np.inf, *cuts_s, np.inf])):
         found, doubted = find_slips(day.calm.within(first_s, end_s), day.strides.within(first_s, end_s))
         starts_s, stops_s = [first_s, *(slip.end_s for slip in found)], [*(s.first_s for s in found), end_s]
         spans = [span_s for span_s in zip(starts_s, stops_s, strict=True) if span_s[0] < span_s[1]]
         parts += [
-            replace(_cut_part(day, wear, span_s), is_whole=not found, opens=span_s[0] == first_s)
+            replace(_cut_part(day, stretch, span_s), is_whole=not found, opens=span_s[0] == first_s)
             for span_s in spans
         ]
         slips += found
         doubts += doubted
-    return WornParts(tuple(parts), tuple(slips), tuple(doubts))
+    return Wear(tuple(parts), tuple(slips), tuple(doubts))
 
 
-def _cut_part(day: WornPart, wear: int, span_s: tuple[float, float]) -> WornPart:
+def _cut_part(day: WearPart, stretch: int, span_s: tuple[float, float]) -> WearPart:
     still, calm, strides = (moments.within(*span_s) for moments in (day.still, day.calm, day.strides))
-    return WornPart(*span_s, wear, still, calm, strides)
+    return WearPart(*span_s, stretch, still, calm, strides)
 
 
 # Sensor that sat otherwise on the arm for a part of the recording: taken off and put back, or slipped.
@@ -194,7 +194,7 @@ def _cut_part(day: WornPart, wear: int, span_s: tuple[float, float]) -> WornPart
 
 
 @dataclass(frozen=True, slots=True)
-class RemountRules:
+class ReattachmentRules:
     """What counts as another direction, and as enough to tell.
 
     Below ``known`` (see :func:`fusion.pose.postures.compare_postures`) the other part's commonest direction
@@ -229,69 +229,75 @@ class AxisPart:
     sigma_deg: float = 0.0
 
 
-def find_remounts(
-    worn: WornParts, calibrated: tuple[float, Float64Array], rules: RemountRules | None = None
+def find_reattachments(
+    wear: Wear, calibrated: tuple[float, Float64Array], rules: ReattachmentRules | None = None
 ) -> tuple[AxisPart, ...]:
     """Parts that need an axis of their own; ``calibrated``: when the pose was held, and the axis it gave."""
-    (pose_s, arm_axis), rules = calibrated, rules or RemountRules()
-    home = worn.find_home(pose_s)
-    judged = [_judge_part(home, part, arm_axis, rules) for part in worn.parts if part is not home]
+    (pose_s, arm_axis), rules = calibrated, rules or ReattachmentRules()
+    pose_part = wear.find_part(pose_s)
+    judged = [_judge_part(pose_part, part, arm_axis, rules) for part in wear.parts if part is not pose_part]
     known = [part for part in judged if part is not None]
-    known += [AxisPart(slip.first_s, slip.end_s, None) for slip in worn.slips]
+    known += [AxisPart(slip.first_s, slip.end_s, None) for slip in wear.slips]
     return tuple(sorted(known, key=lambda part: part.start_s))
 
 
 def count_readable(
-    worn: WornParts, calibrated: tuple[float, Float64Array], rules: RemountRules | None = None
+    wear: Wear, calibrated: tuple[float, Float64Array], rules: ReattachmentRules | None = None
 ) -> int:
     """How many of the calm moments an axis reads, in its own part and in those to which it is carried."""
-    (pose_s, arm_axis), rules = calibrated, rules or RemountRules()
-    home = worn.find_home(pose_s)
-    return sum(len(part.calm.up) for part in worn.parts if _is_readable(home, part, arm_axis, rules))
+    (pose_s, arm_axis), rules = calibrated, rules or ReattachmentRules()
+    pose_part = wear.find_part(pose_s)
+    return sum(len(part.calm.up) for part in wear.parts if _is_readable(pose_part, part, arm_axis, rules))
 
 
-def _is_readable(home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules) -> bool:
-    judged = None if part is home else _judge_part(home, part, arm_axis, rules)
+def _is_readable(
+    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
+) -> bool:
+    judged = None if part is pose_part else _judge_part(pose_part, part, arm_axis, rules)
     return judged is None or judged.arm_axis is not None
 
 
 def _judge_part(
-    home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules
+    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
 ) -> AxisPart | None:
     """The part with an axis of its own, or left out; None where nothing turned."""
-    if _hangs_alike(home, part, arm_axis, rules):
-        is_plain = part.wear != home.wear and part.is_whole
+    if _hangs_alike(pose_part, part, arm_axis, rules):
+        is_plain = part.stretch != pose_part.stretch and part.is_whole
         return None if is_plain else AxisPart(part.start_s, part.end_s, arm_axis, rules.axis_sigma_deg)
-    if part.wear != home.wear and part.is_whole and not _is_turned(home, part, rules):
+    if part.stretch != pose_part.stretch and part.is_whole and not _is_turned(pose_part, part, rules):
         return None
-    return _calibrate_part(home, part, arm_axis, rules)
+    return _calibrate_part(pose_part, part, arm_axis, rules)
 
 
-def _hangs_alike(home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules) -> bool:
+def _hangs_alike(
+    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
+) -> bool:
     """Whether walking shows the arm hanging in the same direction, or as it did in the pose."""
-    apart_deg = compare_hanging(home.strides, part.strides)
+    apart_deg = compare_hanging(pose_part.strides, part.strides)
     hangs = part.find_hanging()
     if apart_deg is None and hangs is not None:
         apart_deg = find_angle_deg(hangs, arm_axis)
     return apart_deg is not None and apart_deg < rules.hangs_alike_deg
 
 
-def _is_turned(home: WornPart, part: WornPart, rules: RemountRules) -> bool:
+def _is_turned(pose_part: WearPart, part: WearPart, rules: ReattachmentRules) -> bool:
     """Whether the commonest directions differ, and neither part knows the other's."""
-    if min(len(home.still.up), len(part.still.up)) < rules.least_moments:
+    if min(len(pose_part.still.up), len(part.still.up)) < rules.least_moments:
         return False
-    angle_deg, known = compare_postures(home.still, part.still)
+    angle_deg, known = compare_postures(pose_part.still, part.still)
     return angle_deg > rules.turned_deg and known < rules.known
 
 
-def _calibrate_part(home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules) -> AxisPart:
+def _calibrate_part(
+    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
+) -> AxisPart:
     """The axis carried over, or none."""
     left_out = AxisPart(part.start_s, part.end_s, None)
-    if min(len(home.still.up), len(part.still.up)) < rules.least_to_carry:
+    if min(len(pose_part.still.up), len(part.still.up)) < rules.least_to_carry:
         return left_out
-    if compare_postures(home.still, part.still)[0] <= rules.carried_from_deg:
+    if compare_postures(pose_part.still, part.still)[0] <= rules.carried_from_deg:
         return left_out
-    axes = list(_carry_over(home, part, arm_axis, rules))
+    axes = list(_carry_over(pose_part, part, arm_axis, rules))
     if len(axes) < 2 or find_angle_deg(axes[0], axes[1]) > rules.agree_deg:
         return left_out
     both = axes[0] + axes[1]
@@ -299,28 +305,27 @@ def _calibrate_part(home: WornPart, part: WornPart, arm_axis: Float64Array, rule
 
 
 def _carry_over(
-    home: WornPart, part: WornPart, arm_axis: Float64Array, rules: RemountRules
+    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
 ) -> Iterator[Float64Array]:
-    """The axis by still moments and by calm ones, each only where the arm mostly hung at home, and where
+    """The axis by still moments and by calm ones, each only where the arm mostly hung at pose_part, and where
     walking confirms it.
     """
-    hung, hangs = home.find_hanging(), part.find_hanging()
+    hung, hangs = pose_part.find_hanging(), part.find_hanging()
     if hung is None or hangs is None:
         return
-    for at_home, in_part in ((home.still, part.still), (home.calm, part.calm)):
-        before, after = at_home.thin().up, in_part.thin().up
+    for in_pose_part, in_part in ((pose_part.still, part.still), (pose_part.calm, part.calm)):
+        before, after = in_pose_part.thin().up, in_part.thin().up
         turn = build_frame(after).T @ build_frame(before)
         confirmed = find_angle_deg(turn @ hung, hangs) <= rules.hangs_deg
         if confirmed and find_angle_deg(find_commonest(before)[0], arm_axis) <= rules.hangs_deg:
             yield np.asarray(turn @ arm_axis)
 
 
-def flag_remounts(parts: Sequence[AxisPart], duration_s: float) -> tuple[QualityFlag, ...]:
+def flag_reattachments(parts: Sequence[AxisPart], duration_s: float) -> tuple[QualityFlag, ...]:
     """W-REMOUNT with the first and last time it concerns, and how many parts were calibrated or left out."""
     if not parts:
         return ()
     spans = [(max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts]
     left_out = sum(part.arm_axis is None for part in parts)
     facts = {"calibrated": len(parts) - left_out, "left_out": left_out}
-    seconds = sum(end_s - start_s for start_s, end_s in spans)
-    return (QualityFlag(Caveat.REMOUNT, len(parts), seconds, spans[0][0], spans[-1][1], facts, tuple(spans)),)
+    return (flag_stretches(Caveat.REMOUNT, spans, facts),)

@@ -15,7 +15,7 @@ from fusion.pose.postures import (
     find_striding_moments,
 )
 from fusion.pose.rules import CalibrationRules, rules_for, score_still_period, score_still_periods
-from fusion.pose.wear import WornPart, WornParts, count_readable, part_recording
+from fusion.pose.wear import Wear, WearPart, count_readable, divide_by_wear
 from fusion.recording import MICROSECONDS, Float64Array, Recording, Segment
 from fusion.sensor.accelerometer import calibrate_accelerometer, leave_accelerometer
 from fusion.sensor.model import view_segment
@@ -168,11 +168,11 @@ def propose_still_periods(recording: Recording, most: int = 5) -> tuple[StillPer
     """
     blocks = reduce_recording(recording)
     stills = find_still_moments(blocks)
-    worn = part_recording(blocks, stills, calibrate_accelerometer(stills))
-    return _propose_by_part(recording, blocks, worn, most)
+    wear = divide_by_wear(blocks, stills, calibrate_accelerometer(stills))
+    return _propose_by_part(recording, blocks, wear, most)
 
 
-def choose_still_period(recording: Recording, blocks: Blocks, worn: WornParts) -> StillPeriod:
+def choose_still_period(recording: Recording, blocks: Blocks, wear: Wear) -> StillPeriod:
     """The best proposal; where nothing is quiet for 5 s, the best 2 s (W-NO-STILL).
 
     Raises
@@ -180,47 +180,45 @@ def choose_still_period(recording: Recording, blocks: Blocks, worn: WornParts) -
     UnusableCalibration
         ``why`` "none": no 2 s in one piece; "moving": even the best 2 s move too much.
     """
-    proposals = _propose_by_part(recording, blocks, worn, 1)
+    proposals = _propose_by_part(recording, blocks, wear, 1)
     return proposals[0] if proposals else _find_best_moment(recording, blocks)
 
 
-def _propose_by_part(
-    recording: Recording, blocks: Blocks, worn: WornParts, most: int
-) -> tuple[StillPeriod, ...]:
+def _propose_by_part(recording: Recording, blocks: Blocks, wear: Wear, most: int) -> tuple[StillPeriod, ...]:
     """Proposals of the whole day, or where the sensor slipped or was off, of its parts.
 
     How the arm hangs is seen in another direction after a slip: by the walking of a whole day a raised arm
     before the slip may pass for a hanging one.
     """
     found = _propose(recording, blocks, most)
-    homes = worn.list_for_pose(found[0].start_s) if found else ()
-    by_part = {part.start_s: _propose(recording, blocks, most, part) for part in homes}
-    home = _choose_home(worn, [part for part in homes if by_part[part.start_s]], by_part)
-    if home is None:
+    pose_parts = wear.find_parts_for_pose(found[0].start_s) if found else ()
+    by_part = {part.start_s: _propose(recording, blocks, most, part) for part in pose_parts}
+    pose_part_s = _choose_part(wear, [part for part in pose_parts if by_part[part.start_s]], by_part)
+    if pose_part_s is None:
         return found
-    others = [part for part in worn.parts if part.start_s != home] if most > 1 else []
+    others = [part for part in wear.parts if part.start_s != pose_part_s] if most > 1 else []
     best = [_propose(recording, blocks, 1, part) for part in others]
     elsewhere = [proposals[0] for proposals in best if proposals][: most - 1]
-    return (*by_part[home][: most - len(elsewhere)], *elsewhere)
+    return (*by_part[pose_part_s][: most - len(elsewhere)], *elsewhere)
 
 
-def _choose_home(
-    worn: WornParts, homes: Sequence[WornPart], by_part: dict[float, tuple[StillPeriod, ...]]
+def _choose_part(
+    wear: Wear, pose_parts: Sequence[WearPart], by_part: dict[float, tuple[StillPeriod, ...]]
 ) -> float | None:
     """When the part begins in which the pose is sought; None where no part has a proposal.
 
     A pose is held when the sensor has just been strapped on: the first part, unless a later one in which
     walking tells how the arm hung reads twice as much of the day. Minutes before a slip do not cost the rest.
     """
-    if not homes:
+    if not pose_parts:
         return None
     reads = {
-        part.start_s: count_readable(worn, (still.start_s, scale_to_unit(still.gravity_g)))
-        for part in homes
+        part.start_s: count_readable(wear, (still.start_s, scale_to_unit(still.gravity_g)))
+        for part in pose_parts
         for still in by_part[part.start_s][:1]
     }
-    first = homes[0].start_s
-    later = [part.start_s for part in homes[1:] if len(part.strides.up) >= MINUTE_STRIDING]
+    first = pose_parts[0].start_s
+    later = [part.start_s for part in pose_parts[1:] if len(part.strides.up) >= MINUTE_STRIDING]
     longest = max(later, key=lambda start_s: reads[start_s], default=first)
     return longest if reads[longest] >= TWICE * reads[first] else first
 
@@ -234,7 +232,7 @@ def _propose(
     recording: Recording,
     blocks: Blocks,
     most: int,
-    part: WornPart | None = None,
+    part: WearPart | None = None,
 ) -> tuple[StillPeriod, ...]:
     """Of the whole day, or of a part of it."""
     within_s = (part.start_s, part.end_s) if part else WHOLE_DAY_S
@@ -246,12 +244,12 @@ def _propose(
     if len(quiet) == 0:
         return ()
     first, end_s = join_stretches(quiet, rules)
-    walking = _ask_walking(blocks, within_s, is_fresh=part is None or part.opens)
+    walking = _find_walking(blocks, within_s, is_fresh=part is None or part.opens)
     order = np.argsort(-rank_stretches(quiet.select(first), end_s, rules, walking), kind="stable")[:most]
     return tuple(_measure(recording, float(quiet.start_s[first[k]]), float(end_s[k]), rules) for k in order)
 
 
-def _ask_walking(blocks: Blocks, within_s: tuple[float, float], *, is_fresh: bool) -> Witness | None:
+def _find_walking(blocks: Blocks, within_s: tuple[float, float], *, is_fresh: bool) -> Witness | None:
     strides = find_striding_moments(blocks, leave_accelerometer()).within(*within_s)
     hangs = find_hanging(strides)
     return None if hangs is None else Witness(hangs, len(strides.up) >= SURE_STRIDING, is_fresh)

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from fusion.quality.nonwear import propose_nonwear as propose_nonwear
     from fusion.quality.time_account import account_time as account_time
     from fusion.quality.time_account import count_holes_us as count_holes_us
+    from fusion.quality.time_account import divide_time as divide_time
     from fusion.quality.time_account import find_exclusions as find_exclusions
     from fusion.quality.time_account import flag_untrusted as flag_untrusted
     from fusion.quality.time_account import flag_untrusted_pose as flag_untrusted_pose
     from fusion.quality.time_account import leave_out as leave_out
     from fusion.quality.time_account import make_disjoint as make_disjoint
-    from fusion.quality.time_account import name_parts as name_parts
     from fusion.quality.time_account import refuse_short as refuse_short
     from fusion.quality.verdict import assess_quality as assess_quality
     from fusion.quality.verdict import flag_gyro_drift as flag_gyro_drift
@@ -39,7 +39,7 @@ _HOMES = {
     "flag_upside_down": "fusion.quality.verdict",
     "leave_out": "fusion.quality.time_account",
     "make_disjoint": "fusion.quality.time_account",
-    "name_parts": "fusion.quality.time_account",
+    "divide_time": "fusion.quality.time_account",
     "propose_nonwear": "fusion.quality.nonwear",
     "refuse_short": "fusion.quality.time_account",
 }
@@ -52,6 +52,7 @@ __all__ = [
     "account_time",
     "assess_quality",
     "count_holes_us",
+    "divide_time",
     "find_exclusions",
     "flag_gyro_drift",
     "flag_published",
@@ -61,7 +62,6 @@ __all__ = [
     "flag_upside_down",
     "leave_out",
     "make_disjoint",
-    "name_parts",
     "propose_nonwear",
     "refuse_short",
 ]

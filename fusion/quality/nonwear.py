@@ -7,9 +7,9 @@ small corrections over ten minutes, but a sleeper's may not: hence only a propos
 """
 
 import numpy as np
-from numba import njit
 
 from fusion.exposure.rows import find_runs
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS, Recording, Segment, Span
 from fusion.still_limits import OFF_THE_ARM
 

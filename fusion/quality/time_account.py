@@ -7,17 +7,27 @@ from itertools import groupby
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure.rows import IntArray, find_runs, list_touched_rows
+from fusion.exposure.rows import find_runs, list_touched_rows
+from fusion.numba_kernels import njit
 from fusion.pose.calibrate import Calibration
+from fusion.pose.doubts import flag_window
 from fusion.quality.types import TimeAccount, TimePart
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, find_missing, flag_spans
+from fusion.recording import (
+    MICROSECONDS,
+    IntArray,
+    QualityFlag,
+    Recording,
+    Segment,
+    Span,
+    find_missing,
+    flag_spans,
+)
 
 # Where a sensor was driven to the end of its range (RELIABILITY.md 88).
 
@@ -210,7 +220,7 @@ def flag_untrusted(
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
     """W-POSE-DOUBT where half or more of a calibration window is not trusted: all angles rest on it."""
     return tuple(
-        QualityFlag(Caveat.POSE_DOUBT, 1, still.duration_s, still.start_s, still.start_s + still.duration_s)
+        flag_window(Caveat.POSE_DOUBT, still)
         for still in calibration.windows
         if 2.0 * _trust(elevation, still.start_s, still.start_s + still.duration_s) <= 1.0
     )
@@ -250,7 +260,7 @@ def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[S
     )
     least_us = 1 if recording.device in WITHOUT_MINIMUM else SHORTEST_ANALYSED_US
     if analysed_us < least_us:
-        raise TooShort(s=analysed_us / MICROSECONDS, **_name_largest(exclusions))
+        raise TooShort(s=analysed_us / MICROSECONDS, **_describe_largest(exclusions))
     recorded_us = max(recording.duration_us, analysed_us)
     excluded_us = min(sum(span.duration_us for span in exclusions), recorded_us - analysed_us)
     missing_us = recorded_us - analysed_us - excluded_us
@@ -265,7 +275,7 @@ def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
     return sum(hole.duration_us for hole in holes)
 
 
-def name_parts(
+def divide_time(
     time: TimeAccount, analysed_us: Mapping[str, int], exclusions: tuple[Span, ...], holes_us: int
 ) -> TimeAccount:
     """Say what the time consists of: analysed time by kind of period, excluded time by its reason.
@@ -282,14 +292,14 @@ def name_parts(
     for span in exclusions:
         excluded_us[span.reason] = excluded_us.get(span.reason, 0) + span.duration_us
     parts = (
-        *_list_parts("analysed", analysed_us, time.analysed_us),
-        *_list_parts("excluded", excluded_us, time.excluded_us),
-        *_list_parts("missing", missing_us, time.missing_us),
+        *_build_parts("analysed", analysed_us, time.analysed_us),
+        *_build_parts("excluded", excluded_us, time.excluded_us),
+        *_build_parts("missing", missing_us, time.missing_us),
     )
     return replace(time, parts=parts)
 
 
-def _list_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int) -> Iterable[TimePart]:
+def _build_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int) -> Iterable[TimePart]:
     rest_us = whole_us - sum(lengths_us.values())
     largest = max(lengths_us, key=lambda name: lengths_us[name], default="")
     for name, length_us in lengths_us.items():
@@ -298,7 +308,7 @@ def _list_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int) 
             yield TimePart(account, name, told_us)
 
 
-def _name_largest(exclusions: tuple[Span, ...]) -> dict[str, str | float]:
+def _describe_largest(exclusions: tuple[Span, ...]) -> dict[str, str | float]:
     """Say what left out most, for how long, and what to do where a person can undo it."""
     lengths_us: dict[str, int] = {}
     for span in exclusions:

@@ -104,7 +104,7 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> Grade:
 def _find_own_flags(
     recording: Recording, calibration: Calibration | None, time: TimeAccount, exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
-    holes = find_holes(recording, _list_diary(exclusions))
+    holes = find_holes(recording, _find_diary_spans(exclusions))
     yield from flag_spans(Caveat.GAP, holes)
     yield from flag_spans(Caveat.CLIP, [span for span in exclusions if span.reason == "clipped"])
     yield from _flag_untrusted(recording, time, holes, exclusions)
@@ -113,7 +113,7 @@ def _find_own_flags(
         yield QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
 
 
-def _list_diary(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
+def _find_diary_spans(exclusions: tuple[Span, ...]) -> tuple[Span, ...]:
     """Give what the person left out, as opposed to what the signal or the device says."""
     return tuple(span for span in exclusions if span.reason not in SIGNAL_REASONS)
 
@@ -158,7 +158,7 @@ def _flag_length(
 ) -> Iterable[QualityFlag]:
     """Flag too little time; what the person left out was never meant to be analysed."""
     analysed_s = time.analysed_us / MICROSECONDS
-    wanted_us = time.recorded_us - sum(span.duration_us for span in _list_diary(exclusions))
+    wanted_us = time.recorded_us - sum(span.duration_us for span in _find_diary_spans(exclusions))
     share_percent = 100.0 * time.analysed_us / max(wanted_us, 1)
     if 2 * time.analysed_us < wanted_us:
         yield QualityFlag(Caveat.LOWCOVER, seconds=analysed_s, facts={"percent": round(share_percent, 1)})

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 from typing import BinaryIO
 
 from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
@@ -33,6 +35,7 @@ __all__ = [
     "ColumnProfile",
     "ProfileProposal",
     "Reader",
+    "RecordingFile",
     "check_profile",
     "holds_device_format",
     "join_recordings",
@@ -41,6 +44,9 @@ __all__ = [
     "read_recording",
     "read_recordings",
 ]
+
+RecordingFile = str | PathLike[str] | BinaryIO
+"""A path, or a binary file that can be rewound."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +73,7 @@ OWN_EXTENSIONS = {READERS[0].name: ".gt3x", READERS[1].name: ".cwa"}
 
 
 def read_recording(
-    file: BinaryIO,
+    file: RecordingFile,
     *,
     file_name: str = "",
     rate_hz: float | None = None,
@@ -79,7 +85,7 @@ def read_recording(
     Parameters
     ----------
     file
-        Binary and seekable.
+        A path, or a binary file that can be rewound.
     file_name
         Used only to notice a wrong extension; by default the file object's own name.
     rate_hz
@@ -94,11 +100,23 @@ def read_recording(
     Recording
         Segments in g and deg/s, with the caveats of reading and of the checks.
 
+    Returns
+    -------
+    Recording
+        Segments in g and deg/s, and the caveats of reading.
+
     Raises
     ------
     fusion.errors.FusionError
         No recording can be given; code and facts say why.
+    OSError
+        A path that cannot be opened.
     """
+    if isinstance(file, str | PathLike):
+        with Path(file).open("rb") as opened:
+            return read_recording(
+                opened, file_name=file_name, rate_hz=rate_hz, sha256=sha256, profile=profile
+            )
     source = open_source(file, file_name, is_hashed=not sha256)
     if source.size_bytes == 0:
         raise EmptyFile
@@ -139,9 +157,21 @@ def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
 
 
 def read_recordings(
-    files: Sequence[BinaryIO], *, rate_hz: float | None = None, profile: ColumnProfile | None = None
+    files: Sequence[RecordingFile], *, rate_hz: float | None = None, profile: ColumnProfile | None = None
 ) -> Recording:
     """Read the files of one shift and join them by the device's clock.
+
+    Parameters
+    ----------
+    files
+        In any order.
+    rate_hz, profile
+        As in :func:`read_recording`, for every file.
+
+    Returns
+    -------
+    Recording
+        From the first sample of the earliest file; the time between two files is missing.
 
     Raises
     ------

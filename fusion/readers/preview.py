@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fusion.caveats import Caveat
 from fusion.checks.axes import judge_frame, measure_scale
 from fusion.checks.gravity_windows import GravityWindows, GyroModel, find_gyro_offset_dps, measure_miss
-from fusion.checks.physics import cut_whole_windows, find_rest_g, name_axes
+from fusion.checks.physics import cut_whole_windows, find_rest_g, format_axes
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import read_recording
 from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
@@ -73,7 +73,7 @@ def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]
     return {
         "turns": evidence.lively,
         "handedness": round(_score_handedness(windows, evidence.as_read.model), 3),
-        "axes": None if evidence.is_doubtful else name_axes(evidence.chosen.turn),
+        "axes": None if evidence.is_doubtful else format_axes(evidence.chosen.turn),
         "gyro_scale": round(scale.overall, 3),
         "gyro_scale_margin": round(2.0 * scale.error, 3),
         "gyro_scale_axes": [

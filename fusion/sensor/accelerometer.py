@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from fusion.checks.gravity_windows import tell_directions
+from fusion.checks.gravity_windows import number_directions
 from fusion.recording import Float64Array
 from fusion.sensor.model import Hats, hold_together
 from fusion.sensor.stillness import QuietTable
@@ -118,7 +118,7 @@ def sees_few_directions(stills: QuietTable, settings: AccelerometerSettings | No
 
 
 def _count_directions(stills: QuietTable, settings: AccelerometerSettings) -> int:
-    return int(tell_directions(_scale(stills.gravity_g), settings.cell_deg).max(initial=-1)) + 1
+    return int(number_directions(_scale(stills.gravity_g), settings.cell_deg).max(initial=-1)) + 1
 
 
 def _scale(gravity_g: Float64Array) -> Float64Array:
@@ -213,7 +213,7 @@ def _average_cells(
     is_moving = np.arange(len(time_s)) >= len(stills)
     pieces = max(1, round((time_s.max() - time_s.min()) / settings.knot_s))
     knots_s = np.linspace(time_s.min(), max(time_s.max(), time_s.min() + 1.0), pieces + 1)
-    direction = tell_directions(_scale(gravity_g), settings.cell_deg)
+    direction = number_directions(_scale(gravity_g), settings.cell_deg)
     between = np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, pieces - 1)
     cell = (2 * direction + is_moving) * pieces + between
     length_g = np.linalg.norm(gravity_g, axis=1)

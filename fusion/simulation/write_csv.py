@@ -6,13 +6,13 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.recording import Float64Array
 from fusion.simulation.imu_rows import TEMPERATURE_AT_ZERO, ImuSeconds
 from fusion.simulation.shift import SampleBlock, SimulatedShift
-from fusion.simulation.write_gt3x import name_serial
+from fusion.simulation.write_gt3x import format_serial
 
 # Numbers as text, millions of rows at a time: fixed decimals from whole numbers, so nothing is rounded.
 
@@ -226,7 +226,7 @@ def _write_header(shift: SimulatedShift) -> bytes:
     )
     lines = (
         title,
-        f"Serial Number: {name_serial(shift.seed)}",
+        f"Serial Number: {format_serial(shift.seed)}",
         f"Start Time {start:%H:%M:%S}",
         f"Start Date {day}",
         "Epoch Period (hh:mm:ss) 00:00:00",

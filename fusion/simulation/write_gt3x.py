@@ -119,7 +119,7 @@ def describe_device(shift: SimulatedShift, seconds: int) -> bytes:
     """Text of info.txt; dates are .NET ticks of the device's own clock."""
     start = count_unix_s(shift.start)
     lines = (
-        f"Serial Number: {name_serial(shift.seed)}",
+        f"Serial Number: {format_serial(shift.seed)}",
         "Device Type: Link",
         "Firmware: 1.7.2",
         "Battery Voltage: 4.12",
@@ -139,7 +139,7 @@ def describe_device(shift: SimulatedShift, seconds: int) -> bytes:
     return "".join(line + "\r\n" for line in lines).encode()
 
 
-def name_serial(seed: int) -> str:
+def format_serial(seed: int) -> str:
     """Give a serial number of the right form: TAS, the prefix of the GT9X Link."""
     return f"TAS1E{seed % 100_000_000:08d}"
 

@@ -37,7 +37,7 @@ def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     """Shorten the pauses before a worker or a verification tries again: nobody is there to come back."""
     monkeypatch.setattr(worker, "TROUBLE_S", 0.2)
     monkeypatch.setattr(worker, "DEATH_GRACE_S", 0.05)
-    monkeypatch.setattr(verify, "WRITER_S", 0.01)
+    monkeypatch.setattr(verify, "RECHECK_PAUSE_S", 0.01)
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from app.api import guard
 from app.api.housekeeping import grow_older
 from app.errors import list_refusals
 from app.formats import FORMATS
-from app.report.words.messages import list_flag_codes
+from app.report.words.messages import find_flag_codes
 from app.services import Services, find_services
 from fusion.readers import READERS
 
@@ -86,7 +86,7 @@ def test_every_code_can_be_looked_up(client: TestClient, code: str) -> None:
     assert client.get(f"/api/v1/problems/{code}").json()["code"] == code
 
 
-@pytest.mark.parametrize("code", list_flag_codes())
+@pytest.mark.parametrize("code", find_flag_codes())
 def test_every_warning_can_be_looked_up(client: TestClient, code: str) -> None:
     told = client.get(f"/api/v1/problems/{code}").json()
 
@@ -97,7 +97,7 @@ def test_every_warning_can_be_looked_up(client: TestClient, code: str) -> None:
 def test_the_help_page_leads_to_every_warning(client: TestClient) -> None:
     page = client.get("/help").text
 
-    assert all(f'href="/problems/{code}"' in page for code in list_flag_codes())
+    assert all(f'href="/problems/{code}"' in page for code in find_flag_codes())
     assert "it refuses nothing" in page
 
 

@@ -25,7 +25,7 @@ def test_a_moment_that_was_written_is_read_again(hundredths: int) -> None:
     second = hundredths / 100
 
     for clock in (NIGHT, TWO_DAYS, WITHOUT):
-        assert clock.read(clock.tell(second), "window") == pytest.approx(second, abs=0.006)
+        assert clock.read(clock.format(second), "window") == pytest.approx(second, abs=0.006)
 
 
 def test_after_midnight_an_hour_is_of_the_next_day() -> None:
@@ -33,7 +33,7 @@ def test_after_midnight_an_hour_is_of_the_next_day() -> None:
 
 
 def test_where_an_hour_may_mean_two_days_the_date_is_written() -> None:
-    assert TWO_DAYS.tell(0.0) == "2026-03-02 22:00:00"
+    assert TWO_DAYS.format(0.0) == "2026-03-02 22:00:00"
 
 
 @pytest.mark.parametrize("text", ["", "soon", "12:00:00", "25:00", "<b>", "07;08"])

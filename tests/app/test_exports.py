@@ -14,11 +14,11 @@ import pytest
 
 from app.report.analysis.report import build_report
 from app.report.export.all import DICTIONARY_COLUMNS, export_results
-from app.report.export.columns import PERIOD_COLUMNS, encode_dictionary, list_paths
+from app.report.export.columns import PERIOD_COLUMNS, encode_dictionary, find_paths
 from app.report.export.naming import pack_files
 from app.report.export.results import encode_results
-from app.report.figures import SUMMARY, name_unit
-from app.report.render.write import tell_in_brief
+from app.report.figures import SUMMARY, find_unit
+from app.report.render.write import format_brief
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.request import ReportRequest
 from app.roads.analyse import make_report
@@ -47,7 +47,7 @@ def sheet_of(workbook: bytes, name: str) -> list[dict[str, Any]]:
 
 
 def brief_of(language: Language) -> list[str]:
-    return tell_in_brief(build_report(make_analysis(), make_subject(), language)).decode().splitlines()
+    return format_brief(build_report(make_analysis(), make_subject(), language)).decode().splitlines()
 
 
 # ------------------------------------------------------------------ one computation
@@ -126,7 +126,7 @@ FILES = ("summary.csv", "periods.csv")
     ],
 )
 def test_the_unit_is_read_off_the_name(name: str, unit: str) -> None:
-    assert name_unit(name) == unit
+    assert find_unit(name) == unit
 
 
 def is_explained(path: str, explained: set[str]) -> bool:
@@ -142,7 +142,7 @@ def test_every_field_of_real_results_is_explained(shift_gt3x: Path, tmp_path: Pa
     results = json.loads((tmp_path / "results.json").read_text("utf-8"))
     explained = set(load_wording("en", "fields"))
 
-    assert [path for path in list_paths(results) if not is_explained(path, explained)] == []
+    assert [path for path in find_paths(results) if not is_explained(path, explained)] == []
 
 
 def test_fields_are_explained_in_both_languages() -> None:
@@ -198,7 +198,7 @@ def test_the_answer_to_paste_carries_what_limits_it_and_where_it_comes_from() ->
 def test_a_good_verdict_is_pasted_with_the_caution_of_the_pose() -> None:
     report = build_report(make_analysis(quality=make_quality("good")), make_subject(), "en")
 
-    assert "underestimated" in tell_in_brief(report).decode().splitlines()[3]
+    assert "underestimated" in format_brief(report).decode().splitlines()[3]
 
 
 # ------------------------------------------------------------------ the ZIP

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.analysis.day import Day, draw_up_day, merge_spans
+from app.report.analysis.day import Day, build_timeline, merge_spans
 from app.report.charts.bars import Slice, draw_bar
 from app.report.charts.day import DayLabels, draw_day
 from app.report.charts.svg import RAMP, number
@@ -23,7 +23,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def day_of() -> Day:
-    return draw_up_day(make_analysis(), Clock(START, "en"), load_wording("en"))
+    return build_timeline(make_analysis(), Clock(START, "en"), load_wording("en"))
 
 
 def words_in(svg: str) -> list[str]:

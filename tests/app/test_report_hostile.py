@@ -21,7 +21,7 @@ from app.report.export.xlsx import encode_workbook
 from app.report.findings import Findings
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
-from app.report.render.write import tell_in_brief
+from app.report.render.write import format_brief
 from app.report.words.wording import Language
 from fusion.exposure import PartExposure
 from fusion.quality import Quality
@@ -153,8 +153,7 @@ def test_the_workbook_holds_the_text_itself_and_no_formula(payload: str) -> None
 
 def test_the_answer_to_paste_keeps_its_five_lines() -> None:
     counts = {
-        tell_in_brief(build_report(make_analysis(), make_subject(p), "en")).count(b"\n")
-        for p in PAYLOADS[::5]
+        format_brief(build_report(make_analysis(), make_subject(p), "en")).count(b"\n") for p in PAYLOADS[::5]
     }
 
     assert counts == {5}

@@ -122,19 +122,19 @@ def test_elapsed_time() -> None:
 
 
 def test_without_a_clock_time_is_told_from_the_first_sample() -> None:
-    assert Clock(None, "fr").tell(3725) == "1:02:05"
+    assert Clock(None, "fr").format(3725) == "1:02:05"
 
 
 def test_a_zone_with_daylight_saving_is_followed() -> None:
     start = datetime(2027, 3, 14, 1, 30, tzinfo=ZoneInfo("America/Toronto"))
 
-    assert Clock(start, "en").tell(3600) == "03:30"
+    assert Clock(start, "en").format(3600) == "03:30"
 
 
 def test_a_device_clock_counts_on() -> None:
     start = datetime(2027, 3, 14, 1, 30)  # noqa: DTZ001 - a device clock has no zone
 
-    assert Clock(start, "en").tell(3600) == "02:30"
+    assert Clock(start, "en").format(3600) == "02:30"
 
 
 def test_the_first_whole_hour_of_the_axis() -> None:

@@ -82,7 +82,7 @@ class Cell:
 
     @property
     def limit(self) -> str:
-        """Why nothing can tell this damage; "" when it can be told."""
+        """Why nothing can detect this damage; "" when it is detectable."""
         return LIMITS.get((self.part, self.damage), "")
 
 

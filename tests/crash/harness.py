@@ -101,7 +101,7 @@ class Site:
     def freeze(self) -> None:
         """Stop every process where it stands, and wait until every thread does.
 
-        Sending returns before that: until the one thread that was told runs (it may wait for the disk),
+        Sending returns before that: until the signalled thread runs (it may wait for the disk),
         the others go on and may acknowledge.
         """
         pids = self._list_all()

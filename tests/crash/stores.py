@@ -33,7 +33,7 @@ class Ended:
 
     @property
     def code(self) -> str:
-        """The code of the refusal; "" where none was told."""
+        """The code of the refusal; "" where there was none."""
         found = CODE.search(self.output)
         return found[0] if found else ""
 
@@ -138,7 +138,7 @@ class Server:
         return self._answers() or not self.runs
 
     def _answers(self) -> bool:
-        """Tell whether it takes requests: its address is told a moment before."""
+        """Tell whether it takes requests: its address is printed a moment before."""
         found = re.search(r"Acromion is at (http://\S+?)/ ", self.read_log())
         try:
             return found is not None and httpx2.get(f"{found[1]}/healthz").status_code == 200
@@ -202,8 +202,8 @@ def _make_shifts(folder: Path, number: int, seed: int) -> list[bytes]:
 
 
 def _store(server: Server, content: bytes, subject: str) -> str:
-    told = {"file_name": f"{subject}.gt3x", "subject": subject, "side": "right"}
-    return str(server.send("POST", "/recordings", content=content, params=told)["id"])
+    params = {"file_name": f"{subject}.gt3x", "subject": subject, "side": "right"}
+    return str(server.send("POST", "/recordings", content=content, params=params)["id"])
 
 
 def _begin_upload(server: Server, content: bytes) -> str:

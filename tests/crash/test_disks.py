@@ -35,7 +35,7 @@ def few_inodes(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(disk)], check=True)
 
 
-def test_a_disk_without_inodes_is_told_as_full_and_recovers(few_inodes: Path, tmp_path: Path) -> None:
+def test_a_disk_without_inodes_is_reported_as_full_and_recovers(few_inodes: Path, tmp_path: Path) -> None:
     site, journal = Site(few_inodes / "data", tmp_path / "log"), Journal()
     try:
         with httpx2.Client(base_url=site.address, timeout=None) as client:
@@ -67,8 +67,8 @@ def test_a_disk_that_fails_now_and_then_loses_nothing_that_was_acknowledged(tmp_
     fail = "enable_random name=posix/io/{},probability=0.01"
     try:
         for kind in ("rw/write", "rw/pwrite", "sync/*", "oc/open"):
-            told = ["fiu-ctrl", "-f", str(pipes), "-c", fail.format(kind), str(site.web_pid)]
-            subprocess.run(told, check=True)
+            command = ["fiu-ctrl", "-f", str(pipes), "-c", fail.format(kind), str(site.web_pid)]
+            subprocess.run(command, check=True)
         clients.wait_for_first()
         time.sleep(4.0)
     finally:

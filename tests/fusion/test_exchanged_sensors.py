@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fusion.checks.physics import check_physics, look_exchanged
+from fusion.checks.physics import are_exchanged, check_physics
 from fusion.errors import ExchangedSensors
 from fusion.recording import Recording, Segment
 from fusion.units import DEG_PER_RAD, STANDARD_GRAVITY
@@ -26,7 +26,7 @@ def recording_of(acc: Matrix, gyr: Matrix, **understood: str) -> Recording:
 
 
 def test_columns_under_their_own_names_do_not_look_exchanged() -> None:
-    assert not look_exchanged(recording_of(*turning()).segments)
+    assert not are_exchanged(recording_of(*turning()).segments)
 
 
 def test_exchanged_columns_are_put_right_and_it_is_said() -> None:
@@ -69,5 +69,5 @@ def test_real_recordings_do_not_look_exchanged_until_they_are() -> None:
 
     for path in paths:
         held = np.load(path)
-        assert not look_exchanged(recording_of(held["acc_g"], held["gyr_dps"]).segments)
-        assert look_exchanged(recording_of(held["gyr_dps"], held["acc_g"]).segments)
+        assert not are_exchanged(recording_of(held["acc_g"], held["gyr_dps"]).segments)
+        assert are_exchanged(recording_of(held["gyr_dps"], held["acc_g"]).segments)

@@ -5,7 +5,7 @@ import io
 import pytest
 
 from fusion.pipeline import Analysis, analyse
-from fusion.quality import TimeAccount, find_exclusions, name_parts
+from fusion.quality import TimeAccount, divide_time, find_exclusions
 from fusion.readers import read_recording
 from fusion.readers.preview import inspect_recording
 from tests.badfiles.gt3x_files import replaced, second
@@ -63,6 +63,6 @@ def test_what_was_recorded_and_is_not_trusted_is_a_part_of_its_own(
 ) -> None:
     time = TimeAccount(65_000_000, 60_000_000, 5_000_000, 0)
 
-    parts = name_parts(time, {"work": 60_000_000}, (), holes_us).parts
+    parts = divide_time(time, {"work": 60_000_000}, (), holes_us).parts
 
     assert {part.name: part.duration_us for part in parts if part.account == "missing"} == told

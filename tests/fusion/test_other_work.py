@@ -13,7 +13,7 @@ from fusion.pipeline import analyse
 from fusion.pose.calibrate import calibrate
 from fusion.pose.doubts import weigh_proposal
 from fusion.pose.postures import Moments
-from fusion.pose.wear import AxisPart, part_recording
+from fusion.pose.wear import AxisPart, divide_by_wear
 from fusion.pose.windows import choose_still_period, propose_still_periods, reduce_recording
 from fusion.recording import MICROSECONDS, Recording, Segment
 from fusion.sensor.accelerometer import leave_accelerometer
@@ -256,7 +256,7 @@ def test_less_than_a_minute_of_walking_does_not_outvote_what_was_held_first() ->
     whole, _ = work((sit_at(45.0), 600.0), (walk_about, 1200.0))
     recording = cut_start(whole, POSE_S + 5.0)
     blocks = reduce_recording(recording)
-    worn = part_recording(blocks, find_still_moments(blocks), leave_accelerometer())
+    worn = divide_by_wear(blocks, find_still_moments(blocks), leave_accelerometer())
     still = choose_still_period(recording, blocks, worn)
     (day,) = worn.parts
     brief = replace(

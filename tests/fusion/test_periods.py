@@ -14,7 +14,7 @@ from fusion.diary import (
     Period,
     Placed,
     divide_day,
-    list_exclusions,
+    find_left_out,
     place_diary,
 )
 from fusion.errors import UnusableDiary
@@ -137,7 +137,7 @@ def test_a_break_within_a_task_cuts_it() -> None:
 def test_outside_the_shift_nothing_is_analysed() -> None:
     pieces = divide_day([Period(10, 90, "shift")], 100)
 
-    assert [(s.start_us, s.end_us, s.reason) for s in list_exclusions(pieces)] == [
+    assert [(s.start_us, s.end_us, s.reason) for s in find_left_out(pieces)] == [
         (0, 10, "outside"),
         (90, 100, "outside"),
     ]

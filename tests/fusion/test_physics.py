@@ -9,7 +9,7 @@ from fusion.checks.physics import (
     ARDUINO_DPS,
     ARDUINO_FACTOR,
     check_physics,
-    name_axes,
+    format_axes,
     refuse_impossible_rates,
 )
 from fusion.errors import MixedColumns, WrongScale
@@ -235,7 +235,7 @@ def judged(change: NDArray[np.float64]) -> Recording:
     return check_physics(recording_of(motion.acc_g, motion.gyr_dps @ change.T, **STATED))
 
 
-@pytest.mark.parametrize("turn", TURNS[1:48:8], ids=name_axes)
+@pytest.mark.parametrize("turn", TURNS[1:48:8], ids=format_axes)
 def test_order_and_signs_of_the_axes_are_undone(turn: NDArray[np.float64]) -> None:
     motion = rest_and_turn(80)
 

@@ -11,23 +11,23 @@ from fusion.pose.calibrate import calibrate
 from fusion.pose.doubts import PoseEvidence, find_doubted_parts, find_early_turn
 from fusion.pose.postures import Moments
 from fusion.pose.slips import Doubt
-from fusion.pose.wear import WornPart, WornParts
+from fusion.pose.wear import Wear, WearPart
 from fusion.recording import Recording
 from fusion.simulation import simulate_shift
 from tests.factories import record
-from tests.fusion.test_remount import RATE_HZ
+from tests.fusion.test_reattachment import RATE_HZ
 from tests.fusion.test_slips import TURNED_S, push_back
 
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def make_day(turned_s: tuple[float, float] = (0.0, 0.0)) -> WornPart:
+def make_day(turned_s: tuple[float, float] = (0.0, 0.0)) -> WearPart:
     """An hour: a moment of walking every 10 s, the arm along z; between two times 15 deg from it."""
     time_s = np.arange(5.0, 3600.0, 10.0)
     inside = (time_s >= turned_s[0]) & (time_s < turned_s[1])
     leaning = np.array([np.sin(np.radians(15.0)), 0.0, np.cos(np.radians(15.0))])
     moments = Moments(time_s, np.where(inside[:, None], leaning, UP))
-    return WornPart(-np.inf, np.inf, 0, moments, moments, moments)
+    return WearPart(-np.inf, np.inf, 0, moments, moments, moments)
 
 
 def doubt(first_s: float, end_s: float) -> Doubt:
@@ -35,7 +35,7 @@ def doubt(first_s: float, end_s: float) -> Doubt:
 
 
 def test_a_doubt_reaches_to_the_walking_before_and_after_it() -> None:
-    worn = WornParts((make_day((1000.0, 2000.0)),), (), (doubt(1000.0, 2000.0),))
+    worn = Wear((make_day((1000.0, 2000.0)),), (), (doubt(1000.0, 2000.0),))
 
     (part,) = find_doubted_parts(worn, UP, ())
 
@@ -44,7 +44,7 @@ def test_a_doubt_reaches_to_the_walking_before_and_after_it() -> None:
 
 def test_it_concerns_the_side_that_the_axis_does_not_fit() -> None:
     # The axis is that of the half hour from the middle on: the first one is in doubt, up to its last walking.
-    worn = WornParts((make_day((0.0, 1800.0)),), (), (doubt(1800.0, 3600.0),))
+    worn = Wear((make_day((0.0, 1800.0)),), (), (doubt(1800.0, 3600.0),))
 
     (part,) = find_doubted_parts(worn, UP, ())
 
@@ -54,14 +54,14 @@ def test_it_concerns_the_side_that_the_axis_does_not_fit() -> None:
 @pytest.mark.parametrize("span_s", [(4000.0, 5000.0), (-100.0, 5000.0)])
 def test_one_that_lies_beside_what_is_left_of_its_part_concerns_nothing(span_s: tuple[float, float]) -> None:
     # A slip was found beside the part; its margin took the walking that the doubt rested on.
-    worn = WornParts((make_day((1000.0, 2000.0)),), (), (doubt(*span_s),))
+    worn = Wear((make_day((1000.0, 2000.0)),), (), (doubt(*span_s),))
 
     assert find_doubted_parts(worn, UP, ()) == ()
 
 
 def test_one_that_reaches_beyond_its_part_ends_with_it() -> None:
     day = replace(make_day((3000.0, 3600.0)), end_s=3590.0)
-    worn = WornParts((day,), (), (Doubt(3000.0, 3900.0, (0.0, 4200.0), 15.0),))
+    worn = Wear((day,), (), (Doubt(3000.0, 3900.0, (0.0, 4200.0), 15.0),))
 
     (part,) = find_doubted_parts(worn, UP, ())
 
@@ -69,7 +69,7 @@ def test_one_that_reaches_beyond_its_part_ends_with_it() -> None:
 
 
 def test_its_range_holds_the_turn() -> None:
-    worn = WornParts((make_day((1000.0, 2000.0)),), (), (doubt(1000.0, 2000.0),))
+    worn = Wear((make_day((1000.0, 2000.0)),), (), (doubt(1000.0, 2000.0),))
 
     (part,) = find_doubted_parts(worn, UP, ())
 
@@ -83,7 +83,7 @@ def test_its_range_holds_the_turn() -> None:
 def test_the_first_five_minutes_are_left_out_where_the_arm_was_first_held_apart_from_walking(
     first_deg: float, first_s: float, is_sure: bool, left_out: int
 ) -> None:
-    worn = WornParts((make_day(),), ())
+    worn = Wear((make_day(),), ())
     evidence = PoseEvidence(5.0, 2.0, first_deg, first_s, is_sure)
 
     parts = find_early_turn(worn, 1200.0, evidence)

@@ -11,7 +11,7 @@ from fusion.recording import Recording
 from fusion.simulation import simulate_shift
 from fusion.simulation.sensor import Device
 from tests.factories import record
-from tests.fusion.test_remount import RATE_HZ, tilt
+from tests.fusion.test_reattachment import RATE_HZ, tilt
 
 HOUR_S = 3600.0
 Table = NDArray[np.float64]

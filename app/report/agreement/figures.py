@@ -17,7 +17,7 @@ from app.report.charts.agreement import (
     frame_plot,
 )
 from app.report.charts.svg import NARROW, WIDE
-from app.report.model import Figure, Table
+from app.report.model import Chart, Table
 from app.report.words.numbers import format_angle, format_elapsed, format_number
 from app.report.words.wording import Language, Words, fill
 
@@ -34,7 +34,7 @@ STEPS = 60
 """Stretches of the error over time."""
 
 
-def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: Language) -> Figure:
+def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: Language) -> Chart:
     """Plot the difference over the mean of both, as a density, with bias and limits of agreement."""
     middle = (pairs.ours_deg + pairs.reference_deg) / 2.0
     error = pairs.ours_deg - pairs.reference_deg
@@ -59,9 +59,7 @@ def draw_bland_altman(pairs: Pairs, overall: Agreement, words: Words, language: 
         )
         for width in (WIDE, NARROW)
     }
-    return Figure(
-        *told, drawn[WIDE], drawn[NARROW], _tabulate_limits(overall, entry, language), entry["note"]
-    )
+    return Chart(*told, drawn[WIDE], drawn[NARROW], _tabulate_limits(overall, entry, language), entry["note"])
 
 
 def _round_up(*values: float) -> float:
@@ -93,7 +91,7 @@ def _tabulate_limits(overall: Agreement, entry: Words, language: Language) -> Ta
     return Table(entry["title"], tuple(entry["columns"]), (row,))
 
 
-def draw_overlay(pairs: Pairs, words: Words, language: Language) -> Figure:
+def draw_overlay(pairs: Pairs, words: Words, language: Language) -> Chart:
     """Show both angles in the half minute in which they differ most."""
     start_s = find_worst(pairs)
     shown = pairs.cut(start_s, start_s + SHOWN_S)
@@ -121,7 +119,7 @@ def draw_overlay(pairs: Pairs, words: Words, language: Language) -> Figure:
         )
         for width in (WIDE, NARROW)
     }
-    return Figure(*told, drawn[WIDE], drawn[NARROW], _tabulate_overlay(shown, entry, language))
+    return Chart(*told, drawn[WIDE], drawn[NARROW], _tabulate_overlay(shown, entry, language))
 
 
 def find_worst(pairs: Pairs) -> float:
@@ -155,7 +153,7 @@ def _tabulate_overlay(pairs: Pairs, entry: Words, language: Language) -> Table:
     return Table(entry["title"], tuple(entry["columns"]), tuple(rows))
 
 
-def draw_error_over_time(pairs: Pairs, words: Words, language: Language) -> Figure | None:
+def draw_error_over_time(pairs: Pairs, words: Words, language: Language) -> Chart | None:
     """Show the mean difference and the root mean square through the whole common time; not under a minute."""
     time_s = np.concatenate([run.time_s for run in pairs.runs])
     start_s, end_s = float(time_s[0]), float(time_s[-1])
@@ -187,7 +185,7 @@ def draw_error_over_time(pairs: Pairs, words: Words, language: Language) -> Figu
         )
         for at, mean, size in zip(middles, means, sizes, strict=True)
     )
-    return Figure(*told, drawn[WIDE], drawn[NARROW], Table(told[0], tuple(entry["columns"]), rows))
+    return Chart(*told, drawn[WIDE], drawn[NARROW], Table(told[0], tuple(entry["columns"]), rows))
 
 
 def _average(time_s: Vector, error: Vector, edges: Vector) -> tuple[Vector, Vector]:

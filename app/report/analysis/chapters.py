@@ -1,13 +1,13 @@
-"""What stands behind the first page: hours, all figures, quality, time, method, provenance."""
+"""The chapters after the first page: hours, all figures, quality, time, method, provenance."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from app.report.analysis.day import name_reason
-from app.report.analysis.figures import build_parts, build_spread, is_drawable
-from app.report.analysis.tables import list_measures
+from app.report.analysis.charts import build_parts, build_spread, is_drawable
+from app.report.analysis.day import format_reason
+from app.report.analysis.tables import build_measures
 from app.report.export.results import SCHEMA, identify_report
 from app.report.findings import Findings, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
@@ -35,42 +35,42 @@ from fusion.exposure.types import Interval, PartExposure
 from fusion.quality.types import TimePart
 from fusion.recording import MICROSECONDS, QualityFlag
 
-# Every published value beside the measured one, with what it is and whom it is of.
+# ------------------------------------------------------------------ published values
 
 
 def build_published(findings: Findings, words: Words, language: Language) -> Section:
     """Give all references as a table, and what studies of groups found in words."""
     entry = words["published"]
     compared = compare_with_references(findings.exposure, findings.quality.verdict)
-    rows = tuple(_tell_row(item, words, language) for item in compared)
+    rows = tuple(_build_row(item, words, language) for item in compared)
     table = Table(
-        entry["caption"], tuple(entry["columns"]), rows, prose=True, note=_tell_why(compared, words)
+        entry["caption"], tuple(entry["columns"]), rows, prose=True, note=_format_why(compared, words)
     )
     paragraphs = (*(entry["statement"][key] for key in STATEMENTS), entry["groups"])
     return Section("published", entry["title"], (" ".join(paragraphs),), tables=(table,))
 
 
-def _tell_row(item: Compared, words: Words, language: Language) -> tuple[str, ...]:
+def _build_row(item: Compared, words: Words, language: Language) -> tuple[str, ...]:
     said, reference = words["reference"][item.reference.key], item.reference
-    measured = NONE if item.reason else _tell(item.measured or 0.0, reference, language, 1)
-    return said["name"], said["source"], _tell_published(reference, language), measured
+    measured = NONE if item.reason else _format_value(item.measured or 0.0, reference, language, 1)
+    return said["name"], said["source"], _format_published(reference, language), measured
 
 
-def _tell_published(reference: Reference, language: Language) -> str:
+def _format_published(reference: Reference, language: Language) -> str:
     decimals = 0 if reference.high >= 10 else 1
-    high = _tell(reference.high, reference, language, decimals)
+    high = _format_value(reference.high, reference, language, decimals)
     if reference.low is None:
         return f"≤\u00a0{high}"
     return f"{format_number(reference.low, decimals, language)}–{high}"
 
 
-def _tell(value: float, reference: Reference, language: Language, decimals: int) -> str:
+def _format_value(value: float, reference: Reference, language: Language, decimals: int) -> str:
     sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s", "h": f"{NARROW}h"}[reference.unit]
     return f"{format_number(value, 0 if reference.unit == 'deg' else decimals, language)}{sign}"
 
 
-def _tell_why(compared: tuple[Compared, ...], words: Words) -> str:
-    """Say why nothing is set beside them, where all lack it for one reason."""
+def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
+    """Give the reason why no reference has a measured value beside it, where all have the same one."""
     reasons = {item.reason for item in compared} - {"not computed"}
     if not reasons or "" in reasons:
         return ""
@@ -78,8 +78,7 @@ def _tell_why(compared: tuple[Compared, ...], words: Words) -> str:
     return fill(words["comparison"]["does_not_apply"], {"reason": why})
 
 
-# What limits the figures, for the first page: the verdict with every grave reason, what was not analysed,
-# what the ranges hold, and how accurate the method is.
+# ------------------------------------------------------------------ what limits the figures
 
 
 SHORTEST_DRAWN_S = 1800.0
@@ -88,27 +87,27 @@ LEAST_SHARE = 0.01
 """Of the recording: less that was not analysed, and less than a minute, is left to the table."""
 
 
-def tell_verdict(findings: Findings, words: Words, language: Language) -> VerdictLine:
+def build_verdict(findings: Findings, words: Words, language: Language) -> VerdictLine:
     """Give the verdict, the gravest reason in full, every other by its name, and what was not analysed.
 
     A sound recording never hides what the pose does to its figures.
     """
     entry = words["verdict"][findings.quality.verdict]
-    is_posed = findings.quality.verdict == "good" and tell_pose_caution(findings, words)
+    is_posed = findings.quality.verdict == "good" and format_pose_caution(findings, words)
     reasons = _format_reasons(findings, words, language) or entry["posed" if is_posed else "reason"]
-    told = (reasons, _tell_not_analysed(findings, words, language))
+    told = (reasons, _format_not_analysed(findings, words, language))
     return VerdictLine(findings.quality.verdict, entry["label"], " ".join(filter(None, told)))
 
 
-def tell_pose_caution(findings: Findings, words: Words) -> str:
+def format_pose_caution(findings: Findings, words: Words) -> str:
     """Give the known one-sided error of the calibration pose; empty where there is none."""
     if findings.calibration is None:
         return ""
     return str(words["pose_caution"].get(findings.calibration.pose, ""))
 
 
-def tell_accuracy(findings: Findings, words: Words) -> str:
-    """Say how accurate the method of these figures is known to be, and what of a sensor goes unnoticed."""
+def format_accuracy(findings: Findings, words: Words) -> str:
+    """Describe the known accuracy of the method, and which faults of a sensor are not detected."""
     told, name = words["accuracy"], findings.method.name if findings.method else "ready"
     return (
         f"{told[name]} {told['turned']}" if name in {"smoothed", "published", "live"} else str(told["ready"])
@@ -132,35 +131,42 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
         return ""
     caveat = describe_flag(counted[0], language)
     told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
-    others = "; ".join(_tell_name(flag, language) for flag in counted[1:])
+    others = "; ".join(_format_flag(flag, language) for flag in counted[1:])
     others = others.replace("; ", "\u00a0; ") if language == "fr" else others
     return f"{told} {fill(words['heading']['also'], {'others': others})}" if others else told
 
 
-def _tell_name(flag: QualityFlag, language: Language) -> str:
+def _format_flag(flag: QualityFlag, language: Language) -> str:
     title = describe_flag(flag, language).title
     title = title[0].lower() + title[1:]
     return f"{title} ({format_duration(flag.seconds, language)})" if flag.seconds else title
 
 
-def _tell_not_analysed(findings: Findings, words: Words, language: Language) -> str:
-    """Say what time is in no figure, the most of it first."""
+def _format_not_analysed(findings: Findings, words: Words, language: Language) -> str:
+    """Describe the time that no figure includes, the largest part first."""
     time = findings.time
     away_us = time.missing_us + time.excluded_us
     if away_us < max(LEAST_SHARE * time.recorded_us, MINUTE_S * MICROSECONDS):
         return ""
-    parts = sorted(_list_away(findings, words), key=lambda part: -part[1])
+    parts = sorted(_find_time_away(findings, words), key=lambda part: -part[1])
     told = ", ".join(f"{name} {format_duration(us / MICROSECONDS, language)}" for name, us in parts)
     return fill(words["heading"]["not_analysed"], {"parts": told})
 
 
-def _list_away(findings: Findings, words: Words) -> Iterator[tuple[str, int]]:
+def _find_time_away(findings: Findings, words: Words) -> Iterator[tuple[str, int]]:
+    """Give the name and the microseconds of each kind of time that was not analysed."""
+    for reason, us in _sum_exclusions(findings).items():
+        yield format_reason(reason, words), us
+    if findings.time.missing_us >= MICROSECONDS:
+        yield words["time"]["missing"].lower(), findings.time.missing_us
+
+
+def _sum_exclusions(findings: Findings) -> dict[str, int]:
+    """Add up the excluded stretches by their reason, microseconds."""
     totals_us: dict[str, int] = {}
     for span in findings.exclusions:
         totals_us[span.reason] = totals_us.get(span.reason, 0) + span.duration_us
-    yield from ((name_reason(reason, words), us) for reason, us in totals_us.items())
-    if findings.time.missing_us >= MICROSECONDS:
-        yield words["time"]["missing"].lower(), findings.time.missing_us
+    return totals_us
 
 
 LONGEST_NAME = 60
@@ -182,7 +188,7 @@ def build_sections(
             "figures",
             words["section"]["figures"],
             paragraphs=(words["ranges"]["every"][choose_ranges(findings)],),
-            tables=list_measures(findings.exposure, clock, words),
+            tables=build_measures(findings.exposure, clock, words),
         ),
         build_published(findings, words, clock.language),
         _build_quality(findings, clock, words),
@@ -197,8 +203,8 @@ def build_sections(
 
 def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
     exposure = findings.exposure
-    hours = [(_name_hour(part, clock), part) for part in exposure.by_hour]
-    periods = [(_name_period(part, clock, words), part) for part in exposure.by_period]
+    hours = [(_format_hour(part, clock), part) for part in exposure.by_hour]
+    periods = [(_format_period(part, clock, words), part) for part in exposure.by_period]
     groups = [
         (key, parts, caption)
         for key, parts, caption in (("hours", hours, "by_hour"), ("periods", periods, "by_period"))
@@ -209,7 +215,7 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
         _tabulate_parts(parts, words["part"][caption], range_name, clock) for _, parts, caption in groups
     ]
     if any(part.periods > 1 for part in exposure.by_task):
-        tasks = [(_name_task(part, words), _drop_told_ranges(part)) for part in exposure.by_task]
+        tasks = [(_format_task(part, words), _drop_told_ranges(part)) for part in exposure.by_task]
         tables.append(_tabulate_parts(tasks, words["part"]["by_task"], range_name, clock))
     figures = [
         build_parts(key, parts, words, clock.language)
@@ -221,22 +227,22 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
 
 
 def _drop_told_ranges(part: PartExposure) -> PartExposure:
-    """A task of one period has the period's ranges, which stand under that already."""
+    """Leave out the ranges of a task of one period: they stand under the period already."""
     return part if part.periods > 1 else replace(part, intervals={})
 
 
-def _name_hour(part: PartExposure, clock: Clock) -> str:
-    first, last = clock.label_tick(part.start_s), clock.label_tick(part.end_s)
-    return f"{first}–{last if last != first else clock.tell(part.end_s, with_seconds=True)}"
+def _format_hour(part: PartExposure, clock: Clock) -> str:
+    first, last = clock.format_tick(part.start_s), clock.format_tick(part.end_s)
+    return f"{first}–{last if last != first else clock.format(part.end_s, with_seconds=True)}"
 
 
-def _name_period(part: PartExposure, clock: Clock, words: Words) -> str:
+def _format_period(part: PartExposure, clock: Clock, words: Words) -> str:
     """Give its times and the diary's label, else what kind of time it is."""
     name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
-    return f"{clock.tell(part.start_s)}–{clock.tell(part.end_s)} {cut_text(name, LONGEST_NAME)}"
+    return f"{clock.format(part.start_s)}–{clock.format(part.end_s)} {cut_text(name, LONGEST_NAME)}"
 
 
-def _name_task(part: PartExposure, words: Words) -> str:
+def _format_task(part: PartExposure, words: Words) -> str:
     """Give the diary's label and how many of its rows are pooled."""
     name = clean_text(part.label) or words["part"]["kind"].get(part.kind, part.kind)
     told = cut_text(name, LONGEST_NAME)
@@ -249,22 +255,25 @@ def _tabulate_parts(
     language = clock.language
     rows: list[tuple[str, ...]] = []
     for name, part in parts:
-        rows += [_tell_part(name, part, entry, language), *_tell_part_ranges(part, range_name, language)]
+        rows += [
+            _build_part_row(name, part, entry, language),
+            *_build_part_ranges(part, range_name, language),
+        ]
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
 
 
-def _tell_part(name: str, part: PartExposure, entry: Words, language: Language) -> tuple[str, ...]:
+def _build_part_row(name: str, part: PartExposure, entry: Words, language: Language) -> tuple[str, ...]:
     rated = part.analysed_s >= SHORTEST_RATED_S
     return (
         name,
-        _tell_analysed(part, entry, language),
+        _format_analysed(part, entry, language),
         *(format_angle(part.percentiles_deg.get(p), language) for p in (10, 50, 90)),
         *(format_percent(part.percent_above.get(c), language) for c in (30, 60, 90)),
         format_rate(part.entries_above_60_per_h, language) if rated else NONE,
     )
 
 
-def _tell_part_ranges(part: PartExposure, range_name: str, language: Language) -> list[tuple[str, ...]]:
+def _build_part_ranges(part: PartExposure, range_name: str, language: Language) -> list[tuple[str, ...]]:
     """Give the row of ranges under a part, if any is known; without units, so that it stays on its line."""
     if not part.intervals:
         return []
@@ -274,19 +283,19 @@ def _tell_part_ranges(part: PartExposure, range_name: str, language: Language) -
     rate = part.intervals.get("entries_above_60_per_h") if rated else None
     cells = (
         *(format_angle_range(angle, language).removesuffix("°") for angle in angles),
-        *(_tell_ends(share, 1, language) for share in shares),
-        _tell_ends(rate, 0, language),
+        *(_format_ends(share, 1, language) for share in shares),
+        _format_ends(rate, 0, language),
     )
     return [(range_name, "", *cells)]
 
 
-def _tell_ends(interval: Interval | None, decimals: int, language: Language) -> str:
+def _format_ends(interval: Interval | None, decimals: int, language: Language) -> str:
     if interval is None:
         return ""
     return "–".join(format_number(end, decimals, language) for end in (interval.low, interval.high))
 
 
-def _tell_analysed(part: PartExposure, entry: Words, language: Language) -> str:
+def _format_analysed(part: PartExposure, entry: Words, language: Language) -> str:
     if not part.reason:
         return format_duration(part.analysed_s, language)
     return fill(entry["left_out"], {"length": format_duration(part.recorded_s, language)})
@@ -309,7 +318,7 @@ def _tabulate_flags(flags: Iterable[QualityFlag], clock: Clock, words: Words) ->
     for flag in flags:
         caveat = describe_flag(flag, clock.language)
         told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
-        places = (_tell_place(at, clock) for at in (flag.first_s, flag.last_s))
+        places = (_format_place(at, clock) for at in (flag.first_s, flag.last_s))
         count = format_number(flag.count, 0, clock.language)
         lasted = format_duration(flag.seconds, clock.language) if flag.seconds else NONE
         rows.append((flag.code, told, count, lasted, *places))
@@ -317,12 +326,12 @@ def _tabulate_flags(flags: Iterable[QualityFlag], clock: Clock, words: Words) ->
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True)
 
 
-def _tell_place(seconds: float | None, clock: Clock) -> str:
-    return NONE if seconds is None else clock.tell(seconds, with_seconds=True)
+def _format_place(seconds: float | None, clock: Clock) -> str:
+    return NONE if seconds is None else clock.format(seconds, with_seconds=True)
 
 
 def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
-    """Show that analysed, missing and excluded add up to what was recorded, to the microsecond."""
+    """Tabulate analysed, missing and excluded time, which add up to the recorded time to the microsecond."""
     time, entry = findings.time, words["time"]
     amounts = [
         (entry["analysed"], time.analysed_us),
@@ -339,16 +348,16 @@ def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
         )
         for name, amount_us in amounts
     ]
-    note = fill(entry["note"], {"reasons": _tell_reasons(findings, clock, words)})
+    note = fill(entry["note"], {"reasons": _format_exclusions(findings, clock, words)})
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
 
 
 def _tabulate_time_parts(findings: Findings, clock: Clock, words: Words) -> Table:
-    """Show what the diary made of the day: each kind of time, adding up to what was recorded."""
+    """Tabulate each kind of time in the diary; all add up to the recorded time."""
     entry, whole_us = words["time_parts"], max(findings.time.recorded_us, 1)
     rows = tuple(
         (
-            fill(entry[part.account], {"name": _name_time(part, words)}),
+            fill(entry[part.account], {"name": _format_time_part(part, words)}),
             format_long_duration(part.duration_us / MICROSECONDS),
             format_exact(part.duration_us / MICROSECONDS, clock.language),
             format_percent(100 * part.duration_us / whole_us, clock.language),
@@ -358,22 +367,18 @@ def _tabulate_time_parts(findings: Findings, clock: Clock, words: Words) -> Tabl
     return Table(entry["caption"], tuple(entry["columns"]), rows, note=entry["note"])
 
 
-def _name_time(part: TimePart, words: Words) -> str:
+def _format_time_part(part: TimePart, words: Words) -> str:
     if part.account == "excluded":
-        return name_reason(part.name, words)
+        return format_reason(part.name, words)
     return str(words["part"]["kind"].get(part.name, part.name))
 
 
-def _tell_reasons(findings: Findings, clock: Clock, words: Words) -> str:
-    """Name each reason for leaving time out and how long its stretches lasted."""
-    totals: dict[str, int] = {}
-    for span in findings.exclusions:
-        totals[span.reason] = totals.get(span.reason, 0) + span.duration_us
-    told = (
-        f"{name_reason(reason, words)} ({format_duration(us / MICROSECONDS, clock.language)})"
-        for reason, us in totals.items()
+def _format_exclusions(findings: Findings, clock: Clock, words: Words) -> str:
+    """Write each reason for leaving time out and how long its stretches lasted."""
+    return ", ".join(
+        f"{format_reason(reason, words)} ({format_duration(us / MICROSECONDS, clock.language)})"
+        for reason, us in _sum_exclusions(findings).items()
     )
-    return ", ".join(told)
 
 
 # ------------------------------------------------------------------ method and provenance
@@ -410,19 +415,19 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
     chosen = "asked" if findings.settings.calibration_windows_s else "proposed"
     pairs = [
         Pair(entry["pose"], words["pose"][calibration.pose]),
-        Pair(entry["window"], _tell_still(calibration.still, clock, words)),
+        Pair(entry["window"], _format_still(calibration.still, clock, words)),
         Pair(entry["chosen"], entry[chosen]),
         Pair(entry["score"], score),
         Pair(entry["bias"], fill(entry["bias_value"], {"values": " ; ".join(bias)})),
     ]
     if calibration.second is not None:
-        pairs.insert(2, Pair(entry["second"], _tell_still(calibration.second, clock, words)))
+        pairs.insert(2, Pair(entry["second"], _format_still(calibration.second, clock, words)))
     return tuple(pairs)
 
 
-def _tell_still(still: StillFacts, clock: Clock, words: Words) -> str:
+def _format_still(still: StillFacts, clock: Clock, words: Words) -> str:
     facts = {
-        "time": clock.tell(still.start_s, with_seconds=True),
+        "time": clock.format(still.start_s, with_seconds=True),
         "second": format_number(still.start_s, 2, clock.language),
         "length": format_duration(still.duration_s, clock.language),
     }

@@ -54,13 +54,13 @@ class Day:
     worst: Stretch | None
 
 
-def draw_up_day(findings: Findings, clock: Clock, words: Words) -> Day:
-    """Lay out the day."""
+def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
+    """Build the timeline of a recording."""
     duration_s = findings.recording.duration_us / MICROSECONDS
-    bands = _list_bands(findings.exposure.minutes, duration_s)
+    bands = _build_bands(findings.exposure.minutes, duration_s)
     left_out = merge_spans(findings.exclusions)
     missing = _find_missing([(band.start_s, band.end_s) for band in bands], left_out, duration_s)
-    marks = [Mark(a, b, "left out", name_reason(reason, words)) for a, b, reason in left_out]
+    marks = [Mark(a, b, "left out", format_reason(reason, words)) for a, b, reason in left_out]
     marks += [Mark(a, b, "missing", words["day"]["missing"]) for a, b in missing]
     shown = (mark for mark in marks if mark.end_s - mark.start_s >= SHORTEST_MARK_S)
     return Day(
@@ -73,7 +73,7 @@ def draw_up_day(findings: Findings, clock: Clock, words: Words) -> Day:
 
 
 def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: str) -> Day:
-    """Lay a day on a longer axis that begins ``by_s`` before it; what it does not reach is called absent."""
+    """Move a day onto a longer axis that begins ``by_s`` earlier; time outside it is marked ``absent``."""
     runs = tuple(
         tuple(replace(b, start_s=b.start_s + by_s, end_s=b.end_s + by_s) for b in run) for run in day.runs
     )
@@ -83,8 +83,8 @@ def shift_day(day: Day, by_s: float, duration_s: float, clock: Clock, absent: st
     return Day(duration_s, clock, runs, tuple(sorted(marks, key=lambda mark: mark.start_s)), None)
 
 
-def name_reason(reason: str, words: Words) -> str:
-    """Call a reason for leaving time out by its name; an unknown one (a diary's own word) stays."""
+def format_reason(reason: str, words: Words) -> str:
+    """Write a reason for leaving time out; an unknown one (a diary's own word) stays as it is."""
     return str(words["reason"].get(reason, reason or words["day"]["left_out"]))
 
 
@@ -99,7 +99,7 @@ def merge_spans(spans: Iterable[Span]) -> list[tuple[float, float, str]]:
     return sorted((a / MICROSECONDS, b / MICROSECONDS, reason) for a, b, reason in merged)
 
 
-def _list_bands(minutes: MinuteProfile, duration_s: float) -> list[MinuteBand]:
+def _build_bands(minutes: MinuteProfile, duration_s: float) -> list[MinuteBand]:
     kept = np.isfinite(minutes.p50_deg) & (minutes.analysed_s > 0)
     columns = (minutes.start_s, minutes.p10_deg, minutes.p50_deg, minutes.p90_deg)
     return [

@@ -1,8 +1,8 @@
-"""Published values beside the measured ones, and why not where they cannot be compared.
+"""Published values beside the measured ones, or the reason why the two cannot be compared.
 
-Only references whose value was read in its source (EXPOSURE.md A10) stand here. The velocity proposal was
-made from accelerometers: it is compared with ``generalised_accelerometer`` alone, for a fused velocity
-reads two to four times lower and would reassure falsely (Fan et al. 2021).
+Each reference value was read in its source (EXPOSURE.md A10). The velocity proposal was made from
+accelerometers, so that only ``generalised_accelerometer`` is compared with it: a fused velocity reads two to
+four times lower and would reassure falsely (Fan et al. 2021).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _measure(exposure: Exposure) -> tuple[_Measured, ...]:
 
 
 def _find_reason(findings: Findings) -> str:
-    """Say why nothing at all can be compared; empty where it can."""
+    """Give the reason why no figure can be compared; empty where they can."""
     if findings.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
         return "short"
     return "poor" if findings.quality.verdict == "poor" else ""
@@ -73,27 +73,27 @@ def _compare(item: _Measured, reason: str, words: Words, language: Language) -> 
         why = common["reason"][f"{reason}_{item.key}" if reason == "not_computed" else reason]
         statement = fill(common["does_not_apply"], {"reason": why})
         return Reference(entry["name"], entry["source"], statement, "", "")
-    facts = _tell_values(item, language)
+    facts = _format_values(item, language)
     statement = fill(entry["statement"], facts)
     return Reference(entry["name"], entry["source"], statement, statement, _draw(item, entry, facts, words))
 
 
-def _tell_values(item: _Measured, language: Language) -> dict[str, str]:
+def _format_values(item: _Measured, language: Language) -> dict[str, str]:
     """Write the measured value with our decimals and the published one as it was published."""
-    value = _tell_published(item.value, item.unit, language)
+    value = _format_published(item.value, item.unit, language)
     if item.unit == "percent":
         value = format_percent(item.value, language)
     told = format_range if item.unit == "percent" else format_angle_range
-    low = _tell_published(item.low, item.unit, language) if item.low is not None else ""
+    low = _format_published(item.low, item.unit, language) if item.low is not None else ""
     return {
         "value": value,
-        "high": _tell_published(item.high, item.unit, language),
+        "high": _format_published(item.high, item.unit, language),
         "low": low,
         "range": told(item.interval, language),
     }
 
 
-def _tell_published(value: float | None, unit: str, language: Language) -> str:
+def _format_published(value: float | None, unit: str, language: Language) -> str:
     sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s"}[unit]
     return f"{format_number(value, 0, language)}{sign}"
 

@@ -1,4 +1,4 @@
-"""From what was found to a report: choose, round, order, say. Pure; nothing here knows HTML or PDF."""
+"""From findings to the content of a report: choose, round, order, word. Pure, and without HTML or PDF."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from app.report.analysis.chapters import (
     build_sections,
+    build_verdict,
     choose_ranges,
-    tell_accuracy,
-    tell_pose_caution,
-    tell_verdict,
+    format_accuracy,
+    format_pose_caution,
 )
+from app.report.analysis.charts import build_bar, build_day
 from app.report.analysis.day import WORST_WINDOW_S
-from app.report.analysis.figures import build_bar, build_day
 from app.report.analysis.norms import compare_with_references
 from app.report.export.results import identify_report
 from app.report.findings import Findings
@@ -37,7 +37,7 @@ from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.exposure.types import Entries, Episodes, Exposure, Interval
 from fusion.recording import MICROSECONDS
 
-# The answer in three plain sentences; an interval only where the exposure carries one.
+# The answer in three plain sentences; a range only where the exposure has one.
 
 
 MAIN_THRESHOLD_DEG = 60
@@ -45,7 +45,7 @@ WORST_RANGE = f"worst_{WORST_WINDOW_S // 60}_min_above_60_percent"
 
 
 @dataclass(frozen=True, slots=True)
-class Teller:
+class SentenceContext:
     """What every sentence needs: the words, the language, the clock and the name of the arm."""
 
     words: Words
@@ -54,16 +54,16 @@ class Teller:
     arm: str
 
 
-def tell_answers(exposure: Exposure, teller: Teller) -> tuple[str, str, str]:
-    """Say how long, how often and when the arm was raised above 60 deg."""
+def format_answers(exposure: Exposure, teller: SentenceContext) -> tuple[str, str, str]:
+    """Write how long, how often and when the arm was raised above 60 deg."""
     return (
-        _tell_time_above(exposure, teller),
-        _tell_entries(exposure, teller),
-        _tell_worst_window(exposure, teller),
+        _format_time_above(exposure, teller),
+        _format_entries(exposure, teller),
+        _format_worst_window(exposure, teller),
     )
 
 
-def _tell_time_above(exposure: Exposure, teller: Teller) -> str:
+def _format_time_above(exposure: Exposure, teller: SentenceContext) -> str:
     above = next(t for t in exposure.time_above if t.threshold_deg == MAIN_THRESHOLD_DEG)
     facts = {
         "arm": teller.arm,
@@ -75,7 +75,7 @@ def _tell_time_above(exposure: Exposure, teller: Teller) -> str:
     return fill(teller.words["sentence"]["time_above"], facts)
 
 
-def _tell_entries(exposure: Exposure, teller: Teller) -> str:
+def _format_entries(exposure: Exposure, teller: SentenceContext) -> str:
     entries = next(e for e in exposure.entries if e.threshold_deg == MAIN_THRESHOLD_DEG)
     episodes = next(e for e in exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG)
     is_rated = exposure.analysed_s >= SHORTEST_RATED_S
@@ -83,7 +83,7 @@ def _tell_entries(exposure: Exposure, teller: Teller) -> str:
         "arm": teller.arm,
         "count": format_number(entries.count, 0, teller.language),
         "per_hour": format_rate(entries.per_hour, teller.language) if is_rated else "",
-        "longest": _tell_longest(episodes, exposure.intervals, teller),
+        "longest": _format_longest(episodes, exposure.intervals, teller),
     }
     return fill(teller.words["sentence"][_choose_entries(entries)], facts)
 
@@ -92,8 +92,8 @@ def _choose_entries(entries: Entries) -> str:
     return {0: "entries_none", 1: "entries_one"}.get(entries.count, "entries_many")
 
 
-def _tell_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: Teller) -> str:
-    """Say how long the longest stay was, with its range, and, where known, when it began."""
+def _format_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: SentenceContext) -> str:
+    """Write how long the longest stay was, with its range, and when it began where that is known."""
     if not episodes.longest_s:
         return ""
     interval = ranges.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
@@ -109,15 +109,15 @@ def _tell_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: Te
     return fill(teller.words["sentence"][key], {"longest": longest, "time": time})
 
 
-def _tell_worst_window(exposure: Exposure, teller: Teller) -> str:
+def _format_worst_window(exposure: Exposure, teller: SentenceContext) -> str:
     window = next((w for w in exposure.peak_windows if w.length_s == WORST_WINDOW_S), None)
     if window is None or window.start_s is None:
         return str(teller.words["sentence"]["window_absent"])
     if not window.percent_above_60:
         return str(teller.words["sentence"]["window_zero"])
     facts = {
-        "start": teller.clock.tell(window.start_s),
-        "end": teller.clock.tell(window.start_s + window.length_s),
+        "start": teller.clock.format(window.start_s),
+        "end": teller.clock.format(window.start_s + window.length_s),
         "percent": format_percent(window.percent_above_60, teller.language),
         "range": format_range(exposure.intervals.get(WORST_RANGE), teller.language),
     }
@@ -132,20 +132,20 @@ __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 
 
 def build_report(findings: Findings, subject: ReportSubject, language: Language) -> Report:
-    """Turn what was found into all that a template may use, in one language."""
+    """Turn findings into all that a template may use, in one language."""
     words = load_wording(language)
     clock = Clock(findings.recording.start, language)
     arm = words["arm"][subject.side or "unknown"]
-    header, footer = _build_header(findings, subject, clock, words), _tell_footer(findings, subject, words)
+    header, footer = _build_header(findings, subject, clock, words), _format_footer(findings, subject, words)
     return Report(
         language=language,
         title=words["heading"]["title"],
         subtitle=words["heading"]["subtitle"],
         header=header,
-        verdict=tell_verdict(findings, words, language),
-        sentences=tell_answers(findings.exposure, Teller(words, language, clock, arm)),
+        verdict=build_verdict(findings, words, language),
+        sentences=format_answers(findings.exposure, SentenceContext(words, language, clock, arm)),
         range_note=words["ranges"][choose_ranges(findings)],
-        pose_caution=tell_pose_caution(findings, words),
+        pose_caution=format_pose_caution(findings, words),
         figures=(build_bar(findings.exposure, words, language), build_day(findings, clock, words)),
         references=compare_with_references(findings, words, language),
         limits=_build_limits(findings, words),
@@ -153,9 +153,9 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         sections=build_sections(findings, subject, clock, words),
         report_id=identify_report(findings, subject),
         footer=footer,
-        brief=_tell_brief(header, footer, words),
+        brief=_format_brief(header, footer, words),
         made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
-        amendment=_tell_amendment(subject, words),
+        amendment=_format_amendment(subject, words),
         words=words["label"],
     )
 
@@ -167,14 +167,14 @@ def _build_header(findings: Findings, subject: ReportSubject, clock: Clock, word
     recorded = format_duration(time.recorded_us / MICROSECONDS, clock.language)
     return (
         Pair(label["subject"], cut_text(clean_text(subject.subject), LONGEST_CODE) or label["not_given"]),
-        Pair(label["date"], _tell_date(findings, clock, words)),
+        Pair(label["date"], _format_date(findings, clock, words)),
         Pair(label["arm"], words["side"][subject.side or "unknown"]),
         Pair(label["device"], words["device"].get(findings.recording.device, words["device"]["other"])),
         Pair(label["analysed"], fill(words["heading"]["of"], {"part": analysed, "whole": recorded})),
     )
 
 
-def _tell_date(findings: Findings, clock: Clock, words: Words) -> str:
+def _format_date(findings: Findings, clock: Clock, words: Words) -> str:
     if clock.start is None:
         return str(words["label"]["no_clock"])
     end = clock.at(findings.recording.duration_us / MICROSECONDS) or clock.start
@@ -187,23 +187,23 @@ def _tell_date(findings: Findings, clock: Clock, words: Words) -> str:
 
 
 def _build_limits(findings: Findings, words: Words) -> Note:
-    paragraphs = (*words["limits"]["paragraphs"], tell_accuracy(findings, words))
+    paragraphs = (*words["limits"]["paragraphs"], format_accuracy(findings, words))
     return Note(words["limits"]["title"], paragraphs)
 
 
-def _tell_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:
+def _format_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:
     facts = {"version": subject.software.version, "id": identify_report(findings, subject)}
     return fill(words["heading"]["footer"], facts)
 
 
-def _tell_brief(header: tuple[Pair, ...], footer: str, words: Words) -> str:
+def _format_brief(header: tuple[Pair, ...], footer: str, words: Words) -> str:
     subject, date, arm, device, _ = (pair.value for pair in header)
     facts = {"subject": subject, "date": date, "arm": arm, "device": device, "footer": footer}
     return fill(words["label"]["brief"], facts)
 
 
-def _tell_amendment(subject: ReportSubject, words: Words) -> str:
-    """Say that a report replaces an earlier one; a first one says nothing."""
+def _format_amendment(subject: ReportSubject, words: Words) -> str:
+    """Write that a report replaces an earlier one; empty for a first report."""
     if subject.version < 2:
         return ""
     changed = (words["changed"].get(name, clean_text(name)) for name in subject.changes)

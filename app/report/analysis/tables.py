@@ -39,8 +39,8 @@ from fusion.conventions import CONVENTIONS
 from fusion.exposure.types import Cycles, ElevationBin, Exposure, PeakWindow, TimeAbove
 
 
-def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
-    """List all figures as tables; a table without rows is left out."""
+def build_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
+    """Build the tables of all figures; a table without rows is left out."""
     language, entry = clock.language, words["measure"]
     tables = (
         _tabulate_bins(exposure.bins, entry, language),
@@ -59,22 +59,22 @@ def list_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table
 
 
 def _tabulate_bins(bins: Sequence[ElevationBin], entry: Words, language: Language) -> Table:
-    rows = [(f"{b.lower_deg:g}–{b.upper_deg:g}°", *_tell_share(b, language)) for b in bins]
+    rows = [(f"{b.lower_deg:g}–{b.upper_deg:g}°", *_format_share(b, language)) for b in bins]
     return _tabulate(entry["bins"], rows)
 
 
 def _tabulate_above(above: Sequence[TimeAbove], entry: Words, language: Language) -> Table:
-    rows = [(f"≥ {t.threshold_deg:g}°", *_tell_share(t, language)) for t in above]
+    rows = [(f"≥ {t.threshold_deg:g}°", *_format_share(t, language)) for t in above]
     return _tabulate(entry["time_above"], rows)
 
 
-def _tell_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str]:
+def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str]:
     told = format_range(item.interval, language) or NONE
     return format_duration(item.duration_s, language), format_percent(item.percent, language), told
 
 
 def _tabulate_percentiles(exposure: Exposure, entry: Words, language: Language) -> Table:
-    """Lay the percentiles out in one row, which is how they are compared; their ranges under them."""
+    """Tabulate the percentiles in one row, which is how they are compared, with their ranges below."""
     said, ranks = entry["percentiles"], sorted(exposure.percentiles_deg)
     if not ranks:
         return Table("", (), ())
@@ -102,12 +102,12 @@ def _tabulate_entries(exposure: Exposure, entry: Words, language: Language) -> T
         )
         above = {"threshold_deg": item.threshold_deg}
         per_h, median, longest = (f.spell(above) for f in (ENTRIES_PER_H, STAY_MEDIAN_S, STAY_LONGEST_S))
-        ranges = _tell_ranges(exposure, ("", per_h, "", median, longest, ""), entry, language)
+        ranges = _build_ranges(exposure, ("", per_h, "", median, longest, ""), entry, language)
         rows += [row, *ranges]
     return _tabulate(entry["entries"], rows)
 
 
-def _tell_ranges(
+def _build_ranges(
     exposure: Exposure, names: Sequence[str], entry: Words, language: Language
 ) -> list[tuple[str, ...]]:
     """Give the row of ranges under a row of figures, in its units; none where none is known."""
@@ -115,7 +115,7 @@ def _tell_ranges(
     if not any(intervals):
         return []
     cells = (
-        f"{_tell_end(interval.low, name, language)}–{_tell_end(interval.high, name, language)}"
+        f"{_format_end(interval.low, name, language)}–{_format_end(interval.high, name, language)}"
         if interval
         else ""
         for name, interval in zip(names, intervals, strict=True)
@@ -123,7 +123,7 @@ def _tell_ranges(
     return [(entry["percentiles"]["range"], *cells)]
 
 
-def _tell_end(value: float, name: str, language: Language) -> str:
+def _format_end(value: float, name: str, language: Language) -> str:
     if name.endswith("_per_h"):
         return format_rate(value, language)
     if name.endswith("_s"):
@@ -136,14 +136,14 @@ def _tabulate_cycles(exposure: Exposure, entry: Words, language: Language) -> Ta
         (
             f"{c.lower_deg:g}–{c.upper_deg:g}°" if c.upper_deg is not None else f"≥ {c.lower_deg:g}°",
             format_number(c.count, 1, language),
-            _tell_cycles(exposure, c, language),
+            _format_cycles(exposure, c, language),
         )
         for c in exposure.cycles
     ]
     return _tabulate(entry["cycles"], rows)
 
 
-def _tell_cycles(exposure: Exposure, cycles: Cycles, language: Language) -> str:
+def _format_cycles(exposure: Exposure, cycles: Cycles, language: Language) -> str:
     interval = exposure.intervals.get(CYCLES_COUNT.spell(CYCLES.describe(cycles)))
     if interval is None:
         return NONE
@@ -158,7 +158,7 @@ def _tabulate_velocities(exposure: Exposure, entry: Words, language: Language) -
             values = VELOCITY.name_values(velocity, kind)
             told = (format_number(value, 1, language) for value in values.values())
             rows.append((entry["velocities"]["kind"][kind], *told))
-            rows += _tell_ranges(exposure, list(values), entry, language)
+            rows += _build_ranges(exposure, list(values), entry, language)
     return _tabulate(entry["velocities"], rows)
 
 
@@ -166,34 +166,34 @@ def _tabulate_windows(exposure: Exposure, entry: Words, clock: Clock) -> Table:
     rows = [
         (
             format_duration(window.length_s, clock.language).replace("1\u202fh", "60\u202fmin"),
-            _tell_window(window, clock),
-            _tell_window_share(window, exposure, clock.language),
+            _format_window(window, clock),
+            _format_window_share(window, exposure, clock.language),
         )
         for window in exposure.peak_windows
     ]
     return _tabulate(entry["windows"], rows)
 
 
-def _tell_window_share(window: PeakWindow, exposure: Exposure, language: Language) -> str:
+def _format_window_share(window: PeakWindow, exposure: Exposure, language: Language) -> str:
     interval = exposure.intervals.get(WORST_WINDOW.spell({"length_s": window.length_s}))
     share = format_percent(window.percent_above_60, language)
     return f"{share} ({format_range(interval, language)})" if interval else share
 
 
-def _tell_window(window: PeakWindow, clock: Clock) -> str:
+def _format_window(window: PeakWindow, clock: Clock) -> str:
     if window.start_s is None:
         return NONE
-    return f"{clock.tell(window.start_s)}–{clock.tell(window.start_s + window.length_s)}"
+    return f"{clock.format(window.start_s)}–{clock.format(window.start_s + window.length_s)}"
 
 
 def _tabulate_long_stays(exposure: Exposure, entry: Words, language: Language) -> Table:
-    """Say how much time was spent in stays longer than 5, 10, 30 and 60 s."""
+    """Tabulate the time in stays longer than 5, 10, 30 and 60 s."""
     rows = []
     for item in exposure.episodes:
         if item.longer_s:
             stays = EPISODES.describe(item)
-            rates = _tell_range(exposure, STAYS_PER_H.spell(stays), language)
-            lengths = _tell_range(exposure, STAY_P90_S.spell(stays), language)
+            rates = _format_range(exposure, STAYS_PER_H.spell(stays), language)
+            lengths = _format_range(exposure, STAY_P90_S.spell(stays), language)
             row = (
                 f"{item.threshold_deg:g}°",
                 format_rate(item.per_hour, language) + (f" ({rates})" if rates else ""),
@@ -215,7 +215,7 @@ def _tabulate_rest(exposure: Exposure, entry: Words, language: Language) -> Tabl
         (
             entry["row"][name],
             format_figure(values[name], name, language),
-            _tell_range(exposure, name, language) or NONE,
+            _format_range(exposure, name, language) or NONE,
         )
         for name in REST_TABLE
         if values.get(name) is not None
@@ -223,7 +223,7 @@ def _tabulate_rest(exposure: Exposure, entry: Words, language: Language) -> Tabl
     return _make(entry, rows)
 
 
-def _tell_range(exposure: Exposure, name: str, language: Language) -> str:
+def _format_range(exposure: Exposure, name: str, language: Language) -> str:
     """Write the range of a figure; empty where none is known."""
     interval = exposure.intervals.get(name)
     return format_figure_range(interval, name, language) if interval else ""

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from app.report.charts import svg
 from app.report.charts.svg import NARROW
 
-# One stacked bar for each part of the day, as SVG: the clock hours, the periods of the diary.
+# ------------------------------------------------------------------ one bar for each part of the day
 #
-# Elevation is the same ramp as everywhere; a part that was left out is hatched and says so, so that it is
-# never taken for a part without load.
+# The parts are clock hours or periods of the diary. A part that was left out is hatched and labelled, so
+# that nobody takes it for a part without load.
 
 
 SHARES = 4
@@ -50,7 +50,7 @@ def draw_parts(
     for rank, row in enumerate(rows):
         body += _draw_row(row, 14 + rank * sheet.row_height, sheet, own_key)
     bottom = len(rows) * sheet.row_height + 30
-    keys, height = _list_keys(classes, sheet.left, bottom, width)
+    keys, height = _draw_keys(classes, sheet.left, bottom, width)
     return svg.picture(width, height, own_key, words, [*body, *keys])
 
 
@@ -93,7 +93,7 @@ def _frame(y: float, sheet: _Sheet) -> str:
     return svg.rect(sheet.left, y, sheet.right - sheet.left, 13, edge)
 
 
-def _list_keys(classes: Sequence[str], left: float, y: float, width: float) -> tuple[list[str], float]:
+def _draw_keys(classes: Sequence[str], left: float, y: float, width: float) -> tuple[list[str], float]:
     """Explain the colours under the bars; give the strokes and the height of the whole drawing."""
     body, x = [], left
     start = 0.5 if width <= NARROW else left

@@ -1,7 +1,7 @@
 """The day's timeline as SVG: each minute's P10 to P90 and median, and what was not analysed.
 
-What is pointed at (the most loaded quarter of an hour) is vermillion and bracketed; what was left out is
-hatched; what is missing stays white between dotted edges. On grey paper nothing is lost.
+The most loaded quarter of an hour is vermillion and bracketed, excluded time is hatched, missing time stays
+white between dotted edges: the chart can be read on grey paper.
 """
 
 from collections.abc import Sequence
@@ -86,7 +86,7 @@ def _draw_panel(day: Day, plot: _Plot, key: str) -> list[str]:
         *_draw_guides(plot),
         *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
         *(stroke for run in day.runs for stroke in _draw_run(run, plot)),
-        *(stroke for mark in day.marks for stroke in _label_mark(mark, plot)),
+        *(stroke for mark in day.marks for stroke in _draw_mark_label(mark, plot)),
     ]
 
 
@@ -117,7 +117,7 @@ def _draw_mark(mark: Mark, plot: _Plot, key: str) -> list[str]:
     return [ground, hatch]
 
 
-def _label_mark(mark: Mark, plot: _Plot) -> list[str]:
+def _draw_mark_label(mark: Mark, plot: _Plot) -> list[str]:
     """Write what the stretch is: across where there is room, upwards in a narrow one, else nothing."""
     x, room = (plot.x(mark.start_s) + plot.x(mark.end_s)) / 2, plot.x(mark.end_s) - plot.x(mark.start_s)
     length = svg.estimate_width(mark.label) + 8
@@ -166,7 +166,7 @@ def _draw_time_axis(day: Day, plot: _Plot) -> list[str]:
     body, at = [], first
     while at <= day.duration_s:
         x = plot.x(at)
-        label = day.clock.label_tick(at)
+        label = day.clock.format_tick(at)
         half = svg.estimate_width(label) / 2
         place = min(max(x, half), plot.right + 4 - half)
         body.append(svg.line(x, plot.bottom, x, plot.bottom + 4, f'class="rule" stroke="{svg.SOFT}"'))

@@ -113,10 +113,9 @@ def _label(mark: MarkedPercentile, x: float, y: float, plot: _Plot) -> list[str]
     return [plate, svg.text(place, baseline, mark.label, "strong")]
 
 
-# Two distributions of elevation in one picture, as SVG: one day beside another, or one arm beside the
-# other.
+# ------------------------------------------------------------------ two distributions in one picture
 #
-# Blue is drawn through and vermillion dashed, so that grey paper loses nothing.
+# The blue curve is solid and the vermillion one dashed, so that they differ on grey paper.
 
 
 _STYLES = (
@@ -147,7 +146,8 @@ def draw_two_curves(
     for curve, style in zip(curves, _STYLES, strict=True):
         points = (place(degrees, percent) for degrees, percent in enumerate(curve.below_percent))
         body.append(svg.path("M" + "L".join(points), style))
-    return svg.picture(width, bottom + 34, f"curves{width:.0f}", words, [*body, *_name_curves(curves, left)])
+    body += _draw_curve_names(curves, left)
+    return svg.picture(width, bottom + 34, f"curves{width:.0f}", words, body)
 
 
 def _draw_curve_frame(
@@ -172,7 +172,7 @@ def _draw_curve_frame(
     return [*body, svg.text(right, bottom + 30, across, "soft", "end"), svg.text(0, 28, upwards)]
 
 
-def _name_curves(curves: tuple[Curve, Curve], left: float) -> list[str]:
+def _draw_curve_names(curves: tuple[Curve, Curve], left: float) -> list[str]:
     body, x = [], left
     for curve, style in zip(curves, _STYLES, strict=True):
         body += [svg.line(x, 6, x + 26, 6, style), svg.text(x + 31, 10, curve.name, "ink")]
@@ -180,9 +180,10 @@ def _name_curves(curves: tuple[Curve, Curve], left: float) -> list[str]:
     return body
 
 
-# Exposure variation as SVG: a heat map with its numbers (elevation by how long the arm stayed in it).
+# ------------------------------------------------------------------ exposure variation
 #
-# Source: Mathiassen and Winkel 1991. Every cell bears its number, so that the shade is only help.
+# A heat map of elevation by the length of stay (Mathiassen and Winkel 1991). Every cell shows its number, so
+# that nothing depends on the shade.
 
 
 SHADES_PERCENT = (0.05, 1.0, 3.0, 6.0, 12.0)

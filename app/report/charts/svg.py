@@ -1,4 +1,4 @@
-"""The few strokes our charts are made of. Text is always escaped; numbers are cut to a tenth."""
+"""The SVG elements of the charts. Text is always escaped; numbers are rounded to a tenth."""
 
 from html import escape as escape_text
 

@@ -1,4 +1,4 @@
-"""Everything that is taken out of ``results.json`` for other programs."""
+"""Every file made from ``results.json`` for other programs."""
 
 import io
 from collections.abc import Callable, Iterable, Mapping
@@ -11,10 +11,10 @@ from app.report.export.columns import encode_dictionary, encode_summary, summari
 from app.report.export.csv import FRENCH_EXCEL, Cell, Row, encode_table
 from app.report.export.parquet import lay_some_numbers, lay_some_texts
 from app.report.export.xlsx import encode_workbook
-from app.report.figures import NOT_OF_ONE, SUMMARY, Column, Results, name_unit
+from app.report.figures import NOT_OF_ONE, SUMMARY, Column, Results, find_unit
 from app.report.words.wording import LANGUAGES
 
-# For REDCap: a data dictionary that makes the form, and the row to import into it.
+# REDCap: a data dictionary that creates the form, and the row to import into it.
 #
 # Source of the columns of the dictionary: REDCap's "Data Dictionary" upload file (18 columns, in this
 # order). One record is one recording; its id is the beginning of the file's hash, so that importing the
@@ -57,7 +57,7 @@ def _describe_column(column: Column) -> Row:
     kind = "dropdown" if column.name in _CHOICES else "text"
     row = _describe(column.name, kind, " / ".join(map(column.explain, LANGUAGES)))
     row["Choices, Calculations, OR Slider Labels"] = _CHOICES.get(column.name)
-    row["Field Note"] = name_unit(column.name) or None
+    row["Field Note"] = find_unit(column.name) or None
     if column.kind == "number":
         row["Text Validation Type OR Show Slider Number"] = "number"
     if column.name in {"subject", "file_name"}:

@@ -1,4 +1,4 @@
-"""One row for each recording: the table researchers open first, and one for each hour and period."""
+"""The tables of figures: one row for each recording, one for each hour and period, and their dictionary."""
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from app.report.export.csv import INTERNATIONAL, Dialect, Origin, Row, encode_table, find_place
-from app.report.figures import PERIODS, SUMMARY, Column, Results, name_unit, read_figures, read_ranges
+from app.report.figures import PERIODS, SUMMARY, Column, Results, find_unit, read_figures, read_ranges
 from app.report.words.wording import LANGUAGES, load_wording
 
 
@@ -29,7 +29,7 @@ def summarise_failure(origin: Origin, code: str) -> Row:
 PERIOD_COLUMNS = [column.name for column in PERIODS]
 
 
-def list_periods(results: Results) -> list[Row]:
+def describe_periods(results: Results) -> list[Row]:
     """Give the rows of ``periods.csv`` for one recording."""
     who = {name: results["recording"][name] for name in ("file_name", "subject", "side")}
     who["path"] = find_place(results, "path")
@@ -46,7 +46,7 @@ def encode_summary(rows: Iterable[Row], dialect: Dialect = INTERNATIONAL) -> byt
     return encode_table([column.name for column in SUMMARY], rows, dialect)
 
 
-# What every column and every field is called, holds and means, in English and French; made from the code.
+# The dictionary: name, unit and meaning of every column and field, in English and French.
 
 
 DICTIONARY_COLUMNS = ["file", "column", "kind", "unit", "english", "french"]
@@ -59,10 +59,10 @@ Empty (in JSON: null) is "not computable". Vide (en JSON : null) veut dire « no
 
 def encode_dictionary() -> bytes:
     """Write the dictionary of ``summary.csv``, ``periods.csv`` and ``results.json`` as CSV."""
-    return encode_table(DICTIONARY_COLUMNS, list_dictionary())
+    return encode_table(DICTIONARY_COLUMNS, describe_dictionary())
 
 
-def list_dictionary() -> list[Row]:
+def describe_dictionary() -> list[Row]:
     """Give one row for each column of the tables and each field of ``results.json``."""
     return [
         *(_describe_column("summary", column) for column in SUMMARY),
@@ -73,7 +73,7 @@ def list_dictionary() -> list[Row]:
 
 def write_document() -> str:
     """Write the dictionary as a page for people: ``docs/dictionary.md``."""
-    rows, parts = list_dictionary(), [_DOCUMENT_HEAD]
+    rows, parts = describe_dictionary(), [_DOCUMENT_HEAD]
     for file in dict.fromkeys(row["file"] for row in rows):
         parts.append(f"\n## {file}\n\n| name | unit | meaning | sens |\n|---|---|---|---|\n")
         parts += [
@@ -84,15 +84,15 @@ def write_document() -> str:
     return "".join(parts)
 
 
-def list_paths(value: Any, path: str = "") -> Iterator[str]:
-    """Name every field of a results document: ``exposure.bins[].percent``."""
+def find_paths(value: Any, path: str = "") -> Iterator[str]:
+    """Give the path of every field of a results document: ``exposure.bins[].percent``."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
-            yield from list_paths(inner, f"{path}.{key}" if path else key)
+            yield from find_paths(inner, f"{path}.{key}" if path else key)
     elif isinstance(value, list) and value and isinstance(value[0], Mapping):
         for key in dict.fromkeys(key for item in value for key in item):
             inner = next(item[key] for item in value if key in item)
-            yield from list_paths(inner, f"{path}[].{key}")
+            yield from find_paths(inner, f"{path}[].{key}")
     else:
         yield path
 
@@ -108,7 +108,7 @@ def _describe_fields() -> list[Row]:
 
 
 def _describe(file: str, name: str, kind: str | None, english: str, french: str) -> Row:
-    told = {"unit": name_unit(name), "english": english, "french": french}
+    told = {"unit": find_unit(name), "english": english, "french": french}
     return {"file": file, "column": name, "kind": kind, **told}
 
 

@@ -14,8 +14,8 @@ Cell = str | int | float | None
 CellKind = Literal["text", "number"]
 Row = dict[str, Cell]
 
-# A sign that a spreadsheet takes for a formula, at the start of a cell or of what another dialect would take
-# for a cell; the wide forms are those of Japanese and Chinese keyboards.
+# A sign that a spreadsheet reads as a formula, at the start of a cell, or of a cell in another dialect. The
+# wide forms are those of Japanese and Chinese keyboards.
 _FORMULA = re.compile("(^|[;,\t\r\n\u007c])([\"' ]*)(?=[=+\\-@\t\r\x00\uff1d\uff0b\uff0d\uff20])")
 
 
@@ -53,11 +53,11 @@ def _write_cell(value: Cell, dialect: Dialect) -> str:
 
 
 def guard_text(text: str) -> str:
-    """Put an apostrophe before whatever a spreadsheet would run."""
+    """Put an apostrophe before any sign that a spreadsheet would take for a formula."""
     return _FORMULA.sub(r"\1\2'", text)
 
 
-# Which recording a row of a table is about: two files of one name are told apart by where they lie.
+# Which recording a row of a table is about: its path distinguishes two files of one name.
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from app.report.export.columns import summarise_results
-from app.report.export.naming import name_report
-from app.report.figures import SUMMARY, Column, Results, name_unit, read_ranges
+from app.report.export.naming import format_report_name
+from app.report.figures import SUMMARY, Column, Results, find_unit, read_ranges
 from app.report.words.wording import Language
 
 CODES = "urn:acromion:dictionary"
@@ -34,17 +34,17 @@ def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: st
 def build_fhir(
     results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1
 ) -> dict[str, Any]:
-    """Lay out the bundle."""
+    """Build the bundle."""
     digest = hashlib.sha256(json.dumps(results, sort_keys=True).encode()).hexdigest()
-    common, name = _describe_common(results), name_report(results, version, "pdf")
+    common, name = _describe_common(results), format_report_name(results, version, "pdf")
     observations = [
         (_address(digest, column.name), observation)
-        for column, observation in _list_observations(results, common)
+        for column, observation in _build_observations(results, common)
     ]
     report = {
         "resourceType": "DiagnosticReport",
         **common,
-        "code": _name_code("upper_arm_elevation", "Upper-arm elevation report"),
+        "code": _build_code("upper_arm_elevation", "Upper-arm elevation report"),
         "result": [{"reference": address} for address, _ in observations],
         "conclusion": conclusion,
         "presentedForm": [_attach(pdf, language, name) for language, pdf in pdfs.items()],
@@ -59,7 +59,7 @@ def build_fhir(
 
 
 def _describe_common(results: Results) -> dict[str, Any]:
-    """Say what report and observations share: final, of whom, when."""
+    """Give the fields that the report and all observations share: status, subject, period."""
     recording = results["recording"]
     common: dict[str, Any] = {"status": "final"}
     if recording["subject"]:
@@ -77,7 +77,7 @@ def _describe_period(start: str, recorded_s: float) -> dict[str, str]:
     return {"start": told[0], "end": told[1]}
 
 
-def _list_observations(
+def _build_observations(
     results: Results, common: Mapping[str, Any]
 ) -> Iterable[tuple[Column, dict[str, Any]]]:
     """Give one observation for each figure there is, with the ends of its range where they are known."""
@@ -88,7 +88,7 @@ def _list_observations(
         ends = zip(_RANGE_ENDS, ranges.get(column.name, ()), strict=False)
         ranged = [
             {
-                "code": _name_code(f"{column.name}{end}", f"{column.name}{end}"),
+                "code": _build_code(f"{column.name}{end}", f"{column.name}{end}"),
                 "valueQuantity": _measure(f"{column.name}{end}", value),
             }
             for end, value in ends
@@ -96,7 +96,7 @@ def _list_observations(
         observation = {
             "resourceType": "Observation",
             **common,
-            "code": _name_code(column.name, column.explain("en")),
+            "code": _build_code(column.name, column.explain("en")),
             "valueQuantity": _measure(column.name, row[column.name]),
             **({"bodySite": {"text": f"{row['side']} upper arm"}} if row["side"] else {}),
             **({"component": ranged} if ranged else {}),
@@ -104,12 +104,12 @@ def _list_observations(
         yield column, observation
 
 
-def _name_code(code: str, display: str) -> dict[str, Any]:
+def _build_code(code: str, display: str) -> dict[str, Any]:
     return {"coding": [{"system": CODES, "code": code, "display": display}], "text": display}
 
 
 def _measure(name: str, value: object) -> dict[str, Any]:
-    unit = _UCUM.get(name_unit(name), "1")
+    unit = _UCUM.get(find_unit(name), "1")
     return {"value": value, "unit": unit, "system": "http://unitsofmeasure.org", "code": unit}
 
 

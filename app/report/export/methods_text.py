@@ -16,7 +16,7 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
     words = load_wording(language, "run")["methods"]
     if not every:
         return f"# {words['title']}\n\n{words['nothing']}\n".encode()
-    facts = _list_facts(every, failed, words, language)
+    facts = _describe_run(every, failed, words, language)
     told = ["sensor", "recordings", "fusion", "pose", "elevation", "figures", "interval"]
     if not _count(every, "calibration", "pose"):
         told.remove("pose")
@@ -25,15 +25,15 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
     return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n".encode()
 
 
-def _list_facts(every: Sequence[Results], failed: int, words: Words, language: Language) -> dict[str, str]:
+def _describe_run(every: Sequence[Results], failed: int, words: Words, language: Language) -> dict[str, str]:
     return {
         "devices": _join(words["device"][name] for name in _count(every, "recording", "device")),
-        "rates": _tell_rates(every, language),
+        "rates": _format_rates(every, language),
         "version": software_version(),
         "revision": software_revision(),
         "analysed": str(len(every)),
         "failed": str(failed) if failed else "",
-        "method": _join(_tell_method(method, words) for method in _list_methods(every)),
+        "method": _join(_format_method(method, words) for method in _find_methods(every)),
         "poses": _join(
             fill(words["pose_named"][pose], {"n": str(number)})
             for pose, number in _count(every, "calibration", "pose").items()
@@ -49,19 +49,19 @@ def _count(every: Iterable[Results], part: str, name: str) -> Counter[str]:
     return Counter(results[part][name] for results in every if results[part])
 
 
-def _list_methods(every: Iterable[Results]) -> list[tuple[str, str]]:
+def _find_methods(every: Iterable[Results]) -> list[tuple[str, str]]:
     """Give each method and its version once; a file of ready angles has none, which stands last."""
     found = (results["method"] for results in every)
     named = {(m["name"], str(m["version"])) if m else ("none", "") for m in found}
     return sorted(named, key=lambda method: (method[0] == "none", method))
 
 
-def _tell_method(method: tuple[str, str], words: Words) -> str:
+def _format_method(method: tuple[str, str], words: Words) -> str:
     name, version = method
     return fill(words["fused_by"][name], {"version": version})
 
 
-def _tell_rates(every: Iterable[Results], language: Language) -> str:
+def _format_rates(every: Iterable[Results], language: Language) -> str:
     rates_hz = sorted({results["recording"]["rate_hz"] for results in every})
     ends = dict.fromkeys(format_rate(rate_hz, language) for rate_hz in (rates_hz[0], rates_hz[-1]))
     return f"{'–'.join(ends)} Hz"

@@ -1,4 +1,4 @@
-"""What a file of ours is called outside our folders: the same name wherever it is taken from."""
+"""The names of downloaded files, the same by every way in, and the ZIP that holds them all."""
 
 import io
 import re
@@ -6,9 +6,6 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
-
-# Everything of one analysis as one ZIP. Small: a process that only hands out files need not know more.
-
 
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -38,8 +35,8 @@ class Origin:
     version: int
 
 
-def name_file(origin: Origin, kind: str) -> str:
-    """Name a file ``subject_date_side_report_v1.fr.pdf``; ``kind`` is our own name for it, ``report.fr.pdf``.
+def format_file_name(origin: Origin, kind: str) -> str:
+    """Write the name ``subject_date_side_report_v1.fr.pdf`` of what we call ``report.fr.pdf`` (``kind``).
 
     What is not known is left out; without a subject code the file's stem stands first. Only signs that every
     file system takes are kept.
@@ -50,11 +47,11 @@ def name_file(origin: Origin, kind: str) -> str:
     return "_".join(part for part in parts if part) + f".{ending}"
 
 
-def name_report(results: Mapping[str, Any], version: int, ending: str) -> str:
-    """Name the report of what ``results.json`` holds."""
+def format_report_name(results: Mapping[str, Any], version: int, ending: str) -> str:
+    """Write the name of the report on what ``results.json`` holds."""
     told = results["recording"]
     origin = Origin(told["subject"], told["file_name"], told["start"] or "", told["side"] or "", version)
-    return name_file(origin, f"report.{ending}")
+    return format_file_name(origin, f"report.{ending}")
 
 
 def _make_safe(text: str) -> str:

@@ -1,4 +1,4 @@
-"""The angle series as a Parquet file, for those who want to compute on."""
+"""The angle series as Parquet and CSV, for further computation."""
 
 from __future__ import annotations
 
@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from fusion.elevation import Elevation, ElevationSegment
 
 
-# Columns of a Parquet file, laid out by ourselves.
-#
-# ``pyarrow.array`` and ``pyarrow.table`` load pandas to ask whether a list is one of its columns, which
-# takes longer than to write the file.
+# Columns of a Parquet file, built from buffers: ``pyarrow.array`` and ``pyarrow.table`` load pandas to ask
+# whether a list is one of its columns, which takes longer than writing the file.
 
 
 def lay_numbers(values: NDArray[np.float64] | NDArray[np.float32]) -> pa.Array:
@@ -60,7 +58,7 @@ def _pack(flags: NDArray[np.bool_]) -> pa.Buffer:
     return pa.py_buffer(np.packbits(flags, bitorder="little"))
 
 
-# The angle over time as text, for programs that read no Parquet.
+# The angle over time as text, for programs that do not read Parquet.
 
 
 def encode_elevation_csv(parquet: Path) -> bytes:

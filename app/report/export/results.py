@@ -40,7 +40,7 @@ _DECIMALS = 6
 
 
 def build_results(findings: Findings, subject: ReportSubject) -> dict[str, object]:
-    """Lay the analysis out in the order of the contract; NaN and infinity become None."""
+    """Describe an analysis in the order of the contract; NaN and infinity become None."""
     clock = Clock(findings.recording.start)
     results: dict[str, object] = {
         "schema": SCHEMA,
@@ -67,7 +67,7 @@ def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
 
 
 def identify_report(findings: Findings, subject: ReportSubject) -> str:
-    """Name the report by a hash of input, settings and engine version: 16 hexadecimal digits."""
+    """Give the identity of a report: a hash of input, settings and engine version, 16 hexadecimal digits."""
     settings = findings.settings
     said = {
         "input": findings.recording.sha256,
@@ -172,12 +172,12 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
 
 
 def _describe(group: Group, record: object) -> dict[str, object] | None:
-    """Lay out a record that an exposure may lack."""
+    """Describe a record that an exposure may lack."""
     return None if record is None else group.describe(record)
 
 
 def _describe_range(interval: Interval | None) -> dict[str, object]:
-    """Lay out the range of a figure that has one of its own."""
+    """Describe the range that a record holds itself."""
     return {"low": interval.low if interval else None, "high": interval.high if interval else None}
 
 
@@ -186,18 +186,18 @@ def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
 
 
 def _describe_episodes(episodes: Episodes) -> dict[str, object]:
-    """Lay out the stays above one threshold."""
+    """Describe the stays above one threshold."""
     longer = [{"than_s": limit_s, "total_s": total_s} for limit_s, total_s in episodes.longer_s]
     return {**EPISODES.describe(episodes), "longer": longer}
 
 
 def _describe_window(window: PeakWindow, clock: Clock) -> dict[str, object]:
-    start = _tell_iso(window.start_s, clock)
+    start = _format_iso(window.start_s, clock)
     return {"length_s": window.length_s, "start": start, **WINDOWS.describe(window)}
 
 
 def _describe_convention(convention: Convention, classes: Sequence[ElevationBin]) -> dict[str, object]:
-    """Lay out the time in the classes of a standard or method."""
+    """Describe the time in the classes of a standard or method."""
     return {
         "key": convention.key,
         "source": convention.source,
@@ -240,9 +240,9 @@ def _describe_warning(flag: QualityFlag, clock: Clock) -> dict[str, object]:
         "code": flag.code,
         "count": flag.count,
         "seconds": flag.seconds,
-        "first": _tell_place(flag.first_s, clock),
-        "last": _tell_place(flag.last_s, clock),
-        "spans": [[_tell_place(at, clock) for at in span] for span in flag.spans_s],
+        "first": _format_place(flag.first_s, clock),
+        "last": _format_place(flag.last_s, clock),
+        "spans": [[_format_place(at, clock) for at in span] for span in flag.spans_s],
     }
 
 
@@ -256,13 +256,13 @@ def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
     ]
 
 
-def _tell_place(seconds: float | None, clock: Clock) -> str | None:
+def _format_place(seconds: float | None, clock: Clock) -> str | None:
     if seconds is None or clock.start is not None:
-        return _tell_iso(seconds, clock)
+        return _format_iso(seconds, clock)
     return f"PT{round(seconds, _DECIMALS):g}S"
 
 
-def _tell_iso(seconds: float | None, clock: Clock) -> str | None:
+def _format_iso(seconds: float | None, clock: Clock) -> str | None:
     moment = None if seconds is None else clock.at(seconds)
     return moment.isoformat() if moment else None
 

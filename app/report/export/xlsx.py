@@ -10,8 +10,8 @@ import xlsxwriter
 from app.report.export.columns import (
     DICTIONARY_COLUMNS,
     PERIOD_COLUMNS,
-    list_dictionary,
-    list_periods,
+    describe_dictionary,
+    describe_periods,
     summarise_results,
 )
 from app.report.export.csv import Row, find_place
@@ -36,10 +36,10 @@ def encode_workbook(every: Sequence[Results]) -> bytes:
         head = book.add_format({"bold": True, "bottom": 1})
         sheets = (
             ("summary", [column.name for column in SUMMARY], map(summarise_results, every)),
-            ("bins", _BINS, (row for results in every for row in _list_bins(results))),
-            ("periods", PERIOD_COLUMNS, (row for results in every for row in list_periods(results))),
-            ("warnings", _WARNINGS, (row for results in every for row in _list_warnings(results))),
-            ("dictionary", DICTIONARY_COLUMNS, list_dictionary()),
+            ("bins", _BINS, (row for results in every for row in _describe_bins(results))),
+            ("periods", PERIOD_COLUMNS, (row for results in every for row in describe_periods(results))),
+            ("warnings", _WARNINGS, (row for results in every for row in _describe_warnings(results))),
+            ("dictionary", DICTIONARY_COLUMNS, describe_dictionary()),
         )
         for name, columns, rows in sheets:
             _fill_sheet(book.add_worksheet(name), columns, rows, head)
@@ -49,11 +49,11 @@ def encode_workbook(every: Sequence[Results]) -> bytes:
 _BINS = ["file_name", "subject", "lower_deg", "upper_deg", "duration_s", "percent", "low", "high", "path"]
 
 
-def _list_bins(results: Results) -> list[Row]:
+def _describe_bins(results: Results) -> list[Row]:
     return [{**_name(results), **part} for part in results["exposure"]["bins"]]
 
 
-def _list_warnings(results: Results) -> list[Row]:
+def _describe_warnings(results: Results) -> list[Row]:
     return [
         _name(results) | {key: flag[key] for key in _WARNINGS[2:-1]}
         for flag in results["quality"]["warnings"]

@@ -1,4 +1,4 @@
-"""The report as one HTML file that asks for nothing: no script, no request, no font from elsewhere."""
+"""The report as one HTML file that needs nothing else: no script, no request, no font from elsewhere."""
 
 import base64
 import hashlib
@@ -16,12 +16,10 @@ from app.report.words.numbers import format_duration, format_percent
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, fill, load_wording
 
-# Where the report's templates and fonts are: in the installed package, else in the checkout.
-
 
 @cache
 def find_template_folder() -> Path:
-    """Give the folder with ``report.html.j2``, ``report.css``, ``report.typ`` and ``fonts``."""
+    """Find the folder of the templates and fonts: in the installed package, else in the checkout."""
     here = Path(__file__).resolve()
     packaged = here.parents[2] / "templates" / "report"
     return packaged if packaged.is_dir() else here.parents[3] / "templates" / "report"
@@ -72,7 +70,7 @@ def _trust_drawing(svg: str) -> Markup:
     return Markup(svg)  # noqa: S704
 
 
-# The page beside the reports of one run: which recording, how much of it, what came out.
+# The index page of a run: for each recording its analysed time, its main figure and its state.
 
 
 @dataclass(frozen=True, slots=True)

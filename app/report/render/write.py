@@ -16,18 +16,16 @@ from app.report.words.subject import ReportSubject
 from app.report.words.wording import Language, fill, load_wording
 from app.request import Paper, ReportKind, ReportRequest
 
-# The answer as plain text.
 
-
-def tell_in_brief(report: Report) -> bytes:
+def format_brief(report: Report) -> bytes:
     """Write the answer as a few lines of plain text, to paste into a record."""
     quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
     lines = (*report.sentences, quality, report.brief)
     return ("\n".join(lines) + "\n").encode("utf-8")
 
 
-def sign_off(header: Sequence[Pair], footer: str, language: Language) -> str:
-    """Write the last of these lines for a report of two: whose and when, which report, and what it is not."""
+def format_signature(header: Sequence[Pair], footer: str, language: Language) -> str:
+    """Write the last line of the answer for a report of two: subject, date, report, and "not a diagnosis"."""
     label = load_wording(language)["label"]
     told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
     return fill(label["brief_two"], {"header": told, "footer": footer})
@@ -48,7 +46,7 @@ def write_report(
     report: Report, kinds: tuple[ReportKind, ...], paper: Paper, attachments: dict[str, bytes], out: Path
 ) -> None:
     """Write one report, in its language, and its answer in a few lines."""
-    (out / f"answer.{report.language}.txt").write_bytes(tell_in_brief(report))
+    (out / f"answer.{report.language}.txt").write_bytes(format_brief(report))
     for kind, body in _render(report, kinds, paper, attachments):
         (out / f"report.{report.language}.{kind}").write_bytes(body)
 

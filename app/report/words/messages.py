@@ -32,36 +32,36 @@ class CaveatWords:
 
 
 def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -> Problem:
-    """Say what a code means. A code without words (a newer server's) is told as an internal error."""
+    """Write a refusal in words. A code without words (of a newer server) reads as an internal error."""
     words = load_wording(language)
     entry = words["problem"].get(code) or words["problem"][UNKNOWN_PROBLEM]
     first, *others = _split_rows(facts)
-    told = _tell_facts(first, words, language)
-    rows = [fill(entry["another"], _tell_facts(row, words, language)) for row in others]
+    told = format_facts(first, language)
+    rows = [fill(entry["another"], format_facts(row, language)) for row in others]
     return Problem(
         title=fill(entry["title"], told),
         detail=" ".join([fill(entry["detail"], told), *rows, fill(entry.get("more", ""), told)]).strip(),
         fix=fill(entry["fix"], told),
-        where=_tell_where(told, words),
+        where=_format_where(told, words),
     )
 
 
 def describe_flag(flag: QualityFlag, language: Language) -> CaveatWords:
-    """Say what a caveat means; one without words shows its code."""
+    """Write a caveat in words; one without words shows its code."""
     words = load_wording(language)
     entry = words["flag"].get(flag.code)
     if entry is None:
         return CaveatWords(flag.code, "")
-    told = _tell_facts(flag.facts, words, language)
+    told = format_facts(flag.facts, language)
     return CaveatWords(fill(entry["title"], told), fill(entry["detail"], told))
 
 
-def tell_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
+def format_facts(facts: Mapping[str, Fact], language: Language) -> dict[str, str]:
     """Write facts for a sentence: numbers as the language does, the fixed terms of the code in its words."""
-    return _tell_facts(facts, load_wording(language), language)
+    return {name: _format_fact(name, value, language) for name, value in facts.items()}
 
 
-def list_flag_codes() -> tuple[str, ...]:
+def find_flag_codes() -> tuple[str, ...]:
     """Give the code of every caveat that has words."""
     return tuple(sorted(load_wording("en")["flag"]))
 
@@ -78,20 +78,16 @@ def _split_rows(facts: Mapping[str, Fact]) -> list[dict[str, Fact]]:
     return [rows[number] for number in sorted(rows)]
 
 
-def _tell_facts(facts: Mapping[str, Fact], words: Words, language: Language) -> dict[str, str]:
-    return {name: _tell_fact(name, value, words, language) for name, value in facts.items()}
-
-
-def _tell_fact(name: str, value: Fact, words: Words, language: Language) -> str:
-    """Write numbers as the language does, and the fixed terms of the code in its words."""
+def _format_fact(name: str, value: Fact, language: Language) -> str:
     if isinstance(value, int):
         return format_exact(value, language)
     if isinstance(value, float):
         return format_exact(round(value, 2 if abs(value) >= 0.1 else 4), language)
+    words = load_wording(language)
     terms = words["reason"] if name == "left_out" else words["fact"].get(name, {})
     return str(terms.get(value) or clean_text(value))
 
 
-def _tell_where(told: Mapping[str, str], words: Words) -> str | None:
+def _format_where(told: Mapping[str, str], words: Words) -> str | None:
     places = [fill(text, told) for name, text in words["where"].items() if told.get(name)]
     return ", ".join(places) or None

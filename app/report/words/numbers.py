@@ -93,7 +93,7 @@ def format_rate(value: float | None, language: Language) -> str:
 
 
 def format_duration(seconds: float | None, language: Language) -> str:
-    """Say how long in the two units that matter: "6 h 48 min", "31 min", "2 min 59 s", "4.2 s"."""
+    """Write a duration in its two leading units: "6 h 48 min", "31 min", "2 min 59 s", "4.2 s"."""
     if seconds is None or not math.isfinite(seconds):
         return NONE
     if round(seconds, 1) < 10:
@@ -107,7 +107,7 @@ def format_duration(seconds: float | None, language: Language) -> str:
 
 
 def format_long_duration(seconds: float) -> str:
-    """Say how long to the second, whatever the length: "6 h 48 min 12 s"."""
+    """Write a duration to the second, whatever its length: "6 h 48 min 12 s"."""
     hours, rest = divmod(round(seconds), HOUR_S)
     minutes, rest = divmod(rest, MINUTE_S)
     return _join_units((hours, "h"), (minutes, "min"), (rest, "s"))
@@ -146,12 +146,9 @@ def _join_units(*parts: tuple[int, str]) -> str:
     return "\u00a0".join(shown) or f"0{NARROW}{parts[-1][1]}"
 
 
-# From seconds of the recording to the device's clock, where the file has one.
-
-
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Tells the time of a second of the recording; without a start, time since the first sample."""
+    """Turns seconds of the recording into the time of the device's clock, where the file has one."""
 
     start: datetime | None
     language: Language = "en"
@@ -168,20 +165,20 @@ class Clock:
             return self.start + passed
         return (self.start.astimezone(UTC) + passed).astimezone(self.start.tzinfo)
 
-    def tell(self, seconds: float, *, with_seconds: bool = False) -> str:
+    def format(self, seconds: float, *, with_seconds: bool = False) -> str:
         """Write the time: "10:42", or "2:44:00" since the first sample."""
         moment = self.at(seconds)
         if moment is None:
             return format_elapsed(seconds)
         return format_clock(moment, self.language, with_seconds=with_seconds)
 
-    def label_tick(self, seconds: float) -> str:
+    def format_tick(self, seconds: float) -> str:
         """Write the time under an axis."""
         moment = self.at(seconds)
         return format_elapsed(seconds) if moment is None else format_hour(moment, self.language)
 
     def seconds_to_whole_hour(self) -> float:
-        """Tell how long after the first sample the first whole hour (or, without a clock, zero) comes."""
+        """Give the time from the first sample to the first whole hour, s; 0 without a clock."""
         if self.start is None:
             return 0.0
         into = self.start.minute * 60 + self.start.second + self.start.microsecond / 1e6

@@ -1,4 +1,4 @@
-"""Whose arm it is and which software answers: what a report needs beside the analysis."""
+"""The subject of a report and the software that made it: what a report needs beside the analysis."""
 
 import unicodedata
 from dataclasses import dataclass

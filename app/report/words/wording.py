@@ -59,8 +59,8 @@ def fill(text: str, facts: Mapping[str, str]) -> str:
     """Put facts in their places: ``"{n} bytes[ in {member}]"``.
 
     What stands in square brackets is left out when one of its facts is absent or empty; a fact that is
-    absent elsewhere shows as an ellipsis, for a sentence with a hole is better than none. ``{n|time|times}``
-    follows the number that stands in ``n``.
+    absent elsewhere shows as an ellipsis: an incomplete sentence is better than none. ``{n|time|times}``
+    follows the number in ``n``.
     """
     kept = _OPTIONAL.sub(lambda part: part[1] if _is_complete(part[1], facts) else "", text)
     kept = _COUNTED.sub(lambda form: form[3] if _is_one(facts.get(form[1], ""), form[2]) else form[4], kept)
@@ -72,7 +72,7 @@ def _is_complete(text: str, facts: Mapping[str, str]) -> bool:
 
 
 def _is_one(number: str, language: str) -> bool:
-    """Tell whether a number takes the singular: 1 in English, all below 2 in French (Unicode CLDR)."""
+    """Return whether a number takes the singular: 1 in English, all below 2 in French (Unicode CLDR)."""
     try:
         value = abs(float(re.sub(r"\s", "", number).replace(",", ".").replace("−", "-")))
     except ValueError:

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.readers.source import mark_last
 from fusion.recording import MICROSECONDS, Span
 

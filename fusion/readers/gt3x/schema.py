@@ -7,8 +7,9 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fusion.numba_kernels import njit
 
 COLUMN_BYTES = 23
 HEADER_BYTES = 6

@@ -32,10 +32,24 @@ HEADER_REACH = 4
 class ColumnProfile:
     """Which column of a table is what.
 
-    ``acceleration``, ``angular_rate``: places of x, y, z. Units as in ``columns``; "" leaves a unit to be
-    found from the data. ``acceleration_factor`` and ``angular_rate_factor``, where given, are g and deg/s for
-    one unit of the file and go before the units. ``time`` is None where the rows hold no time; then
-    ``rate_hz`` is needed. ``date_order`` tells "dmy" from "mdy".
+    Attributes
+    ----------
+    acceleration, angular_rate
+        Columns of x, y and z.
+    acceleration_unit, angular_rate_unit
+        As in :mod:`fusion.readers.tables.columns`; empty: found from the data.
+    acceleration_factor, angular_rate_factor
+        g and deg/s for one unit of the file; where given, the units do not count.
+    time
+        Column of the time; None where the rows hold none: then ``rate_hz`` is needed.
+    time_unit
+        Empty: found from the data.
+    rate_hz
+        Rows per second, for tables without time.
+    date_order
+        Tells "dmy" from "mdy"; None: found from the data.
+    name
+        What the profile is called.
     """
 
     acceleration: tuple[Place, Place, Place]

@@ -3,9 +3,9 @@
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS
 
 LONGEST_DELAY_US = MICROSECONDS

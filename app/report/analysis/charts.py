@@ -8,13 +8,13 @@ from math import isfinite, nan
 
 import numpy as np
 
-from app.report.analysis.day import Day, draw_up_day
+from app.report.analysis.day import Day, build_timeline
 from app.report.charts.bars import PartRow, Slice, draw_bar, draw_parts
 from app.report.charts.day import DayLabels, draw_day
 from app.report.charts.distribution import Distribution, HeatMap, MarkedPercentile, draw_apdf, draw_eva
 from app.report.charts.svg import NARROW, WIDE
 from app.report.findings import Findings
-from app.report.model import Figure, Table
+from app.report.model import Chart, Table
 from app.report.words.numbers import (
     Clock,
     format_angle,
@@ -26,14 +26,11 @@ from app.report.words.numbers import (
 from app.report.words.wording import Language, Words, fill
 from fusion.exposure.types import Eva, Exposure, PartExposure
 
-# The charts of the distribution: the curve with its percentiles, and exposure variation.
-
-
 MARKED_PERCENTILES = (10, 50, 90, 99)
 _CELLS_PER_DEG = 10
 
 
-def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[Figure, ...]:
+def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[Chart, ...]:
     """Build what can be drawn of the distribution: nothing without analysed time."""
     apdf = (build_apdf(exposure, words, language),) if exposure.histogram_s.sum() > 0 else ()
     eva = (build_eva(exposure.eva, words, language),) if exposure.eva.percent.size else ()
@@ -43,7 +40,7 @@ def build_spread(exposure: Exposure, words: Words, language: Language) -> tuple[
 # ------------------------------------------------------------------ the curve
 
 
-def build_apdf(exposure: Exposure, words: Words, language: Language) -> Figure:
+def build_apdf(exposure: Exposure, words: Words, language: Language) -> Chart:
     """Build the cumulative distribution with P10, P50, P90 and P99."""
     entry = words["apdf"]
     marks = tuple(
@@ -52,7 +49,7 @@ def build_apdf(exposure: Exposure, words: Words, language: Language) -> Figure:
     told = ", ".join(mark.label for mark in marks)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
     shown = Distribution(share_below(exposure), marks, tuple(entry["axes"]))
-    return Figure(
+    return Chart(
         title=entry["title"],
         alternative=title[1],
         wide=draw_apdf(shown, title, WIDE),
@@ -85,7 +82,7 @@ def _tabulate_curve(below_percent: Sequence[float], entry: Words, language: Lang
 # ------------------------------------------------------------------ exposure variation
 
 
-def build_eva(eva: Eva, words: Words, language: Language) -> Figure:
+def build_eva(eva: Eva, words: Words, language: Language) -> Chart:
     """Build the heat map of elevation by how long the arm stayed in its class."""
     entry = words["eva"]
     shown = _lay_out(eva, entry, language)
@@ -94,7 +91,7 @@ def build_eva(eva: Eva, words: Words, language: Language) -> Figure:
     )
     facts = {"columns": ", ".join(shown.columns), "list": told}
     title = (entry["title"], fill(entry["alternative"], facts))
-    return Figure(
+    return Chart(
         title=entry["title"],
         alternative=title[1],
         wide=draw_eva(shown, title, WIDE),
@@ -106,17 +103,17 @@ def build_eva(eva: Eva, words: Words, language: Language) -> Figure:
 
 def _lay_out(eva: Eva, entry: Words, language: Language) -> HeatMap:
     return HeatMap(
-        rows=name_classes(eva.angle_edges_deg, "°"),
-        columns=name_classes(eva.duration_edges_s, "\u202fs"),
+        rows=format_classes(eva.angle_edges_deg, "°"),
+        columns=format_classes(eva.duration_edges_s, "\u202fs"),
         percent=eva.percent.tolist(),
-        told=tuple(_tell_all(row, language) for row in eva.percent),
-        row_sums=_tell_all(eva.percent.sum(axis=1), language),
-        column_sums=_tell_all(eva.percent.sum(axis=0), language),
+        told=tuple(_format_all(row, language) for row in eva.percent),
+        row_sums=_format_all(eva.percent.sum(axis=1), language),
+        column_sums=_format_all(eva.percent.sum(axis=0), language),
         axes=tuple(entry["axes"]),
     )
 
 
-def _tell_all(values: Sequence[float], language: Language) -> tuple[str, ...]:
+def _format_all(values: Sequence[float], language: Language) -> tuple[str, ...]:
     return tuple(format_number(float(value), 1, language) for value in values)
 
 
@@ -128,8 +125,8 @@ def _tabulate_map(shown: HeatMap, entry: Words) -> Table:
     return Table(entry["title"], (shown.axes[0], *shown.columns, shown.axes[2]), tuple(rows))
 
 
-def name_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
-    """Name classes by their edges: "3–7 s"; the last may be open."""
+def format_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
+    """Write classes by their edges: "3–7 s"; the last may be open."""
     return tuple(
         f"≥ {low:g}{unit}" if high is None else f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges)
     )
@@ -139,7 +136,7 @@ SHOWN_EDGES_DEG = (0, 30, 60, 90, 120, 180)
 """The stored bins are finer; the page shows five classes that hold whole bins and the three guide lines."""
 
 
-def build_bar(exposure: Exposure, words: Words, language: Language) -> Figure:
+def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
     """Build the stacked bar of time in five elevation classes."""
     slices = _slice_exposure(exposure, language)
     entry = words["bar"]
@@ -147,7 +144,7 @@ def build_bar(exposure: Exposure, words: Words, language: Language) -> Figure:
     described = fill(entry["alternative"], {"list": told})
     title = (entry["title"], described)
     rows = tuple((s.range_label, s.duration_label, s.percent_label) for s in slices)
-    return Figure(
+    return Chart(
         title=entry["title"],
         alternative=described,
         wide=draw_bar(slices, title, WIDE),
@@ -167,11 +164,11 @@ def _slice_exposure(exposure: Exposure, language: Language) -> list[Slice]:
     return slices
 
 
-def build_day(findings: Findings, clock: Clock, words: Words) -> Figure:
+def build_day(findings: Findings, clock: Clock, words: Words) -> Chart:
     """Build the timeline of the day."""
-    day = draw_up_day(findings, clock, words)
-    labels = _label_day(findings, day, words)
-    return Figure(
+    day = build_timeline(findings, clock, words)
+    labels = _build_labels(findings, day, words)
+    return Chart(
         title=labels.title,
         alternative=labels.description,
         wide=draw_day(day, labels, WIDE),
@@ -180,22 +177,24 @@ def build_day(findings: Findings, clock: Clock, words: Words) -> Figure:
     )
 
 
-def _label_day(findings: Findings, day: Day, words: Words) -> DayLabels:
+def _build_labels(findings: Findings, day: Day, words: Words) -> DayLabels:
     entry, clock = words["day"], day.clock
     percent = next((w.percent_above_60 for w in findings.exposure.peak_windows if w.length_s == 900), None)
     worst = fill(entry["worst"], {"percent": format_percent(percent, clock.language)})
     facts = {
-        "start": clock.tell(0),
-        "end": clock.tell(day.duration_s),
+        "start": clock.format(0),
+        "end": clock.format(day.duration_s),
         "p10": format_angle(findings.exposure.percentiles_deg.get(10), clock.language),
         "p50": format_angle(findings.exposure.percentiles_deg.get(50), clock.language),
         "p90": format_angle(findings.exposure.percentiles_deg.get(90), clock.language),
-        "marks": "; ".join(f"{m.label}, {clock.tell(m.start_s)}–{clock.tell(m.end_s)}" for m in day.marks),
+        "marks": "; ".join(
+            f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks
+        ),
     }
-    return label_day(entry["title"], fill(entry["alternative"], facts), words, worst)
+    return build_day_labels(entry["title"], fill(entry["alternative"], facts), words, worst)
 
 
-def label_day(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
+def build_day_labels(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
     """Give the words of a timeline; those of its legend are the same in every report."""
     entry = words["day"]
     return DayLabels(
@@ -213,7 +212,7 @@ def _tabulate_day(day: Day, words: Words) -> Table:
     entry, language = words["day"], day.clock.language
     rows = tuple(
         (
-            day.clock.tell(band.start_s),
+            day.clock.format(band.start_s),
             format_angle(band.low_deg, language),
             format_angle(band.middle_deg, language),
             format_angle(band.high_deg, language),
@@ -226,14 +225,14 @@ def _tabulate_day(day: Day, words: Words) -> Table:
 
 def build_parts(
     key: str, parts: Sequence[tuple[str, PartExposure]], words: Words, language: Language
-) -> Figure:
+) -> Chart:
     """Build one stacked bar for each hour (``key`` "hours") or period of the diary ("periods")."""
     entry = words[key]
     rows = [_stack_part(name, part, entry, language) for name, part in parts if is_shown(part)]
     told = "; ".join(f"{row.name}, {row.label or row.left_out}" for row in rows)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
     classes = ("0–30°", "30–60°", "60–90°", "90–180°")
-    return Figure(
+    return Chart(
         title=entry["title"],
         alternative=title[1],
         wide=draw_parts(key, rows, classes, title, WIDE),
@@ -250,12 +249,12 @@ def _tabulate_rows(rows: Sequence[PartRow], language: Language) -> tuple[tuple[s
 
 
 def is_drawable(part: PartExposure) -> bool:
-    """Tell whether a part holds analysed time and its three shares."""
+    """Return whether a part holds analysed time and its three shares."""
     return part.analysed_s > 0 and all(isfinite(part.percent_above.get(c, nan)) for c in (30, 60, 90))
 
 
 def is_shown(part: PartExposure) -> bool:
-    """Tell whether a part has a row in its chart: it can be drawn, or it was left out for a reason."""
+    """Return whether a part has a row in its chart: it can be drawn, or it was left out for a reason."""
     return is_drawable(part) or bool(part.reason)
 
 
