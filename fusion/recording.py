@@ -12,7 +12,7 @@ from fusion.caveats import Caveat
 
 LONGEST_BRIDGE_US = 50_000
 
-MOST_TOLD = 100
+MAX_SPANS = 100
 
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 Float64Array = NDArray[np.float64]
@@ -233,8 +233,17 @@ def find_missing(
 def flag_gaps(
     segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[QualityFlag, ...]:
-    """Say where time is missing (W-GAP)."""
+    """Flag missing time (W-GAP)."""
     return flag_spans(Caveat.GAP, find_missing(segments, duration_us, excluded))
+
+
+def flag_counts(
+    counts: Mapping[Caveat, int], first_s: float | None = None, last_s: float | None = None
+) -> tuple[QualityFlag, ...]:
+    """One flag for each caveat that was met at least once, with its place in seconds where it is known."""
+    return tuple(
+        QualityFlag(caveat, count, 0.0, first_s, last_s) for caveat, count in counts.items() if count > 0
+    )
 
 
 def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> tuple[QualityFlag, ...]:
@@ -243,9 +252,9 @@ def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> t
         return ()
     total_s = sum(span.duration_us for span in spans) / MICROSECONDS
     first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
-    longest = sorted(spans, key=lambda span: -span.duration_us)[:MOST_TOLD]
-    told = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
-    return (QualityFlag(caveat, len(spans), total_s, first_s, last_s, facts, told),)
+    longest = sorted(spans, key=lambda span: -span.duration_us)[:MAX_SPANS]
+    longest_s = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
+    return (QualityFlag(caveat, len(spans), total_s, first_s, last_s, facts, longest_s),)
 
 
 def flag_stretches(

@@ -14,7 +14,7 @@ from fusion.pose.windows import propose_still_periods
 from fusion.quality import find_exclusions, propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.archives import unpack
-from fusion.readers.preview import LISTED_GAPS, inspect_head, inspect_recording
+from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.source import open_source
 from fusion.readers.tables.profile import propose_profile
 from fusion.recording import MICROSECONDS
@@ -78,7 +78,7 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
         "present_s": told["recorded_s"] - missing_s,
         "missing_s": missing_s,
         "gap_count": len(gaps),
-        "gaps": gaps[:LISTED_GAPS],
+        "gaps": gaps[:MAX_GAPS],
         "calibration_proposals": [],
         "nonwear_proposals": [],
     }
@@ -96,7 +96,7 @@ def write_head_inspection(log: Path, request: ReportRequest, out: Path, on_stage
     on_stage("reading", 0.0)
     beside = log.with_suffix(TAIL_SUFFIX)
     tail = beside.read_bytes() if beside.exists() else None
-    facts = inspect_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
+    facts = preview_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
     start, end = (moment.isoformat() if moment else None for moment in (facts.start, facts.end))
     found = {"file": request.file_name, **asdict(facts), "start": start, "end": end}
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")

@@ -67,7 +67,7 @@ def find_edges(stamps: NDArray[np.int64], longest_us: float, back_us: int, edges
 
 
 @njit(cache=True, nogil=True)
-def turn_rows(values: NDArray[np.float32] | NDArray[np.int64], rows: int) -> None:
+def reverse_rows(values: NDArray[np.float32] | NDArray[np.int64], rows: int) -> None:
     """Turn the first ``rows`` of an array, shape (n, m), round, in place."""
     for row in range(rows // 2):
         for place in range(values.shape[1]):
