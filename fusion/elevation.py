@@ -19,8 +19,7 @@ from fusion.pose.doubts import DoubtedPart
 from fusion.pose.wear import AxisPart
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Segment
 from fusion.sensor.accelerometer import AccelerometerSettings
-from fusion.sensor.gyro_bias import BiasSettings
-from fusion.sensor.gyro_scale import GyroScaleSettings
+from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import StillRules
 

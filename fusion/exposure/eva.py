@@ -47,7 +47,7 @@ class EvaTally:
     seconds: Float64Array
 
     def add(self, angle: MetricAngle) -> None:
-        """Count a segment: with an error b, a class begins b lower (see :mod:`fusion.exposure.stays`)."""
+        """Count a segment: with an error b, a class begins b lower (see :mod:`fusion.exposure.episodes`)."""
         levels = np.array(ANGLE_EDGES_DEG[1:-1]) - self.errors_deg[:, np.newaxis]
         order = np.argsort(levels, axis=None, kind="stable")
         longest_s = np.array(DURATION_EDGES_S[1:-1], np.float64)

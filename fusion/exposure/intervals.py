@@ -15,8 +15,9 @@ from fusion.exposure.bins import (
     find_percentile_cells,
     list_classes,
 )
+from fusion.exposure.episodes import name_busy_intervals, name_stay_intervals
 from fusion.exposure.eva import draw_eva
-from fusion.exposure.parts import PART_PERCENTS, Group
+from fusion.exposure.parts import PART_PERCENTS, AnyArray, Group, Stretches, sum_groups, sum_time
 from fusion.exposure.resampling import (
     Resampling,
     can_draw,
@@ -28,8 +29,6 @@ from fusion.exposure.resampling import (
 )
 from fusion.exposure.speeds import CELL_DPS, COARSE_CELLS, WIDENING, SpeedTally
 from fusion.exposure.speeds import PERCENTS as SPEED_PERCENTS
-from fusion.exposure.stays import name_busy_intervals, name_stay_intervals
-from fusion.exposure.stretches import AnyArray, Stretches, sum_groups, sum_time
 from fusion.exposure.tally import DayTally, ErrorTally
 from fusion.exposure.types import (
     ElevationBin,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from fusion.exposure.stretches import AnyArray
+from fusion.exposure.parts import AnyArray
 from fusion.exposure.types import Interval
 from fusion.numba_kernels import njit
 from fusion.recording import BoolArray, Float64Array

@@ -17,10 +17,16 @@ from fusion.exposure.episodes import summarise_entries, summarise_episodes
 from fusion.exposure.eva import summarise_eva_matrix
 from fusion.exposure.intervals import add_intervals, describe_hours
 from fusion.exposure.metric_filter import CORNER_HZ, filter_elevation, is_filtered
-from fusion.exposure.parts import DayDivision, Group, profile_minutes, summarise_group, summarise_parts
+from fusion.exposure.parts import (
+    DayDivision,
+    Group,
+    profile_minutes,
+    sum_time,
+    summarise_group,
+    summarise_parts,
+)
 from fusion.exposure.peaks import find_peak_windows
 from fusion.exposure.rows import find_end_us
-from fusion.exposure.stretches import sum_time
 from fusion.exposure.tally import Count, DayTally, start_day
 from fusion.exposure.types import Exposure, PartExposure
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, Recording, Segment

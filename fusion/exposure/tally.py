@@ -10,16 +10,14 @@ import numpy as np
 from fusion.elevation import ElevationSegment
 from fusion.exposure.bins import CELLS, THRESHOLDS_DEG, PartHistograms
 from fusion.exposure.cycles import CycleTally, start_cycles
-from fusion.exposure.episodes import Stays, find_stays
+from fusion.exposure.episodes import ShiftedStays, Stays, find_stays, start_shifted_stays
 from fusion.exposure.eva import EvaTally, start_eva
 from fusion.exposure.metric_filter import MetricAngle, is_filtered
-from fusion.exposure.parts import DayDivision, DayParts, split_hours, split_minutes
+from fusion.exposure.parts import DayDivision, DayParts, Stretches, cut_day, split_hours, split_minutes
 from fusion.exposure.peaks import SecondTally, ShiftedSeconds
 from fusion.exposure.recovery import RecoveryTally, start_recovery
 from fusion.exposure.resampling import spread_errors
 from fusion.exposure.speeds import FrequencyTally, SpeedTally, measure_generalised, measure_inclination
-from fusion.exposure.stays import ShiftedStays, start_shifted_stays
-from fusion.exposure.stretches import Stretches, cut_day
 from fusion.exposure.types import Velocity
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
 

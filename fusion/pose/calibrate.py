@@ -30,7 +30,7 @@ from fusion.pose.windows import (
 )
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.gyro_scale import GyroScale, leave_gyro_scale
+from fusion.sensor.gyroscope import GyroScale, leave_gyro_scale
 from fusion.sensor.model import GyroBias, view_segment
 from fusion.sensor.self_calibration import (
     CalibratedRun,

@@ -1,9 +1,9 @@
 """The stretches of a recording in which the sensor sat on the arm in one way.
 
 A recording is cut where the sensor may have been off the arm: ten minutes or more in which, over 10 s, no
-axis of the accelerometer has a standard deviation of 0.013 g (as ``fusion.quality.nonwear``), or a hole of
-five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.pose.slips`); the slip itself is left
-out.
+axis of the accelerometer has a standard deviation of 0.013 g (as in ``fusion.quality.time_account``), or a
+hole of five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.pose.slips`); the slip itself
+is left out.
 """
 
 from collections.abc import Iterator, Sequence
