@@ -445,9 +445,7 @@ class ResultDamaged(AppError):
     code = "E-RESULT-DAMAGED"
     outcome = Outcome(410, 3, retryable=True)
     fact_meanings = name_facts(
-        name="of the file",
-        analysis="identity",
-        again="identity of the analysis that replaces it",
+        name="of the file", analysis="identity", again="identity of the analysis that replaces it"
     )
 
 

@@ -1,37 +1,97 @@
 """What the arm did: from the bytes of a recording to elevation and exposure.
 
-The public names are loaded when first asked for, so that a program which only needs the errors or the
-value types does not pay for the compiler.
+The public names are loaded when first asked for, so that a program which only needs the errors or the value
+types does not wait for the compiler. An installed package offers the same names as :mod:`acromion`.
 """
 
-import contextlib
-import hashlib
 import importlib
-import os
-import shutil
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from fusion.diary import DiaryEntry as DiaryEntry
+    from fusion.elevation import Elevation as Elevation
+    from fusion.elevation import ElevationSegment as ElevationSegment
+    from fusion.elevation import Method as Method
     from fusion.errors import FusionError as FusionError
+    from fusion.errors import UnreadableFile as UnreadableFile
+    from fusion.errors import UnusableDiary as UnusableDiary
+    from fusion.errors import UnusableRecording as UnusableRecording
+    from fusion.exposure.types import Cycles as Cycles
+    from fusion.exposure.types import ElevationBin as ElevationBin
+    from fusion.exposure.types import Entries as Entries
+    from fusion.exposure.types import Episodes as Episodes
+    from fusion.exposure.types import Eva as Eva
+    from fusion.exposure.types import EvaSummary as EvaSummary
+    from fusion.exposure.types import Exposure as Exposure
+    from fusion.exposure.types import Frequency as Frequency
+    from fusion.exposure.types import HourVariation as HourVariation
+    from fusion.exposure.types import Interval as Interval
+    from fusion.exposure.types import MinuteProfile as MinuteProfile
+    from fusion.exposure.types import PartExposure as PartExposure
+    from fusion.exposure.types import PeakWindow as PeakWindow
+    from fusion.exposure.types import Recovery as Recovery
+    from fusion.exposure.types import TimeAbove as TimeAbove
+    from fusion.exposure.types import Velocity as Velocity
     from fusion.frames import tabulate_elevation as tabulate_elevation
     from fusion.frames import tabulate_exposure as tabulate_exposure
     from fusion.live import LiveElevation as LiveElevation
     from fusion.orientation import estimate_vertical as estimate_vertical
+    from fusion.orientation.arrays import UnusableArrays as UnusableArrays
     from fusion.pipeline import Analysis as Analysis
     from fusion.pipeline import AnalysisSettings as AnalysisSettings
     from fusion.pipeline import analyse as analyse
+    from fusion.pose.calibrate import Calibration as Calibration
+    from fusion.pose.windows import StillPeriod as StillPeriod
+    from fusion.quality.types import Quality as Quality
+    from fusion.quality.types import TimeAccount as TimeAccount
+    from fusion.quality.types import TimePart as TimePart
     from fusion.readers import read_recording as read_recording
     from fusion.readers import read_recordings as read_recordings
+    from fusion.readers.tables.profile import ColumnProfile as ColumnProfile
+    from fusion.recording import QualityFlag as QualityFlag
     from fusion.recording import Recording as Recording
+    from fusion.recording import Segment as Segment
+    from fusion.recording import Span as Span
 
-_HOMES = {
-    "LiveElevation": "fusion.live",
+_MODULES = {
     "Analysis": "fusion.pipeline",
     "AnalysisSettings": "fusion.pipeline",
+    "Calibration": "fusion.pose.calibrate",
+    "ColumnProfile": "fusion.readers.tables.profile",
+    "Cycles": "fusion.exposure.types",
+    "DiaryEntry": "fusion.diary",
+    "Elevation": "fusion.elevation",
+    "ElevationBin": "fusion.exposure.types",
+    "ElevationSegment": "fusion.elevation",
+    "Entries": "fusion.exposure.types",
+    "Episodes": "fusion.exposure.types",
+    "Eva": "fusion.exposure.types",
+    "EvaSummary": "fusion.exposure.types",
+    "Exposure": "fusion.exposure.types",
+    "Frequency": "fusion.exposure.types",
     "FusionError": "fusion.errors",
+    "HourVariation": "fusion.exposure.types",
+    "Interval": "fusion.exposure.types",
+    "LiveElevation": "fusion.live",
+    "Method": "fusion.elevation",
+    "MinuteProfile": "fusion.exposure.types",
+    "PartExposure": "fusion.exposure.types",
+    "PeakWindow": "fusion.exposure.types",
+    "Quality": "fusion.quality.types",
+    "QualityFlag": "fusion.recording",
     "Recording": "fusion.recording",
+    "Recovery": "fusion.exposure.types",
+    "Segment": "fusion.recording",
+    "Span": "fusion.recording",
+    "StillPeriod": "fusion.pose.windows",
+    "TimeAbove": "fusion.exposure.types",
+    "TimeAccount": "fusion.quality.types",
+    "TimePart": "fusion.quality.types",
+    "UnreadableFile": "fusion.errors",
+    "UnusableArrays": "fusion.orientation.arrays",
+    "UnusableDiary": "fusion.errors",
+    "UnusableRecording": "fusion.errors",
+    "Velocity": "fusion.exposure.types",
     "analyse": "fusion.pipeline",
     "estimate_vertical": "fusion.orientation",
     "read_recording": "fusion.readers",
@@ -43,9 +103,42 @@ _HOMES = {
 __all__ = [
     "Analysis",
     "AnalysisSettings",
+    "Calibration",
+    "ColumnProfile",
+    "Cycles",
+    "DiaryEntry",
+    "Elevation",
+    "ElevationBin",
+    "ElevationSegment",
+    "Entries",
+    "Episodes",
+    "Eva",
+    "EvaSummary",
+    "Exposure",
+    "Frequency",
     "FusionError",
+    "HourVariation",
+    "Interval",
     "LiveElevation",
+    "Method",
+    "MinuteProfile",
+    "PartExposure",
+    "PeakWindow",
+    "Quality",
+    "QualityFlag",
     "Recording",
+    "Recovery",
+    "Segment",
+    "Span",
+    "StillPeriod",
+    "TimeAbove",
+    "TimeAccount",
+    "TimePart",
+    "UnreadableFile",
+    "UnusableArrays",
+    "UnusableDiary",
+    "UnusableRecording",
+    "Velocity",
     "analyse",
     "estimate_vertical",
     "read_recording",
@@ -56,74 +149,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'fusion' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    return getattr(importlib.import_module(_MODULES[name]), name)
 
 
-def _writable_cache() -> Path | None:
-    """Find a folder of our own for compiled code; a shared one could be planted by another user."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
-    kernels = _fingerprint_kernels()
-    for place in (Path(base).expanduser() / "acromion", Path(tempfile.gettempdir()) / _private_name()):
-        folder = place / f"kernels-{kernels}"
-        try:
-            place.mkdir(mode=0o700, parents=True, exist_ok=True)
-            folder.mkdir(mode=0o700, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK) and _is_ours(place) and _is_ours(folder):
-            return folder
-    return None
-
-
-def _fingerprint_kernels() -> str:
-    """Hash the sources that are compiled.
-
-    The compiler notices a change in a function's own file only; a kernel that has another inlined would go
-    on with the old one.
-    """
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        source = path.read_bytes()
-        if b"numba" in source:
-            digest.update(path.name.encode() + source)
-    return digest.hexdigest()[:12]
-
-
-def _private_name() -> str:
-    return f"acromion-{os.getuid()}" if hasattr(os, "getuid") else "acromion"
-
-
-def _is_ours(folder: Path) -> bool:
-    return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
-
-
-def _place_compiled_code() -> None:
-    """Point numba at a writable folder, so that a read-only installation works and stays fast.
-
-    numba takes no folder that it cannot write, not even to read what is compiled; such a one (of a container
-    whose disk is read-only) is copied to where it can.
-    """
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    if given and (not Path(given).is_dir() or os.access(given, os.W_OK)):
-        return
-    if folder := _writable_cache():
-        if given:
-            _copy_compiled(Path(given), folder)
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)
-
-
-def _copy_compiled(given: Path, folder: Path) -> None:
-    """Fill an empty folder; of processes that start together one does it, and nobody sees the half."""
-    if any(folder.iterdir()):
-        return
-    copy = Path(tempfile.mkdtemp(dir=folder.parent))
-    shutil.copytree(given, copy, dirs_exist_ok=True)
-    copy.chmod(0o700)
-    with contextlib.suppress(OSError):
-        copy.replace(folder)
-    shutil.rmtree(copy, ignore_errors=True)
-
-
-_place_compiled_code()
+def __dir__() -> list[str]:
+    return __all__

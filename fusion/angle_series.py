@@ -12,7 +12,6 @@ from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from pyarrow import compute as pc
 from pyarrow import csv
 
@@ -27,7 +26,7 @@ from fusion.errors import (
     UnusableTime,
     WrongAngle,
 )
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment
+from fusion.recording import MICROSECONDS, Float64Array, IntArray, QualityFlag, Recording, Segment
 
 COLUMNS = ("time_s", "elevation_deg")
 LONGEST_BRIDGE_S = 0.05
@@ -39,17 +38,14 @@ MOST_UNREADABLE = 0.05
 NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
 MISSING = ["", "NaN", "nan", "NA", "null"]
 
-FloatVector = NDArray[np.float64]
-IntVector = NDArray[np.int64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
     """The table, shape (n,): NaN where an angle is empty or no number; ``line`` is the place in the file."""
 
-    time_s: FloatVector
-    elevation_deg: FloatVector
-    line: IntVector
+    time_s: Float64Array
+    elevation_deg: Float64Array
+    line: IntArray
     dropped: int = 0
     has_commas: bool = False
 
@@ -67,8 +63,8 @@ class _Layout:
 class AngleRows:
     """The rows that hold an angle, shape (n,), and the stamps of the first and the last row of all."""
 
-    time_s: FloatVector
-    elevation_deg: FloatVector
+    time_s: Float64Array
+    elevation_deg: Float64Array
     first_s: float
     last_s: float
 
@@ -85,7 +81,7 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
     UnreadableRows
         More than 5 % of the rows without a time or with something that is not a number.
     UnusableTime
-        Stamps that do not rise, or are too few to tell a rate.
+        Stamps that do not rise, or are too few for a rate.
     WrongAngle
         An elevation more than 0.5 deg outside 0 to 180.
     TooShort
@@ -104,16 +100,16 @@ def read_angle_series(file: BinaryIO) -> tuple[Recording, Elevation]:
         flags=_flag_rows(rows),
         understood={"layout": "angles", "columns": ", ".join(COLUMNS)},
     )
-    return lay_angles(recording, series)
+    return resample_angles(recording, series)
 
 
-def lay_angles(recording: Recording, series: AngleRows) -> tuple[Recording, Elevation]:
+def resample_angles(recording: Recording, series: AngleRows) -> tuple[Recording, Elevation]:
     """Lay rows of angles on even grids, cut at holes, and give the recording its length, rate and holes.
 
     Raises
     ------
     UnusableTime
-        Too few rows to tell a rate.
+        Too few rows for a rate.
     """
     period_s = _measure_period(series.time_s)
     segments = _split_at_holes(series, period_s)
@@ -152,14 +148,14 @@ def _read_rows(file: BinaryIO) -> _Rows:
 
 
 def _recognise(header: str, start: bytes) -> _Layout:
-    """Tell the delimiter from the header; between other delimiters a comma is the mark of the decimals."""
+    """Find the delimiter in the header; between other delimiters a comma is the decimal mark."""
     delimiter = max((",", ";", "\t"), key=header.count)
     names = tuple(name.strip().strip('"') for name in header.split(delimiter))
     return _Layout(names, delimiter, "," if delimiter != "," and b"," in start else ".")
 
 
 def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
-    """Read fast; where a value is no number, once more as text, and count what cannot be read."""
+    """Read the columns as numbers; where one is none, read them as text and count what is unreadable."""
     try:
         table, broken = _parse_columns(file, layout, pa.float64())
     except pa.ArrowInvalid:
@@ -197,7 +193,7 @@ def _parse_columns(file: BinaryIO, layout: _Layout, kind: pa.DataType) -> tuple[
     return table, len(broken)
 
 
-def _to_numbers(column: pa.ChunkedArray) -> FloatVector:
+def _to_numbers(column: pa.ChunkedArray) -> Float64Array:
     if column.type == pa.string():
         readable = pc.match_substring_regex(column, NUMBER)
         column = pc.if_else(readable, pc.utf8_trim_whitespace(column), None).cast(pa.float64())
@@ -241,7 +237,7 @@ def _check_angle(rows: _Rows) -> None:
         raise WrongAngle(value=f"{rows.elevation_deg[wrong[0]]:g}", line=int(rows.line[wrong[0]]))
 
 
-def _measure_period(time_s: FloatVector) -> float:
+def _measure_period(time_s: Float64Array) -> float:
     """Give the usual step: the mean of those within 1.5 medians, so that rounded stamps average out."""
     steps_s = np.diff(time_s)
     if len(steps_s) == 0:
@@ -273,7 +269,7 @@ def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationS
     return ElevationSegment(start_us, float(rate_hz), angle.astype(np.float32), valid)
 
 
-def _count_periods(steps_s: FloatVector, period_s: float) -> IntVector:
+def _count_periods(steps_s: Float64Array, period_s: float) -> IntArray:
     """Give how many periods each step takes: one, unless it is a hole."""
     periods = np.rint(steps_s / period_s).astype(np.int64)
     return np.where(steps_s > HOLE_PERIODS * period_s, np.maximum(periods, 2), 1)

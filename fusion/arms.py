@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from fusion.elevation import Elevation
@@ -18,11 +17,12 @@ from fusion.exposure.intervals import DrawnDistribution, sum_below
 from fusion.exposure.metric_filter import MetricAngle, filter_elevation
 from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks, find_interval, name_intervals
 from fusion.exposure.types import Interval
+from fusion.recording import Float64Array, IntArray
 
-# How far the figures of two arms could lie from those read off: ranges as those of a day (CONTRACT.md §5).
+# The ranges of the figures of two arms, made as those of a day (CONTRACT.md §5).
 #
-# 200 draws of the 5-minute blocks of the time both arms share, the same blocks for both, for it is one day;
-# each arm with an error of its own angle, for each has a sensor and a pose of its own.
+# 200 draws of the 5-minute blocks of the time both arms share: the same blocks for both, as it is one day;
+# for each arm an error of its own angle, as each has its own sensor and pose.
 
 
 BLOCK_S = 300.0
@@ -30,12 +30,9 @@ PERCENTS = (10, 50, 90, 99)
 RIGHT_SEED = 1
 TOP_DEG = 180
 
-FloatVector = NDArray[np.float64]
-IntVector = NDArray[np.int64]
-
 
 def draw_pair(
-    time_s: FloatVector, left_deg: FloatVector, right_deg: FloatVector, sigmas_deg: tuple[float, float]
+    time_s: Float64Array, left_deg: Float64Array, right_deg: Float64Array, sigmas_deg: tuple[float, float]
 ) -> dict[str, Interval]:
     """Give the ranges of the figures of both arms by name: ``left_elevation_p50_deg``, for example.
 
@@ -46,7 +43,7 @@ def draw_pair(
     sigmas_deg
         Standard deviation of the constant error of the left and of the right angle.
     """
-    block_of: IntVector = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1].astype(np.int64)
+    block_of: IntArray = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1].astype(np.int64)
     draws = draw_blocks(np.bincount(block_of), sigmas_deg[0])
     other = replace(draws, error_deg=_draw_other_errors(sigmas_deg[1]))
     left, right = _distribute(left_deg, block_of, draws), _distribute(right_deg, block_of, other)
@@ -60,20 +57,20 @@ def draw_pair(
     return name_intervals({name: find_interval(values) for name, values in drawn.items()})
 
 
-def _draw_other_errors(sigma_deg: float) -> FloatVector:
+def _draw_other_errors(sigma_deg: float) -> Float64Array:
     """Give the same quantiles as those of the first arm, in an order that knows nothing of them."""
-    quantiles: FloatVector = sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
+    quantiles: Float64Array = sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
     return np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(quantiles)
 
 
-def _distribute(angle_deg: FloatVector, block_of: IntVector, draws: Resampling) -> DrawnDistribution:
+def _distribute(angle_deg: Float64Array, block_of: IntArray, draws: Resampling) -> DrawnDistribution:
     cells = TOP_DEG * CELLS_PER_DEG
     cell = np.minimum((angle_deg * CELLS_PER_DEG).astype(np.int64), cells - 1)
     counts = np.bincount(block_of * cells + cell, minlength=(int(block_of[-1]) + 1) * cells)
     return sum_below(counts.reshape(-1, cells), draws)
 
 
-def _name_arm(side: str, arm: DrawnDistribution) -> dict[str, FloatVector]:
+def _name_arm(side: str, arm: DrawnDistribution) -> dict[str, Float64Array]:
     above = 100.0 * (1.0 - arm.find_shares(np.array(THRESHOLDS_DEG, np.float64)))
     angles_deg = arm.find_percentiles(PERCENTS)
     return {
@@ -83,8 +80,8 @@ def _name_arm(side: str, arm: DrawnDistribution) -> dict[str, FloatVector]:
 
 
 def _draw_both(
-    block_of: IntVector, angles_deg: tuple[FloatVector, FloatVector], draws: tuple[Resampling, Resampling]
-) -> FloatVector:
+    block_of: IntArray, angles_deg: tuple[Float64Array, Float64Array], draws: tuple[Resampling, Resampling]
+) -> Float64Array:
     """Give the share of each draw in which both are at or above 60 deg at once, each read with its error."""
     lasted = np.bincount(block_of)
     shares = np.empty(DRAWS)
@@ -97,7 +94,7 @@ def _draw_both(
     return shares
 
 
-def _divide_draws(right: FloatVector, left: FloatVector) -> FloatVector:
+def _divide_draws(right: Float64Array, left: Float64Array) -> Float64Array:
     """Give NaN where the left arm has none."""
     ratios = np.full(len(left), np.nan)
     np.divide(right, left, out=ratios, where=left > 0)
@@ -205,7 +202,7 @@ def relate_to_trunk(arm: Elevation, trunk: Elevation | None, offset_s: float = 0
 
 def _share_grid(
     first: Elevation, second: Elevation, offset_s: float
-) -> tuple[FloatVector, FloatVector, FloatVector]:
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Give the points at which both are valid, on the first one's clock, and both angles, shapes (n,)."""
     runs, others = ([filter_elevation(s) for s in arm.segments if len(s)] for arm in (first, second))
     end_s = max((run.start_us / 1e6 + len(run) / run.rate_hz for run in runs), default=0.0)
@@ -217,7 +214,7 @@ def _share_grid(
     return time_s[known], a[known], b[known]
 
 
-def _read_at(runs: list[MetricAngle], time_s: FloatVector) -> FloatVector:
+def _read_at(runs: list[MetricAngle], time_s: Float64Array) -> Float64Array:
     """Read at each time the angle of the row whose period holds it; NaN where none is valid."""
     angle_deg = np.full(len(time_s), np.nan)
     for run in runs:
@@ -228,12 +225,12 @@ def _read_at(runs: list[MetricAngle], time_s: FloatVector) -> FloatVector:
     return angle_deg
 
 
-def _describe(angle_deg: FloatVector) -> ArmShare:
+def _describe(angle_deg: Float64Array) -> ArmShare:
     above = {c: 100.0 * float(np.mean(angle_deg >= c)) for c in THRESHOLDS_DEG}
     return ArmShare(_find_percentiles(angle_deg), above)
 
 
-def _find_percentiles(values: FloatVector) -> dict[int, float]:
+def _find_percentiles(values: Float64Array) -> dict[int, float]:
     return {p: float(value) for p, value in zip(PERCENTS, np.percentile(values, PERCENTS), strict=True)}
 
 

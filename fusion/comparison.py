@@ -1,27 +1,23 @@
-"""One day beside another: is the difference larger than days differ anyway? EXPOSURE.md section 0, finding 3.
+"""Comparison of two days, and of a day with published values (EXPOSURE.md section 0, finding 3, and A10).
+
+Is the difference between two days larger than days differ without any change of the work?
 
 MDC95 = 1.96 sqrt(2 / k) SD_BD, with k days on each side and the between-day standard deviation SD_BD of
 Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage points for time above 60 deg,
-3.4 deg for the median. Another kind of work may vary more or less; that is said with the verdict.
+3.4 deg for the median. Another kind of work may vary more or less; the report says so with the verdict.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from fusion.exposure.types import Exposure
-
-if TYPE_CHECKING:
-    from fusion.exposure.types import Exposure  # a report must not wait for the compiler
-
+from fusion.exposure.types import Exposure  # not from the package: a report must not wait for the compiler
 
 # Published values as data: value, source, what it applies to, and how far it is confirmed.
 #
-# EXPOSURE.md A10; how standards cut elevation into classes is in ``fusion.conventions``. A value that the
-# brief marks unverified is not here: :data:`NOT_SHIPPED` says which and why. Nothing here is turned into a
-# score or into anyone's risk.
+# EXPOSURE.md A10; the classes of elevation of the standards are in ``fusion.conventions``. Unverified values
+# are left out: :data:`NOT_SHIPPED` lists them with the reason. Nothing here is turned into a score or into
+# anyone's risk.
 
 
 Status = Literal["proposal", "guidance", "context"]
@@ -79,7 +75,7 @@ STATEMENTS = {
     "waersted": "Waersted et al. 2020, review of 34 studies",
     "nfa": "NFA 2018, 197 workers of 12 occupations",
 }
-"""What studies of groups found: told in words, set beside no figure and never turned into anyone's risk."""
+"""Findings of studies of groups: given in words, beside no figure, and never turned into anyone's risk."""
 
 NOT_SHIPPED = {
     "Dalboge 2017, background speed 27 deg/s": "read in a table that quotes it; which speed is not said",
@@ -89,11 +85,11 @@ NOT_SHIPPED = {
     "RAMP II, hand at shoulder height": "the height of the hand, which this angle does not tell",
     "Lewis 2026, share of days over the levels": "of many days, which one recording is not",
 }
-"""What the brief lists and is not here, and why."""
+"""Values that were considered and left out, with the reason."""
 
 
 def compare_with_references(exposure: Exposure, verdict: str) -> tuple[Compared, ...]:
-    """Set each reference beside its figure, or say why it does not apply.
+    """Set each reference beside its figure, or give the reason why it does not apply.
 
     All are for a working day: not with less than 4 h analysed, and not when the quality is poor.
     """
@@ -135,7 +131,19 @@ BETWEEN_DAY_SD = {"time_above_60_percent": 2.0, "elevation_p50_deg": 3.4}
 
 @dataclass(frozen=True, slots=True)
 class ComparedDay:
-    """What must be alike for two days to be compared."""
+    """One day, with what must be alike for two days to be compared.
+
+    Attributes
+    ----------
+    exposure
+        Its figures.
+    method, pose, side, verdict
+        Of its analysis; ``side`` is None where none was given.
+    sha256
+        Of the recording; empty where it is not known.
+    subject
+        Code of the person; empty where none was given.
+    """
 
     exposure: Exposure
     method: str
@@ -143,9 +151,7 @@ class ComparedDay:
     side: str | None
     verdict: str
     sha256: str = ""
-    """Of the recording; empty where it is not known."""
     subject: str = ""
-    """Code of the person; empty where none was given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +160,7 @@ class FigureChange:
 
     ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
     ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
-    one recording, of two people, or two arms: then there is no change to be judged.
+    one recording, of two people, or two arms: then no change is judged.
     """
 
     name: str

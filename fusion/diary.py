@@ -37,7 +37,7 @@ def decode_text(content: bytes) -> str:
 
 
 def read_rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Give the rows that say something, with their line from 1; lines that begin with # are remarks.
+    """Read the rows that are not empty, with their line from 1; lines that begin with # are remarks.
 
     A line may end as on any system, also as on old Macs, and a cell may be as long as the table.
     """
@@ -103,6 +103,10 @@ class DiaryEntry:
     start, end
         Seconds from the first sample, or the clock as ISO 8601 text: ``"07:58:00"``,
         ``"2026-03-02T07:58:00"``. An ``end`` of None lasts until the next row begins.
+    kind
+        "work", "break" and so on: one of :data:`fusion.diary.Kind`.
+    label
+        The person's own word for it.
     left_out
         Whether its time leaves the denominator; None: as its kind says.
     line
@@ -200,7 +204,7 @@ def _read_rows(columns: list[str], line: int, cells: list[str]) -> Iterable[Row]
 
 
 def _is_activity_log(header: list[str]) -> bool:
-    """Tell GGIR's form by its header: an ID, then a date."""
+    """Whether it is GGIR's form, by its header: an ID, then a date."""
     names = [plain_word(cell) for cell in header]
     return len(names) > 2 and names[0] in LOG_IDS and "date" in names[1]
 
@@ -295,7 +299,7 @@ def _read_hour(told: str) -> str:
 
 
 def _drop_ends(rows: Sequence[Row]) -> tuple[DiaryEntry, ...]:
-    """Let each row that only ends the one before give that one its end."""
+    """Give each row the end that a row of its own states."""
     entries: list[DiaryEntry] = []
     for row in rows:
         if isinstance(row, DiaryEntry):

@@ -6,10 +6,10 @@ from math import pi, sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.conventions import MethodName
+from fusion.numba_kernels import njit
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.orientation.on_demand import VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published
@@ -19,8 +19,7 @@ from fusion.pose.doubts import DoubtedPart
 from fusion.pose.wear import AxisPart
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Segment
 from fusion.sensor.accelerometer import AccelerometerSettings
-from fusion.sensor.gyro_bias import BiasSettings
-from fusion.sensor.gyro_scale import GyroScaleSettings
+from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import StillRules
 
@@ -29,7 +28,15 @@ Vertical = NDArray[np.float32] | VerticalOnDemand
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A named estimator with its version and every parameter, as printed in the report."""
+    """A named estimator, as printed in the report.
+
+    Attributes
+    ----------
+    name, version
+        "smoothed", "published" or "live"; the version goes up with every change that moves a figure.
+    parameters
+        Every number that it used, by name, the unit in the name.
+    """
 
     name: str
     version: str
@@ -66,6 +73,10 @@ class ElevationSegment:
     def __len__(self) -> int:
         return len(self.elevation_deg)
 
+    def __repr__(self) -> str:
+        start_s = self.start_us / MICROSECONDS
+        return f"ElevationSegment({len(self)} samples at {self.rate_hz:g} Hz from {start_s:g} s)"
+
     @property
     def period_us(self) -> float:
         """How long one sample lasts."""
@@ -76,14 +87,26 @@ class ElevationSegment:
 class Elevation:
     """Arm elevation through the recording; holes lie between the segments.
 
-    ``bias_sigma_deg`` is the standard deviation of the angle over the whole recording, the pose left out: for
-    `smoothed` the root mean square of the seconds' own; with what is not known of the axis where the sensor
-    turned. None for a ready angle series.
+    Attributes
+    ----------
+    segments
+        In time order.
+    method
+        The estimator; None for a ready angle series.
+    bias_sigma_deg
+        Standard deviation of the angle over the whole recording, the pose left out: for `smoothed` the root
+        mean square of that of each second; with the uncertainty of the axis where the sensor turned. None for
+        a ready angle series.
     """
 
     segments: tuple[ElevationSegment, ...]
     method: Method | None
     bias_sigma_deg: float | None = None
+
+    def __repr__(self) -> str:
+        name = self.method.name if self.method else "ready angles"
+        valid_s = sum(int(segment.valid.sum()) / segment.rate_hz for segment in self.segments)
+        return f"Elevation({name}, {valid_s / 3600.0:.2f} h valid, segments: {len(self.segments)})"
 
 
 DEGREES = 180.0 / pi
@@ -100,8 +123,8 @@ def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothe
     """Fuse each segment and take the angle between the arm axis and the vertical.
 
     Not valid are rows that bridge a hole, segments under 1 s, and (`smoothed`) seconds that are uncertain by
-    more than 5 deg: by their sigma, or by half the angle between what past and future say. `published` has
-    no such measure; `live` leaves out the first 3 s of each segment, in which its direction rests on little.
+    more than 5 deg: by their sigma, or by half the angle between the estimates from past and future.
+    `published` has no such measure; `live` leaves out the first 3 s of a segment, where it has few samples.
     """
     fuse = {"smoothed": _fuse_smoothed, "published": _fuse_published, "live": _fuse_live}[method]
     segments = tuple(fuse(samples, segment) for segment in samples.recording.segments)
@@ -165,7 +188,7 @@ def _list_findings(samples: CalibratedSamples) -> dict[str, float]:
 
 
 def measure_elevation(
-    vertical: NDArray[np.float32] | NDArray[np.float64], arm_axis: Float64Array
+    vertical: NDArray[np.float32] | Float64Array, arm_axis: Float64Array
 ) -> NDArray[np.float32]:
     """Angle between ``vertical`` (n, 3) and the arm axis, deg; exact near 0 and 180 too."""
     elevation_deg = np.empty(len(vertical), dtype=np.float32)
@@ -298,7 +321,7 @@ def _start_valid(segment: Segment) -> BoolArray:
 def _measure_segment(
     samples: CalibratedSamples,
     segment: Segment,
-    up: NDArray[np.float32] | NDArray[np.float64],
+    up: NDArray[np.float32] | Float64Array,
     valid: BoolArray,
 ) -> ElevationSegment:
     elevation_deg = measure_elevation(up, samples.calibration.arm_axis)

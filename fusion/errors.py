@@ -63,9 +63,7 @@ class WrongExtension(UnknownFormat):
 
     code = "E-EXT"
     fact_meanings = name_facts(
-        ext="extension of the name",
-        kind="what the bytes are",
-        right="extension that fits",
+        ext="extension of the name", kind="what the bytes are", right="extension that fits"
     )
 
 
@@ -202,10 +200,7 @@ class WrongScale(UnusableRecording):
 
     code = "E-SCALE"
     fact_meanings = name_facts(
-        g="g at rest",
-        low_g="g at rest, least",
-        high_g="g at rest, most",
-        dps="deg/s, largest",
+        g="g at rest", low_g="g at rest, least", high_g="g at rest, most", dps="deg/s, largest"
     )
 
 

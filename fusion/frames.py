@@ -13,9 +13,18 @@ from fusion.recording import MICROSECONDS
 
 
 def tabulate_elevation(analysis: Analysis) -> pd.DataFrame:
-    """Give the angle series: ``time_s`` (from the first sample), ``elevation_deg``, ``valid``.
+    """Give the angle series as a table.
 
-    Every sample of the device, before the metric filter; a hole has no rows. The index counts rows.
+    Parameters
+    ----------
+    analysis
+        Of a recording or of ready angles.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``time_s`` (from the first sample), ``elevation_deg``, ``valid``: a row for every sample of the
+        device, before the metric filter; a hole has no rows. The index counts rows.
     """
     parts = [
         pd.DataFrame(
@@ -31,9 +40,19 @@ def tabulate_elevation(analysis: Analysis) -> pd.DataFrame:
 
 
 def tabulate_exposure(exposure: Exposure) -> dict[str, pd.DataFrame]:
-    """Give each set of figures as a table, by its name in ``results.json``; ``low`` and ``high`` beside them.
+    """Give each set of figures as a table.
 
-    ``intervals`` holds the ranges of the figures that have none of their own, by the name of the figure.
+    Parameters
+    ----------
+    exposure
+        Of an analysis.
+
+    Returns
+    -------
+    dict
+        Tables by their names in ``results.json``, the ends of each interval in the columns ``low`` and
+        ``high``. ``intervals`` holds those of the figures that have no column for them, by the name of the
+        figure.
     """
     tables = {
         "bins": _tabulate(exposure.bins),

@@ -1,17 +1,33 @@
-"""How loops over samples are compiled, so that the first call after installation does not wait for long.
+"""How loops over samples are compiled, and where the compiled code is kept.
 
 What costs the compiler time: expressions of whole arrays (1 to 3 s each), ``np.zeros`` and ``np.eye`` in a
-kernel (0.1 to 0.3 s), functions that are inlined before their types are known, and ways in that nobody uses.
-Kernels therefore write plain loops, take their room as arguments, and leave inlining to LLVM, which does it
-as well; neither kind can be called from C. The compiler's steps for what such loops do not hold (closures,
-literals, arrays made inside) are left out, and nothing is collected as garbage while it works (decision 39).
+kernel (0.1 to 0.3 s), functions that are inlined before their types are known, and entry points that nobody
+uses. Kernels therefore write plain loops, take their work arrays as arguments, and leave inlining to LLVM;
+they cannot be called from C. The compiler's steps for what such loops do not hold (closures, literals, arrays
+made inside) are left out, and the garbage collector rests while the compiler works (decision 39).
+
+Compiled code is kept in a private folder that is made when the first kernel runs: an import writes nothing.
+Every kernel of this package is decorated here, never by numba directly.
 """
 
+import contextlib
 import gc
+import hashlib
+import os
+import shutil
+import tempfile
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    InTreeCacheLocator,
+    NullCache,
+)
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager
 from numba.core.typed_passes import (
@@ -47,26 +63,26 @@ Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
 
-class _Undisturbed(CompilerBase):
-    """What is made while compiling is in use until the end: looking for garbage meanwhile is in vain."""
+class _WithoutCollection(CompilerBase):
+    """A compiler during which the garbage collector rests: what it makes is in use until the end."""
 
     def compile_extra(self, func: object) -> Any:
         """Compile while the collector rests."""
-        compile_as_ever: Any = super().compile_extra
+        compile_function: Any = super().compile_extra
         was_on = gc.isenabled()
         gc.disable()
         try:
-            return compile_as_ever(func)
+            return compile_function(func)
         finally:
             if was_on:
                 gc.enable()
 
 
-class PlainLoops(_Undisturbed):
+class PlainLoops(_WithoutCollection):
     """The compiler for loops over given arrays."""
 
     def define_pipelines(self) -> list[Any]:
-        """Its steps."""
+        """Give the steps of :data:`STEPS`."""
         make: Any = PassManager
         steps = make("plain loops")
         for step in STEPS:
@@ -75,18 +91,144 @@ class PlainLoops(_Undisturbed):
         return [steps]
 
 
-class AnyLoops(_Undisturbed):
+class AnyLoops(_WithoutCollection):
     """The compiler for loops that make arrays."""
 
     def define_pipelines(self) -> list[Any]:
-        """All of numba's steps."""
+        """Give all of numba's steps."""
         define: Any = DefaultPassBuilder.define_nopython_pipeline
         return [define(self.state)]
 
 
+@cache
+def make_kernel_folder() -> Path | None:
+    """Make the folder of the compiled code; None where no place can be written.
+
+    ``NUMBA_CACHE_DIR`` is taken where it can be written. One that cannot (of a container whose disk is
+    read-only) is copied to a folder of our own, as numba does not read what it cannot write.
+    """
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    given = Path(named) if named else None
+    if given and _can_write(given):
+        return given
+    folder = _make_private_folder()
+    if folder and given and given.is_dir():
+        _copy_compiled(given, folder)
+    return folder
+
+
+def _can_write(folder: Path) -> bool:
+    """Whether files can be made in a folder, which is made where it is absent."""
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return os.access(folder, os.W_OK)
+
+
+def _make_private_folder() -> Path | None:
+    """Make a folder that only this user can write: a shared one could be planted by another user."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
+    kernels = _fingerprint_kernels()
+    user = f"acromion-{os.getuid()}" if hasattr(os, "getuid") else "acromion"
+    for place in (Path(base).expanduser() / "acromion", Path(tempfile.gettempdir()) / user):
+        folder = place / f"kernels-{kernels}"
+        try:
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK) and _is_ours(place) and _is_ours(folder):
+            return folder
+    return None
+
+
+def _fingerprint_kernels() -> str:
+    """Hash the sources that are compiled.
+
+    numba notices a change in a function's own file only; a kernel into which another one is inlined would go
+    on with the old one.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        source = path.read_bytes()
+        if b"numba" in source:
+            digest.update(path.name.encode() + source)
+    return digest.hexdigest()[:12]
+
+
+def _is_ours(folder: Path) -> bool:
+    return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
+
+
+def _copy_compiled(given: Path, folder: Path) -> None:
+    """Fill an empty folder; of processes that start together one does it, and none sees half a copy."""
+    if any(folder.iterdir()):
+        return
+    copy = Path(tempfile.mkdtemp(dir=folder.parent))
+    shutil.copytree(given, copy, dirs_exist_ok=True)
+    copy.chmod(0o700)
+    with contextlib.suppress(OSError):
+        copy.replace(folder)
+    shutil.rmtree(copy, ignore_errors=True)
+
+
+class _KernelLocator(InTreeCacheLocator):
+    """Where numba keeps the compiled code of one source file: in our folder."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        shared: Any = super()
+        shared.__init__(py_func, py_file)
+        self._cache_path = str(Path(str(make_kernel_folder())) / shared.get_suitable_cache_subpath(py_file))
+
+
+class _KernelCacheImpl(CompileResultCacheImpl):
+    """What numba writes, in our folder alone."""
+
+    _locator_classes: Any = (_KernelLocator,)
+
+
+class _KernelCache(FunctionCache):
+    """Compiled code of one kernel on disk."""
+
+    _impl_class = _KernelCacheImpl
+
+
+class _CacheOnFirstCall(NullCache):
+    """Stands in a kernel for its cache until the kernel is first called."""
+
+    def __init__(self, dispatcher: Any) -> None:
+        self._dispatcher = dispatcher
+
+    def load_overload(self, sig: object, target_context: object) -> Any:
+        """Open the cache and look there; numba calls this before it compiles."""
+        open_cache: Any = _KernelCache
+        opened: Any = open_cache(self._dispatcher.py_func) if make_kernel_folder() else NullCache()
+        self._dispatcher._cache = opened  # noqa: SLF001  (numba has no public way)
+        return opened.load_overload(sig, target_context)
+
+
+def njit(
+    *, cache: bool = False, **options: Any
+) -> Callable[[Callable[Given, Result]], Callable[Given, Result]]:
+    """Decorate as ``numba.njit`` does; with ``cache``, the result is kept on disk as a ``kernel``'s is."""
+
+    def decorate(function: Callable[Given, Result]) -> Callable[Given, Result]:
+        compiled: Any = numba.njit(**options)(function)
+        kept: Callable[Given, Result] = _keep_on_disk(compiled) if cache else compiled
+        return kept
+
+    return decorate
+
+
+def _keep_on_disk(compiled: Any) -> Any:
+    if hasattr(compiled, "enable_caching"):  # else a plain function: NUMBA_DISABLE_JIT
+        compiled._cache = _CacheOnFirstCall(compiled)  # noqa: SLF001  (numba has no public way)
+    return compiled
+
+
 def kernel(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """Compile a function that Python calls; the result is kept on disk."""
-    return _compile(function, PLAIN | {"cache": True})
+    compiled: Callable[Given, Result] = _keep_on_disk(_compile(function, PLAIN))
+    return compiled
 
 
 def inner(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -95,7 +237,7 @@ def inner(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 
 def fused(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Compile what turns vectors, for kernels only; a product and a sum are rounded once (a fifth faster).
+    """Compile a function on vectors, for kernels only; a product and a sum are rounded once (a fifth faster).
 
     So the last bits of a float64 depend on the processor, as they do in numpy's products of matrices.
     """
@@ -103,17 +245,18 @@ def fused(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 
 def kernel_making_arrays(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """As ``kernel``, for a function in which arrays are made, or sliced and given on."""
-    return _compile(function, {"pipeline_class": AnyLoops, "cache": True})
+    """Compile as ``kernel`` does a function in which arrays are made, or sliced and given on."""
+    compiled: Callable[Given, Result] = _keep_on_disk(_compile(function, {"pipeline_class": AnyLoops}))
+    return compiled
 
 
 def inner_making_arrays(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """As ``inner``, called by those."""
+    """Compile as ``inner`` does, for kernels that make arrays."""
     return _compile(function, {"pipeline_class": AnyLoops, "no_cpython_wrapper": True})
 
 
 def _compile(function: Callable[Given, Result], options: dict[str, Any]) -> Callable[Given, Result]:
-    decorate: Any = numba.njit  # its type stubs leave out the options about ways in
+    decorate: Any = numba.njit  # its type stubs leave out the options about entry points
     made = decorate(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)
     compiled: Callable[Given, Result] = made(function)
     return compiled

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
-from fusion.angle_files import AngleFile, calibrate_alone, lay_file
+from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
 from fusion.conventions import MethodName, Pose
@@ -33,6 +33,7 @@ from fusion.quality import (
     propose_nonwear,
     refuse_short,
 )
+from fusion.readers import RecordingFile, read_recording
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
@@ -44,16 +45,24 @@ UNHELD_SIGMA_DEG = 6.0
 HELD_S = 5.0
 
 UNKNOWN_SIGMA_DEG = 0.0
-"""Of ready angles, whose error nobody told: their intervals are of the sampling of the day alone."""
+"""Of ready angles, whose error is unknown: their intervals show the sampling of the day alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
-    """What the person may decide; everything else follows from the recording.
+    """What a person may choose; everything else follows from the recording.
 
-    ``calibration_windows_s``: (start, end) seconds from the first sample; none means "propose one";
-    two for the two-point pose (hanging, then level).
-    ``diary``: what the day consisted of; breaks, time not worn and outside the shift are not analysed.
+    Attributes
+    ----------
+    method
+        "smoothed", "published" or "live".
+    pose
+        How the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
+    calibration_windows_s
+        (start, end) from the first sample; empty: a window is proposed. Two for the two-point pose, hanging
+        and then level.
+    diary
+        What the day consisted of; breaks, time not worn and outside the shift are not analysed.
     """
 
     method: MethodName = "smoothed"
@@ -64,10 +73,26 @@ class AnalysisSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """Every step's result. ``calibration`` is None for a ready angle series.
+    """Every step's result.
 
-    ``elevation`` is valid in breaks too; ``exclusions`` are all that left the analysed time, the diary's
-    breaks among them.
+    Attributes
+    ----------
+    recording
+        What was read.
+    settings
+        As given, or the defaults.
+    calibration
+        The pose; None for a ready angle series.
+    elevation
+        The angle at every sample; valid in breaks too.
+    exclusions
+        All that left the analysed time, the diary's breaks among them.
+    time
+        Where the time of the recording went.
+    exposure
+        The figures.
+    quality
+        The verdict and all caveats.
     """
 
     recording: Recording
@@ -78,6 +103,15 @@ class Analysis:
     time: TimeAccount
     exposure: Exposure
     quality: Quality
+
+    def __repr__(self) -> str:
+        start = f" from {self.recording.start:%Y-%m-%d %H:%M}" if self.recording.start else ""
+        above = {item.threshold_deg: item.percent for item in self.exposure.time_above}
+        return (
+            f"Analysis({self.recording.device}{start}, {self.exposure.analysed_s / 3600.0:.2f} h analysed, "
+            f"{above[60]:.1f} % at 60 deg or above, median {self.exposure.percentiles_deg[50]:.1f} deg, "
+            f"quality {self.quality.verdict})"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,45 +127,65 @@ class FusedRecording:
 
 
 def announce_nothing(_step: Step) -> None:
-    """Take the place of a listener where nobody listens."""
+    """Ignore the step: the default listener."""
 
 
 def analyse(
-    recording: Recording,
+    recording: Recording | RecordingFile,
     settings: AnalysisSettings | None = None,
     on_step: Callable[[Step], None] = announce_nothing,
 ) -> Analysis:
     """Turn a recording into elevation, exposure and a verdict.
 
+    Parameters
+    ----------
+    recording
+        What :func:`fusion.read_recording` gives; or a path or a file, which is then read by it.
+    settings
+        Method, pose, calibration windows and diary; by default none is set.
+    on_step
+        Called with the name of each step as it begins.
+
+    Returns
+    -------
+    Analysis
+        The result of every step.
+
     Raises
     ------
+    fusion.errors.UnreadableFile
+        The file holds no recording that can be read.
     fusion.errors.UnusableRecording
-        When no angle can be trusted (too short, no usable calibration).
+        No angle can be trusted (too short, no usable calibration).
     fusion.errors.UnusableDiary
-        When a row of the diary cannot be placed on the recording.
+        A row of the diary cannot be placed on the recording.
+    OSError
+        A path that cannot be opened.
     """
+    if not isinstance(recording, Recording):
+        recording = read_recording(recording)
     settings = settings or AnalysisSettings()
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
     refuse_short(recording)
-    of = fuse_recording(recording, settings, on_step)
-    samples, elevation = of.samples, of.elevation
+    found = fuse_recording(recording, settings, on_step)
+    samples, elevation = found.samples, found.elevation
     on_step("counting")
-    day = _divide(recording, elevation, of.exclusions, placed)
+    day = _divide(recording, elevation, found.exclusions, placed)
     exposure = summarise_exposure(
         day.counted,
         recording.start,
         recording,
         samples.calibration.still.gyro_bias_dps,
-        math.hypot(_doubt_pose(samples), elevation.bias_sigma_deg or 0.0),
+        math.hypot(_estimate_pose_sigma_deg(samples), elevation.bias_sigma_deg or 0.0),
         division=day.division,
     )
-    time = _account(recording, day, exposure)
+    time = _divide_time(recording, day, exposure)
     flags = (
         *samples.flags,
         *placed.flags,
-        *_doubt(recording, of.fused, day.exclusions),
-        *_doubt_method(samples, of.fused, settings.method),
+        *_flag_signal(recording, found.fused, day.exclusions),
+        *_flag_calibration(samples, found.fused, settings.method),
         *flag_upside_down(exposure),
     )
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
@@ -140,9 +194,11 @@ def analyse(
     )
 
 
-def _doubt_pose(samples: CalibratedSamples) -> float:
-    """Standard deviation of the pose: it grows as a window falls short of 5 s, up to that of none held, and
-    where little or nothing confirms the pose.
+def _estimate_pose_sigma_deg(samples: CalibratedSamples) -> float:
+    """Estimate the standard deviation of the pose, deg.
+
+    It grows as a window falls short of 5 s, up to that of a pose that nobody held, and where little or
+    nothing confirms the pose.
     """
     calibration = samples.calibration
     held_s = min(still.duration_s for still in calibration.windows)
@@ -152,10 +208,10 @@ def _doubt_pose(samples: CalibratedSamples) -> float:
     return max(held_deg, calibration.sigma_deg)
 
 
-def _doubt_method(
+def _flag_calibration(
     samples: CalibratedSamples, fused: Elevation, method: MethodName
 ) -> tuple[QualityFlag, ...]:
-    """Flag what all angles rest on: the calibration, the gyroscope's offset, the method."""
+    """Flag doubts about what all angles rest on: the calibration, the gyroscope's offset, the method."""
     static_dps = samples.calibration.still.gyro_bias_dps
     return (
         *flag_untrusted_pose(samples.calibration, fused),
@@ -167,7 +223,7 @@ def _doubt_method(
 def fuse_recording(
     recording: Recording, settings: AnalysisSettings, on_step: Callable[[Step], None] = announce_nothing
 ) -> FusedRecording:
-    """Calibrate and fuse; no minimum of time is asked for.
+    """Calibrate and fuse a recording of any length.
 
     Raises
     ------
@@ -202,15 +258,17 @@ def _divide(recording: Recording, elevation: Elevation, exclusions: tuple[Span, 
     return _Day(DayDivision(periods, pieces), every, leave_out(elevation, left_out))
 
 
-def _doubt(recording: Recording, fused: Elevation, exclusions: tuple[Span, ...]) -> tuple[QualityFlag, ...]:
-    """Flag, with its times, what the signal itself makes doubtful."""
+def _flag_signal(
+    recording: Recording, fused: Elevation, exclusions: tuple[Span, ...]
+) -> tuple[QualityFlag, ...]:
+    """Flag doubts that the signal itself raises, with their times."""
     return (
         *flag_spans(Caveat.NONWEAR, propose_nonwear(recording, exclusions)),
         *flag_untrusted(recording, fused, exclusions),
     )
 
 
-def _account(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
+def _divide_time(recording: Recording, day: _Day, exposure: Exposure) -> TimeAccount:
     time = account_time(recording, day.counted, day.exclusions)
     analysed_us: dict[str, int] = {}
     for part in exposure.by_period:
@@ -245,7 +303,7 @@ def analyse_angle_file(
     known = calibrate_alone(file, windows_s)
     if known.elevation_deg is None:
         raise UnknownAxis
-    return _count_ready(*lay_file(known, known.elevation_deg), on_step, diary)
+    return _count_ready(*resample_file(known, known.elevation_deg), on_step, diary)
 
 
 def _count_ready(
@@ -260,7 +318,7 @@ def _count_ready(
     exposure = summarise_exposure(
         day.counted, recording.start, bias_sigma_deg=UNKNOWN_SIGMA_DEG, division=day.division
     )
-    time = _account(recording, day, exposure)
+    time = _divide_time(recording, day, exposure)
     flags = (*placed.flags, *flag_upside_down(exposure))
     quality = assess_quality(recording, None, time, day.exclusions, flags)
     settings = AnalysisSettings(diary=diary)

@@ -12,10 +12,11 @@ from fusion.caveats import Caveat
 
 LONGEST_BRIDGE_US = 50_000
 
-MOST_TOLD = 100
+MAX_SPANS = 100
 
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 Float64Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 MICROSECONDS = 1_000_000
@@ -25,10 +26,20 @@ MICROSECONDS = 1_000_000
 class QualityFlag:
     """A caveat on the numbers: one line of the data-quality box.
 
-    ``code`` is a :class:`fusion.caveats.Caveat`, which declares the ``facts``; it is a plain text where the
-    findings of an earlier version were read again.
-    ``first_s`` and ``last_s`` are seconds from the first sample, None where the caveat has no place;
-    ``spans_s`` are the stretches (start, end) it is about, where they are known.
+    Attributes
+    ----------
+    code
+        A :class:`fusion.caveats.Caveat`; a plain text where findings of an earlier version were read again.
+    count
+        How many times it was found.
+    seconds
+        How long together.
+    first_s, last_s
+        Seconds from the first sample; None where the caveat has no place.
+    facts
+        What its sentence needs, by name, as the caveat declares them.
+    spans_s
+        The stretches (start, end) it is about, where they are known; of many the longest.
     """
 
     code: str
@@ -42,7 +53,17 @@ class QualityFlag:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A stretch of the recording; integer microseconds from its first sample, so that sums are exact."""
+    """A stretch of the recording, in integer microseconds, so that sums are exact.
+
+    Attributes
+    ----------
+    start_us
+        From the recording's first sample.
+    duration_us
+        Its length.
+    reason
+        Why it was left out, where it was.
+    """
 
     start_us: int
     duration_us: int
@@ -80,6 +101,9 @@ class Segment:
     def __len__(self) -> int:
         return len(self.acc_g)
 
+    def __repr__(self) -> str:
+        return f"Segment({len(self)} samples at {self.rate_hz:g} Hz from {self.start_s:g} s)"
+
     @property
     def duration_us(self) -> int:
         """Rows times the sample period."""
@@ -113,12 +137,16 @@ class Recording:
         As the file tells it ("UTC-05:00"), or None.
     duration_us
         From the first stamp to the last plus one period.
+    segments
+        Unbroken runs of samples, in time order.
     excluded
         Time the device itself says it did not measure on the arm (reason "docked" or "asleep").
     flags
         Caveats found while reading.
     understood
         What the reader took the file for, for people: layout, columns, units, nominal rate.
+    serial_hash
+        Hash of the device's serial number; None where the file does not tell.
     acc_range_g, gyr_range_dps
         Full scale, for the clipping check; None where the file does not tell.
     """
@@ -135,6 +163,15 @@ class Recording:
     serial_hash: str | None = None
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None
+
+    def __repr__(self) -> str:
+        start = f" from {self.start:%Y-%m-%d %H:%M}" if self.start else ""
+        rate = f" at {self.rate_hz:g} Hz" if self.segments else ""
+        hours = self.duration_us / MICROSECONDS / 3600.0
+        return (
+            f"Recording({self.device}{start}, {hours:.2f} h, "
+            f"segments: {len(self.segments)}{rate}, flags: {len(self.flags)})"
+        )
 
     @property
     def holds_samples(self) -> bool:
@@ -196,8 +233,17 @@ def find_missing(
 def flag_gaps(
     segments: Sequence[Segment], duration_us: int, excluded: Sequence[Span] = ()
 ) -> tuple[QualityFlag, ...]:
-    """Say where time is missing (W-GAP)."""
+    """Flag missing time (W-GAP)."""
     return flag_spans(Caveat.GAP, find_missing(segments, duration_us, excluded))
+
+
+def flag_counts(
+    counts: Mapping[Caveat, int], first_s: float | None = None, last_s: float | None = None
+) -> tuple[QualityFlag, ...]:
+    """One flag for each caveat that was met at least once, with its place in seconds where it is known."""
+    return tuple(
+        QualityFlag(caveat, count, 0.0, first_s, last_s) for caveat, count in counts.items() if count > 0
+    )
 
 
 def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> tuple[QualityFlag, ...]:
@@ -206,9 +252,9 @@ def flag_spans(caveat: Caveat, spans: Sequence[Span], **facts: str | float) -> t
         return ()
     total_s = sum(span.duration_us for span in spans) / MICROSECONDS
     first_s, last_s = spans[0].start_us / MICROSECONDS, spans[-1].end_us / MICROSECONDS
-    longest = sorted(spans, key=lambda span: -span.duration_us)[:MOST_TOLD]
-    told = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
-    return (QualityFlag(caveat, len(spans), total_s, first_s, last_s, facts, told),)
+    longest = sorted(spans, key=lambda span: -span.duration_us)[:MAX_SPANS]
+    longest_s = tuple(sorted((span.start_us / MICROSECONDS, span.end_us / MICROSECONDS) for span in longest))
+    return (QualityFlag(caveat, len(spans), total_s, first_s, last_s, facts, longest_s),)
 
 
 def flag_stretches(

@@ -1,7 +1,7 @@
-"""What was done when: a CSV with the columns ``name,start_s,end_s``, and ``paper_task`` if there is one.
+"""The list of tasks: a CSV with the columns ``name,start_s,end_s``, and ``paper_task`` if there is one.
 
-Seconds of the recording's clock or, with ``reference`` in a column ``clock``, of the reference's. A name that
-returns is another repetition of the same task; its rows are pooled. ``paper_task`` (1 to 10) is the task of
+Times are seconds of the recording's clock or, with ``reference`` in a column ``clock``, of the reference's.
+Rows with the same name are repetitions of one task and are pooled. ``paper_task`` (1 to 10) is the task of
 the source paper's Table 1 that it repeats.
 """
 

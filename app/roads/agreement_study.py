@@ -35,7 +35,7 @@ from app.request import Reference, ReportRequest
 from app.roads.analyse import ignore_stage
 from app.roads.validate import compare_files, describe_comparison, write_comparison
 from app.version import software_revision, software_version
-from fusion.agreement import Comparison, StudyEntry, summarise_study
+from fusion.agreement import AgreementEntry, Comparison, summarise_agreement_study
 from fusion.errors import FusionError, NoReference, UnusableStudy
 from fusion.task_windows import TaskWindow, read_tasks
 
@@ -171,7 +171,7 @@ def make_study(
     UnusableStudy
         No recording with a reference, or none that could be compared.
     """
-    entries: list[StudyEntry] = []
+    entries: list[AgreementEntry] = []
     problems = list(find_lonely_recordings(study, out))
     compared = 0
     for file in find_study_files(study, out):
@@ -188,7 +188,7 @@ def make_study(
     return StudyOutcome(compared, tuple(problems))
 
 
-def _compare(file: StudyFile, request: ReportRequest, folder: Path) -> list[StudyEntry]:
+def _compare(file: StudyFile, request: ReportRequest, folder: Path) -> list[AgreementEntry]:
     if request.reference is None:
         raise ValueError("no reference")
     comparison = compare_files(file.log, request, request.reference, ignore_stage)
@@ -198,22 +198,22 @@ def _compare(file: StudyFile, request: ReportRequest, folder: Path) -> list[Stud
     return _build_entries(file, comparison)
 
 
-def _build_entries(file: StudyFile, comparison: Comparison) -> list[StudyEntry]:
+def _build_entries(file: StudyFile, comparison: Comparison) -> list[AgreementEntry]:
     device = comparison.ours.device
     if not comparison.tasks:
         name = file.task or WHOLE
-        return [StudyEntry(file.person, device, name, file.paper_task, comparison.overall)]
+        return [AgreementEntry(file.person, device, name, file.paper_task, comparison.overall)]
     return [
-        StudyEntry(file.person, device, task.name, task.paper_task, task.agreement)
+        AgreementEntry(file.person, device, task.name, task.paper_task, task.agreement)
         for task in comparison.tasks
         if task.agreement.count
     ]
 
 
 def _write_study(
-    entries: list[StudyEntry], problems: list[StudyProblem], request: ReportRequest, out: Path
+    entries: list[AgreementEntry], problems: list[StudyProblem], request: ReportRequest, out: Path
 ) -> None:
-    cells = summarise_study(entries)
+    cells = summarise_agreement_study(entries)
     software = Software(software_version(), software_revision())
     encoded = build_study_json(entries, cells, problems, request.method, software)
     (out / "study.json").write_bytes(encoded)

@@ -21,7 +21,7 @@ from app.storage.day_file import DAY_NAME, DaySegment, write_day
 from app.storage.decoded import NOTHING_KNOWN, KnownLogs
 from app.storage.store import sync_file
 from app.version import software_revision, software_version
-from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, tell_layout
+from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.elevation import ElevationSegment
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
 from fusion.pose.windows import propose_still_periods
@@ -213,7 +213,7 @@ def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:
     with log.open("rb") as file:
         if holds_device_format(file):
             return None
-        layout = tell_layout(file, request.file_name)
+        layout = recognise_layout(file, request.file_name)
         if layout not in CAPTURES or request.joined or (layout == "dot" and holds_samples(file)):
             return None
         return read_angle_file(file, request.file_name, AngleFileOptions(request.side, request.rate_hz))

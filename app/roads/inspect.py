@@ -9,12 +9,12 @@ import numpy as np
 
 from app.request import OnStage, ReportRequest
 from app.storage.incoming import TAIL_SUFFIX
-from fusion.angle_files import AngleFile, lay_file, read_angle_file, tell_layout
+from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
 from fusion.pose.windows import propose_still_periods
 from fusion.quality import find_exclusions, propose_nonwear
 from fusion.readers import parse_profile, read_recording
 from fusion.readers.archives import unpack
-from fusion.readers.preview import LISTED_GAPS, inspect_head, inspect_recording
+from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.source import open_source
 from fusion.readers.tables.profile import propose_profile
 from fusion.recording import MICROSECONDS
@@ -36,7 +36,7 @@ def inspect_file(
     """
     name = file_name or path.name
     with path.open("rb") as file:
-        if tell_layout(file, name) == "mvnx":
+        if recognise_layout(file, name) == "mvnx":
             return {"file": name} | _inspect_capture(read_angle_file(file, name))
         columns = parse_profile(profile) if profile else None
         recording = read_recording(file, file_name=name, rate_hz=rate_hz, profile=columns)
@@ -59,7 +59,7 @@ def inspect_file(
 
 def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
     """Describe a motion capture under the names of a recording; it holds angles, and no samples."""
-    recording, angles = lay_file(capture, np.zeros(len(capture.time_s)))
+    recording, angles = resample_file(capture, np.zeros(len(capture.time_s)))
     runs = [
         (run.start_us, run.start_us + round(len(run) / run.rate_hz * MICROSECONDS)) for run in angles.segments
     ]
@@ -78,7 +78,7 @@ def _inspect_capture(capture: AngleFile) -> dict[str, Any]:
         "present_s": described["recorded_s"] - missing_s,
         "missing_s": missing_s,
         "gap_count": len(gaps),
-        "gaps": gaps[:LISTED_GAPS],
+        "gaps": gaps[:MAX_GAPS],
         "calibration_proposals": [],
         "nonwear_proposals": [],
     }
@@ -96,7 +96,7 @@ def write_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStag
     on_stage("reading", 0.0)
     tail_path = log.with_suffix(TAIL_SUFFIX)
     tail = tail_path.read_bytes() if tail_path.exists() else None
-    facts = inspect_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
+    facts = preview_head(log.read_bytes(), request.file_name, request.rate_hz, tail)
     start, end = (moment.isoformat() if moment else None for moment in (facts.start, facts.end))
     found = {"file": request.file_name, **asdict(facts), "start": start, "end": end}
     (out / "inspection.json").write_text(json.dumps(found), "utf-8")

@@ -19,7 +19,7 @@ from app.request import OnStage, Reference, ReportRequest
 from app.roads.analyse import ignore_stage
 from app.version import software_revision, software_version
 from fusion.agreement import (
-    ClockWishes,
+    ClockSettings,
     Comparison,
     ComparisonSettings,
     Side,
@@ -27,7 +27,7 @@ from fusion.agreement import (
     take_angle_file,
     take_recording,
 )
-from fusion.angle_files import AngleFileOptions, read_angle_file, tell_layout
+from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
 from fusion.errors import UnknownFormat
 from fusion.pipeline import AnalysisSettings, fuse_recording
 from fusion.readers import parse_profile, read_recording
@@ -75,14 +75,14 @@ def compare_files(log: Path, request: ReportRequest, reference: Reference, on_st
     with Path(reference.path).open("rb") as file:
         other = read_angle_file(file, reference.file_name, options)
     on_stage("counting", 0.7)
-    clock = ClockWishes(reference.offset_s, reference.drift_ppm)
+    clock = ClockSettings(reference.offset_s, reference.drift_ppm)
     return compare_sides(ours, other, ComparisonSettings(clock, reference.tasks))
 
 
 def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stage) -> Side:
     """Read one side of the comparison: a recording, which is fused, or else a file with its angle."""
     with log.open("rb") as file:
-        layout = tell_layout(file, request.file_name)
+        layout = recognise_layout(file, request.file_name)
         if layout not in ANGLES_ONLY:
             try:
                 return _fuse(log, request, on_stage)

@@ -23,6 +23,7 @@ from app.storage.open import open_storage
 from app.storage.permissions import make_folder
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
+from fusion.numba_kernels import make_kernel_folder
 
 OLDEST_CLOCK = datetime(2025, 1, 1, tzinfo=UTC)
 CLOCK_SKEW_S = 30.0
@@ -148,7 +149,7 @@ def _examine_bytes(settings: Settings) -> Examination:
 
 def _examine_cache(_settings: Settings) -> Examination:
     """Check that compiled code can be cached; otherwise each start compiles it again."""
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR", tempfile.gettempdir()))
+    folder = make_kernel_folder() or Path(tempfile.gettempdir())
     writable = os.access(_find_existing(folder), os.W_OK)
     return Examination("cache", writable, {"folder": str(folder)})
 

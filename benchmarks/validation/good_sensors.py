@@ -13,7 +13,7 @@ from fusion.pose.calibrate import CalibratedSamples, calibrate
 from fusion.readers import read_recording
 from fusion.recording import Recording, Segment
 from fusion.sensor.accelerometer import leave_accelerometer
-from fusion.sensor.gyro_scale import leave_gyro_scale
+from fusion.sensor.gyroscope import leave_gyro_scale
 from fusion.simulation import simulate_shift
 
 HOURS, SEEDS = 0.5, (1, 2)

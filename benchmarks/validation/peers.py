@@ -13,7 +13,7 @@ import vqf
 
 from fusion.orientation import MethodName, estimate_vertical
 from fusion.orientation.smoothed import smooth_vertical
-from fusion.sensor.gyro_bias import estimate_gyro_bias
+from fusion.sensor.gyroscope import estimate_gyro_bias
 from fusion.sensor.model import SensorRun
 from tests.validation.broad import Estimator, Table
 

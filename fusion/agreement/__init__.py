@@ -1,7 +1,7 @@
 """How far two measurements of one arm agree: the source paper's validation, for everybody's own people."""
 
-from fusion.agreement.agreement_study import StudyCell, StudyEntry, summarise_study
-from fusion.agreement.alignment import ClockWishes, align
+from fusion.agreement.agreement_study import AgreementCell, AgreementEntry, summarise_agreement_study
+from fusion.agreement.alignment import ClockSettings, align
 from fusion.agreement.compare import (
     Comparison,
     ComparisonSettings,
@@ -19,8 +19,10 @@ from fusion.task_windows import TaskWindow, read_tasks
 
 __all__ = [
     "Agreement",
+    "AgreementCell",
+    "AgreementEntry",
     "Alignment",
-    "ClockWishes",
+    "ClockSettings",
     "Comparison",
     "ComparisonSettings",
     "FigureDifference",
@@ -29,8 +31,6 @@ __all__ = [
     "Pairs",
     "Side",
     "Stratum",
-    "StudyCell",
-    "StudyEntry",
     "TaskAgreement",
     "TaskWindow",
     "WindowLag",
@@ -39,7 +39,7 @@ __all__ = [
     "find_repeated_limits",
     "measure_agreement",
     "read_tasks",
-    "summarise_study",
+    "summarise_agreement_study",
     "take_angle_file",
     "take_recording",
 ]

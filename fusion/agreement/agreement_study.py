@@ -10,8 +10,8 @@ from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits,
 
 
 @dataclass(frozen=True, slots=True)
-class StudyEntry:
-    """What one comparison said of one task."""
+class AgreementEntry:
+    """The agreement of one task in one comparison."""
 
     person: str
     device: str
@@ -30,7 +30,7 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
-class StudyCell:
+class AgreementCell:
     """One task with one device. ``limits``: with the people as repeated measures."""
 
     task: str
@@ -44,17 +44,17 @@ class StudyCell:
     limits: Limits
 
 
-def summarise_study(entries: Sequence[StudyEntry]) -> tuple[StudyCell, ...]:
+def summarise_agreement_study(entries: Sequence[AgreementEntry]) -> tuple[AgreementCell, ...]:
     """Give a cell for each task and device, tasks in the paper's order first, then as they come."""
     keys = dict.fromkeys((entry.task, entry.device) for entry in entries)
     cells = [_summarise([entry for entry in entries if (entry.task, entry.device) == key]) for key in keys]
     return tuple(sorted(cells, key=lambda cell: cell.paper_task or 99))
 
 
-def _summarise(entries: Sequence[StudyEntry]) -> StudyCell:
+def _summarise(entries: Sequence[AgreementEntry]) -> AgreementCell:
     people = dict.fromkeys(entry.person for entry in entries)
     of = [[entry.agreement for entry in entries if entry.person == person] for person in people]
-    return StudyCell(
+    return AgreementCell(
         entries[0].task,
         entries[0].paper_task,
         entries[0].device,

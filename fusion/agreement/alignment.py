@@ -1,7 +1,7 @@
-"""Find how the reference's clock runs beside the recording's, from the motion that both saw.
+"""Find offset and drift between the clocks of recording and reference, from the motion in both.
 
 1. Whole shift: normalised cross-correlation of the angles' rates of change (10 Hz grid, cut at 150 deg/s,
-   zero in holes). A held pose has no rate of change, so quasi-static parts say nothing,
+   zero in holes). A held pose has no rate of change, so quasi-static parts do not count,
    whatever their angle is; an error of the pose does not matter either.
 2. Drift: the same in stretches, each within 4 s of the first answer, placed to a fraction of a sample by the
    parabola through the peak; then the line that most stretches agree on (Theil and Sen). A drift is only
@@ -9,7 +9,7 @@
 3. To the millisecond: least squares of the difference of the angles over offset, drift and bias together,
    the reference interpolated by cubics, with Huber's weights (1964) and a few steps of Gauss and Newton.
 
-A constant delay of a filter on one side is taken up by the offset and cannot be told from it.
+A constant delay of a filter on one side becomes a part of the offset and cannot be separated from it.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,6 @@ from fusion.agreement.pairs import (
     PairedRun,
     Run,
     Runs,
-    Vector,
     WindowLag,
     find_rate_hz,
     interpolate,
@@ -33,26 +32,27 @@ from fusion.agreement.pairs import (
 )
 from fusion.agreement.statistics import find_r
 from fusion.errors import NotAligned, NothingInCommon
+from fusion.recording import Float64Array
 
 GRID_HZ = 10.0
 LEAST_R = 0.5
-"""Below this the motions are not alike, and no alignment is given."""
+"""Below this correlation the motions are not alike, and no alignment is given."""
 
 LEAST_ENERGY = 0.2
-"""Of the lesser side's motion that must lie in the common time of a shift, lest an edge matches by chance."""
+"""Least share of the lesser side's motion in the common time of a shift; with less, edges match by chance."""
 
 LEAST_MOTION_S, MOVING_DPS = 10.0, 5.0
 """So long must the common time hold motion of both, each faster than this, for a shift to be searched for."""
 
 SURE_MOTION_S, SURE_R = 30.0, 0.7
-"""So much motion, so alike, is no chance: of 3e5 shifts of 60 independent values the best has r 0.65."""
+"""So much motion matches so well by no chance: of 3e5 shifts of 60 independent values the best has r 0.65."""
 
 MOST_RIVAL = 0.95
 """Short of that, what another shift more than ``REACH_S`` away may be worth beside the best."""
 
 OVERLAP_WORTH = 0.25
 FASTEST_DPS = 150.0
-"""Faster motion counts no more than this, lest one throw decide."""
+"""Faster motion counts as this speed, so that no single throw decides."""
 
 REACH_S = 4.0
 WINDOW_R = 0.7
@@ -62,18 +62,26 @@ STEPS = 25
 SLOPE_S = 0.2
 HUBER = 1.345
 MOST_SHIFT_S = 1.0
-"""Beyond this the last step has lost its way, and the answer of the step before stands."""
+"""If the last step moves the offset by more than this, it has diverged, and the step before it is kept."""
 
 
 @dataclass(frozen=True, slots=True)
-class ClockWishes:
-    """What a person sets by hand; None is "find it"."""
+class ClockSettings:
+    """The alignment as far as a person sets it by hand.
+
+    Attributes
+    ----------
+    offset_s
+        The reference's clock at the recording's first sample; None: found from the motion.
+    drift_ppm
+        How much faster the reference's clock runs; None: found from the motion.
+    """
 
     offset_s: float | None = None
     drift_ppm: float | None = None
 
 
-def align(ours: Runs, reference: Runs, wishes: ClockWishes | None = None) -> Alignment:
+def align(ours: Runs, reference: Runs, clock: ClockSettings | None = None) -> Alignment:
     """Find offset and drift, except what is given.
 
     Raises
@@ -84,33 +92,33 @@ def align(ours: Runs, reference: Runs, wishes: ClockWishes | None = None) -> Ali
     NothingInCommon
         A side without any valid row.
     """
-    refined = refine(ours, reference, align_roughly(ours, reference, wishes or ClockWishes()))
+    refined = refine(ours, reference, align_roughly(ours, reference, clock or ClockSettings()))
     aligned = replace(refined, r=_correlate_rates(ours, reference, refined))
     if not aligned.is_offset_given and not aligned.r >= LEAST_R:
         raise NotAligned(r=round(aligned.r, 2) if isfinite(aligned.r) else 0.0, least=LEAST_R)
     return aligned
 
 
-def align_roughly(ours: Runs, reference: Runs, wishes: ClockWishes) -> Alignment:
+def align_roughly(ours: Runs, reference: Runs, clock: ClockSettings) -> Alignment:
     """Find offset and drift to some hundredths of a second, from any two curves whose slopes are alike.
 
     Raises
     ------
     NotAligned
-        The offset is not given, and the motion does not tell it.
+        The offset is not given, and the motion does not determine it.
     NothingInCommon
         A side without any valid row.
     """
     if not ours or not reference:
         raise NothingInCommon(s=0.0)
-    first = find_shift(ours, reference) if wishes.offset_s is None else _start_given(wishes)
-    if wishes.drift_ppm is not None:
-        first = _hold_drift(first, wishes.drift_ppm, ours)
-    return _fit_windows(ours, reference, first, wishes)
+    first = find_shift(ours, reference) if clock.offset_s is None else _start_given(clock)
+    if clock.drift_ppm is not None:
+        first = _hold_drift(first, clock.drift_ppm, ours)
+    return _fit_windows(ours, reference, first, clock)
 
 
-def _start_given(wishes: ClockWishes) -> Alignment:
-    return Alignment(wishes.offset_s or 0.0, wishes.drift_ppm or 0.0, nan, is_offset_given=True)
+def _start_given(clock: ClockSettings) -> Alignment:
+    return Alignment(clock.offset_s or 0.0, clock.drift_ppm or 0.0, nan, is_offset_given=True)
 
 
 def _hold_drift(first: Alignment, drift_ppm: float, ours: Runs) -> Alignment:
@@ -124,7 +132,7 @@ def _find_middle_s(runs: Runs) -> float:
     return (runs[0].start_s + runs[-1].end_s) / 2.0
 
 
-def sample_rates(runs: Runs, start_s: float, count: int) -> Vector:
+def sample_rates(runs: Runs, start_s: float, count: int) -> Float64Array:
     """Rates of change on an even grid of 10 Hz: the change over one grid step; 0 where there is none."""
     rates = np.zeros(count)
     for run in runs:
@@ -156,14 +164,14 @@ def find_shift(ours: Runs, reference: Runs) -> Alignment:
     return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(correlation[best]))
 
 
-def _measure_motion_s(own: Vector, other: Vector, lag: int) -> float:
+def _measure_motion_s(own: Float64Array, other: Float64Array, lag: int) -> float:
     """How long both move in their common time, ``other`` standing ``lag`` steps to the right."""
     first, stop = max(0, -lag), min(len(own), len(other) - lag)
     moving = (np.abs(own[first:stop]) > MOVING_DPS) & (np.abs(other[first + lag : stop + lag]) > MOVING_DPS)
     return float(np.count_nonzero(moving)) / GRID_HZ
 
 
-def _check_chance(worth: Vector, best: int, motion_s: float) -> None:
+def _check_chance(worth: Float64Array, best: int, motion_s: float) -> None:
     """Refuse a best shift under which both hardly move, or beside which another is worth nearly as much."""
     if motion_s < LEAST_MOTION_S:
         raise NotAligned(motion_s=round(motion_s, 1), least_s=LEAST_MOTION_S)
@@ -178,7 +186,7 @@ def _count_steps(runs: Runs) -> int:
     return int((runs[-1].end_s - runs[0].start_s) * GRID_HZ) + 1
 
 
-def _score_shifts(own: Vector, other: Vector) -> tuple[Vector, Vector]:
+def _score_shifts(own: Float64Array, other: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Correlation for every shift of ``other`` to the right, and its worth; index len(own) - 1 is none.
 
     Of two shifts that match alike, the one that leaves more of the motion in common is worth more.
@@ -189,20 +197,20 @@ def _score_shifts(own: Vector, other: Vector) -> tuple[Vector, Vector]:
     whole = max(min(float(own @ own), float(other @ other)), 1e-9)
     least = LEAST_ENERGY * whole
     shared = np.sqrt(np.maximum(own_energy, least) * np.maximum(other_energy, least))
-    correlation: Vector = product / shared
+    correlation: Float64Array = product / shared
     return correlation, correlation * np.minimum(shared / whole, 1.0) ** OVERLAP_WORTH
 
 
-def _fit_windows(ours: Runs, reference: Runs, first: Alignment, wishes: ClockWishes) -> Alignment:
+def _fit_windows(ours: Runs, reference: Runs, first: Alignment, clock: ClockSettings) -> Alignment:
     """Place stretches one by one and lay the line that most of them agree on."""
     windows = _place_windows(ours, reference, first)
     start_s = np.array([window.start_s for window in windows])
     lags_s = np.array([window.lag_s for window in windows])
     spans = len(windows) >= 3 and float(np.ptp(start_s)) >= LEAST_SPAN_S
     slope = 0.0
-    if spans and wishes.drift_ppm is None:
+    if spans and clock.drift_ppm is None:
         slope = float(theilslopes(lags_s, start_s).slope)
-    if len(windows) and wishes.offset_s is None:
+    if len(windows) and clock.offset_s is None:
         offset_s = first.offset_s + float(np.median(lags_s - slope * start_s))
     else:
         offset_s = first.offset_s
@@ -210,7 +218,7 @@ def _fit_windows(ours: Runs, reference: Runs, first: Alignment, wishes: ClockWis
         first,
         offset_s=offset_s,
         drift_ppm=first.drift_ppm + slope * 1e6,
-        is_drift_fitted=spans and wishes.drift_ppm is None,
+        is_drift_fitted=spans and clock.drift_ppm is None,
         windows=windows,
     )
 
@@ -239,7 +247,7 @@ def _move_back(reference: Runs, alignment: Alignment) -> Runs:
     )
 
 
-def _place(own: Vector, other: Vector, reach: int) -> tuple[float, float]:
+def _place(own: Float64Array, other: Float64Array, reach: int) -> tuple[float, float]:
     """Give the lag in grid steps, to a fraction by the parabola through the peak, and its correlation."""
     energy = float(own @ own)
     if energy <= 0:
@@ -276,7 +284,7 @@ def refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:
 def _find_step(
     ours: Runs, reference: Runs, now: Alignment, free: Sequence[bool]
 ) -> tuple[float, float] | None:
-    """One step of Gauss and Newton; None where the common time does not tell one."""
+    """One step of Gauss and Newton; None where the common time does not determine one."""
     if not any(free):
         return 0.0, 0.0
     pairs = pair(ours, reference, now)
@@ -298,7 +306,7 @@ def _find_step(
     return (next(found) if free[0] else 0.0), (next(found) if free[1] else 0.0)
 
 
-def _find_slopes(run: PairedRun) -> Vector:
+def _find_slopes(run: PairedRun) -> Float64Array:
     """Slope of the reference over a fifth of a second: noise in it would make every step too short."""
     reach = max(1, round(SLOPE_S * run.rate_hz / 2))
     rows = np.arange(len(run))
@@ -306,7 +314,7 @@ def _find_slopes(run: PairedRun) -> Vector:
     return np.asarray((run.reference_deg[last] - run.reference_deg[first]) * run.rate_hz / (last - first))
 
 
-def _weigh(residual: Vector) -> Vector:
+def _weigh(residual: Float64Array) -> Float64Array:
     """Huber's weights; the scale is the median absolute deviation."""
     scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
     size = np.abs(residual) / scale

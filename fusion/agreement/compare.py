@@ -7,13 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from fusion.agreement.alignment import LEAST_R, ClockWishes, align, align_roughly
+from fusion.agreement.alignment import LEAST_R, ClockSettings, align, align_roughly
 from fusion.agreement.pairs import (
     Alignment,
     PairedRun,
     Pairs,
     Runs,
-    Vector,
     join_pairs,
     measure_path,
     pair,
@@ -21,11 +20,11 @@ from fusion.agreement.pairs import (
     take_runs,
 )
 from fusion.agreement.statistics import Agreement, Limits, find_repeated_limits, measure_agreement
-from fusion.angle_files import AngleFile, calibrate_file, lay_file
+from fusion.angle_files import AngleFile, calibrate_file, resample_file
 from fusion.errors import NotAligned, NothingInCommon, UnknownAxis
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.pipeline import FusedRecording
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.task_windows import TaskWindow
 
 # The two sides of a comparison: a recording that we fused, or a file that holds its angle already.
@@ -35,9 +34,18 @@ from fusion.task_windows import TaskWindow
 class Side:
     """One measurement of the arm, in its own clock.
 
-    ``runs`` is the elevation, empty as long as the arm's axis is not known; ``paths`` the way of the
-    vertical, empty where only angles are known. ``calibration_s`` is when the arm hung still, for the other
-    side to use.
+    Attributes
+    ----------
+    device, sha256, understood
+        As in :class:`fusion.recording.Recording`.
+    duration_s
+        From the first to the last row.
+    runs
+        The elevation, deg; empty as long as the arm's axis is not known.
+    paths
+        The path of the vertical, deg; empty where only angles are known.
+    calibration_s
+        When the arm hung still, (start, end); the other side is calibrated at the same moment.
     """
 
     device: str
@@ -77,7 +85,7 @@ def take_angle_file(file: AngleFile, calibration_s: tuple[float, float] | None =
 
 
 def _lay(file: AngleFile, values: FloatArray | None) -> Runs:
-    return () if values is None else take_runs(lay_file(file, values)[1], file.first_s)
+    return () if values is None else take_runs(resample_file(file, values)[1], file.first_s)
 
 
 def share_calibration(file: AngleFile, ours: Side, rough: Alignment) -> AngleFile:
@@ -94,13 +102,13 @@ def share_calibration(file: AngleFile, ours: Side, rough: Alignment) -> AngleFil
     return calibrate_file(file, (float(start_s), float(end_s)))
 
 
-# The error by how high the arm was and how fast it moved, both as the reference saw them.
+# The error by elevation and by speed, both as the reference measured them.
 
 
 ELEVATION_EDGES_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 SPEED_EDGES_DPS = (0.0, 10.0, 30.0, 90.0, 180.0, float("inf"))
 SPEED_SPAN_S = 0.1
-"""The speed is taken over a tenth of a second, so that the noise of single samples is no speed."""
+"""The speed is taken over a tenth of a second, which averages the noise of single samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +132,7 @@ def divide_by_speed(pairs: Pairs) -> tuple[Stratum, ...]:
     return _divide(pairs, np.concatenate(speeds) if speeds else np.zeros(0), SPEED_EDGES_DPS)
 
 
-def measure_speed(run: PairedRun) -> Vector:
+def measure_speed(run: PairedRun) -> Float64Array:
     """Size of the change over a tenth of a second about each row, deg/s; at the ends over what there is."""
     reach = max(1, round(SPEED_SPAN_S * run.rate_hz / 2))
     rows = np.arange(len(run))
@@ -133,7 +141,7 @@ def measure_speed(run: PairedRun) -> Vector:
     return np.asarray(np.abs(run.reference_deg[last] - run.reference_deg[first]) / seconds)
 
 
-def _divide(pairs: Pairs, values: Vector, edges: tuple[float, ...]) -> tuple[Stratum, ...]:
+def _divide(pairs: Pairs, values: Float64Array, edges: tuple[float, ...]) -> tuple[Stratum, ...]:
     ours, reference = pairs.ours_deg, pairs.reference_deg
     share = 100.0 / max(len(ours), 1)
     strata = []
@@ -145,7 +153,7 @@ def _divide(pairs: Pairs, values: Vector, edges: tuple[float, ...]) -> tuple[Str
     return tuple(strata)
 
 
-# What clinicians use, from both sides over the very same time: bins, repetitions, percentiles.
+# The exposure figures of both sides over the same time: bins, repetitions, percentiles.
 
 
 PERCENTILES = (10, 50, 90)
@@ -186,7 +194,7 @@ Axis = Literal["angle", "segment", "common pose"]
 class ComparisonSettings:
     """What a person may decide about a comparison."""
 
-    wishes: ClockWishes = field(default_factory=ClockWishes)
+    clock: ClockSettings = field(default_factory=ClockSettings)
     tasks: tuple[TaskWindow, ...] = ()
 
 
@@ -232,12 +240,12 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     fusion.errors.UnusableComparison
         The motions are not alike, or have no time in common.
     UnknownAxis
-        An orientation of which nothing says how the arm lies in it.
+        An orientation in which the direction of the arm is not known.
     """
-    axis = name_axis(reference)
-    calibrated = reference if axis != "common pose" else _calibrate_together(ours, reference, settings.wishes)
+    axis = find_axis(reference)
+    calibrated = reference if axis != "common pose" else _calibrate_together(ours, reference, settings.clock)
     other = take_angle_file(calibrated)
-    alignment = align(ours.runs, other.runs, settings.wishes)
+    alignment = align(ours.runs, other.runs, settings.clock)
     pairs = pair(ours.runs, other.runs, alignment)
     windows = tuple(_place(task, alignment) for task in settings.tasks)
     tasks = _compare_tasks(pairs, windows)
@@ -258,16 +266,16 @@ def compare_sides(ours: Side, reference: AngleFile, settings: ComparisonSettings
     )
 
 
-def name_axis(reference: AngleFile) -> Axis:
-    """Say where the angle of a file comes from."""
+def find_axis(reference: AngleFile) -> Axis:
+    """Find where the angle of a file comes from."""
     if reference.up is None:
         return "angle"
     return "common pose" if reference.axis is None else "segment"
 
 
-def _calibrate_together(ours: Side, reference: AngleFile, wishes: ClockWishes) -> AngleFile:
+def _calibrate_together(ours: Side, reference: AngleFile, clock: ClockSettings) -> AngleFile:
     """Align by how fast the vertical moves, then calibrate both at one moment."""
-    rough = align_roughly(ours.paths or ours.runs, take_angle_file(reference).paths, wishes)
+    rough = align_roughly(ours.paths or ours.runs, take_angle_file(reference).paths, clock)
     if not rough.is_offset_given and not rough.r >= LEAST_R:
         raise NotAligned(r=round(rough.r, 2), least=LEAST_R)
     return share_calibration(reference, ours, rough)

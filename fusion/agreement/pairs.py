@@ -1,24 +1,23 @@
 """Both angles at the same moments: the slower side's own samples, the faster side interpolated between its.
 
-So nothing is invented at a rate that one of them never had. Holes of either stay holes.
+So neither side gets samples at a rate that it was not measured at. Holes of either stay holes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import NothingInCommon
-from fusion.recording import MICROSECONDS, FloatArray
+from fusion.numba_kernels import njit
+from fusion.recording import MICROSECONDS, Float64Array, FloatArray
 
 # The angle of one side as unbroken, even runs in its own clock.
 
 
-Vector = NDArray[np.float64]
 PATH_HZ = 50.0
 SHORTEST_ROWS = 4
 """What a cubic needs; a shorter run holds nothing that could be compared."""
@@ -41,7 +40,7 @@ class Run:
         return self.start_s + (len(self) - 1) / self.rate_hz
 
     @property
-    def time_s(self) -> Vector:
+    def time_s(self) -> Float64Array:
         """Time of each value, shape (n,)."""
         return self.start_s + np.arange(len(self)) / self.rate_hz
 
@@ -59,22 +58,26 @@ def take_runs(elevation: Elevation, first_s: float = 0.0) -> Runs:
 
 
 def take_paths(elevation: Elevation, first_s: float = 0.0) -> Runs:
-    """Take the way that the vertical has gone in the sensor's frame, deg, at about 50 Hz.
+    """Take the path of the vertical in the sensor's frame, deg, at about 50 Hz.
 
     Its rate of change is the same however the sensor sits on the arm: what aligns an orientation whose arm
     axis is not known yet. Empty where the vertical is not known.
     """
-    return tuple(
-        Run(first_s + segment.start_us / MICROSECONDS + start / segment.rate_hz, segment.rate_hz / step, path)
-        for segment in elevation.segments
-        if segment.vertical is not None
-        for step in (max(1, round(segment.rate_hz / PATH_HZ)),)
-        for start, values in _cut_valid(segment)
-        if len(path := measure_path(segment.vertical[start : start + len(values)][::step])) >= SHORTEST_ROWS
-    )
+    return tuple(path for segment in elevation.segments for path in _take_segment_paths(segment, first_s))
 
 
-def measure_path(up: FloatArray) -> Vector:
+def _take_segment_paths(segment: ElevationSegment, first_s: float) -> Iterator[Run]:
+    if segment.vertical is None:
+        return
+    step = max(1, round(segment.rate_hz / PATH_HZ))
+    for start, values in _cut_valid(segment):
+        path = measure_path(segment.vertical[start : start + len(values)][::step])
+        start_s = first_s + segment.start_us / MICROSECONDS + start / segment.rate_hz
+        if len(path) >= SHORTEST_ROWS:
+            yield Run(start_s, segment.rate_hz / step, path)
+
+
+def measure_path(up: FloatArray) -> Float64Array:
     """Sum of the angles between successive unit vectors (n, 3), deg, shape (n,), from 0."""
     chord = np.linalg.norm(np.diff(up.astype(np.float64), axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(np.degrees(2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))))])
@@ -88,7 +91,7 @@ def _cut_valid(segment: ElevationSegment) -> Iterable[tuple[int, NDArray[np.floa
             yield first, segment.elevation_deg[first:stop]
 
 
-def interpolate(run: Run, time_s: Vector) -> Vector:
+def interpolate(run: Run, time_s: Float64Array) -> Float64Array:
     """Value at each time, by the cubic through the four nearest values; times must lie within the run.
 
     At 60 Hz they follow a swing of 3 Hz to 0.02 % of its amplitude (a straight line: to 1.2 %).
@@ -99,7 +102,9 @@ def interpolate(run: Run, time_s: Vector) -> Vector:
 
 
 @njit(cache=True, nogil=True)
-def _interpolate(values: FloatArray, places: Vector, out: Vector) -> None:  # pragma: no cover - compiled
+def _interpolate(
+    values: FloatArray, places: Float64Array, out: Float64Array
+) -> None:  # pragma: no cover - compiled
     """Lagrange's cubic on an even grid; at both ends the first and last four values are used."""
     last = len(values) - 4
     for k in range(len(places)):
@@ -114,26 +119,21 @@ def _interpolate(values: FloatArray, places: Vector, out: Vector) -> None:  # pr
         )
 
 
-def measure_duration_s(runs: Sequence[Run]) -> float:
-    """How long the runs last together."""
-    return sum(len(run) / run.rate_hz for run in runs)
-
-
 def find_rate_hz(runs: Sequence[Run]) -> float:
     """The rate of the longest run."""
     return max(runs, key=len).rate_hz
 
 
-# How the clock of the reference runs beside that of the recording.
+# The alignment of the two clocks.
 
 
 TIMING_S = 0.01
-"""What a time base of whole-second stamps (GT9X) leaves open between two moments of a recording."""
+"""Uncertainty of the time between two samples where the stamps are of whole seconds (GT9X)."""
 
 
 @dataclass(frozen=True, slots=True)
 class WindowLag:
-    """What one stretch alone says: how far the reference is from where the clocks put it, and how alike."""
+    """The lag of the reference in one stretch, beyond the alignment so far, and its correlation there."""
 
     start_s: float
     lag_s: float
@@ -145,8 +145,8 @@ class Alignment:
     """reference clock = ``offset_s`` + recording clock x (1 + ``drift_ppm`` / 1e6).
 
     ``r`` is the correlation of the speeds under this alignment. ``is_offset_given`` and ``is_drift_given``
-    say what a person set by hand; ``is_drift_fitted`` is False where the motion does not tell a drift,
-    which is then 0.
+    are true where a person set it by hand; ``is_drift_fitted`` is False where the motion does not determine
+    a drift, which is then 0.
     """
 
     offset_s: float
@@ -170,11 +170,11 @@ class Alignment:
         """Seconds of the reference's clock in one second of the recording's."""
         return 1.0 + self.drift_ppm / 1e6
 
-    def to_reference(self, time_s: Vector) -> Vector:
+    def to_reference(self, time_s: Float64Array) -> Float64Array:
         """Seconds of the recording's clock to the reference's."""
         return self.offset_s + time_s * self.pace
 
-    def to_recording(self, time_s: Vector) -> Vector:
+    def to_recording(self, time_s: Float64Array) -> Float64Array:
         """Seconds of the reference's clock to the recording's."""
         return (time_s - self.offset_s) / self.pace
 
@@ -185,14 +185,14 @@ class PairedRun:
 
     start_s: float
     rate_hz: float
-    ours_deg: Vector
-    reference_deg: Vector
+    ours_deg: Float64Array
+    reference_deg: Float64Array
 
     def __len__(self) -> int:
         return len(self.ours_deg)
 
     @property
-    def time_s(self) -> Vector:
+    def time_s(self) -> Float64Array:
         """Recording's clock, shape (n,)."""
         return self.start_s + np.arange(len(self)) / self.rate_hz
 
@@ -204,12 +204,12 @@ class Pairs:
     runs: tuple[PairedRun, ...]
 
     @property
-    def ours_deg(self) -> Vector:
+    def ours_deg(self) -> Float64Array:
         """All rows, shape (n,)."""
         return _join([run.ours_deg for run in self.runs])
 
     @property
-    def reference_deg(self) -> Vector:
+    def reference_deg(self) -> Float64Array:
         """All rows, shape (n,)."""
         return _join([run.reference_deg for run in self.runs])
 
@@ -251,12 +251,13 @@ def pair(ours: Runs, reference: Runs, alignment: Alignment) -> Pairs:
     if not ours or not moved:
         raise NothingInCommon(s=0.0)
     if find_rate_hz(ours) <= find_rate_hz(moved):
-        found = [PairedRun(a, b, c, d) for a, b, c, d in _meet(ours, moved)]
+        found = tuple(_find_common(ours, moved))
     else:
-        found = [PairedRun(a, b, d, c) for a, b, c, d in _meet(moved, ours)]
+        exchanged = _find_common(moved, ours)
+        found = tuple(replace(r, ours_deg=r.reference_deg, reference_deg=r.ours_deg) for r in exchanged)
     if not found:
         raise NothingInCommon(s=0.0)
-    return Pairs(tuple(found))
+    return Pairs(found)
 
 
 def _move(run: Run, alignment: Alignment) -> Run:
@@ -264,8 +265,8 @@ def _move(run: Run, alignment: Alignment) -> Run:
     return Run(start_s, run.rate_hz * alignment.pace, run.values)
 
 
-def _meet(slow: Runs, fast: Runs) -> Iterator[tuple[float, float, Vector, Vector]]:
-    """Give (start, rate, slower values, faster values) wherever two runs overlap."""
+def _find_common(slow: Runs, fast: Runs) -> Iterator[PairedRun]:
+    """Give the rows wherever two runs overlap, with the slower side as ours."""
     for run in slow:
         for other in fast:
             first = max(0, int(np.ceil((other.start_s - run.start_s) * run.rate_hz - 1e-6)))
@@ -274,7 +275,7 @@ def _meet(slow: Runs, fast: Runs) -> Iterator[tuple[float, float, Vector, Vector
                 time_s = run.start_s + np.arange(first, stop) / run.rate_hz
                 values = run.values[first:stop].astype(np.float64)
                 within = np.clip(interpolate(other, time_s), 0.0, 180.0)
-                yield float(time_s[0]), run.rate_hz, values, within
+                yield PairedRun(float(time_s[0]), run.rate_hz, values, within)
 
 
 def _cut(run: PairedRun, start_s: float, end_s: float) -> PairedRun | None:
@@ -288,12 +289,12 @@ def _cut(run: PairedRun, start_s: float, end_s: float) -> PairedRun | None:
     return PairedRun(start, run.rate_hz, run.ours_deg[first:stop], run.reference_deg[first:stop])
 
 
-def _lay(run: PairedRun, values_deg: Vector, first_s: float) -> ElevationSegment:
+def _lay(run: PairedRun, values_deg: Float64Array, first_s: float) -> ElevationSegment:
     start_us = round((run.start_s - first_s) * MICROSECONDS)
     return ElevationSegment(
         start_us, run.rate_hz, values_deg.astype(np.float32), np.ones(len(run), dtype=np.bool_)
     )
 
 
-def _join(parts: Sequence[Vector]) -> Vector:
+def _join(parts: Sequence[Float64Array]) -> Float64Array:
     return np.concatenate(parts) if parts else np.zeros(0)

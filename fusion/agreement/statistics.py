@@ -5,8 +5,8 @@ agreement: Bland and Altman 1986; with repeated measures, Bland and Altman 2007,
 varies). ICC(A,1): McGraw and Wong 1996, two-way, absolute agreement, one measurement (Shrout and Fleiss's
 ICC(2,1)). Concordance: Lin 1989.
 
-r, ICC and concordance say how the error compares with the spread of the angle. Where the angle hardly moves
-they say nothing of the error, so they are not given (NaN) where the reference is quasi-static: its standard
+r, ICC and concordance compare the error with the spread of the angle. Where the angle hardly moves they
+do not measure the error, so they are not given (NaN) where the reference is quasi-static: its standard
 deviation below 5 deg. The paper leaves r out of its quasi-static tasks without naming a rule.
 """
 
@@ -16,7 +16,7 @@ from math import nan, sqrt
 
 import numpy as np
 
-from fusion.agreement.pairs import Vector
+from fusion.recording import Float64Array
 
 QUASI_STATIC_DEG = 5.0
 LIMIT_SD = 1.96
@@ -45,7 +45,7 @@ class Agreement:
         return not self.reference_sd_deg >= QUASI_STATIC_DEG
 
 
-def measure_agreement(ours_deg: Vector, reference_deg: Vector, duration_s: float) -> Agreement:
+def measure_agreement(ours_deg: Float64Array, reference_deg: Float64Array, duration_s: float) -> Agreement:
     """Compare row by row.
 
     Standard deviations are the sample's (n - 1), except within r and concordance, as their authors define.
@@ -72,25 +72,25 @@ def measure_agreement(ours_deg: Vector, reference_deg: Vector, duration_s: float
     )
 
 
-def find_sd(values: Vector) -> float:
+def find_sd(values: Float64Array) -> float:
     """Sample standard deviation; NaN of fewer than two."""
     return float(values.std(ddof=1)) if len(values) > 1 else nan
 
 
-def find_r(a: Vector, b: Vector) -> float:
+def find_r(a: Float64Array, b: Float64Array) -> float:
     """Pearson's correlation; NaN where one does not vary."""
     u, v = a - a.mean(), b - b.mean()
     size = sqrt(float(u @ u) * float(v @ v))
     return float(u @ v) / size if size > 0 else nan
 
 
-def find_concordance(a: Vector, b: Vector) -> float:
+def find_concordance(a: Float64Array, b: Float64Array) -> float:
     """Lin's coefficient: 2 s_ab / (s_a^2 + s_b^2 + (mean_a - mean_b)^2), variances over n."""
     apart = float(a.mean() - b.mean()) ** 2 + float(a.var()) + float(b.var())
     return 2.0 * float(np.mean((a - a.mean()) * (b - b.mean()))) / apart if apart > 0 else nan
 
 
-def find_icc(a: Vector, b: Vector) -> float:
+def find_icc(a: Float64Array, b: Float64Array) -> float:
     """ICC(A,1): (MSR - MSE) / (MSR + MSE + 2 (MSC - MSE) / n), for two measurements of n moments."""
     n = len(a)
     if n < 2:

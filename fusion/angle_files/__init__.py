@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from fusion.angle_files import dot_csv, elevation_parquet, mt_manager, mvnx, named_csv
-from fusion.angle_files.resampling import calibrate_alone, calibrate_file, lay_file
+from fusion.angle_files.resampling import calibrate_alone, calibrate_file, resample_file
 from fusion.angle_files.tables import find_layout
 from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.errors import EmptyFile
@@ -22,15 +22,15 @@ __all__ = [
     "calibrate_alone",
     "calibrate_file",
     "holds_samples",
-    "lay_file",
     "read_angle_file",
-    "tell_layout",
+    "recognise_layout",
+    "resample_file",
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class AngleReader:
-    """A format: how to tell it by its bytes, how to read it."""
+    """A format: how it is recognised by its bytes, how it is read."""
 
     layout: str
     recognise: Callable[[Source], bool]
@@ -51,12 +51,26 @@ NO_OPTIONS = AngleFileOptions()
 
 
 def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptions = NO_OPTIONS) -> AngleFile:
-    """Read an angle or an orientation, whatever its format; binary and seekable.
+    """Read an angle or an orientation, whatever its format.
+
+    Parameters
+    ----------
+    file
+        Binary; can be rewound.
+    file_name
+        Used only to recognise an extension; by default the file object's own name.
+    options
+        What the person says about the file.
+
+    Returns
+    -------
+    AngleFile
+        Its rows, in the file's own clock.
 
     Raises
     ------
     fusion.errors.FusionError
-        It is none; code and facts say why.
+        No angle can be read; code and facts say why.
     """
     source = open_source(file, file_name)
     if source.size_bytes == 0:
@@ -67,15 +81,15 @@ def read_angle_file(file: BinaryIO, file_name: str = "", options: AngleFileOptio
     return reader.read(source, options)
 
 
-def tell_layout(file: BinaryIO, file_name: str = "") -> str:
-    """Say which of the formats a file has by its first bytes, "" for none of them; leaves it rewound."""
+def recognise_layout(file: BinaryIO, file_name: str = "") -> str:
+    """Name the format of a file by its first bytes; "" for none of them. The file is rewound."""
     reader = _find_reader(open_source(file, file_name, is_hashed=False))
     file.seek(0)
     return reader.layout if reader else ""
 
 
 def holds_samples(file: BinaryIO) -> bool:
-    """Tell whether a table names acceleration and angular rate, too: then it is to be fused; rewinds it."""
+    """Whether a table also names acceleration and angular rate, and so is to be fused. It is rewound."""
     source = open_source(file, is_hashed=False)
     file.seek(0)
     return find_layout(source, SAMPLES) is not None

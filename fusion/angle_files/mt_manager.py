@@ -19,9 +19,10 @@ from fusion.angle_files.tables import (
     read_up,
     unwrap_counter,
 )
-from fusion.angle_files.types import AngleFile, AngleFileOptions, Vector
+from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.errors import MissingSegment, UnknownRate
 from fusion.readers.source import Source, hash_source
+from fusion.recording import Float64Array
 
 NEEDED = (frozenset({"packetcounter"}),)
 TICK_S = 1e-4
@@ -69,12 +70,12 @@ def read(source: Source, options: AngleFileOptions) -> AngleFile:
 
 
 def _find_times(
-    counter: Vector, fine: Vector | None, layout: Layout, options: AngleFileOptions
-) -> tuple[Vector, str]:
+    counter: Float64Array, fine: Float64Array | None, layout: Layout, options: AngleFileOptions
+) -> tuple[Float64Array, str]:
     if fine is not None and np.isfinite(fine).all():
         return unwrap_counter(fine, COUNTER_SPAN["sampletimefine"]) * TICK_S, ""
-    told = _find_text(_RATE, layout)
-    rate_hz = float(told) if told else options.rate_hz
+    rate_text = _find_text(_RATE, layout)
+    rate_hz = float(rate_text) if rate_text else options.rate_hz
     if not rate_hz:
         raise UnknownRate
     return unwrap_counter(counter, COUNTER_SPAN["packetcounter"]) / rate_hz, f"{rate_hz:g}"

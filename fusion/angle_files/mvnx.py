@@ -22,13 +22,13 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.expatreader import create_parser
 
-from fusion.angle_files.types import AngleFile, AngleFileOptions, Vector
+from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.angle_files.vertical import Up, measure_from_up, take_up_of_quaternion, take_up_of_row
 from fusion.caveats import Caveat
 from fusion.errors import MissingSegment, RefusedXml, TooShort, UnknownRate
 from fusion.readers.samples import check_rows
 from fusion.readers.source import CHUNK_BYTES, Source, hash_source
-from fusion.recording import QualityFlag
+from fusion.recording import Float64Array, QualityFlag
 
 MARK = b"<mvnx"
 DEFAULT_SIDE = "right"
@@ -225,7 +225,7 @@ def _read_pieces(file: BinaryIO) -> Iterator[bytes]:
         yield piece
 
 
-def _find_up(frames: _Frames, side: str) -> tuple[Up, Vector]:
+def _find_up(frames: _Frames, side: str) -> tuple[Up, Float64Array]:
     """Give the zenith in the segment's frame (n, 3) and the axis towards the shoulder."""
     orientation = np.asarray(frames.orientation).reshape(-1, 4)
     if np.isfinite(orientation).any():
@@ -236,13 +236,13 @@ def _find_up(frames: _Frames, side: str) -> tuple[Up, Vector]:
     return _take_up_of_positions(towards), np.array([0.0, 0.0, 1.0])
 
 
-def _take_up_of_positions(towards_shoulder: Vector) -> Up:
+def _take_up_of_positions(towards_shoulder: Float64Array) -> Up:
     """Lay a frame whose z axis is the arm: its zenith leans from z by the elevation, in the x-z plane."""
     across = np.hypot(towards_shoulder[:, 0], towards_shoulder[:, 1])
     return take_up_of_row(np.stack([across, np.zeros(len(across)), towards_shoulder[:, 2]], axis=1) * 10.0)
 
 
-def _find_axis(frames: _Frames, side: str) -> Vector:
+def _find_axis(frames: _Frames, side: str) -> Float64Array:
     elbow = frames.points.get(f"j{side.capitalize()}Elbow")
     shoulder = frames.points.get(f"j{side.capitalize()}Shoulder", [0.0, 0.0, 0.0])
     axis = np.array(shoulder) - np.array(elbow) if elbow else np.array(TOWARDS_SHOULDER[side])
@@ -250,7 +250,7 @@ def _find_axis(frames: _Frames, side: str) -> Vector:
     return axis / length if isfinite(length) and length > 0.01 else np.array(TOWARDS_SHOULDER[side])
 
 
-def _find_times(frames: _Frames) -> Vector:
+def _find_times(frames: _Frames) -> Float64Array:
     """Give seconds from the first frame: frame numbers over the rate, which nothing rounds."""
     index, since_ms, _ = np.asarray(frames.times).reshape(-1, 3).T
     rate_hz = float(frames.header.get("subject_frameRate") or "nan")
@@ -263,8 +263,8 @@ def _find_times(frames: _Frames) -> Vector:
     raise UnknownRate
 
 
-def _describe(frames: _Frames, side: str, axis: Vector) -> dict[str, str]:
-    told = {
+def _describe(frames: _Frames, side: str, axis: Float64Array) -> dict[str, str]:
+    understood = {
         "layout": "MVNX",
         "version": frames.header.get("mvn_version", ""),
         "side": side,
@@ -275,5 +275,5 @@ def _describe(frames: _Frames, side: str, axis: Vector) -> dict[str, str]:
     }
     if frames.pose_orientation is not None:
         pose_up = take_up_of_quaternion(np.array([frames.pose_orientation]))
-        told["t_pose_elevation_deg"] = f"{float(measure_from_up(pose_up, axis)[0]):.1f}"
-    return told
+        understood["t_pose_elevation_deg"] = f"{float(measure_from_up(pose_up, axis)[0]):.1f}"
+    return understood

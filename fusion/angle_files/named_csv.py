@@ -9,9 +9,10 @@ from collections.abc import Container
 import numpy as np
 
 from fusion.angle_files.tables import Layout, find_layout, find_orientation, read_columns, read_up, require
-from fusion.angle_files.types import AngleFile, AngleFileOptions, Vector
+from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.errors import UnusableTime, WrongAngle
 from fusion.readers.source import Source, hash_source
+from fusion.recording import Float64Array
 
 TIMES = {
     **dict.fromkeys(("time_s", "time", "t", "t_s", "times", "seconds", "timestamp", "temps", "temps_s"), 1.0),
@@ -70,7 +71,9 @@ def _read_angle(source: Source, layout: Layout) -> AngleFile:
     return keep_angles(time_s, values[angle_name], hash_source(source), understood)
 
 
-def keep_angles(time_s: Vector, elevation_deg: Vector, sha256: str, understood: dict[str, str]) -> AngleFile:
+def keep_angles(
+    time_s: Float64Array, elevation_deg: Float64Array, sha256: str, understood: dict[str, str]
+) -> AngleFile:
     """Keep the rows that hold an angle.
 
     Raises
@@ -94,7 +97,7 @@ def keep_angles(time_s: Vector, elevation_deg: Vector, sha256: str, understood: 
     )
 
 
-def check_times(time_s: Vector) -> Vector:
+def check_times(time_s: Float64Array) -> Float64Array:
     """Let only times through that rise.
 
     Raises

@@ -1,4 +1,4 @@
-"""From the rows of a file to an elevation like every other; the arm's axis where only the pose tells it."""
+"""From the rows of a file to an elevation on even grids; the arm's axis from the pose where it is unknown."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fusion.angle_files.types import AngleFile
 from fusion.angle_files.vertical import measure_from_up
-from fusion.angle_series import AngleRows, lay_angles
+from fusion.angle_series import AngleRows, resample_angles
 from fusion.caveats import Caveat
 from fusion.elevation import Elevation
 from fusion.errors import UnknownAxis
@@ -19,14 +19,14 @@ STEADY = 0.99
 """Length of the mean vertical over the calibration: below it the sensor turned by about 8 deg or more."""
 
 
-def lay_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Elevation]:
-    """Lay values, one for each row, on even grids, cut at holes; as a recording without samples."""
+def resample_file(file: AngleFile, values: FloatArray) -> tuple[Recording, Elevation]:
+    """Resample values, one for each row, on even grids, cut at holes; as a recording without samples."""
     rows = AngleRows(file.time_s, np.asarray(values, np.float64), file.first_s, file.last_s)
     zone = file.start.tzname() if file.start else None
     empty = Recording(
         file.device, file.sha256, file.start, zone, 0, (), flags=file.flags, understood=file.understood
     )
-    return lay_angles(empty, rows)
+    return resample_angles(empty, rows)
 
 
 def calibrate_file(file: AngleFile, window_s: tuple[float, float]) -> AngleFile:
@@ -62,8 +62,8 @@ def calibrate_alone(file: AngleFile, windows_s: tuple[tuple[float, float], ...])
     shifted_s = (window_s[0] + file.first_s, window_s[1] + file.first_s)
     calibrated = calibrate_file(file, shifted_s)
     flag = QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
-    told = {"calibration_s": f"{window_s[0]:g} - {window_s[1]:g}"}
-    return replace(calibrated, flags=(*file.flags, flag), understood={**file.understood, **told})
+    understood = {"calibration_s": f"{window_s[0]:g} - {window_s[1]:g}"}
+    return replace(calibrated, flags=(*file.flags, flag), understood={**file.understood, **understood})
 
 
 def _find_still(file: AngleFile) -> tuple[float, float]:

@@ -9,11 +9,11 @@ import pyarrow as pa
 from pyarrow import compute as pc
 from pyarrow import csv
 
-from fusion.angle_files.types import Vector
 from fusion.angle_files.vertical import Up, take_up_of_euler, take_up_of_quaternion, take_up_of_row
 from fusion.errors import EmptyFile, UnknownColumns, UnreadableRows, UnusableTime
 from fusion.readers.samples import check_rows
 from fusion.readers.source import Source
+from fusion.recording import Float64Array
 
 MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "-"]
 DELIMITERS = ("\t", ";", ",", " ")
@@ -23,7 +23,7 @@ MOST_UNREADABLE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the header stands and how its fields are parted; ``before`` are the lines above it."""
+    """Where the header is and how its fields are separated; ``before`` are the lines above it."""
 
     header_line: int
     delimiter: str
@@ -53,7 +53,7 @@ def _find_decimal(rows: Sequence[str], delimiter: str) -> str:
     return "," if delimiter in "\t;" and any("," in row for row in rows) else "."
 
 
-def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mapping[str, Vector]:
+def read_columns(source: Source, layout: Layout, wanted: Sequence[str]) -> Mapping[str, Float64Array]:
     """Read columns as numbers, piece by piece; NaN where a field is empty or no number.
 
     Raises
@@ -102,7 +102,7 @@ def _make_unique(names: Sequence[str]) -> Sequence[str]:
 NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
-def _to_numbers(column: pa.Array, decimal: str) -> Vector:
+def _to_numbers(column: pa.Array, decimal: str) -> Float64Array:
     text = pc.utf8_trim_whitespace(column)
     if decimal == ",":
         text = pc.replace_substring(text, ",", ".")
@@ -112,7 +112,7 @@ def _to_numbers(column: pa.Array, decimal: str) -> Vector:
 
 
 def require(layout: Layout | None, source: Source) -> Layout:
-    """Give the layout, or refuse with the first line as it stands."""
+    """Give the layout; refuse a file without one, with its first line as the fact."""
     if layout is None:
         lines = source.head.decode("utf-8-sig", "replace").splitlines() or [""]
         raise UnknownColumns(list=lines[0][:200], line=1)
@@ -121,7 +121,7 @@ def require(layout: Layout | None, source: Source) -> Layout:
 
 # Which columns of a table hold an orientation, by the names that Xsens and others give them.
 #
-# A matrix before a quaternion before Euler angles, where an export holds several: they say the same.
+# A matrix before a quaternion before Euler angles, where an export holds several: they are equivalent.
 
 
 MATRIX_ROW = (("mat31", "mat32", "mat33"),)
@@ -157,7 +157,7 @@ def find_orientation(names: Sequence[str]) -> tuple[Kind, tuple[str, ...]] | Non
 
 def read_up(
     source: Source, layout: Layout, orientation: tuple[Kind, tuple[str, ...]], others: Sequence[str]
-) -> tuple[Up, Mapping[str, Vector]]:
+) -> tuple[Up, Mapping[str, Float64Array]]:
     """Read the zenith in the sensor's frame (n, 3), and other columns beside it."""
     kind, columns = orientation
     values = read_columns(source, layout, [*columns, *others])
@@ -174,7 +174,7 @@ def read_up(
 COUNTER_SPAN = {"packetcounter": 2.0**16, "sampletimefine": 2.0**32}
 
 
-def unwrap_counter(counter: Vector, span: float) -> Vector:
+def unwrap_counter(counter: Float64Array, span: float) -> Float64Array:
     """Undo the wraps of a counter that starts over at ``span``; a large step back is one.
 
     Raises

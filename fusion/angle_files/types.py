@@ -7,9 +7,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.recording import QualityFlag
-
-Vector = NDArray[np.float64]
+from fusion.recording import Float64Array, QualityFlag
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +35,12 @@ class AngleFile:
 
     device: str
     sha256: str
-    time_s: Vector
+    time_s: Float64Array
     first_s: float
     last_s: float
     elevation_deg: NDArray[np.float32] | None = None
     up: NDArray[np.float32] | None = None
-    axis: Vector | None = None
+    axis: Float64Array | None = None
     start: datetime | None = None
     flags: tuple[QualityFlag, ...] = ()
     understood: Mapping[str, str] = field(default_factory=dict)

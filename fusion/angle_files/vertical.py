@@ -8,8 +8,8 @@ of R, whatever the heading: elevation needs no more of an orientation than that.
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.angle_files.types import Vector
 from fusion.elevation import measure_elevation
+from fusion.recording import Float64Array
 
 Up = NDArray[np.float32]
 
@@ -17,7 +17,7 @@ SHORTEST_QUATERNION = 0.5
 """Quaternions shorter than this are no rotation: the row is missing. Xsens writes unit ones to 1e-6."""
 
 
-def take_up_of_quaternion(quaternion_wxyz: Vector) -> Up:
+def take_up_of_quaternion(quaternion_wxyz: Float64Array) -> Up:
     """Give the third row of R for each quaternion (n, 4), segment to world; NaN where it is none."""
     length = np.linalg.norm(quaternion_wxyz, axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -26,20 +26,20 @@ def take_up_of_quaternion(quaternion_wxyz: Vector) -> Up:
     return up.astype(np.float32)
 
 
-def take_up_of_euler(roll_deg: Vector, pitch_deg: Vector) -> Up:
+def take_up_of_euler(roll_deg: Float64Array, pitch_deg: Float64Array) -> Up:
     """Give the third row of R = Rz(yaw) Ry(pitch) Rx(roll), Xsens's order (aerospace sequence)."""
     roll, pitch = np.radians(roll_deg), np.radians(pitch_deg)
     up = [-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)]
     return np.stack(up, axis=1).astype(np.float32)
 
 
-def take_up_of_row(third_row: Vector) -> Up:
+def take_up_of_row(third_row: Float64Array) -> Up:
     """Give the third row of R, (n, 3), at length one; NaN where it has none."""
     length = np.linalg.norm(third_row, axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         return (third_row / np.where(length < SHORTEST_QUATERNION, np.nan, length)).astype(np.float32)
 
 
-def measure_from_up(up: Up, axis: Vector) -> NDArray[np.float32]:
+def measure_from_up(up: Up, axis: Float64Array) -> NDArray[np.float32]:
     """Elevation of an axis that points to the shoulder: 0 where it points to the zenith (the arm hangs)."""
     return measure_elevation(np.ascontiguousarray(up), axis)

@@ -1,4 +1,4 @@
-"""Where a sensor is cut off in truth, told by its flat tops, whatever range the file states.
+"""Where a sensor is cut off, by its flat tops, whatever range the file states.
 
 A signal that is cut off rests at its very extreme, sample after sample, again and again. A sensor that is not
 reaches its extreme once: the next movement, or the next bit of noise, makes another value.

@@ -1,7 +1,7 @@
 """Faults of a sensor that show in its readings: a dead channel, one that stuck for a time, isolated spikes.
 
-RELIABILITY.md §1.3, rows 89 and 90. What is found is excluded, never mended silently. A held arm, an impact
-and a sensor on a table are no faults: the limits were set so that none of the recordings in hand, taps on the
+RELIABILITY.md §1.3, rows 89 and 90. A fault is excluded from the analysed time and flagged. A held arm, an
+impact and a sensor on a table are no faults: at these limits none of the recordings in hand, taps on the
 sensor included, gives a false alarm.
 """
 
@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
@@ -28,6 +27,7 @@ from fusion.checks.stopped import (
 )
 from fusion.checks.unmeasured import bridge_rows, is_too_frequent
 from fusion.errors import DeadSensor
+from fusion.numba_kernels import njit
 from fusion.recording import (
     LONGEST_BRIDGE_US,
     MICROSECONDS,
@@ -60,10 +60,10 @@ Pair = tuple[int, int]
 
 
 def exclude_stuck(recording: Recording) -> Recording:
-    """Take what stuck out of the analysed time, and say so (W-STUCK-PART).
+    """Exclude the stretches in which a channel stuck from the analysed time, and flag them (W-STUCK-PART).
 
-    Of one channel, up to 50 ms are bridged for the filters, in place; longer stretches end the segment. May
-    be asked again, when the units have become known.
+    Up to 50 ms of one channel are bridged for the filters, in place; a longer stretch ends the segment. The
+    search may be repeated once the units are known.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def _refuse_frequent(segments: Sequence[Segment], stops: Sequence[Sequence[Stop]
 
 
 def _leave_holes(segment: Segment, stuck: Ranges) -> list[Pair]:
-    """The same rows without the holes that were bridged before: those stay missing time."""
+    """Rows of ``stuck`` without the holes that were bridged before: those stay missing time."""
     is_stuck = np.zeros(len(segment) + 1, np.bool_)
     for first, stop in stuck:
         is_stuck[first:stop] = True
@@ -265,10 +265,10 @@ def has_only(values: NDArray[np.float32], axis: int, value: float) -> bool:
 
 
 def exclude_faults(recording: Recording, searched: Recording | None = None) -> Recording:
-    """Take spikes, and stretches in which a channel stuck, out of the analysed time, and say so.
+    """Exclude spikes, and stretches in which a channel stuck, from the analysed time, and flag them.
 
-    Spikes are replaced by the mean of their neighbours, for the filters only, in place. ``searched``: as it
-    was when last searched for what stuck; not again where nothing was said of it since.
+    Spikes are replaced by the mean of their neighbours, for the filters only, in place. ``searched``: the
+    recording as the last search for stuck channels left it; it is not searched again without a new flag.
     """
     spikes = [span for segment in recording.segments for span in _mend_spikes(segment)]
     if spikes:

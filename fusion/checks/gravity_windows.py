@@ -14,10 +14,9 @@ from math import cos, sin, sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import kernel
+from fusion.numba_kernels import kernel, njit
 from fusion.recording import Float64Array, Segment
 from fusion.still_limits import REST
 
@@ -222,7 +221,7 @@ def _find_size(segment: Segment, first: int, rows: int) -> float:
 def _find_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]:
     """Which windows hold a channel that keeps one value all along, shape (n,), if elsewhere it does not.
 
-    One that never changes is dead, and told of elsewhere (fusion.checks.faults).
+    A channel that never changes is dead; :mod:`fusion.checks.faults` refuses it.
     """
     flat = np.array([_find_flat(*place) for place in places], np.bool_).reshape(-1, 6)
     return np.asarray((flat & ~flat.all(axis=0)).any(axis=1))

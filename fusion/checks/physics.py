@@ -143,7 +143,7 @@ def _fit(
     return shape @ values[:p], shape @ errors[:p], float(np.sqrt(np.mean((length - 1.0) ** 2)))
 
 
-# Samples put right, in place, and how that is said: a shift is too large to be held twice.
+# Corrections of samples, in place (a shift is too large to be held twice), and their flags.
 
 
 Facts = Mapping[str, str | int | float]
@@ -153,7 +153,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def flag_correction(recording: Recording, what: str, evidence: str, facts: Facts) -> Recording:
-    """Say what was put right, and by what evidence (W-UNITS)."""
+    """Flag a correction, with the evidence for it (W-UNITS)."""
     flag = QualityFlag(Caveat.UNITS, facts={"what": what, "evidence": evidence, **facts})
     return replace(recording, flags=(*recording.flags, flag))
 
@@ -198,7 +198,7 @@ def turn_axes(recording: Recording, turn: Float64Array) -> Recording:
 
 
 def reorder_columns(values: NDArray[np.float32], order: NDArray[np.intp]) -> None:
-    """Let the columns of (n, 3) change places, in place."""
+    """Reorder the columns of (n, 3), in place."""
     for first in range(0, len(values), BLOCK_ROWS):
         values[first : first + BLOCK_ROWS] = values[first : first + BLOCK_ROWS, order]
 
@@ -253,7 +253,7 @@ def _measure_lengths(segment: Segment, first: int, stop: int, *, is_rate: bool) 
 
 
 def exchange_sensors(recording: Recording) -> Recording:
-    """Let the sensors change places, each in the unit that the file names for it, and say so (W-UNITS)."""
+    """Exchange the sensors, each in the unit that the file names for it, and flag it (W-UNITS)."""
     segments = tuple(replace(s, acc_g=s.gyr_dps, gyr_dps=s.acc_g) for s in recording.segments)
     exchanged = replace(recording, segments=segments)
     acc_g = acc_scale_g(recording.understood.get("acceleration_unit")) or 1.0
@@ -279,12 +279,12 @@ ARDUINO_DPS = 2000.0 / 32768.0
 """What Arduino_LSM9DS1 takes for one count; the data sheet says 0.07 deg/s."""
 ARDUINO_FACTOR = 0.07 / ARDUINO_DPS
 SURE_ERRORS = 3.0
-"""A GT9X has the same grid: its columns negated are told from the library by the scale of the motion."""
+"""A GT9X has the same grid: the scale of the motion distinguishes its negated columns from the library."""
 WIDE_RANGE_FACTOR = 1.5
 """Code that takes 16/32768 for one count of the 16 g range (0.732 mg) reads 2/3 g at rest."""
 SHORTEST_S = 1.0
 COUNTED = ("row number", "packet counter")
-"""What the readers call a table whose rows bear no time: somebody told its rate."""
+"""The readers' words for a table whose rows bear no time: its rate comes from a person or a header."""
 FEWEST_RESTS, UNEVEN_G = 20, 0.15
 """Ten simulated LSM9DS1, with offsets of 0.04 g on each axis, spread by 0.10 g at most."""
 
@@ -446,12 +446,12 @@ def _correct_scale(recording: Recording, scale: Scale) -> Recording:
     if scale.is_overall_off:
         multiply_rates(recording, scale.overall)
         facts = {"factor": round(scale.overall, 3)}
-        return _doubt_rate(flag_correction(recording, "gyroscope scale", "motion", facts), scale.overall)
+        return _flag_rate(flag_correction(recording, "gyroscope scale", "motion", facts), scale.overall)
     return recording
 
 
-def _doubt_rate(recording: Recording, factor: float) -> Recording:
-    """Say that a rate which no stamps tell, if wrong, looks like a gyroscope of another scale (W-RATE)."""
+def _flag_rate(recording: Recording, factor: float) -> Recording:
+    """Flag a rate without stamps: a wrong one looks like a gyroscope of another scale (W-RATE)."""
     if recording.understood.get("time") not in COUNTED:
         return recording
     told_hz, other_hz = round(recording.rate_hz, 3), round(recording.rate_hz / factor, 1)

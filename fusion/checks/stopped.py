@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.checks.clipping import FLAT_TOP_SHARE
+from fusion.numba_kernels import njit
 from fusion.recording import MICROSECONDS, Segment, Span
 
 # Ranges of rows: found where all channels rest, joined, and taken out of a segment.
@@ -181,7 +181,7 @@ LEAP_G, LEAP_DPS = 0.1, 5.0
 """A leap by less, at the rates at which an arm moves, costs a fraction of a degree."""
 MOVED_G, MOVED_DPS = 0.05, 5.0
 LEAP_COUNTS, LEAP_STEPS = 10.0, 8.0
-"""Of coarse readings, a leap is so many steps."""
+"""The size of a leap of coarse readings, in counts and in usual steps."""
 SMOOTH_PART = 0.5
 """The steps around a leap are smaller than this part of it: a knock rings."""
 FEWEST_ROWS, FEWEST_BETWEEN_LEAPS = 5, 3

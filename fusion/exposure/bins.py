@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.conventions import Convention
 from fusion.exposure.metric_filter import MetricAngle
-from fusion.exposure.rows import IntArray, add_time, find_first_rows, find_touched_parts
+from fusion.exposure.rows import add_time, find_first_rows, find_touched_parts
 from fusion.exposure.types import ElevationBin, TimeAbove
-from fusion.recording import MICROSECONDS
+from fusion.numba_kernels import njit
+from fusion.recording import MICROSECONDS, IntArray
 
 BIN_EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)
 THRESHOLDS_DEG = (30, 60, 90)
@@ -32,7 +32,7 @@ class PartHistograms:
     """
 
     edges_us: IntArray
-    cell_us: NDArray[np.int64] | NDArray[np.int32]
+    cell_us: IntArray | NDArray[np.int32]
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment's valid rows."""

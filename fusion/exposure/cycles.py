@@ -4,32 +4,30 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_ranges
-from fusion.exposure.rows import IntArray, find_part_rows
+from fusion.exposure.rows import find_part_rows
 from fusion.exposure.types import Cycles, Interval
+from fusion.numba_kernels import njit
+from fusion.recording import Float64Array, IntArray
 
 HYSTERESIS_DEG = 5.0
 RANGE_EDGES_DEG = (10.0, 30.0, 60.0, 90.0, None)
 USUAL_POINTS = 65536
-
-FloatVector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleTally:
     """Cycles by error of the angle, 5-minute block and class of range, filled in place: shape (g, b, 4).
 
-    ``errors_deg`` has shape (g,), nought in the middle. A half cycle counts 0.5; runs of valid rows are
+    ``errors_deg`` has shape (g,), 0 in the middle. A half cycle counts 0.5; runs of valid rows are
     counted apart; ranges under 10 deg are in no class. A cycle belongs to the block in which its range ends.
     """
 
-    errors_deg: FloatVector
+    errors_deg: Float64Array
     edges_us: IntArray
-    counts: FloatVector
+    counts: Float64Array
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment: with an error b each angle is b lower, but none is under 0 or over 180 deg.
@@ -49,11 +47,11 @@ class CycleTally:
                 clipped_deg = np.clip(points_deg - error_deg, 0.0, 180.0)
                 _count_ranges(clipped_deg, runs, parts, self.counts[error])
 
-    def sum_day(self) -> FloatVector:
+    def sum_day(self) -> Float64Array:
         """Give the counts of the angle as it was read, shape (4,)."""
         return np.asarray(self.counts[len(self.errors_deg) // 2].sum(axis=0))
 
-    def name_intervals(self, draws: Resampling, block_s: FloatVector) -> dict[str, Interval]:
+    def name_intervals(self, draws: Resampling, block_s: Float64Array) -> dict[str, Interval]:
         """Give the intervals of the counts: of the sampling of the day, and of an error of the angle.
 
         An error changes a range only where it brings the angle to an end of its scale.
@@ -63,13 +61,13 @@ class CycleTally:
         return dict(zip(_name_classes(), find_ranges(drawn), strict=True))
 
 
-def start_cycles(errors_deg: FloatVector, edges_us: IntArray) -> CycleTally:
+def start_cycles(errors_deg: Float64Array, edges_us: IntArray) -> CycleTally:
     """Start with nothing counted."""
     counts = np.zeros((len(errors_deg), len(edges_us) - 1, len(RANGE_EDGES_DEG) - 1))
     return CycleTally(errors_deg, edges_us, counts)
 
 
-def _count_ranges(points_deg: FloatVector, runs: IntArray, parts: IntArray, counts: FloatVector) -> None:
+def _count_ranges(points_deg: Float64Array, runs: IntArray, parts: IntArray, counts: Float64Array) -> None:
     ranges_deg, weights, ends = count_rainflow(points_deg, runs)
     # the angle is rounded to 1e-6 deg, so must be the difference of two angles
     classes = np.searchsorted(RANGE_EDGES_DEG[:-1], np.round(ranges_deg, 6), side="right") - 1
@@ -77,7 +75,7 @@ def _count_ranges(points_deg: FloatVector, runs: IntArray, parts: IntArray, coun
     np.add.at(counts, (parts[ends[kept]], classes[kept]), weights[kept])
 
 
-def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[FloatVector, IntArray, IntArray]:
+def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[Float64Array, IntArray, IntArray]:
     """Give the peaks and valleys left after a hysteresis filter, the valid run of each, and its row.
 
     A reversal counts once the angle has come back by the hysteresis; the first and the last extreme of a run
@@ -166,7 +164,7 @@ def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
     return ranges[:count], weights[:count], ends[:count]
 
 
-def summarise_cycles(counts: FloatVector) -> tuple[Cycles, ...]:
+def summarise_cycles(counts: Float64Array) -> tuple[Cycles, ...]:
     """Name the classes; ``counts`` has shape (4,)."""
     return tuple(
         Cycles(float(lower or 0.0), upper, float(count))

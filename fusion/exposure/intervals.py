@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.conventions import CONVENTIONS
@@ -16,8 +15,9 @@ from fusion.exposure.bins import (
     find_percentile_cells,
     list_classes,
 )
+from fusion.exposure.episodes import name_busy_intervals, name_stay_intervals
 from fusion.exposure.eva import draw_eva
-from fusion.exposure.parts import PART_PERCENTS, Group
+from fusion.exposure.parts import PART_PERCENTS, AnyArray, Group, Stretches, sum_groups, sum_time
 from fusion.exposure.resampling import (
     Resampling,
     can_draw,
@@ -29,8 +29,6 @@ from fusion.exposure.resampling import (
 )
 from fusion.exposure.speeds import CELL_DPS, COARSE_CELLS, WIDENING, SpeedTally
 from fusion.exposure.speeds import PERCENTS as SPEED_PERCENTS
-from fusion.exposure.stays import name_busy_intervals, name_stay_intervals
-from fusion.exposure.stretches import AnyArray, Stretches, sum_groups, sum_time
 from fusion.exposure.tally import DayTally, ErrorTally
 from fusion.exposure.types import (
     ElevationBin,
@@ -41,33 +39,30 @@ from fusion.exposure.types import (
     TimeAbove,
     Velocity,
 )
-from fusion.recording import MICROSECONDS
+from fusion.numba_kernels import njit
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
 
-# Shares of time below an angle, and percentiles, in days drawn again: read off without adding the days up.
+# Shares of time below an angle, and percentiles, of each draw.
 #
-# The blocks' histograms are cumulated once; what lies below an angle in a draw is then a sum over blocks at
-# that angle alone. Times are whole microseconds, whose sums are exact, so the order of adding does not
-# matter.
-
-
-FloatArray = NDArray[np.float64]
+# The blocks' histograms are cumulated once; the time below an angle in a draw is then a sum over blocks at
+# that angle alone. Times are whole microseconds, whose sums are exact in any order.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnDistribution:
     """The time below each edge of the 0.1 deg cells in each block, shape (1801, b), and the draws."""
 
-    below: FloatArray
+    below: Float64Array
     draws: Resampling
 
-    def find_shares(self, angles_deg: FloatArray) -> FloatArray:
+    def find_shares(self, angles_deg: Float64Array) -> Float64Array:
         """Give the share of each draw's time below angles, shape (k,), read with its error: (200, k)."""
         cells = (angles_deg - self.draws.error_deg[:, np.newaxis]) * CELLS_PER_DEG
         shares = np.empty(cells.shape)
         _read_shares(self.below, self.draws.times, np.clip(cells, 0.0, len(self.below) - 1.0), shares)
         return shares
 
-    def find_percentiles(self, percents: Sequence[int]) -> FloatArray:
+    def find_percentiles(self, percents: Sequence[int]) -> Float64Array:
         """Give percentiles of each draw, read with its error and kept inside the scale, shape (200, p)."""
         places = np.empty((len(self.draws.times), len(percents)))
         _find_places(self.below, self.draws.times, np.array(percents) / 100.0, places)
@@ -121,23 +116,17 @@ def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
             places[draw, k] = left + (whole * wanted[k] - lower) / (upper - lower)
 
 
-# How far a day's figures could lie from those read off (EXPOSURE.md A12, CONTRACT.md §5 "Interval").
-#
-# 200 draws, each with an error of the angle that shifts the whole histogram, and with 5-minute blocks of
-# the day drawn again with replacement. The error takes evenly spaced quantiles of a normal distribution and
-# the blocks a fixed seed, so that the same recording always gives the same interval.
-
-
-FloatMatrix = NDArray[np.float64]
+# The figures of a day in each draw (:mod:`fusion.exposure.resampling`): an error of the angle shifts the
+# whole histogram, and 5-minute blocks of the day are drawn with replacement.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Draws:
     """Figures of each draw: percent in bins (200, 9), percent above (200, 3), percentiles in deg (200, 9)."""
 
-    bins_percent: FloatMatrix
-    above_percent: FloatMatrix
-    percentiles_deg: FloatMatrix
+    bins_percent: Float64Array
+    above_percent: Float64Array
+    percentiles_deg: Float64Array
 
 
 def draw_figures(blocks: AnyArray, draws: Resampling) -> Draws:
@@ -204,7 +193,7 @@ def name_speed_intervals(
     return name_intervals({**found, f"{kind}_velocity_mean_dps": scale_interval(1.0, means, 1.0)})
 
 
-def _find_speeds(block_s: FloatMatrix) -> FloatMatrix:
+def _find_speeds(block_s: Float64Array) -> Float64Array:
     """Give P10, P50, P90 and P99 from cells that widen by 2 %, shape (k, 654): shape (k, 4), deg/s."""
     edges_dps = np.concatenate([[0.0, 0.0], CELL_DPS * WIDENING ** np.arange(1, COARSE_CELLS)])
     places = find_percentile_cells(block_s, np.array(SPEED_PERCENTS, np.float64))
@@ -218,7 +207,7 @@ LEAST_ANALYSED_S = 1800.0
 
 
 def is_compared(hour: PartExposure) -> bool:
-    """Say whether half an hour or more of a clock hour was analysed."""
+    """Whether half an hour or more of a clock hour was analysed."""
     return hour.analysed_s >= LEAST_ANALYSED_S
 
 
@@ -235,7 +224,7 @@ def describe_hours(hours: Sequence[PartExposure]) -> dict[str, HourVariation]:
 
 
 def _describe(values: list[float]) -> HourVariation:
-    """Coefficient of variation with the sample's standard deviation; None about a mean of nought."""
+    """Coefficient of variation with the sample's standard deviation; None where the mean is 0."""
     coefficient, spread, last_less_first = (
         float(figure[0]) for figure in describe_values(np.array([values]))
     )
@@ -247,22 +236,21 @@ def _describe(values: list[float]) -> HourVariation:
     )
 
 
-def describe_values(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give coefficient (percent; NaN about a mean of nought), spread, and last less first of rows, (d, h)."""
+def describe_values(values: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Give coefficient (percent; NaN where the mean is 0), spread, and last less first of rows, (d, h)."""
     mean = values.mean(axis=1)
     mean = np.where(mean > 0, mean, np.nan)
     coefficient = 100.0 * values.std(axis=1, ddof=1) / mean
     return coefficient, values.max(axis=1) - values.min(axis=1), values[:, -1] - values[:, 0]
 
 
-# How far the figures of a part of the day could lie from those read off: an hour, a period, a task.
+# The figures of a part of the day in each draw: an hour, a period, a task.
 #
-# As for the day (``intervals``): 200 draws with an error of the angle, and with the part's own 5-minute
-# blocks drawn again, those at its edges as long as they are. A part of one block has the error of the angle
-# alone.
+# As for the day, but from the part's own 5-minute blocks, those at its edges as long as they are. The
+# interval of a part of one block is of the error of the angle alone.
 
 
-DrawnFigures = dict[str, FloatArray]
+DrawnFigures = dict[str, Float64Array]
 """Each figure of a part in every draw, shape (200,), by its name."""
 
 
@@ -273,12 +261,12 @@ class PartDrawer:
     """
 
     stretches: Stretches
-    cell_us: NDArray[np.int32] | NDArray[np.int64]
-    entries: FloatArray
-    errors_deg: FloatArray
+    cell_us: NDArray[np.int32] | IntArray
+    entries: Float64Array
+    errors_deg: Float64Array
     sigma_deg: float
 
-    def draw(self, chosen: NDArray[np.bool_]) -> DrawnFigures:
+    def draw(self, chosen: BoolArray) -> DrawnFigures:
         """Draw the part that the chosen stretches make up; ``chosen`` has shape (s,). Empty where the error
         of the angle is not known and the part too short to be drawn again.
         """
@@ -298,11 +286,11 @@ class PartDrawer:
 
     def _draw_entries(
         self,
-        chosen: NDArray[np.bool_],
-        block_of: NDArray[np.int64],
-        blocks: NDArray[np.int64],
+        chosen: BoolArray,
+        block_of: IntArray,
+        blocks: IntArray,
         draws: Resampling,
-    ) -> FloatArray:
+    ) -> Float64Array:
         entries = sum_groups(self.entries[:, chosen].T, block_of).T
         hours = draws.sum(blocks.sum(axis=1)) / (3600.0 * MICROSECONDS)
         return draws.sum_with_error(entries, self.errors_deg) / hours
@@ -321,23 +309,23 @@ def name_variation_intervals(
     """Give the intervals of what differs between the clock hours; ``drawn`` are the figures of each hour.
 
     Hours drawn again differ by their sampling once more, so that the draws of a spread lie too high: they are
-    moved to lie about the figure itself, and not under nought.
+    moved to lie about the figure itself, and not below 0.
     """
     kept = [figure for hour, figure in zip(hours, drawn, strict=True) if is_compared(hour)]
     found: dict[str, Interval] = {}
     for name, figure in figures.items():
         values = np.stack([part[name] for part in kept], axis=1)
         coefficient, spread, last_less_first = describe_values(values)
-        told = {
+        intervals = {
             "coefficient_percent": _centre(coefficient, figure.coefficient_percent),
             "spread": _centre(spread, figure.spread),
             "last_less_first": find_interval(last_less_first),
         }
-        found |= {f"by_hour_{name}_{key}": interval for key, interval in told.items() if interval}
+        found |= {f"by_hour_{name}_{key}": interval for key, interval in intervals.items() if interval}
     return found
 
 
-def _centre(drawn: FloatArray, value: float | None) -> Interval | None:
+def _centre(drawn: Float64Array, value: float | None) -> Interval | None:
     if value is None:
         return None
     return find_interval(np.maximum(drawn - np.nanmedian(drawn) + value, 0.0))
@@ -365,7 +353,7 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
         **_name_counts(exposure, day, errors, draws, block_us / MICROSECONDS),
         **eva.name_summaries(),
     }
-    told = replace(
+    of_day = replace(
         exposure,
         bins=add_bin_intervals(exposure.bins, figures),
         time_above=add_above_intervals(exposure.time_above, figures),
@@ -373,12 +361,10 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
         eva=replace(exposure.eva, intervals=eva.find_cells()),
         intervals=_leave_out_empty(named, errors.sigma_deg, block_us),
     )
-    return _add_part_intervals(told, day, errors)
+    return _add_part_intervals(of_day, day, errors)
 
 
-def _leave_out_empty(
-    named: dict[str, Interval], sigma_deg: float, block_us: NDArray[np.int64]
-) -> dict[str, Interval]:
+def _leave_out_empty(named: dict[str, Interval], sigma_deg: float, block_us: IntArray) -> dict[str, Interval]:
     """Leave out intervals that would hold neither an error of the angle nor enough of the day."""
     kept = named if sigma_deg > 0 else {name: i for name, i in named.items() if not is_extreme(name)}
     if can_draw(block_us, 0.0):
@@ -387,17 +373,17 @@ def _leave_out_empty(
 
 
 def is_extreme(name: str) -> bool:
-    """Tell whether a figure is the extreme of a day, whose interval holds the error of the angle alone."""
+    """Whether a figure is the extreme of a day, whose interval holds the error of the angle alone."""
     return name.startswith("worst_") or "_longest_" in name
 
 
 def is_of_sampling(name: str) -> bool:
-    """Tell whether a figure knows no error of the angle: its interval holds the sampling of the day alone."""
+    """Whether the error of the angle does not change a figure: its interval is of the sampling alone."""
     return "_velocity_" in name or name.startswith("recovery_slow_")
 
 
 def _name_counts(
-    exposure: Exposure, day: DayTally, errors: ErrorTally, draws: Resampling, block_s: NDArray[np.float64]
+    exposure: Exposure, day: DayTally, errors: ErrorTally, draws: Resampling, block_s: Float64Array
 ) -> dict[str, Interval]:
     """Name the intervals of what is counted: stays, cycles, windows, rest, changes of direction, speeds."""
     minutes = day.stretches.sum_minutes(day.by_stretch)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
 from fusion.exposure.rows import find_runs
-from fusion.recording import BoolArray
+from fusion.numba_kernels import njit
+from fusion.recording import BoolArray, Float64Array
 
 CORNER_HZ = 5.0
 LOWEST_RATE_HZ = 20.0
@@ -26,7 +26,7 @@ class MetricAngle:
 
     start_us: int
     rate_hz: float
-    elevation_deg: NDArray[np.float64]
+    elevation_deg: Float64Array
     valid: BoolArray
 
     def __len__(self) -> int:
@@ -34,7 +34,7 @@ class MetricAngle:
 
 
 def is_filtered(rate_hz: float) -> bool:
-    """Say whether a series of this rate is filtered: a 5 Hz corner needs 20 Hz or more."""
+    """Whether a series of this rate is filtered: a 5 Hz corner needs 20 Hz or more."""
     return rate_hz >= LOWEST_RATE_HZ
 
 
@@ -54,21 +54,21 @@ def filter_elevation(segment: ElevationSegment) -> MetricAngle:
 
 @njit(cache=True, nogil=True)
 def is_finite(angle):  # type: ignore[no-untyped-def]
-    """Say whether all rows are finite, without an array of answers."""
+    """Whether all rows are finite, without an array of booleans."""
     odd = 0
     for i in range(len(angle)):
         odd += not np.isfinite(angle[i])
     return odd == 0
 
 
-def _filter_runs(segment: ElevationSegment, finite: BoolArray) -> NDArray[np.float64]:
+def _filter_runs(segment: ElevationSegment, finite: BoolArray) -> Float64Array:
     angle_deg = np.zeros(len(segment))
     for first, stop in find_runs(finite):
         angle_deg[first:stop] = filter_angle(segment.elevation_deg[first:stop], segment.rate_hz)
     return angle_deg
 
 
-def filter_angle(angle: NDArray[np.float32] | NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
+def filter_angle(angle: NDArray[np.float32] | Float64Array, rate_hz: float) -> Float64Array:
     """Low-pass a series, shape (n,), without delay; as it is where the rate is under 20 Hz.
 
     A run of nine rows or fewer is padded by as many rows as it can mirror (all but one), where
@@ -120,9 +120,9 @@ def _pass_in_place(x, section):  # type: ignore[no-untyped-def]
     before, earlier = x[0], x[0]  # what came in
     y, z = x[0], x[0]  # what went out
     for i in range(len(x)):
-        told = b0 * x[i] + b1 * before + b2 * earlier - a2 * z
+        forward = b0 * x[i] + b1 * before + b2 * earlier - a2 * z
         earlier, before, z = before, x[i], y
-        y = told - a1 * y
+        y = forward - a1 * y
         x[i] = y
 
 

@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import find_end_us, find_first_rows
 from fusion.exposure.types import Interval, PeakWindow
-from fusion.recording import MICROSECONDS
+from fusion.numba_kernels import njit
+from fusion.recording import MICROSECONDS, Float64Array
 
 WINDOWS_S = (60, 900, 3600)
 THRESHOLD_DEG = 60.0
@@ -24,7 +24,7 @@ class SecondTally:
     Shape (s, 2), seconds, filled in place; the last second may reach past the end of the recording.
     """
 
-    seconds: NDArray[np.float64]
+    seconds: Float64Array
 
     def add(self, angle: MetricAngle) -> None:
         """Count a segment's valid rows."""
@@ -58,7 +58,7 @@ def find_peak_windows(tally: SecondTally, duration_us: int) -> tuple[PeakWindow,
     return tuple(_find_peak_window(seconds, length_s) for length_s in WINDOWS_S)
 
 
-def _find_peak_window(seconds: NDArray[np.float64], length_s: int) -> PeakWindow:
+def _find_peak_window(seconds: Float64Array, length_s: int) -> PeakWindow:
     best, percent = find_worst_window(seconds[:, 0], seconds[:, 1], length_s)
     if best < 0:
         return PeakWindow(length_s, None, None)
@@ -90,7 +90,7 @@ class ShiftedSeconds:
     ``errors_deg`` has shape (g,), evenly spread; ``seconds``, shape (s, g + 1), is filled in place.
     """
 
-    errors_deg: NDArray[np.float64]
+    errors_deg: Float64Array
     seconds: NDArray[np.float32]
 
     def add(self, angle: MetricAngle) -> None:

@@ -1,20 +1,21 @@
 """Rest of the upper arm: hanging and slow, and for how long it has none (EXPOSURE.md A3).
 
 Neutral and slow: elevation under 20 deg and generalised speed under 5 deg/s for 3 s or more without a gap;
-where there is no vertical (a ready angle series) the speed of inclination takes its place. This says where
-the arm was, not that its muscles rested.
+where there is no vertical (a ready angle series) the speed of inclination takes its place. The
+figure describes where the arm was, not whether its muscles rested.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals
-from fusion.exposure.rows import IntArray, add_rows, find_part_rows
+from fusion.exposure.rows import add_rows, find_part_rows
 from fusion.exposure.types import Interval, Recovery
+from fusion.numba_kernels import njit
+from fusion.recording import Float64Array, IntArray
 
 NEUTRAL_DEG = 20.0
 SLOW_DPS = 5.0
@@ -25,46 +26,62 @@ INSIDE, SLOW_SINCE, LEVELS_BELOW = range(3)
 # of each level: the first row of its rest (-1: none), and since which row it has had none
 REST_SINCE, WITHOUT_SINCE = range(2)
 
-FloatArray = NDArray[np.float64]
+
+class _Limits(NamedTuple):
+    """What divides the rows of one segment, for the kernels: the levels under which the arm hangs, rising
+    (with an error b, neutral ends b lower), and the first row of each 5-minute block.
+    """
+
+    levels_deg: Float64Array
+    rate_hz: float
+    block_rows: IntArray
+
+
+class _Counts(NamedTuple):
+    """The arrays of :class:`RecoveryTally` in the order of the rising levels, for the kernels."""
+
+    rest: Float64Array
+    slow: Float64Array
+    longest_s: Float64Array
+    state: IntArray
+    levels: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecoveryTally:
-    """What was counted at each error of the angle (shape (g,), nought in the middle), filled in place.
+    """What was counted at each error of the angle (shape (g,), 0 in the middle), filled in place.
 
     ``rest``, shape (g, b, 2), are seconds and number of neutral and slow stays in each 5-minute block,
     ``slow``, shape (b, 2), those of the slow ones; ``longest_s``, shape (g,), the longest time without the
     former. A stay is counted where it begins, its time where it lies.
     """
 
-    errors_deg: FloatArray
+    errors_deg: Float64Array
     edges_us: IntArray
-    rest: FloatArray
-    slow: FloatArray
-    longest_s: FloatArray
-    state: NDArray[np.int64]
-    levels: NDArray[np.int64]
+    rest: Float64Array
+    slow: Float64Array
+    longest_s: Float64Array
+    state: IntArray
+    levels: IntArray
 
-    def add(self, angle: MetricAngle, first: int, speeds_dps: FloatArray) -> None:
+    def add(self, angle: MetricAngle, first: int, speeds_dps: Float64Array) -> None:
         """Count rows from ``first`` on that follow those before; the speed of a row is that of the step to
         it, NaN for none.
         """
         stop = first + len(speeds_dps)
         rows = (angle.elevation_deg[first:stop], angle.valid[first:stop], speeds_dps)
-        _scan_rest(rows, first, self._limits(angle), self._tally())
+        _scan_rest(rows, first, self._find_limits(angle), self._order_counts())
 
     def end_segment(self, angle: MetricAngle) -> None:
         """Let a hole end all that is under way."""
-        _end_run(len(angle), self._limits(angle), self._tally())
+        _end_run(len(angle), self._find_limits(angle), self._order_counts())
 
-    def _limits(self, angle: MetricAngle) -> tuple[FloatArray, float, IntArray]:
-        """Give the levels (with an error b, neutral ends b lower), rising, the rate and the blocks' rows."""
+    def _find_limits(self, angle: MetricAngle) -> _Limits:
         levels_deg = np.round(NEUTRAL_DEG - self.errors_deg[::-1], 9)
-        return levels_deg, angle.rate_hz, find_part_rows(angle, self.edges_us)
+        return _Limits(levels_deg, angle.rate_hz, find_part_rows(angle, self.edges_us))
 
-    def _tally(self) -> tuple[FloatArray | IntArray, ...]:
-        """Give the arrays, those of the errors turned round into the order of the rising levels."""
-        return self.rest[::-1], self.slow, self.longest_s[::-1], self.state, self.levels[::-1]
+    def _order_counts(self) -> _Counts:
+        return _Counts(self.rest[::-1], self.slow, self.longest_s[::-1], self.state, self.levels[::-1])
 
     def summarise(self, analysed_s: float) -> Recovery:
         """Give shares of the analysed time and rates per hour of it."""
@@ -79,7 +96,7 @@ class RecoveryTally:
             longest_without_s=float(self.longest_s[middle]),
         )
 
-    def name_intervals(self, draws: Resampling, block_s: FloatArray) -> dict[str, Interval]:
+    def name_intervals(self, draws: Resampling, block_s: Float64Array) -> dict[str, Interval]:
         """Give the intervals; slowness knows no error of the angle, and the longest time without rest, as the
         extreme of a day, only that error.
         """
@@ -97,7 +114,7 @@ class RecoveryTally:
         return name_intervals({name: find_interval(drawn) for name, drawn in figures.items()})
 
 
-def start_recovery(errors_deg: FloatArray, edges_us: IntArray) -> RecoveryTally:
+def start_recovery(errors_deg: Float64Array, edges_us: IntArray) -> RecoveryTally:
     """Start with nothing counted."""
     errors, blocks = len(errors_deg), len(edges_us) - 1
     return RecoveryTally(
@@ -112,29 +129,29 @@ def start_recovery(errors_deg: FloatArray, edges_us: IntArray) -> RecoveryTally:
 
 
 @njit(cache=True, nogil=True)
-def _scan_rest(rows, first, limits, tally):  # type: ignore[no-untyped-def]
+def _scan_rest(rows, first, limits, counts):  # type: ignore[no-untyped-def]
     """Follow the stays row by row; a row without a speed (the first of a run) is not slow.
 
     The arm hangs at the levels above its angle: all but the lowest ``state[LEVELS_BELOW]``.
     """
     angle_deg, valid, speeds_dps = rows
-    levels_deg, state = limits[0], tally[3]
+    levels_deg, state = limits.levels_deg, counts.state
     for i in range(len(angle_deg)):
         if not valid[i]:
-            _end_run(first + i, limits, tally)
+            _end_run(first + i, limits, counts)
             continue
         if state[INSIDE] == 0:
             state[INSIDE] = 1
-            tally[4][:, WITHOUT_SINCE] = first + i
+            counts.levels[:, WITHOUT_SINCE] = first + i
         below = len(levels_deg)
         if speeds_dps[i] < SLOW_DPS:
             if state[SLOW_SINCE] < 0:
                 state[SLOW_SINCE] = first + i
             below = _count_below(angle_deg[i], state[LEVELS_BELOW], levels_deg)
         elif state[SLOW_SINCE] >= 0:
-            _end_slow(first + i, limits, tally)
+            _end_slow(first + i, limits, counts)
         if below != state[LEVELS_BELOW]:
-            _move(first + i, below, limits, tally)
+            _move(first + i, below, limits, counts)
 
 
 @njit(cache=True, nogil=True)
@@ -148,35 +165,33 @@ def _count_below(x, below, levels_deg):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _move(row, below, limits, tally):  # type: ignore[no-untyped-def]
+def _move(row, below, limits, counts):  # type: ignore[no-untyped-def]
     """Let the rest begin at the levels that the angle has sunk under, and end at those it has reached."""
-    state, levels = tally[3], tally[4]
+    state, levels = counts.state, counts.levels
     for level in range(below, state[LEVELS_BELOW]):
         levels[level, REST_SINCE] = row
     for level in range(state[LEVELS_BELOW], below):
-        _end_rest(level, row, limits, tally)
+        _end_rest(level, row, limits, counts)
     state[LEVELS_BELOW] = below
 
 
 @njit(cache=True, nogil=True)
-def _end_slow(row, limits, tally):  # type: ignore[no-untyped-def]
-    _, rate_hz, block_rows = limits
-    _, slow, _, state, _ = tally
+def _end_slow(row, limits, counts):  # type: ignore[no-untyped-def]
+    slow, state, rate_hz = counts.slow, counts.state, limits.rate_hz
     first = state[SLOW_SINCE]
     if row - first >= SHORTEST_S * rate_hz - 1e-3:
-        block = add_rows(first, row, 1.0 / rate_hz, block_rows, slow[:, SECONDS])
+        block = add_rows(first, row, 1.0 / rate_hz, limits.block_rows, slow[:, SECONDS])
         slow[block, STAYS] += 1
     state[SLOW_SINCE] = -1
 
 
 @njit(cache=True, nogil=True)
-def _end_rest(level, row, limits, tally):  # type: ignore[no-untyped-def]
+def _end_rest(level, row, limits, counts):  # type: ignore[no-untyped-def]
     """End a neutral and slow stay; if it was long enough, the time without rest starts anew after it."""
-    _, rate_hz, block_rows = limits
-    rest, _, longest_s, _, levels = tally
+    rest, longest_s, levels, rate_hz = counts.rest, counts.longest_s, counts.levels, limits.rate_hz
     first = levels[level, REST_SINCE]
     if row - first >= SHORTEST_S * rate_hz - 1e-3:
-        block = add_rows(first, row, 1.0 / rate_hz, block_rows, rest[level, :, SECONDS])
+        block = add_rows(first, row, 1.0 / rate_hz, limits.block_rows, rest[level, :, SECONDS])
         rest[level, block, STAYS] += 1
         longest_s[level] = max(longest_s[level], (first - levels[level, WITHOUT_SINCE]) / rate_hz)
         levels[level, WITHOUT_SINCE] = row
@@ -184,15 +199,14 @@ def _end_rest(level, row, limits, tally):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _end_run(row, limits, tally):  # type: ignore[no-untyped-def]
+def _end_run(row, limits, counts):  # type: ignore[no-untyped-def]
     """End all that is under way before ``row``, where a run of valid rows ends."""
-    levels_deg, rate_hz, _ = limits
-    _, _, longest_s, state, levels = tally
+    longest_s, state, levels = counts.longest_s, counts.state, counts.levels
     if state[INSIDE] == 0:
         return
     if state[SLOW_SINCE] >= 0:
-        _end_slow(row, limits, tally)
-    _move(row, len(levels_deg), limits, tally)
+        _end_slow(row, limits, counts)
+    _move(row, len(limits.levels_deg), limits, counts)
     for level in range(len(levels)):
-        longest_s[level] = max(longest_s[level], (row - levels[level, WITHOUT_SINCE]) / rate_hz)
+        longest_s[level] = max(longest_s[level], (row - levels[level, WITHOUT_SINCE]) / limits.rate_hz)
     state[INSIDE] = 0

@@ -1,4 +1,4 @@
-"""Days as they might have been: 5-minute blocks drawn again, with an error of the angle (CONTRACT §5).
+"""Resampled days: 5-minute blocks drawn again, with an error of the angle (CONTRACT §5).
 
 200 draws. Draw k takes the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as
 the day has analysed ones, with replacement, by PCG64(0): the same recording always gives the same interval.
@@ -7,12 +7,12 @@ the day has analysed ones, with replacement, by PCG64(0): the same recording alw
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from fusion.exposure.stretches import AnyArray
+from fusion.exposure.parts import AnyArray
 from fusion.exposure.types import Interval
+from fusion.numba_kernels import njit
+from fusion.recording import BoolArray, Float64Array
 
 DRAWS = 200
 SEED = 0
@@ -23,8 +23,6 @@ ERRORS = 11
 LEAST_BLOCKS = 6
 """Fewer blocks than these, drawn again, are no range by themselves: an error of the angle must be known."""
 
-FloatArray = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resampling:
@@ -32,18 +30,18 @@ class Resampling:
     how often each is in a draw; ``error_deg``, shape (200,), the error of the angle.
     """
 
-    kept: NDArray[np.bool_]
-    times: FloatArray
-    error_deg: FloatArray
+    kept: BoolArray
+    times: Float64Array
+    error_deg: Float64Array
 
-    def sum(self, blocks: AnyArray) -> FloatArray:
+    def sum(self, blocks: AnyArray) -> Float64Array:
         """Sum blocks, shape (b, ...), over each draw: shape (200, ...)."""
         kept = np.ascontiguousarray(blocks[self.kept], np.float64)
         sums = np.zeros((DRAWS, kept[0].size))
         _sum_draws(self.times, kept.reshape(len(kept), -1), sums)
         return sums.reshape(DRAWS, *kept.shape[1:])
 
-    def sum_with_error(self, blocks: FloatArray, grid_deg: FloatArray) -> FloatArray:
+    def sum_with_error(self, blocks: Float64Array, grid_deg: Float64Array) -> Float64Array:
         """Sum what was counted at each error of a grid, shape (g, b, ...), at each draw's error."""
         place = np.interp(self.error_deg, grid_deg, np.arange(len(grid_deg)))
         left = np.minimum(place.astype(np.int64), len(grid_deg) - 2)
@@ -52,7 +50,7 @@ class Resampling:
         draw = np.arange(DRAWS)
         return np.asarray((1 - share) * sums[draw, left] + share * sums[draw, left + 1])
 
-    def look_up(self, figure: FloatArray, grid_deg: FloatArray) -> FloatArray:
+    def look_up(self, figure: Float64Array, grid_deg: Float64Array) -> Float64Array:
         """Give a figure known at each error of a grid, shape (g,), at each draw's error: shape (200,)."""
         return np.asarray(np.interp(self.error_deg, grid_deg, figure))
 
@@ -68,7 +66,7 @@ def _sum_draws(times, blocks, sums):  # type: ignore[no-untyped-def]
                     sums[draw, k] += count * blocks[block, k]
 
 
-def spread_errors(sigma_deg: float) -> FloatArray:
+def spread_errors(sigma_deg: float) -> Float64Array:
     """Give the errors, shape (11,), between those of the first and the last draw."""
     furthest = max(sigma_deg * float(ndtri(1 - 0.5 / DRAWS)), 1e-6)  # an exact angle too has a grid
     return np.linspace(-furthest, furthest, ERRORS)
@@ -84,11 +82,11 @@ def draw_blocks(analysed: AnyArray, sigma_deg: float) -> Resampling:
 
 
 def can_draw(analysed: AnyArray, sigma_deg: float) -> bool:
-    """Tell whether blocks, shape (b,), give a range: half an hour of them where no error is known."""
+    """Whether blocks, shape (b,), are enough for a range: half an hour of them where no error is known."""
     return sigma_deg > 0 or int((analysed > 0).sum()) >= LEAST_BLOCKS
 
 
-def find_interval(figures: FloatArray) -> Interval | None:
+def find_interval(figures: Float64Array) -> Interval | None:
     """Give the 2.5th and 97.5th percentiles of the draws; None where over 5 % of them lack the figure."""
     known = figures[~np.isnan(figures)]
     if len(known) < 0.95 * len(figures):
@@ -97,13 +95,13 @@ def find_interval(figures: FloatArray) -> Interval | None:
     return Interval(float(low), float(high))
 
 
-def find_ranges(figures: FloatArray) -> list[Interval]:
+def find_ranges(figures: Float64Array) -> list[Interval]:
     """Give the interval of each column of figures that every draw has, shape (200, k)."""
     low, high = np.percentile(figures, LOW_HIGH_PERCENT, axis=0)
     return [Interval(float(a), float(b)) for a, b in zip(low, high, strict=True)]
 
 
-def scale_interval(value: float | None, drawn: FloatArray, coarse: float) -> Interval | None:
+def scale_interval(value: float | None, drawn: Float64Array, coarse: float) -> Interval | None:
     """Give the interval of a figure whose draws were taken from coarser classes than the figure itself."""
     if value is None or not coarse > 0:
         return None if value is None else find_interval(drawn)

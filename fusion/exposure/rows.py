@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
-from fusion.recording import MICROSECONDS, BoolArray, Span
+from fusion.numba_kernels import njit
+from fusion.recording import MICROSECONDS, BoolArray, IntArray, Span
 
-IntArray = NDArray[np.int64]
 USUAL_RUNS = 256
 
 

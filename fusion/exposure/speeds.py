@@ -11,17 +11,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
 from fusion.exposure.bins import find_percentile_cells
 from fusion.exposure.metric_filter import PADDING_ROWS, MetricAngle, design_filter
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
-from fusion.exposure.rows import EvenRun, IntArray, find_part_rows, find_runs
+from fusion.exposure.rows import EvenRun, find_part_rows, find_runs
 from fusion.exposure.types import Frequency, Interval, Velocity
+from fusion.numba_kernels import njit
 from fusion.orientation.on_demand import VerticalOnDemand
-from fusion.recording import MICROSECONDS, BoolArray, Segment
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
 
 # The metric filter on vectors, in overlapping blocks, so that memory does not grow with the recording.
 
@@ -32,7 +32,7 @@ MARGIN_S = 2.0  # what a cut does to the filter at 5 Hz has died down to 1e-19 a
 
 def filter_blocks(
     vectors: NDArray[np.float32] | VerticalOnDemand, rate_hz: float
-) -> Iterator[tuple[int, NDArray[np.float64]]]:
+) -> Iterator[tuple[int, Float64Array]]:
     """Give the filtered vectors, shape (n, 3), as blocks (first row, vectors).
 
     Each block but the first begins with the last row of the one before, so that steps can be taken inside
@@ -47,7 +47,7 @@ def filter_blocks(
         yield first, filtered[first - around.start : stop - around.start]
 
 
-def filter_vectors(vectors: NDArray[np.float32], section: tuple[float, ...]) -> NDArray[np.float64]:
+def filter_vectors(vectors: NDArray[np.float32], section: tuple[float, ...]) -> Float64Array:
     """Low-pass vectors, shape (n, 3), without delay."""
     padding = min(PADDING_ROWS, len(vectors) - 1)
     padded = np.empty((len(vectors) + 2 * padding, 3))
@@ -71,7 +71,7 @@ def _filter_padded_vectors(vectors, padding, section, padded):  # type: ignore[n
 
 @njit(cache=True, nogil=True)
 def _pass_vectors_in_place(v, section):  # type: ignore[no-untyped-def]
-    """One pass in direct form I; the three axes side by side, for each waits on its own last row only."""
+    """One pass in direct form I; the three axes in one loop, as each depends on its own last row only."""
     b0, b1, b2, a1, a2 = section
     px, py, pz = v[0, 0], v[0, 1], v[0, 2]  # what came in: the row before, and the one before that
     qx, qy, qz = px, py, pz
@@ -99,8 +99,6 @@ WINDOW_STEPS = 1200  # a minute
 HIGHEST_HZ = 5.0
 DEAD_BAND_DPS = 10.0
 
-FloatVector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyTally:
@@ -111,9 +109,9 @@ class FrequencyTally:
     """
 
     edges_us: IntArray
-    crossings: FloatVector = field(init=False)
-    moments: FloatVector = field(init=False)
-    sums: FloatVector = field(default_factory=lambda: np.zeros(2))
+    crossings: Float64Array = field(init=False)
+    moments: Float64Array = field(init=False)
+    sums: Float64Array = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
         blocks = len(self.edges_us) - 1
@@ -146,7 +144,7 @@ class FrequencyTally:
         return Frequency(weighted / seconds if seconds else None, crossings * 3600.0 / analysed_s)
 
     def name_intervals(
-        self, frequency: Frequency, draws: Resampling, block_s: FloatVector
+        self, frequency: Frequency, draws: Resampling, block_s: Float64Array
     ) -> dict[str, Interval]:
         """Give the intervals: of the sampling of the day, for no constant error changes a speed."""
         drawn_per_h = draws.sum(self.crossings) * 3600.0 / draws.sum(block_s)
@@ -163,18 +161,18 @@ class FrequencyTally:
         )
 
 
-def find_mean_power_frequency(angle_deg: FloatVector, rate_hz: float) -> float | None:
+def find_mean_power_frequency(angle_deg: Float64Array, rate_hz: float) -> float | None:
     """Give sum(f P) / sum(P) of the speed of inclination; None under a minute or without movement."""
     return divide_moments(find_power_moments(angle_deg, rate_hz))
 
 
-def divide_moments(moments: FloatVector) -> float | None:
+def divide_moments(moments: Float64Array) -> float | None:
     """Give the mean power frequency of all windows, shape (w, 2); None without power."""
     weighted, power = moments.sum(axis=0)
     return float(weighted / power) if power > 0.0 else None
 
 
-def find_power_moments(angle_deg: FloatVector, rate_hz: float) -> FloatVector:
+def find_power_moments(angle_deg: Float64Array, rate_hz: float) -> Float64Array:
     """Give sum(f P) and sum(P) of each window of the speed of inclination, 0 to 5 Hz, shape (w, 2).
 
     Welch: Hann windows of 60 s that overlap by half, each less its mean, of the speed on a 20 Hz grid; what
@@ -191,7 +189,7 @@ def find_power_moments(angle_deg: FloatVector, rate_hz: float) -> FloatVector:
     return _sum_spectra(windows, np.stack([frequencies_hz * put_back, put_back], axis=1))
 
 
-def _sum_spectra(windows: FloatVector, weights: FloatVector) -> FloatVector:
+def _sum_spectra(windows: Float64Array, weights: Float64Array) -> Float64Array:
     """Sum each window's power spectrum with weights, (601, 2): shape (w, 2); a few windows at a time."""
     hann = np.hanning(WINDOW_STEPS + 1)[:-1]
     sums = np.empty((len(windows), 2))
@@ -255,7 +253,7 @@ COARSE_CELLS = int(COARSE_OF_CELL[-1]) + 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedTally:
-    """Seconds in each 0.01 deg/s cell, filled in place; the first cell holds speeds of exactly nought.
+    """Seconds in each 0.01 deg/s cell, filled in place; the first cell holds speeds of exactly 0.
 
     ``edges_us`` are 5-minute blocks; ``block_s``, shape (b, 654), holds the same seconds once more, for each
     block and in cells that widen by 2 %; ``way_deg``, shape (b,), is the way turned. Speeds past
@@ -263,16 +261,16 @@ class SpeedTally:
     """
 
     edges_us: IntArray = field(default_factory=lambda: np.array([0, 1 << 62], np.int64))
-    cell_s: FloatVector = field(default_factory=lambda: np.zeros(CELLS + 1))
-    block_s: NDArray[np.float64] = field(init=False)
-    way_deg: FloatVector = field(init=False)
+    cell_s: Float64Array = field(default_factory=lambda: np.zeros(CELLS + 1))
+    block_s: Float64Array = field(init=False)
+    way_deg: Float64Array = field(init=False)
 
     def __post_init__(self) -> None:
         blocks = len(self.edges_us) - 1
         object.__setattr__(self, "block_s", np.zeros((blocks, COARSE_CELLS)))
         object.__setattr__(self, "way_deg", np.zeros(blocks))
 
-    def add(self, run: EvenRun, first: int, speeds_dps: FloatVector, rate_hz: float) -> None:
+    def add(self, run: EvenRun, first: int, speeds_dps: Float64Array, rate_hz: float) -> None:
         """Count speeds, NaN where there is none, of a run's rows from ``first`` on at a rate of their own."""
         start_us = run.start_us + round(first * MICROSECONDS / run.rate_hz)
         step_us = MICROSECONDS / rate_hz
@@ -295,7 +293,7 @@ class SpeedTally:
         steps = _find_valid_steps(valid, rows_per_step, len(grid_g))
         self.add(segment, 0, measure_turns(grid_g, steps, GRID_HZ), GRID_HZ)
 
-    def add_gyroscope(self, segment: Segment, bias_dps: NDArray[np.float64], valid: BoolArray) -> None:
+    def add_gyroscope(self, segment: Segment, bias_dps: Float64Array, valid: BoolArray) -> None:
         """Count the magnitude of the filtered angular rate less its offset."""
         for first, gyr_dps in filter_blocks(segment.gyr_dps, segment.rate_hz):
             fresh = slice(1 if first else 0, None)  # a block repeats the last row of the one before
@@ -314,7 +312,7 @@ class SpeedTally:
         return Velocity(p10, p50, p90, p99, float(self.way_deg.sum()) / total_s)
 
 
-def measure_generalised(segment: ElevationSegment, valid: BoolArray) -> Iterator[tuple[int, FloatVector]]:
+def measure_generalised(segment: ElevationSegment, valid: BoolArray) -> Iterator[tuple[int, Float64Array]]:
     """Give how fast a segment's filtered, renormalised vertical moves: (first row, speeds) block by block.
 
     The speed of a row is that of the step to it; NaN where there is none.

@@ -7,7 +7,6 @@ from datetime import datetime
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.conventions import CONVENTIONS
 from fusion.elevation import Elevation, ElevationSegment
@@ -18,13 +17,19 @@ from fusion.exposure.episodes import summarise_entries, summarise_episodes
 from fusion.exposure.eva import summarise_eva_matrix
 from fusion.exposure.intervals import add_intervals, describe_hours
 from fusion.exposure.metric_filter import CORNER_HZ, filter_elevation, is_filtered
-from fusion.exposure.parts import DayDivision, Group, profile_minutes, summarise_group, summarise_parts
+from fusion.exposure.parts import (
+    DayDivision,
+    Group,
+    profile_minutes,
+    sum_time,
+    summarise_group,
+    summarise_parts,
+)
 from fusion.exposure.peaks import find_peak_windows
-from fusion.exposure.rows import IntArray, find_end_us
-from fusion.exposure.stretches import sum_time
+from fusion.exposure.rows import find_end_us
 from fusion.exposure.tally import Count, DayTally, start_day
 from fusion.exposure.types import Exposure, PartExposure
-from fusion.recording import MICROSECONDS, Recording, Segment
+from fusion.recording import MICROSECONDS, Float64Array, IntArray, Recording, Segment
 
 MAIN_THRESHOLD_DEG = 60
 UNDIVIDED = DayDivision()
@@ -36,7 +41,7 @@ def summarise_exposure(  # noqa: PLR0913  each is an input of its own
     elevation: Elevation,
     start: datetime | None = None,
     samples: Recording | None = None,
-    gyro_bias_dps: NDArray[np.float64] | None = None,
+    gyro_bias_dps: Float64Array | None = None,
     bias_sigma_deg: float | None = None,
     *,
     division: DayDivision = UNDIVIDED,
@@ -79,7 +84,7 @@ def _add_segment(
     day: DayTally,
     segment: ElevationSegment,
     sampled: Segment | None,
-    gyro_bias_dps: NDArray[np.float64] | None,
+    gyro_bias_dps: Float64Array | None,
 ) -> None:
     """Count a segment; its filtered angle, the largest thing here, is let go before the next."""
     angle = filter_elevation(segment)

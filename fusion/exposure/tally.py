@@ -1,4 +1,4 @@
-"""What the segments of a day leave behind: sums that are filled in place, and stays in time order."""
+"""Everything that is counted segment by segment: sums that are filled in place, and stays in time order."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -6,24 +6,20 @@ from datetime import datetime
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
 from fusion.exposure.bins import CELLS, THRESHOLDS_DEG, PartHistograms
 from fusion.exposure.cycles import CycleTally, start_cycles
-from fusion.exposure.episodes import Stays, find_stays
+from fusion.exposure.episodes import ShiftedStays, Stays, find_stays, start_shifted_stays
 from fusion.exposure.eva import EvaTally, start_eva
 from fusion.exposure.metric_filter import MetricAngle, is_filtered
-from fusion.exposure.parts import DayDivision, DayParts, split_hours, split_minutes
+from fusion.exposure.parts import DayDivision, DayParts, Stretches, cut_day, split_hours, split_minutes
 from fusion.exposure.peaks import SecondTally, ShiftedSeconds
 from fusion.exposure.recovery import RecoveryTally, start_recovery
 from fusion.exposure.resampling import spread_errors
-from fusion.exposure.rows import IntArray
 from fusion.exposure.speeds import FrequencyTally, SpeedTally, measure_generalised, measure_inclination
-from fusion.exposure.stays import ShiftedStays, start_shifted_stays
-from fusion.exposure.stretches import Stretches, cut_day
 from fusion.exposure.types import Velocity
-from fusion.recording import MICROSECONDS, BoolArray, Segment
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
 
 Count = Callable[[], None]
 
@@ -52,9 +48,7 @@ class SpeedTallies:
                 self.recovery.add(angle, first, speeds_dps)
         self.recovery.end_segment(angle)
 
-    def add_samples(
-        self, segment: Segment, gyro_bias_dps: NDArray[np.float64] | None, valid: BoolArray
-    ) -> None:
+    def add_samples(self, segment: Segment, gyro_bias_dps: Float64Array | None, valid: BoolArray) -> None:
         """Count the speeds that are taken from what the sensor wrote."""
         if not is_filtered(segment.rate_hz):
             return
@@ -158,7 +152,7 @@ def start_day(
 
 
 def _start_errors(
-    seconds: int, stretches: Stretches, sigma_deg: float, errors_deg: NDArray[np.float64]
+    seconds: int, stretches: Stretches, sigma_deg: float, errors_deg: Float64Array
 ) -> ErrorTally:
     shifted = ShiftedSeconds(errors_deg, np.zeros((seconds, len(errors_deg) + 1), np.float32))
     return ErrorTally(sigma_deg, start_shifted_stays(errors_deg, stretches), shifted)

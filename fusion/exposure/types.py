@@ -1,14 +1,19 @@
-"""The figures of one recording, as frozen values; what each means stands with the function that makes it."""
+"""The figures of one recording, as frozen values; each is defined where it is computed."""
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
+from fusion.recording import Float64Array
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """95 % range of a figure."""
+    """95 % range of a figure, in the figure's own unit.
+
+    Attributes
+    ----------
+    low, high
+        Its ends: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.intervals`).
+    """
 
     low: float
     high: float
@@ -16,7 +21,19 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class ElevationBin:
-    """Time with ``lower_deg <= elevation < upper_deg`` (the last bin is closed)."""
+    """Time with ``lower_deg <= elevation < upper_deg`` (the last bin is closed).
+
+    Attributes
+    ----------
+    lower_deg, upper_deg
+        Edges of the bin.
+    duration_s
+        Analysed time inside.
+    percent
+        Its share of the analysed time.
+    interval
+        Of ``percent``; None where it is not known.
+    """
 
     lower_deg: float
     upper_deg: float
@@ -27,7 +44,19 @@ class ElevationBin:
 
 @dataclass(frozen=True, slots=True)
 class TimeAbove:
-    """Time with ``elevation >= threshold_deg``."""
+    """Time with ``elevation >= threshold_deg``.
+
+    Attributes
+    ----------
+    threshold_deg
+        30, 60 or 90.
+    duration_s
+        Analysed time at or above it.
+    percent
+        Its share of the analysed time.
+    interval
+        Of ``percent``; None where it is not known.
+    """
 
     threshold_deg: float
     duration_s: float
@@ -37,20 +66,50 @@ class TimeAbove:
 
 @dataclass(frozen=True, slots=True)
 class Entries:
-    """Repetitions: rises above a threshold, with 10 deg of hysteresis about it."""
+    """Repetitions: rises above a threshold, with 10 deg of hysteresis about it.
+
+    Attributes
+    ----------
+    threshold_deg
+        30, 60 or 90.
+    count
+        Number of rises.
+    per_hour
+        The same for each analysed hour.
+    busy_minutes_percent
+        Share of the minutes of work with two entries or more (the criterion of frequency in EN 1005-4).
+    """
 
     threshold_deg: float
     count: int
     per_hour: float
     busy_minutes_percent: float | None = None
-    """Share of the minutes of work with two entries or more (the criterion of frequency in EN 1005-4)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Episodes:
-    """Sustained stays above a threshold; None where there was none.
+    """Sustained stays above a threshold.
 
-    ``longest_start_s`` (seconds from the recording's first sample) says when the longest began.
+    Attributes
+    ----------
+    threshold_deg
+        30, 60 or 90.
+    count
+        Number of stays.
+    longest_s, median_s
+        Their durations; None where there was no stay.
+    longest_start_s
+        When the longest began, from the recording's first sample; None where there was no stay.
+    censored
+        Stays that a hole, an exclusion or an end of the recording cuts, so that they lasted longer.
+    per_hour
+        Stays for each analysed hour.
+    total_s
+        Sum of all durations.
+    p90_s
+        90th percentile of the durations; None where there was no stay.
+    longer_s
+        Pairs (limit, seconds): time in stays longer than 5, 10, 30 and 60 s.
     """
 
     threshold_deg: float
@@ -63,12 +122,19 @@ class Episodes:
     total_s: float = 0.0
     p90_s: float | None = None
     longer_s: tuple[tuple[float, float], ...] = ()
-    """Seconds in stays longer than 5, 10, 30 and 60 s: pairs of (limit, seconds)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """Rainflow ranges (ASTM E1049); a half cycle counts 0.5. ``upper_deg`` None is unbounded."""
+    """Rainflow ranges of one class (ASTM E1049).
+
+    Attributes
+    ----------
+    lower_deg, upper_deg
+        The range of a cycle is ``lower_deg`` or more and less than ``upper_deg``; None has no bound.
+    count
+        Cycles; a half cycle counts 0.5.
+    """
 
     lower_deg: float
     upper_deg: float | None
@@ -77,7 +143,15 @@ class Cycles:
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Time-weighted percentiles and mean of one kind of speed, deg/s."""
+    """Time-weighted percentiles and mean of one kind of speed.
+
+    Attributes
+    ----------
+    p10_dps, p50_dps, p90_dps, p99_dps
+        Percentiles.
+    mean_dps
+        Mean.
+    """
 
     p10_dps: float
     p50_dps: float
@@ -88,7 +162,17 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True)
 class PeakWindow:
-    """The window of ``length_s`` with the largest share of time above 60 deg; None where none qualifies."""
+    """The window of ``length_s`` with the largest share of time above 60 deg.
+
+    Attributes
+    ----------
+    length_s
+        Length of the window.
+    start_s
+        When it begins, from the recording's first sample; None where no window qualifies.
+    percent_above_60
+        Share of its analysed time at or above 60 deg; None where no window qualifies.
+    """
 
     length_s: int
     start_s: float | None
@@ -97,21 +181,54 @@ class PeakWindow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Eva:
-    """Exposure variation analysis: percent of time by angle class (rows) and duration class (columns)."""
+    """Exposure variation analysis: time by class of angle and class of uninterrupted duration.
+
+    Attributes
+    ----------
+    angle_edges_deg
+        Edges of the a classes of angle, a + 1 values.
+    duration_edges_s
+        Edges of the d classes of duration, d + 1 values; None has no bound.
+    percent
+        Shape (a, d): share of the analysed time.
+    intervals
+        Of each cell, in rows; empty where they are not known.
+    """
 
     angle_edges_deg: tuple[float, ...]
     duration_edges_s: tuple[float | None, ...]
-    percent: NDArray[np.float64]
+    percent: Float64Array
     intervals: tuple[tuple[Interval, ...], ...] = ()
-    """Of each cell; empty where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
 class PartExposure:
-    """The main figures of one part of the day: a clock hour or a period of the diary.
+    """The main figures of one part of the day: a clock hour, a period of the diary, a task.
 
-    Only of a period are known: its ``kind``, ``recorded_s`` (from its first to its last moment less what
-    other periods cut out of it), and why its time is excluded (``reason``, empty where it is analysed).
+    Attributes
+    ----------
+    label
+        The hour, or the diary's own word.
+    start_s, end_s
+        From the recording's first sample.
+    analysed_s
+        Analysed time inside.
+    percentiles_deg
+        Elevation by percent.
+    percent_above
+        Share of the analysed time at or above a threshold, by the threshold in deg.
+    entries_above_60_per_h
+        Rises above 60 deg for each analysed hour; None where nothing was analysed.
+    kind
+        Of a period: "work", "break" and so on; empty for an hour.
+    recorded_s
+        Of a period: from its first to its last moment less what other periods cut out of it.
+    reason
+        Of a period: why its time is excluded; empty where it is analysed.
+    intervals
+        By the names of the figures; empty where they are not known.
+    periods
+        How many rows of the diary were pooled.
     """
 
     label: str
@@ -125,14 +242,22 @@ class PartExposure:
     recorded_s: float | None = None
     reason: str = ""
     intervals: dict[str, Interval] = field(default_factory=dict)
-    """By the names of the figures; empty where that is not known."""
     periods: int = 1
-    """How many rows of the diary were pooled."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """Time hanging and slow, time slow at any angle, and the longest time without the former."""
+    """Time in which the arm recovers: hanging and slow, or slow at any angle.
+
+    Attributes
+    ----------
+    neutral_slow_percent, neutral_slow_per_hour
+        Hanging and slow: share of the analysed time, and periods for each analysed hour.
+    slow_percent, slow_per_hour
+        Slow at any angle: the same.
+    longest_without_s
+        Longest time without a period that is hanging and slow.
+    """
 
     neutral_slow_percent: float
     neutral_slow_per_hour: float
@@ -143,7 +268,15 @@ class Recovery:
 
 @dataclass(frozen=True, slots=True)
 class Frequency:
-    """Of the speed of inclination: mean power frequency (None under a minute) and changes of direction."""
+    """How fast the elevation goes to and fro.
+
+    Attributes
+    ----------
+    mean_power_hz
+        Mean power frequency of the speed of inclination; None without an unbroken minute.
+    crossings_per_hour
+        Changes of direction for each analysed hour.
+    """
 
     mean_power_hz: float | None
     crossings_per_hour: float
@@ -151,7 +284,19 @@ class Frequency:
 
 @dataclass(frozen=True, slots=True)
 class HourVariation:
-    """How one figure differs between the clock hours."""
+    """How one figure differs between the clock hours, in the figure's own unit.
+
+    Attributes
+    ----------
+    hours
+        Clock hours that are compared.
+    coefficient_percent
+        Standard deviation over mean; None where the mean is 0.
+    spread
+        Largest less smallest.
+    last_less_first
+        The last hour's less the first's.
+    """
 
     hours: int
     coefficient_percent: float | None
@@ -161,7 +306,17 @@ class HourVariation:
 
 @dataclass(frozen=True, slots=True)
 class EvaSummary:
-    """The EVA matrix in a few figures."""
+    """The EVA matrix in a few figures.
+
+    Attributes
+    ----------
+    by_angle_percent, by_duration_percent
+        Sums of its rows and of its columns.
+    cell_sd_percent
+        Standard deviation of its cells.
+    centroid_deg, centroid_s
+        Its centre of mass.
+    """
 
     by_angle_percent: tuple[float, ...]
     by_duration_percent: tuple[float, ...]
@@ -172,18 +327,73 @@ class EvaSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MinuteProfile:
-    """The day in minutes, for the timeline: shapes (m,); NaN where a minute holds no analysed time."""
+    """The day in minutes, for the timeline: arrays of shape (m,).
 
-    start_s: NDArray[np.float64]
-    p10_deg: NDArray[np.float64]
-    p50_deg: NDArray[np.float64]
-    p90_deg: NDArray[np.float64]
-    analysed_s: NDArray[np.float64]
+    Attributes
+    ----------
+    start_s
+        When each minute begins, from the recording's first sample.
+    p10_deg, p50_deg, p90_deg
+        Percentiles of elevation; NaN where a minute holds no analysed time.
+    analysed_s
+        Analysed time of each minute.
+    """
+
+    start_s: Float64Array
+    p10_deg: Float64Array
+    p50_deg: Float64Array
+    p90_deg: Float64Array
+    analysed_s: Float64Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exposure:
-    """All figures of one recording."""
+    """All figures of one recording.
+
+    Attributes
+    ----------
+    analysed_s
+        Time that all shares refer to.
+    bins
+        Time in bins of elevation.
+    time_above
+        Time at or above 30, 60 and 90 deg.
+    percentiles_deg
+        Elevation by percent: 1, 5, 10, 25, 50, 75, 90, 95, 99.
+    entries, cycles, episodes
+        Repetitions, rainflow cycles and sustained stays.
+    velocity_dps
+        By kind: "inclination", "generalised", "generalised_accelerometer", "gyroscope"; None where it could
+        not be computed.
+    elevation_p99_deg
+        Peak: the 99th percentile.
+    peak_windows
+        Windows with the largest share above 60 deg.
+    eva
+        Exposure variation analysis.
+    by_hour, by_period
+        The main figures by clock hour, and by period of the diary.
+    minutes
+        The day in minutes.
+    histogram_s
+        Shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180; all shares derive from them.
+    metric_filter_hz
+        Corner of the low-pass all figures were taken behind; None where the series was too slow to filter.
+    intervals
+        By column name, for figures without an interval of their own; empty where they are not known.
+    recovery, frequency
+        None where they were not computed.
+    hour_variation
+        By figure: how it differs between the hours.
+    eva_summary
+        The EVA matrix in a few figures.
+    conventions
+        The bins added up to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by its key.
+    by_task
+        The periods once more, those of one kind and label pooled; they too add up to the recording.
+    angle_sigma_deg
+        Standard deviation of a constant error of the angle that the intervals include; None or 0: not known.
+    """
 
     analysed_s: float
     bins: tuple[ElevationBin, ...]
@@ -199,19 +409,20 @@ class Exposure:
     by_hour: tuple[PartExposure, ...]
     by_period: tuple[PartExposure, ...]
     minutes: MinuteProfile
-    histogram_s: NDArray[np.float64]
-    """Shape (1800,): analysed seconds in each 0.1 deg cell of 0 to 180; all shares derive from them."""
+    histogram_s: Float64Array
     metric_filter_hz: float | None = 5.0
-    """Corner of the low-pass all figures were taken behind; None where the series was too slow to filter."""
     intervals: dict[str, Interval] = field(default_factory=dict)
-    """By column name, for figures without an interval of their own; empty where that is not known."""
     recovery: Recovery | None = None
     frequency: Frequency | None = None
     hour_variation: dict[str, HourVariation] = field(default_factory=dict)
     eva_summary: EvaSummary | None = None
     conventions: dict[str, tuple[ElevationBin, ...]] = field(default_factory=dict)
-    """The bins added up to the classes of each of :data:`fusion.conventions.CONVENTIONS`, by its key."""
     by_task: tuple[PartExposure, ...] = ()
-    """The periods once more, those of one kind and label pooled; they too add up to the recording."""
     angle_sigma_deg: float | None = None
-    """Standard deviation of a constant error of the angle that the ranges hold; None or 0: not known."""
+
+    def __repr__(self) -> str:
+        above = ", ".join(
+            f"{item.percent:.1f} % at {item.threshold_deg:g} deg or above" for item in self.time_above
+        )
+        median = f"median {self.percentiles_deg[50]:.1f} deg"
+        return f"Exposure({self.analysed_s / 3600.0:.2f} h analysed, {above}, {median})"

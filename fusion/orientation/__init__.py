@@ -3,13 +3,14 @@
 from typing import get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fusion.conventions import MethodName
 from fusion.orientation.arrays import UnusableArrays, check_arrays, check_gravity
 from fusion.orientation.live import LiveVertical
 from fusion.orientation.published import estimate_published
 from fusion.orientation.smoothed import smooth_nodes
+from fusion.recording import Float64Array
 from fusion.sensor.model import SensorRun
 from fusion.sensor.nodes import spread_rows
 from fusion.sensor.self_calibration import calibrate_sensor
@@ -20,7 +21,7 @@ __all__ = ["MethodName", "estimate_vertical"]
 
 def estimate_vertical(
     acc_g: ArrayLike, gyr_dps: ArrayLike, rate_hz: float, method: MethodName = "smoothed"
-) -> NDArray[np.float64]:
+) -> Float64Array:
     """Direction of the vertical in the sensor frame, from any sensor on anything.
 
     Parameters
@@ -36,13 +37,14 @@ def estimate_vertical(
 
     Returns
     -------
-    Shape (n, 3), float64: unit vector to the zenith at the time of each sample.
+    numpy.ndarray
+        Shape (n, 3), float64: unit vector to the zenith at the time of each sample.
 
     Raises
     ------
     fusion.orientation.arrays.UnusableArrays
         A ValueError: wrong shapes, no sample, values that are not finite, a rate that is not positive, an
-        acceleration whose median length is more than 0.4 from 1 (m/s2, mg, counts; all zeros), an unknown
+        acceleration whose median length is under 1/3 or over 3 (m/s2, mg, counts; all zeros), an unknown
         method.
     """
     if method not in get_args(MethodName):

@@ -1,4 +1,4 @@
-"""What the estimators ask of plain arrays."""
+"""Checks of the arrays that callers pass to the estimators."""
 
 from math import isfinite
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fusion.caveats import TERM, name_facts
 from fusion.errors import UnusableRecording
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 
 
 class UnusableArrays(UnusableRecording, ValueError):
@@ -21,7 +21,7 @@ class UnusableArrays(UnusableRecording, ValueError):
 
 UNIT_WITHIN = 0.01
 OTHER_UNIT = 3.0
-"""The factor from 1 g at which the median length tells another unit: nobody moves so hard throughout."""
+"""A median length this factor from 1 g means another unit: nobody moves so hard throughout."""
 
 
 def check_arrays(acc_g: object, gyr_dps: object, rate_hz: float) -> tuple[FloatArray, FloatArray]:
@@ -52,10 +52,10 @@ def check_rate(rate_hz: float) -> None:
         raise UnusableArrays(why="rate", rate_hz=float(rate_hz))
 
 
-def check_direction(axis: object) -> NDArray[np.float64]:
+def check_direction(axis: object) -> Float64Array:
     """Give a unit vector as an array of its own, shape (3,).
 
-    Another length (over 1 % off) tells that it is no direction, but an acceleration, or a slip of the pen.
+    A length more than 1 % from 1 means that it is not a direction but an acceleration, or a typing error.
 
     Raises
     ------

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fusion.numba_kernels import inner, kernel
 from fusion.orientation.arrays import check_arrays, check_rate
+from fusion.recording import Float64Array
 from fusion.sensor.model import RADIANS, bend, carry, turn_factors
 from fusion.sensor.stillness import StillRules
 
@@ -38,7 +39,7 @@ class LiveVertical:
     def __init__(
         self,
         rate_hz: float,
-        bias_dps: NDArray[np.float64] | None = None,
+        bias_dps: Float64Array | None = None,
         parameters: LiveParameters | None = None,
     ) -> None:
         """Start afresh; raises UnusableArrays for a rate that is not positive."""
@@ -55,10 +56,10 @@ class LiveVertical:
         limits = (rules.acc_sd_g**2, rules.gyro_sd_dps**2, rules.largest_bias_dps**2)
         self._still = (block, *limits, parameters.memory_stills)
 
-    def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> NDArray[np.float64]:
+    def update(self, acc_g: ArrayLike, gyr_dps: ArrayLike) -> Float64Array:
         """Take the next samples, shapes (n, 3) or (3,), and give the unit vectors to the zenith, (n, 3).
 
-        Where nothing was felt yet (all samples nil) there is no direction, and the rows are NaN.
+        Where all samples so far are zero there is no direction, and the rows are NaN.
 
         Raises
         ------
@@ -70,7 +71,7 @@ class LiveVertical:
         return out
 
     @property
-    def bias_dps(self) -> NDArray[np.float64]:
+    def bias_dps(self) -> Float64Array:
         """The gyroscope's bias as known now, shape (3,)."""
         return self._state[BIAS : BIAS + 3].copy()
 

@@ -1,7 +1,7 @@
-"""The vertical at every sample, worked out when it is looked at.
+"""The vertical at every sample, computed when it is read.
 
-Eight hours at 500 Hz are 165 MiB of unit vectors. The nodes (10 MiB) and the gyroscope's samples, which are
-there anyway, hold all of it; the same rows always give the same bits, whatever slice they are asked in.
+Eight hours at 500 Hz are 165 MiB of unit vectors. They follow from the nodes (10 MiB) and the gyroscope's
+samples, which are kept anyway; the same rows always give the same bits, whatever slice is read.
 """
 
 from collections.abc import Iterator
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.nodes import Nodes, spread_rows
 
 ROWS_AT_ONCE = 16_384
-"""So many are still near the processor when their angle is taken."""
+"""So many vectors are still in the processor's cache when their angle is computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ class VerticalOnDemand:
     gyr_dps: FloatArray
     rate_hz: float
     nodes: Nodes
-    up: NDArray[np.float64]
+    up: Float64Array
 
     def __len__(self) -> int:
         return len(self.gyr_dps)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.numba_kernels import inner, kernel
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.model import RADIANS, SensorRun, carry, turn_factors
 
 
@@ -143,7 +143,7 @@ def _run_published(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
 
 def estimate_published(
     run: SensorRun,
-    bias_dps: NDArray[np.float64],
+    bias_dps: Float64Array,
     parameters: PublishedParameters | None = None,
     dtype: type[np.float32] | type[np.float64] = np.float64,
 ) -> FloatArray:

@@ -19,10 +19,9 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.numba_kernels import fused, kernel
-from fusion.recording import FloatArray
+from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import GyroBias, SensorRun, carry, hold_bias, turn_factors
 from fusion.sensor.nodes import NODE_RATE_HZ, Nodes, correct_nodes, reduce_to_nodes, spread_rows
@@ -35,8 +34,8 @@ class SmoothedParameters:
     ``time_constant_s`` was chosen on the even-numbered half of BROAD (2.6 to 3.2 s are alike within 0.002
     deg). ``gyro_lag_s``: a gyroscope's internal filter may be slower than the accelerometer's (1 ms in an
     MPU-9250, register map RM-MPU-9250A-00; BROAD's trials fit best at 1.0 to 1.5 ms and score 0.31 in place
-    of 0.33 deg). It is 0 because it differs between parts and cannot be told from a recording: estimates from
-    BROAD's trials ran from -40 to +40 ms, since what the hand does passes for a lag.
+    of 0.33 deg). It is 0 because it differs between parts and cannot be found from a recording: estimates
+    from BROAD's trials ran from -40 to +40 ms, since what the hand does passes for a lag.
     """
 
     time_constant_s: float = 3.0
@@ -54,12 +53,12 @@ class SmoothedNodes:
         Shape (j, 3): unit vector to the zenith, sensor frame.
     disagreement_deg
         One value for each ``nodes_per_value`` nodes (about a second): the root mean square of the angle
-        between what the past alone and what the future alone say, times the smaller one's share in the
-        result (a half, away from the ends).
+        between the estimates from the past alone and from the future alone, times the smaller one's share in
+        the result (a half, away from the ends).
     """
 
-    up: NDArray[np.float64]
-    disagreement_deg: NDArray[np.float64]
+    up: Float64Array
+    disagreement_deg: Float64Array
     nodes_per_value: int
 
 
@@ -68,7 +67,7 @@ class SmoothedVertical:
     """The vertical at every sample, shape (n, 3), with the disagreement each ``rows_per_value`` samples."""
 
     up: FloatArray
-    uncertainty_deg: NDArray[np.float64]
+    uncertainty_deg: Float64Array
     rows_per_value: int
 
 
@@ -179,12 +178,9 @@ def _scale_to_unit(past: Any, future: Any, present: Any) -> Any:  # pragma: no c
 # Three parts are added as variances. What no recording shows: the gyroscope's misalignment, and the like.
 # What the directions seen at rest leave open of the accelerometer's offset
 # (:mod:`fusion.sensor.accelerometer`); much where the arm only hung. What the day's movements do:
-# half the angle between what the past and the future alone say, as one of two directions, over nine
+# half the angle between the estimates from past and future alone, as one of two directions, over nine
 # seconds. That grows with the speed of the arm by itself; speed adds nothing to it (a fit gave it a weight
 # of nil).
-
-
-Table = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +189,7 @@ class UncertaintySettings:
 
     There 1.96 sigma covers the truth 95.5 % (LSM9DS1) and 95.8 % (GT9X) of the time, on single days 93.3 to
     97.6 %. A first choice (0.10, 0.7, 0.12), with the same mean but 92.2 % on one even day, was given up when
-    an odd day of eight hours showed 92.4 %. What odd seeds give stands in ``docs/validation.md`` (d).
+    an odd day of eight hours showed 92.4 %. The figures of odd seeds are in ``docs/validation.md`` (d).
 
     ``floor_deg``; ``offset_times`` what the offset's standard deviation counts for; ``disagreement_share``
     of the variance between past and future, averaged over ``over_values`` seconds.
@@ -209,7 +205,7 @@ def estimate_sigma(
     smoothed: SmoothedNodes,
     accelerometer: AccelerometerCorrection,
     settings: UncertaintySettings | None = None,
-) -> Table:
+) -> Float64Array:
     """Standard deviation of the elevation, deg, one value as in ``smoothed.disagreement_deg``."""
     settings = settings or UncertaintySettings()
     offset_deg = settings.offset_times * float(np.degrees(accelerometer.offset_sd_g))
@@ -218,8 +214,8 @@ def estimate_sigma(
     return np.asarray(np.sqrt(steady + settings.disagreement_share * between))
 
 
-def average_around(values: Table, count: int) -> Table:
-    """Mean of ``count`` values (odd) around each; the first and the last value stand for what is beyond.
+def average_around(values: Float64Array, count: int) -> Float64Array:
+    """Mean of ``count`` values (odd) around each; the first and the last value are repeated beyond the ends.
 
     Shape (n,). To the bit what ``scipy.ndimage.uniform_filter1d`` gives with the mode "nearest".
     """

@@ -30,7 +30,7 @@ from fusion.pose.windows import (
 )
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
-from fusion.sensor.gyro_scale import GyroScale, leave_gyro_scale
+from fusion.sensor.gyroscope import GyroScale, leave_gyro_scale
 from fusion.sensor.model import GyroBias, view_segment
 from fusion.sensor.self_calibration import (
     CalibratedRun,
@@ -50,10 +50,19 @@ WHOLE_DAY_S = (-np.inf, np.inf)
 class Calibration:
     """The pose that tied the sensor to the arm.
 
-    ``arm_axis`` is a unit vector, shape (3,), in the sensor frame along the upper arm towards the shoulder
-    (it points to the zenith when the arm hangs), so that elevation is the angle between it and the vertical.
-    ``sigma_deg``: standard deviation of the axis where less is known of it than of any pose that is held; 0
-    otherwise.
+    Attributes
+    ----------
+    pose
+        How the arm was held.
+    still
+        The window in which it was held.
+    arm_axis
+        Shape (3,): unit vector in the sensor frame along the upper arm towards the shoulder. It points to the
+        zenith when the arm hangs, so that elevation is the angle between it and the vertical.
+    second
+        The other window of the two-point pose, the arm level; else None.
+    sigma_deg
+        Standard deviation of the axis where less is known of it than of any pose that is held; else 0.
     """
 
     pose: Pose
@@ -174,7 +183,7 @@ def _choose_still(
     blocks: list[QuarterSeconds],
     wear: Wear,
 ) -> StillPeriod:
-    """Take the window asked for, or the best proposal."""
+    """Choose the window that a person gave, or the best proposal."""
     if len(windows_s) > 1:
         raise UnusableCalibration(why="count", start_s=windows_s[0][0], end_s=windows_s[-1][1])
     if windows_s:

@@ -121,19 +121,19 @@ def _compare_walking(wear: Wear, still: StillPeriod) -> float | None:
 
 
 def flag_unseen_lean(pose: Pose, still: StillPeriod) -> tuple[QualityFlag, ...]:
-    """W-LEAN: no sensor on the arm can tell whether the trunk was leaning in the window that we proposed."""
+    """Flag a proposed leaning pose (W-LEAN): no sensor on the arm knows whether the trunk was leaning."""
     return (flag_window(Caveat.LEAN, still),) if pose == "side-lean" else ()
 
 
 def flag_unquiet(still: StillPeriod) -> tuple[QualityFlag, ...]:
-    """W-NO-STILL where a proposal had to make do with less than 5 s."""
+    """Flag a proposal of less than 5 s (W-NO-STILL)."""
     if still.duration_s >= OTHER_RULES.length_s - 0.5:
         return ()
     return (flag_window(Caveat.NO_STILL, still, {"score": still.score}),)
 
 
 def flag_short_windows(windows: tuple[StillPeriod, ...]) -> tuple[QualityFlag, ...]:
-    """W-POSE-SHORT for each window that a person asked for and that is shorter than 5 s."""
+    """Flag each window that a person chose and that is shorter than 5 s (W-POSE-SHORT)."""
     short = (still for still in windows if still.duration_s < OTHER_RULES.length_s - 1e-6)
     return tuple(flag_window(Caveat.POSE_SHORT, still) for still in short)
 
@@ -221,7 +221,7 @@ def _take_side(doubt: Doubt, part: WearPart, axis: Float64Array) -> Spans:
 
 
 def flag_doubted_parts(parts: Sequence[DoubtedPart], duration_s: float) -> Iterator[QualityFlag]:
-    """W-SLIP-DOUBT with the places, and by how much the arm hung otherwise."""
+    """Flag the places of doubtful turns, and by how much the arm hung otherwise (W-SLIP-DOUBT)."""
     if not parts:
         return
     spans = tuple((max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts)

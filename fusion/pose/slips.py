@@ -158,7 +158,7 @@ STRIDE_MIN = 2.0 / 60.0
 
 @dataclass(frozen=True, slots=True)
 class SlipRules:
-    """When two sides of a day are told apart.
+    """When two sides of a day differ.
 
     Both have ``least_moments`` moments and ``least_s`` seconds, a stretch between two slips ``between_s``.
     They know each other by less than these bounds (of 2):

@@ -1,9 +1,9 @@
 """The stretches of a recording in which the sensor sat on the arm in one way.
 
 A recording is cut where the sensor may have been off the arm: ten minutes or more in which, over 10 s, no
-axis of the accelerometer has a standard deviation of 0.013 g (as ``fusion.quality.nonwear``), or a hole of
-five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.pose.slips`); the slip itself is left
-out.
+axis of the accelerometer has a standard deviation of 0.013 g (as in ``fusion.quality.time_account``), or a
+hole of five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.pose.slips`); the slip itself
+is left out.
 """
 
 from collections.abc import Iterator, Sequence
@@ -322,7 +322,7 @@ def _carry_over(
 
 
 def flag_reattachments(parts: Sequence[AxisPart], duration_s: float) -> tuple[QualityFlag, ...]:
-    """W-REMOUNT with the first and last time it concerns, and how many parts were calibrated or left out."""
+    """Flag the parts with an axis of their own: how many were calibrated, how many left out (W-REMOUNT)."""
     if not parts:
         return ()
     spans = [(max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts]

@@ -1,4 +1,4 @@
-"""Where the arm was held still: windows that could be the calibration pose, and those asked for."""
+"""Where the arm was held still: windows that could be the calibration pose, and those that a person chose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -234,7 +234,7 @@ def _propose(
     most: int,
     part: WearPart | None = None,
 ) -> tuple[StillPeriod, ...]:
-    """Of the whole day, or of a part of it."""
+    """Propose windows of the whole day, or of a part of it."""
     within_s = (part.start_s, part.end_s) if part else WHOLE_DAY_S
     rules = rules_for(recording.device)
     quiet = find_quiet_windows(blocks, rules)
@@ -273,7 +273,7 @@ def measure_pair(
 
 
 def measure_asked(recording: Recording, window_s: tuple[float, float]) -> StillPeriod:
-    """Measure a window that a person asked for, or say why not.
+    """Measure a window that a person chose.
 
     Raises
     ------

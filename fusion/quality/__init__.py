@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from fusion.quality.types import Quality, TimeAccount, TimePart, Verdict
 
 if TYPE_CHECKING:
-    from fusion.quality.nonwear import propose_nonwear as propose_nonwear
     from fusion.quality.time_account import account_time as account_time
     from fusion.quality.time_account import count_holes_us as count_holes_us
     from fusion.quality.time_account import divide_time as divide_time
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from fusion.quality.time_account import flag_untrusted_pose as flag_untrusted_pose
     from fusion.quality.time_account import leave_out as leave_out
     from fusion.quality.time_account import make_disjoint as make_disjoint
+    from fusion.quality.time_account import propose_nonwear as propose_nonwear
     from fusion.quality.time_account import refuse_short as refuse_short
     from fusion.quality.verdict import assess_quality as assess_quality
     from fusion.quality.verdict import flag_gyro_drift as flag_gyro_drift
@@ -40,7 +40,7 @@ _HOMES = {
     "leave_out": "fusion.quality.time_account",
     "make_disjoint": "fusion.quality.time_account",
     "divide_time": "fusion.quality.time_account",
-    "propose_nonwear": "fusion.quality.nonwear",
+    "propose_nonwear": "fusion.quality.time_account",
     "refuse_short": "fusion.quality.time_account",
 }
 

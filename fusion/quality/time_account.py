@@ -7,18 +7,28 @@ from itertools import groupby
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure.rows import IntArray, find_runs, list_touched_rows
+from fusion.exposure.rows import find_runs, list_touched_rows
+from fusion.numba_kernels import njit
 from fusion.pose.calibrate import Calibration
 from fusion.pose.doubts import flag_window
 from fusion.quality.types import TimeAccount, TimePart
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, find_missing, flag_spans
+from fusion.recording import (
+    MICROSECONDS,
+    IntArray,
+    QualityFlag,
+    Recording,
+    Segment,
+    Span,
+    find_missing,
+    flag_spans,
+)
+from fusion.still_limits import OFF_THE_ARM
 
 # Where a sensor was driven to the end of its range (RELIABILITY.md 88).
 
@@ -191,7 +201,7 @@ def flag_untrusted(
     """Flag, with their times, the stretches that count as missing though samples are there.
 
     ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
-    part of that hole, and what is excluded is not missing. Less than a second in all is not told.
+    part of that hole, and what is excluded is not missing. Less than a second in all is not flagged.
     """
     bridged = {segment.start_us: segment.bridged for segment in recording.segments}
     spans: list[Span] = []
@@ -209,7 +219,7 @@ def flag_untrusted(
 
 
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
-    """W-POSE-DOUBT where half or more of a calibration window is not trusted: all angles rest on it."""
+    """Flag a calibration window of which at most half is trusted: all angles rest on it (W-POSE-DOUBT)."""
     return tuple(
         flag_window(Caveat.POSE_DOUBT, still)
         for still in calibration.windows
@@ -269,7 +279,7 @@ def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
 def divide_time(
     time: TimeAccount, analysed_us: Mapping[str, int], exclusions: tuple[Span, ...], holes_us: int
 ) -> TimeAccount:
-    """Say what the time consists of: analysed time by kind of period, excluded time by its reason.
+    """Divide the time into parts: analysed time by kind of period, excluded time by its reason.
 
     ``analysed_us`` is the analysed time of each kind and adds up to all of it; what rounding leaves over (a
     microsecond for each segment) goes to the largest part of its account. Of the missing time ``holes_us``
@@ -300,7 +310,7 @@ def _build_parts(account: Account, lengths_us: Mapping[str, int], whole_us: int)
 
 
 def _describe_largest(exclusions: tuple[Span, ...]) -> dict[str, str | float]:
-    """Say what left out most, for how long, and what to do where a person can undo it."""
+    """Describe what left out most: the reason, for how long, and the cure where a person can undo it."""
     lengths_us: dict[str, int] = {}
     for span in exclusions:
         lengths_us[span.reason] = lengths_us.get(span.reason, 0) + span.duration_us
@@ -315,3 +325,55 @@ def _describe_largest(exclusions: tuple[Span, ...]) -> dict[str, str | float]:
 
 def _count_analysed(segment: ElevationSegment) -> int:
     return int(np.count_nonzero(segment.valid & np.isfinite(segment.elevation_deg)))
+
+
+# Where the sensor may have lain on a desk: proposed to the person, never applied (EXPOSURE.md A15).
+
+
+SHORTEST_S = 600.0
+
+
+def propose_nonwear(recording: Recording, left_out: tuple[Span, ...] = ()) -> tuple[Span, ...]:
+    """Give the stretches in which the sensor may not have been worn.
+
+    ``left_out`` are stretches that are not analysed anyway; a proposal that lies wholly in them is dropped.
+    """
+    found = (span for segment in recording.segments for span in _find_still(segment))
+    return tuple(span for span in found if not _is_covered(span, left_out))
+
+
+def _is_covered(span: Span, left_out: tuple[Span, ...]) -> bool:
+    """Whether less than the shortest proposal is left of a stretch."""
+    shared_us = (min(span.end_us, other.end_us) - max(span.start_us, other.start_us) for other in left_out)
+    left_us = span.duration_us - sum(max(us, 0) for us in shared_us)
+    return left_us < SHORTEST_S * MICROSECONDS
+
+
+def _find_still(segment: Segment) -> list[Span]:
+    rows = round(OFF_THE_ARM.window_s * segment.rate_hz)
+    windows = len(segment) // max(rows, 1)
+    if windows * OFF_THE_ARM.window_s < SHORTEST_S:
+        return []
+    still = np.zeros(windows, np.bool_)
+    mark_still(segment.acc_g, rows, OFF_THE_ARM.acc_sd_g, still)
+    runs = find_runs(still)
+    long_enough = runs[(runs[:, 1] - runs[:, 0]) * rows >= SHORTEST_S * segment.rate_hz - 1e-3 * rows]
+    times_us = segment.start_us + np.rint(long_enough * (rows * MICROSECONDS / segment.rate_hz))
+    return [Span(int(a), int(b - a), "not-worn") for a, b in times_us]
+
+
+@njit(cache=True, nogil=True)
+def mark_still(acc_g, rows, still_g, still):  # type: ignore[no-untyped-def]
+    """Mark the windows of ``rows`` rows in which every axis' standard deviation is under ``still_g``."""
+    for k in range(len(still)):
+        still[k] = True
+        for axis in range(3):
+            first = acc_g[k * rows, axis]
+            total, squares = 0.0, 0.0
+            for i in range(k * rows, (k + 1) * rows):
+                value = acc_g[i, axis] - first  # about a value of the window, so that nothing cancels
+                total += value
+                squares += value * value
+            if squares / rows - (total / rows) ** 2 >= still_g * still_g:
+                still[k] = False
+                break

@@ -10,7 +10,17 @@ Verdict = Literal["good", "caution", "poor"]
 
 @dataclass(frozen=True, slots=True)
 class TimePart:
-    """What one kind of time adds to the recording: the work, a kind of task, a reason for leaving out."""
+    """What one kind of time adds to the recording: the work, a kind of task, a reason for leaving out.
+
+    Attributes
+    ----------
+    account
+        Which of the three sums it belongs to.
+    name
+        The kind or the reason.
+    duration_us
+        Microseconds.
+    """
 
     account: Literal["analysed", "excluded", "missing"]
     name: str
@@ -21,7 +31,12 @@ class TimePart:
 class TimeAccount:
     """Every microsecond of the recording: analysed + missing + excluded = recorded, exactly.
 
-    ``parts`` names them one by one and adds up to the same.
+    Attributes
+    ----------
+    recorded_us, analysed_us, missing_us, excluded_us
+        Microseconds.
+    parts
+        The three sums in detail; they add up to the same.
     """
 
     recorded_us: int
@@ -33,7 +48,17 @@ class TimeAccount:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """The verdict, the codes of the flags that count in it, and all flags; the gravest first."""
+    """How far the figures can be trusted.
+
+    Attributes
+    ----------
+    verdict
+        "good", "caution" or "poor".
+    reasons
+        Codes of the flags that count in it.
+    flags
+        All caveats, the gravest first.
+    """
 
     verdict: Verdict
     reasons: tuple[str, ...]

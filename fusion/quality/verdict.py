@@ -12,8 +12,8 @@ from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Span, flag_spans
 from fusion.sensor.model import GyroBias
 
-# What makes the figures doubtful: a gyroscope that wandered, a method that cannot follow it, an arm raised
-# most of the day.
+# Caveats on the figures themselves: a gyroscope that drifted, a method that cannot follow the drift, an arm
+# raised for most of the day.
 
 
 LARGEST_DRIFT_DPS = 1.0
@@ -24,9 +24,9 @@ LEAST_ANALYSED_S = 3600.0
 
 
 def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
-    """W-GYRO-DRIFT, from the time of one extreme to that of the other, of the axis that wandered most.
+    """Flag the drift of the axis that wandered most, from one extreme to the other (W-GYRO-DRIFT).
 
-    The fusion follows the offset; what is doubtful is the sensor (or its temperature) that wandered so.
+    The fusion follows the offset; the drift casts doubt on the sensor (or on its temperature).
     """
     spread_dps = np.ptp(bias.bias_dps, axis=0)
     axis = int(np.argmax(spread_dps))
@@ -39,7 +39,7 @@ def flag_gyro_drift(bias: GyroBias) -> tuple[QualityFlag, ...]:
 
 
 def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFlag, ...]:
-    """W-PUBLISHED: `published` takes the offset once (``static_dps``, (3,)) and loses slow rotation.
+    """Flag `published`: it takes the offset once (``static_dps``, (3,)) and loses slow turns (W-PUBLISHED).
 
     Fact ``dps``: how far the offset of this recording got from that one, as `smoothed` follows it.
     """
@@ -48,10 +48,10 @@ def flag_published(bias: GyroBias, static_dps: Float64Array) -> tuple[QualityFla
 
 
 def flag_upside_down(exposure: Exposure) -> tuple[QualityFlag, ...]:
-    """W-UPSIDE where the arm would have been above level for half of an hour or more.
+    """Flag an arm above level for half of an hour or more (W-UPSIDE).
 
-    No work does that: the sensor was turned end for end after its pose, or the pose was not what it was
-    taken for.
+    No work does that. Either the sensor was turned end for end after the pose, or the pose was another one
+    than the request says.
     """
     if exposure.analysed_s < LEAST_ANALYSED_S or exposure.percentiles_deg[50] <= RAISED_DEG:
         return ()

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 from typing import BinaryIO
 
 from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
@@ -11,7 +13,7 @@ from fusion.errors import EmptyFile
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
 from fusion.readers.gt3x import read as gt3x
-from fusion.readers.recognise import check_extension, explain_refusal, name_content, refuse_blank
+from fusion.readers.recognise import check_extension, explain_refusal, identify_content, refuse_blank
 from fusion.readers.source import Source, hash_source, open_source
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
@@ -33,6 +35,7 @@ __all__ = [
     "ColumnProfile",
     "ProfileProposal",
     "Reader",
+    "RecordingFile",
     "check_profile",
     "holds_device_format",
     "join_recordings",
@@ -41,6 +44,9 @@ __all__ = [
     "read_recording",
     "read_recordings",
 ]
+
+RecordingFile = str | PathLike[str] | BinaryIO
+"""A path, or a binary file that can be rewound."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +67,13 @@ READERS = (
     Reader("LSM9DS1 registers, text", lsm9ds1_raw.recognise_text, lsm9ds1_raw.read_text),
     Reader("CSV with named columns", lsm9ds1_csv.recognise, lsm9ds1_csv.read),
 )
-"""In the order in which they are asked."""
+"""In the order in which they are tried."""
 OWN_EXTENSIONS = {READERS[0].name: ".gt3x", READERS[1].name: ".cwa"}
-"""Formats of a device's own, which no other name should hide, nor any other content bear."""
+"""Extensions of a device's own formats: content and extension must agree."""
 
 
 def read_recording(
-    file: BinaryIO,
+    file: RecordingFile,
     *,
     file_name: str = "",
     rate_hz: float | None = None,
@@ -79,27 +85,44 @@ def read_recording(
     Parameters
     ----------
     file
-        Binary and seekable.
+        A path, or a binary file that can be rewound.
     file_name
         Used only to notice a wrong extension; by default the file object's own name.
     rate_hz
-        What the person says about layouts that hold no time; ignored where the file tells.
+        Sampling rate in Hz that a person gives, for layouts without time; ignored where the file states it.
     sha256
-        The digest of the bytes, hexadecimal, where the caller has taken it already; else it is taken here.
+        The digest of the bytes, hexadecimal, where the caller has it already; else it is computed here.
     profile
-        What the columns of a table mean, for tables that do not tell; formats that do are read as ever.
+        What the columns of a table mean, for tables whose header does not tell; other formats ignore it.
+
+    Returns
+    -------
+    Recording
+        Segments in g and deg/s, with the caveats of reading and of the checks.
+
+    Returns
+    -------
+    Recording
+        Segments in g and deg/s, and the caveats of reading.
 
     Raises
     ------
     fusion.errors.FusionError
         No recording can be given; code and facts say why.
+    OSError
+        A path that cannot be opened.
     """
+    if isinstance(file, str | PathLike):
+        with Path(file).open("rb") as opened:
+            return read_recording(
+                opened, file_name=file_name, rate_hz=rate_hz, sha256=sha256, profile=profile
+            )
     source = open_source(file, file_name, is_hashed=not sha256)
     if source.size_bytes == 0:
         raise EmptyFile
     content = unpack(source)
     refuse_blank(content)
-    if profile is not None and name_content(content.head) == "text":
+    if profile is not None and identify_content(content.head) == "text":
         recording = lsm9ds1_csv.read_profiled(content, profile, rate_hz)
     else:
         recording = _read_recognised(content, rate_hz)
@@ -108,15 +131,15 @@ def read_recording(
 
 
 def _check_readings(recording: Recording) -> Recording:
-    """What was not measured goes first, so that the rest can be judged; then units, axes and faults."""
+    """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults."""
     measured = exclude_stuck(leave_out_held(refuse_dead(leave_out_zeros(recording))))
     return flag_days(refuse_impossible_rates(exclude_faults(check_physics(measured), measured)))
 
 
 def holds_device_format(file: BinaryIO) -> bool:
-    """Tell by the first bytes whether it is a file of samples in a device's own format; leaves it rewound.
+    """Whether the first bytes are those of a device's own format of samples; leaves the file rewound.
 
-    A table whose header only names columns may hold anything, but for the names of our own form.
+    A table whose header only names columns may hold anything, unless the names are those of our own form.
     """
     source = open_source(file, is_hashed=False)
     file.seek(0)
@@ -134,9 +157,21 @@ def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
 
 
 def read_recordings(
-    files: Sequence[BinaryIO], *, rate_hz: float | None = None, profile: ColumnProfile | None = None
+    files: Sequence[RecordingFile], *, rate_hz: float | None = None, profile: ColumnProfile | None = None
 ) -> Recording:
     """Read the files of one shift and join them by the device's clock.
+
+    Parameters
+    ----------
+    files
+        In any order.
+    rate_hz, profile
+        As in :func:`read_recording`, for every file.
+
+    Returns
+    -------
+    Recording
+        From the first sample of the earliest file; the time between two files is missing.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Tables that come packed: `.csv.gz`, and `.zip` with one recording. One level only, never to disk."""
+"""Packed files: the zip of a `.gt3x`, `.csv.gz`, `.zip` with one recording. One level only, never to disk."""
 
 import gzip
 import io
@@ -19,7 +19,7 @@ from fusion.errors import (
 )
 from fusion.readers.source import CHUNK_BYTES, HEAD_BYTES, Source
 
-# The zip around a `.gt3x`: judged before a byte of it is unpacked, and again while it is.
+# A zip archive is checked by its directory before a byte is unpacked, and again while it is unpacked.
 
 
 MAX_MEMBERS = 64
@@ -98,10 +98,10 @@ def check_parts(archive: zipfile.ZipFile) -> None:
         raise MissingMember(member="info.txt")
     if "info.txt" in names:
         raise MissingMember(member="log.bin")
-    raise UnknownFormat(kind=_name_archive(names))
+    raise UnknownFormat(kind=_identify_archive(names))
 
 
-def _name_archive(names: set[str]) -> str:
+def _identify_archive(names: set[str]) -> str:
     if all(name.endswith(".npy") for name in names):
         return "NumPy (.npz)"
     if "xl/workbook.xml" in names:

@@ -1,4 +1,4 @@
-"""What the first bytes of a recording tell while the rest is still on its way."""
+"""What is known of a recording before its analysis: from its first bytes, and from its samples as read."""
 
 import io
 import re
@@ -23,11 +23,11 @@ from fusion.readers.cwa import read as cwa
 from fusion.readers.cwa.read import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import read as gt3x
 from fusion.readers.gt3x.clock import order_seconds
-from fusion.readers.gt3x.read import DeviceText, parse_device_text, tell_start
+from fusion.readers.gt3x.read import DeviceText, find_start, parse_device_text
 from fusion.readers.timebase.clock import format_offset
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, find_missing
 
-# Figures that tell the maker of a logger whether axes, scales and clock of a recording are right.
+# Figures by which the maker of a logger sees whether axes, scales and clock of a recording are right.
 
 
 Table = NDArray[np.float64]
@@ -90,10 +90,10 @@ def _score_handedness(windows: GravityWindows, model: GyroModel) -> float:
     return (left - right) / max(left + right, 1e-12)
 
 
-# What `acromion inspect` tells: what the reader took the file for, and what is wrong with it.
+# The facts of `acromion inspect`: what the reader took the file for, and what is wrong with it.
 
 
-LISTED_GAPS = 100
+MAX_GAPS = 100
 """The longest ones; the count is always given in full."""
 
 
@@ -125,7 +125,7 @@ def inspect_recording(recording: Recording, left_out: Sequence[Span] = ()) -> di
         "samples": sum(len(segment) for segment in recording.segments) - bridged_rows,
         "segments": len(recording.segments),
         "gap_count": len(gaps),
-        "gaps": [_describe_span(gap) for gap in gaps[:LISTED_GAPS]],
+        "gaps": [_describe_span(gap) for gap in gaps[:MAX_GAPS]],
         "excluded": [{**_describe_span(span), "reason": span.reason} for span in recording.excluded],
         "bridged_rows": bridged_rows,
         "counter_wraps": sum(flag.count for flag in recording.flags if flag.code == Caveat.WRAP),
@@ -156,6 +156,9 @@ def _describe_flag(flag: QualityFlag) -> dict[str, object]:
     }
 
 
+# The preview: what the first bytes of a file show while the rest is still being sent.
+
+
 MAX_UNPACKED_BYTES = 8 << 20
 LONGEST_RECORDING = timedelta(days=366)
 _STAMPED = {"calendar", "number since 1970"}
@@ -167,8 +170,8 @@ _DEVICE_TEXT = re.compile(rb"PK\x03\x04.{22}\x08\x00..info\.txt", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
-class HeadFacts:
-    """What could be told so far; None: not yet."""
+class Preview:
+    """What the bytes so far show; None for what they do not show yet."""
 
     device: str | None = None
     rate_hz: float | None = None
@@ -178,14 +181,14 @@ class HeadFacts:
     serial_hash: str | None = None
 
 
-def inspect_head(
+def preview_head(
     head: bytes, file_name: str = "", rate_hz: float | None = None, tail: bytes | None = None
-) -> HeadFacts:
-    """Say what the first bytes of a file show and, with its last bytes, when the recording ends.
+) -> Preview:
+    """Preview a recording by the first bytes of its file and, for its end, by the last bytes.
 
     ``tail``: the last bytes of the file, none of which is in ``head``; empty where the head is the whole
-    file, None where they are not known. Whatever a tail holds, it only ever adds or leaves out the end and,
-    for a `.gt3x`, what info.txt says; it refuses nothing.
+    file, None where they are not known. A tail adds the end and, for a `.gt3x`, what info.txt states; it
+    never causes a refusal.
 
     Raises
     ------
@@ -193,40 +196,39 @@ def inspect_head(
         The file is something else than a recording; that it is cut is no reason.
     """
     if head.startswith(ZIP_MAGIC):
-        return _inspect_zip(head, rate_hz, tail or b"")
+        return _preview_zip(head, rate_hz, tail or b"")
     if cwa.is_cwa(head):
-        return _inspect_cwa(head, tail)
+        return _preview_cwa(head, tail)
     if head.startswith(GZIP_MAGIC):  # the tail of a packed table cannot be unpacked by itself
-        return _inspect_text(_inflate(head), file_name.removesuffix(".gz"), rate_hz)
-    return _inspect_text(head, file_name, rate_hz, tail)
+        return _preview_text(_inflate(head), file_name.removesuffix(".gz"), rate_hz)
+    return _preview_text(head, file_name, rate_hz, tail)
 
 
-def _inspect_text(head: bytes, file_name: str, rate_hz: float | None, tail: bytes | None = None) -> HeadFacts:
+def _preview_text(head: bytes, file_name: str, rate_hz: float | None, tail: bytes | None = None) -> Preview:
     """Read the whole lines as if they were the file."""
     lines = head[: head.rfind(b"\n") + 1]
     try:
         recording = _read_lines(lines, file_name, rate_hz)
     except (EmptyFile, NoGyroscope):
-        return HeadFacts()
+        return Preview()
     except UnknownFormat:
         raise
     except FusionError:  # too short, dead, without time: the rest may tell otherwise
-        return HeadFacts()
+        return Preview()
     if any(flag.code == Caveat.REVERSED for flag in recording.flags):
-        return replace(_tell(recording), start=None)  # it begins where the file ends
-    end = None if tail is None else _find_last_row(recording, (lines, tail), file_name, rate_hz)
-    return replace(_tell(recording), end=end)
+        return replace(_summarise(recording), start=None)  # it begins where the file ends
+    end = None if tail is None else _find_last_row(recording, lines, tail, file_name, rate_hz)
+    return replace(_summarise(recording), end=end)
 
 
 def _find_last_row(
-    first: Recording, ends: tuple[bytes, bytes], file_name: str, rate_hz: float | None
+    first: Recording, lines: bytes, tail: bytes, file_name: str, rate_hz: float | None
 ) -> datetime | None:
     """Read the first lines and the last as if they were the file: it ends where the file ends.
 
     ``first`` is what was read of the first lines alone. A bare count may have begun anew in between, unseen:
     it tells an end only where it goes further than a count of 32 bits of microseconds can.
     """
-    lines, tail = ends
     if not tail:
         return _find_end(first)
     with suppress(FusionError):
@@ -253,34 +255,34 @@ def _find_end(recording: Recording) -> datetime | None:
     return recording.start + lasted if recording.start and lasted <= LONGEST_RECORDING else None
 
 
-def _inspect_zip(head: bytes, rate_hz: float | None, tail: bytes) -> HeadFacts:
-    members = dict(_list_members(head))
+def _preview_zip(head: bytes, rate_hz: float | None, tail: bytes) -> Preview:
+    members = dict(_unpack_members(head))
     if {"info.txt", "log.bin"} & set(members):
-        return _inspect_gt3x(members, _find_device_text(tail))
+        return _preview_gt3x(members, _find_device_text(tail))
     packed = next((name for name in members if name.lower().endswith((".csv", ".txt"))), None)
-    return _inspect_text(members[packed], packed, rate_hz) if packed else HeadFacts()
+    return _preview_text(members[packed], packed, rate_hz) if packed else Preview()
 
 
-def _inspect_cwa(head: bytes, tail: bytes | None) -> HeadFacts:
+def _preview_cwa(head: bytes, tail: bytes | None) -> Preview:
     """Read the blocks that came; a gyroscope that is off in the first of them is off in all."""
     try:
         first = _read_blocks(head, b"")
     except NoGyroscope:
         raise
     except FusionError:
-        return HeadFacts(device="ax6")
+        return Preview(device="ax6")
     end = None
     if tail is not None:
         with suppress(FusionError):
             end = _find_last_block(first, _read_blocks(head, tail) if tail else first)
-    return replace(_tell(first), end=end)
+    return replace(_summarise(first), end=end)
 
 
 def _find_last_block(first: Recording, both: Recording) -> datetime | None:
     """Give the end of what begins with the head and ends with the tail, where one clock runs through both."""
     is_one_clock = _CLOCK_DOUBTS.isdisjoint(flag.code for flag in both.flags)
-    goes_on = both is first or both.duration_us > first.duration_us
-    return _find_end(both) if is_one_clock and goes_on and both.start == first.start else None
+    is_continued = both is first or both.duration_us > first.duration_us
+    return _find_end(both) if is_one_clock and is_continued and both.start == first.start else None
 
 
 def _read_blocks(head: bytes, tail: bytes) -> Recording:
@@ -293,10 +295,10 @@ def _read_blocks(head: bytes, tail: bytes) -> Recording:
 def _find_device_text(tail: bytes) -> bytes:
     """Unpack info.txt where the tail of a `.gt3x` holds it from its beginning; else nothing."""
     last = max(_DEVICE_TEXT.finditer(tail), key=re.Match.start, default=None)
-    return next(_list_members(tail[last.start() :]))[1] if last else b""
+    return next(_unpack_members(tail[last.start() :]))[1] if last else b""
 
 
-def _inspect_gt3x(members: dict[str, bytes], last_text: bytes) -> HeadFacts:
+def _preview_gt3x(members: dict[str, bytes], last_text: bytes) -> Preview:
     """Read the log as far as it came (info.txt may be the last member); else what info.txt says."""
     text = parse_device_text((last_text or members.get("info.txt", b""))[:MAX_TEXT_BYTES])
     with suppress(FusionError):
@@ -305,38 +307,40 @@ def _inspect_gt3x(members: dict[str, bytes], last_text: bytes) -> HeadFacts:
         timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
         recording = gt3x.build_recording(text, log, timeline)
         # whether info.txt counts UTC where the log does is not known
-        end = None if log.events.counts_utc else _tell_end(text, recording.start, recording.duration_us)
-        return replace(_tell(recording), end=end)
-    return _tell_device(text) if text.values else HeadFacts()
+        end = (
+            None if log.events.counts_utc else _find_last_sample(text, recording.start, recording.duration_us)
+        )
+        return replace(_summarise(recording), end=end)
+    return _preview_device_text(text) if text.values else Preview()
 
 
-def _tell_device(text: DeviceText) -> HeadFacts:
-    start = _tell_moment(text, "Start Date")
+def _preview_device_text(text: DeviceText) -> Preview:
+    start = _parse_moment(text, "Start Date")
     zone = None if text.offset_s is None else format_offset(text.offset_s)
-    return HeadFacts("gt9x", None, start, _tell_end(text, start, 0), zone, text.serial_hash)
+    return Preview("gt9x", None, start, _find_last_sample(text, start, 0), zone, text.serial_hash)
 
 
-def _tell_end(text: DeviceText, start: datetime | None, least_us: int) -> datetime | None:
+def _find_last_sample(text: DeviceText, start: datetime | None, least_us: int) -> datetime | None:
     """Give the last sample time of info.txt; None where it is before what was read, or absurd."""
-    end = _tell_moment(text, "Last Sample Time")
+    end = _parse_moment(text, "Last Sample Time")
     if start is None or end is None:
         return None
     return end if timedelta(microseconds=least_us) <= end - start <= LONGEST_RECORDING else None
 
 
-def _tell_moment(text: DeviceText, key: str) -> datetime | None:
+def _parse_moment(text: DeviceText, key: str) -> datetime | None:
     """Read a line of info.txt on the device's clock; None where it is no time of the calendar."""
     unix_s = text.unix_s(key)
     if unix_s is None:
         return None
     try:
-        return tell_start(int(unix_s), text.offset_s, counts_utc=False)
+        return find_start(int(unix_s), text.offset_s, counts_utc=False)
     except (OverflowError, ValueError):
         return None
 
 
-def _tell(recording: Recording) -> HeadFacts:
-    return HeadFacts(
+def _summarise(recording: Recording) -> Preview:
+    return Preview(
         recording.device,
         round(recording.rate_hz, 4),
         recording.start,
@@ -346,7 +350,7 @@ def _tell(recording: Recording) -> HeadFacts:
     )
 
 
-def _list_members(head: bytes) -> Iterator[tuple[str, bytes]]:
+def _unpack_members(head: bytes) -> Iterator[tuple[str, bytes]]:
     """Unpack the members that the head holds, the last one as far as it came."""
     at = 0
     while head[at : at + 4] == ZIP_MAGIC and at + _LOCAL_HEADER.size <= len(head):

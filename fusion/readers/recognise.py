@@ -1,4 +1,4 @@
-"""What bytes are that no reader knows, so that the refusal can name it."""
+"""What the content of a file is, so that a refusal can name it."""
 
 import re
 
@@ -13,7 +13,7 @@ from fusion.errors import (
     WrongExtension,
 )
 from fusion.readers.source import Source, read_chunks
-from fusion.readers.tables.columns import understand_column
+from fusion.readers.tables.columns import parse_column_name
 from fusion.readers.tables.layout import (
     DELIMITERS,
     SNIFFED_LINES,
@@ -43,8 +43,8 @@ TEXT_EXTENSIONS = (".csv", ".txt", ".tsv", ".dat", ".log")
 DEVICE_EXTENSIONS = (".gt3x", ".cwa")
 
 
-def name_content(head: bytes) -> str:
-    """A short name of what the bytes are, the same in every language."""
+def identify_content(head: bytes) -> str:
+    """Give a short name of the content, the same in every language."""
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name
@@ -59,7 +59,7 @@ def name_content(head: bytes) -> str:
 
 
 def refuse_blank(source: Source) -> None:
-    """Refuse a file of zeros: a card keeps room for what the logger has not written yet.
+    """Refuse a file of zeros: a logger reserves room on its card before it writes.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def refuse_blank(source: Source) -> None:
 
 def explain_refusal(source: Source) -> FusionError:
     """The error for bytes that no reader recognised."""
-    kind = name_content(source.head)
+    kind = identify_content(source.head)
     if kind == "gzip":
         return UnsafeArchive(reason="nested")
     if kind == "text":
@@ -91,18 +91,18 @@ def _explain_text(source: Source) -> FusionError:
     if source.extension == ".gt3x":
         return WrongExtension(ext=".gt3x", kind="text", right=".csv")
     layout = find_layout(decode_head(source))
-    if layout is None and names_columns(source):
+    if layout is None and has_column_names(source):
         return TooShort(s=0.0)
     if layout is None:
         return UnknownFormat(kind="text")
     return UnknownColumns(list=" | ".join(layout.sample_rows[0])[:200], line=layout.first_line + 1)
 
 
-def names_columns(source: Source) -> bool:
+def has_column_names(source: Source) -> bool:
     """Whether a line of the head names six channels or more: a table without rows."""
     lines = decode_head(source).split("\n")[:SNIFFED_LINES]
     return any(
-        sum(understand_column(field).channel in ("acc", "gyr") for field in split_fields(line, mark)) >= 6
+        sum(parse_column_name(field).channel in ("acc", "gyr") for field in split_fields(line, mark)) >= 6
         for line in lines
         for mark in DELIMITERS
     )

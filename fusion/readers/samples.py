@@ -13,18 +13,18 @@ from fusion.recording import QualityFlag
 
 FIRST_CAPACITY = 65_536
 MOST_FORESEEN_BYTES = 1 << 30
-"""Three days of a device; what says that it is longer is believed as it comes."""
+"""Three days of a device. For a file that claims to be longer, room is made as its rows arrive."""
 
 PAUSE = 1 << 32
 """Added to the row number at a blank line or a new header where the layout has no time: a break of unknown
 length."""
 UNASKED_ROWS = 16_000_000
-"""As many rows, in half a GiB, are taken without asking how many there are in all."""
+"""So many rows, half a GiB, are read before the number of all rows is estimated."""
 MOST_ROWS = 1 << 27
 """15 days at 100 Hz, three at 500 Hz: more than any device records."""
 LEAST_ROW_BYTES = 2
-"""A row of a sensor takes more of the file, however well it is packed: six channels have noise (an LSM9DS1
-at work 19 bytes, packed)."""
+"""A sensor's row takes more bytes of the file, however well it is packed, because six channels have noise
+(a worn LSM9DS1: 19 bytes, packed)."""
 SECOND_ROW_BYTES = 24
 """The analysis holds the samples once more."""
 
@@ -32,8 +32,14 @@ SECOND_ROW_BYTES = 24
 def check_rows(rows: int, read_bytes: int, all_bytes: int, least_row_bytes: float = LEAST_ROW_BYTES) -> None:
     """Refuse what cannot be a recording, or not one that fits in memory, before its rows fill the memory.
 
-    ``rows``: those that the first ``read_bytes`` of the file hold. Foreseen from them is how many there are.
-    ``least_row_bytes``: what a row takes of the file at least.
+    Parameters
+    ----------
+    rows
+        Those that the first ``read_bytes`` of the file hold; the number of all rows is estimated from them.
+    read_bytes, all_bytes
+        Of the file, packed as it may be.
+    least_row_bytes
+        The least that a row takes of the file.
 
     Raises
     ------
@@ -55,7 +61,9 @@ def check_rows(rows: int, read_bytes: int, all_bytes: int, least_row_bytes: floa
 
 
 class SampleColumns:
-    """Acceleration, angular rate and stamps of the rows read so far, from a source where it is told.
+    """Acceleration, angular rate and stamps of the rows read so far.
+
+    ``source``: what the rows come from, where too many of them are to be refused.
 
     Attributes
     ----------
@@ -148,10 +156,10 @@ class SampleColumns:
 
 
 def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
-    """Take out stamped rows of zeros that stand for no time: neither a sample nor a hole.
+    """Take out stamped rows of zeros that are neither a sample nor a hole (W-ROWS-DROPPED).
 
-    Such are rows whose stamp is zero too (a block of a card that was never written), and all of them where
-    they stand between the samples everywhere (read before the sensor had a new one).
+    They are rows whose stamp is zero too (a block of a card that was never written), and all rows of zeros
+    where these stand between the samples everywhere (read before the sensor had a new sample).
     """
     usual = measure_usual(columns.acc)
     if not has_equal_sizes(columns.acc, LEAST_PART * usual, MOST_TIMES * usual):

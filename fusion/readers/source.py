@@ -11,15 +11,25 @@ from typing import BinaryIO, cast
 HEAD_BYTES = 65_536
 CHUNK_BYTES = 4 << 20
 LARGE_PIECE_BYTES = 1 << 18
-"""From this size on a piece is worth a thread's while."""
+"""From this size on a piece is hashed in a thread."""
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
     """A file as the readers see it.
 
-    ``name`` is only ever used to judge its extension; ``head`` holds the first 64 KiB. ``size_bytes`` is the
-    size of the file itself, which is ``packed`` where ``file`` gives what was unpacked from it.
+    Attributes
+    ----------
+    file
+        Gives the content, unpacked where the file itself is packed.
+    name
+        Of the file or the member; only its extension is used.
+    size_bytes
+        Of the file itself.
+    head
+        The first 64 KiB of the content.
+    packed
+        The file itself, where ``file`` gives what is unpacked from it.
     """
 
     file: BinaryIO
@@ -40,10 +50,10 @@ class Source:
 
 
 class HashedFile(io.RawIOBase):
-    """A file that is hashed while it is read: what is read in order is not read again for its digest.
+    """A file that is hashed while it is read, so that its digest needs no second reading.
 
-    Large pieces are hashed in a thread of their own (hashlib and the kernels both let go of the interpreter),
-    so that on two cores the digest costs next to nothing. Closing it leaves the file itself open.
+    Large pieces are hashed in a thread of their own (hashlib and the kernels both release the interpreter's
+    lock), so that on two cores the digest costs almost nothing. Closing it leaves the file itself open.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -106,7 +116,7 @@ class HashedFile(io.RawIOBase):
 def open_source(file: BinaryIO, file_name: str = "", *, is_hashed: bool = True) -> Source:
     """Take the size and the head; the name falls back to the file object's own.
 
-    ``is_hashed``: whether :func:`hash_source` will be asked for.
+    ``is_hashed``: the digest will be needed (:func:`hash_source`), so it is computed while the file is read.
     """
     name = file_name or str(getattr(file, "name", ""))
     size_bytes = file.seek(0, io.SEEK_END)

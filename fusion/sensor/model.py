@@ -184,5 +184,5 @@ class SensorRun:
 
 
 def view_segment(segment: Segment) -> SensorRun:
-    """Look at a segment as a run; nothing is copied."""
+    """View a segment as a run, without a copy."""
     return SensorRun(segment.start_s, segment.rate_hz, segment.acc_g, segment.gyr_dps)

@@ -21,8 +21,7 @@ from fusion.sensor.accelerometer import (
     calibrate_accelerometer,
     sees_few_directions,
 )
-from fusion.sensor.gyro_bias import follow_gyro_bias, reduce_about_start
-from fusion.sensor.gyro_scale import GyroScale, estimate_gyro_scale
+from fusion.sensor.gyroscope import GyroScale, estimate_gyro_scale, follow_gyro_bias, reduce_about_start
 from fusion.sensor.model import GyroBias, SensorRun
 from fusion.sensor.nodes import Nodes, correct_nodes, reduce_to_nodes
 from fusion.sensor.stillness import QuarterSeconds, QuietTable, reduce_run

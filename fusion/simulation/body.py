@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 
+from fusion.numba_kernels import njit
 from fusion.recording import Float64Array
 from fusion.units import STANDARD_GRAVITY
 

@@ -227,7 +227,7 @@ def _choose_work(scale: float, chance: np.random.Generator) -> tuple[str, float]
 def _perform(
     body: Choreography, name: str, duration_s: float, chance: np.random.Generator
 ) -> PlannedActivity:
-    """Let the body do one activity, beginning from an arm that is let down after the former."""
+    """Simulate one activity; the arm is let down after the one before."""
     start_s = body.time_s
     if start_s > 0.0:
         body.go(0.8, HANGING)

@@ -6,9 +6,9 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.recording import Float64Array
 from fusion.simulation.imu_rows import TEMPERATURE_AT_ZERO, ImuSeconds
 from fusion.simulation.shift import SampleBlock, SimulatedShift

@@ -8,9 +8,9 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.recording import Float64Array
 from fusion.simulation.sensor import SensorErrors
 from fusion.simulation.shift import SampleBlock, SimulatedShift

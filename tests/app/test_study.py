@@ -15,7 +15,7 @@ from app.report.agreement.study_report import StudyFacts, build_study
 from app.report.render.html import render_html
 from app.report.words.subject import Software
 from app.roads.agreement_study import find_study_files
-from fusion.agreement import StudyEntry, measure_agreement, summarise_study
+from fusion.agreement import AgreementEntry, measure_agreement, summarise_agreement_study
 from fusion.errors import UnusableStudy
 from fusion.source_paper import TITLES
 from tests.fusion.test_agreement_statistics import OURS, REFERENCE
@@ -116,11 +116,11 @@ def test_a_folder_below_the_person_is_a_task(tmp_path: Path) -> None:
 def test_means_are_over_people_not_over_recordings() -> None:
     # P1 has errors of 1 and 3 deg in two recordings, P2 of 6 deg: mean of 2 and 6.
     entries = [
-        StudyEntry(person, "gt9x", "lift", None, measure_agreement(REFERENCE + error, REFERENCE, 1.0))
+        AgreementEntry(person, "gt9x", "lift", None, measure_agreement(REFERENCE + error, REFERENCE, 1.0))
         for person, error in (("P1", 1.0), ("P1", 3.0), ("P2", 6.0))
     ]
 
-    cell = summarise_study(entries)[0]
+    cell = summarise_agreement_study(entries)[0]
 
     assert cell.people == 2
     assert cell.rmse_deg.mean == pytest.approx(4.0)
@@ -129,7 +129,7 @@ def test_means_are_over_people_not_over_recordings() -> None:
 def test_one_person_has_no_standard_deviation() -> None:
     agreement = measure_agreement(OURS, REFERENCE, 1.0)
 
-    cell = summarise_study([StudyEntry("P1", "gt9x", "lift", None, agreement)])[0]
+    cell = summarise_agreement_study([AgreementEntry("P1", "gt9x", "lift", None, agreement)])[0]
 
     assert cell.rmse_deg.sd != cell.rmse_deg.sd
 
@@ -138,7 +138,9 @@ def test_r_is_not_given_where_it_is_quasi_static_for_most() -> None:
     moving, still = measure_agreement(OURS, REFERENCE, 1.0), measure_agreement(OURS / 10, REFERENCE / 10, 1.0)
     people = (("P1", moving), ("P2", still), ("P3", still))
 
-    cell = summarise_study([StudyEntry(person, "gt9x", "hold", None, one) for person, one in people])[0]
+    cell = summarise_agreement_study(
+        [AgreementEntry(person, "gt9x", "hold", None, one) for person, one in people]
+    )[0]
 
     assert (cell.r.mean != cell.r.mean, cell.r.people, cell.rmse_deg.people) == (True, 1, 3)
 
@@ -159,12 +161,12 @@ def study_of_two_devices(tmp_path: Path) -> Path:
     """The page of ten of the paper's tasks with both devices."""
     agreement = measure_agreement(OURS, REFERENCE, 1.0)
     entries = [
-        StudyEntry(person, device, TITLES[task], task, agreement)
+        AgreementEntry(person, device, TITLES[task], task, agreement)
         for person in ("P1", "P2")
         for device in ("gt9x", "lsm9ds1")
         for task in TITLES
     ]
     facts = StudyFacts("smoothed", "n-pose", Software("1", "a"), "id")
-    report = build_study(entries, summarise_study(entries), [], facts, "en")
+    report = build_study(entries, summarise_agreement_study(entries), [], facts, "en")
     (tmp_path / "study.html").write_bytes(render_html(report))
     return tmp_path / "study.html"

@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from app.jobs.worker import open_bench, run_next
 from app.report.words.wording import Language
 from app.settings import Settings
-from fusion.angle_files import read_angle_file, tell_layout
+from fusion.angle_files import read_angle_file, recognise_layout
 from fusion.pipeline import Analysis, analyse, analyse_angle_file
 from fusion.readers import read_recording
 from tests.badfiles.expected import ALWAYS
@@ -24,7 +24,7 @@ def content_of(bad: BadFile) -> bytes:
 def analyse_by_fusion(bad: BadFile) -> Analysis:
     """The one road of the app, by `fusion` alone: motion capture needs no fusion of ours."""
     file = io.BytesIO(content_of(bad))
-    if tell_layout(file, bad.name) == "mvnx":
+    if recognise_layout(file, bad.name) == "mvnx":
         return analyse_angle_file(read_angle_file(file, bad.name))
     return analyse(read_recording(file, file_name=bad.name))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.agreement.alignment import ClockWishes, align
+from fusion.agreement.alignment import ClockSettings, align
 from fusion.agreement.pairs import Alignment, Run, Runs, WindowLag, interpolate, pair
 from fusion.errors import NotAligned, NothingInCommon
 
@@ -70,13 +70,13 @@ def test_a_short_common_time_tells_no_drift() -> None:
 
 
 def test_what_is_given_by_hand_stays() -> None:
-    found = align(see(100, 0, 0, 0, 1), see(60, 5.0, 0, 0, 2), ClockWishes(5.25, 10.0))
+    found = align(see(100, 0, 0, 0, 1), see(60, 5.0, 0, 0, 2), ClockSettings(5.25, 10.0))
 
     assert (found.offset_s, found.drift_ppm) == (5.25, 10.0)
 
 
 def test_a_given_drift_leaves_the_offset_to_be_found() -> None:
-    found = align(see(100, 0, 0, 0, 1), see(60, 5.0, 80.0, 0, 2), ClockWishes(drift_ppm=80.0))
+    found = align(see(100, 0, 0, 0, 1), see(60, 5.0, 80.0, 0, 2), ClockSettings(drift_ppm=80.0))
 
     assert (found.offset_s, found.drift_ppm) == pytest.approx((5.0, 80.0), abs=0.005)
 
@@ -100,7 +100,7 @@ def test_a_few_seconds_of_like_motion_tell_no_shift() -> None:
 def test_a_shift_given_by_hand_needs_no_length_of_motion() -> None:
     piece = see(60, 0.0, 0, 0, 2)[0].values[320 * 60 : 328 * 60]
 
-    found = align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, piece),), ClockWishes(offset_s=-320.0))
+    found = align(see(100, 0, 0, 0, 1), (Run(0.0, 60.0, piece),), ClockSettings(offset_s=-320.0))
 
     assert found.offset_s == -320.0
 

@@ -8,15 +8,28 @@ from pathlib import Path
 
 import pytest
 
-from fusion import _copy_compiled
+from fusion.numba_kernels import _copy_compiled
 
-TELL = "import os, fusion; print(os.environ['NUMBA_CACHE_DIR'])"
+TELL = "from fusion.numba_kernels import make_kernel_folder; print(make_kernel_folder())"
+IMPORT_ALL = "import os, fusion; [getattr(fusion, name) for name in fusion.__all__]"
+CALL = "from fusion.numba_kernels import make_ready; make_ready()"
 
 
 def tell_folder(given: Path, base: Path) -> Path:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(given), "XDG_CACHE_HOME": str(base)}
     told = subprocess.run([sys.executable, "-c", TELL], env=environment, capture_output=True, check=True)
     return Path(told.stdout.decode().strip())
+
+
+def run_away(program: str, home: Path, temporary: Path) -> None:
+    """Run a program as a user with this home and this folder for temporary files, neither named otherwise."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    environment |= {"HOME": str(home), "TMPDIR": str(temporary), "PYTHONDONTWRITEBYTECODE": "1"}
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True)
+
+
+def list_files(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*") if path.is_file())
 
 
 @pytest.fixture
@@ -75,3 +88,47 @@ def test_a_folder_in_use_is_not_filled_again(tmp_path: Path) -> None:
     _copy_compiled(given, folder)
 
     assert [path.name for path in folder.iterdir()] == ["new.nbc"]
+
+
+def test_an_import_of_every_public_name_writes_nothing_and_sets_nothing(tmp_path: Path) -> None:
+    home, temporary = tmp_path / "home", tmp_path / "tmp"
+    home.mkdir()
+    temporary.mkdir()
+
+    run_away(f"{IMPORT_ALL}; assert 'NUMBA_CACHE_DIR' not in os.environ", home, temporary)
+
+    assert not [*home.iterdir(), *temporary.iterdir()]
+
+
+def test_the_first_kernel_that_runs_is_kept_in_the_private_folder(tmp_path: Path) -> None:
+    home, temporary = tmp_path / "home", tmp_path / "tmp"
+    home.mkdir()
+    temporary.mkdir()
+
+    run_away(CALL, home, temporary)
+
+    (folder,) = (home / ".cache" / "acromion").iterdir()
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert any(name.startswith("numba_kernels._add_one") for name in list_files(folder))
+    assert not [*temporary.iterdir()]
+
+
+def test_with_a_read_only_home_compiled_code_is_kept_among_the_temporary_files(
+    read_only: Path, tmp_path: Path
+) -> None:
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+
+    run_away(CALL, read_only, temporary)
+
+    assert any(name.startswith("numba_kernels._add_one") for name in list_files(temporary))
+
+
+def test_where_nothing_can_be_written_kernels_run_all_the_same(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.touch()
+    program = f"import tempfile; tempfile.tempdir = {str(blocked)!r}; {CALL}"
+
+    run_away(program, blocked, tmp_path)
+
+    assert list_files(tmp_path) == ["file"]

@@ -10,13 +10,12 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from fusion.exposure import Exposure, PartExposure, summarise_exposure
-from fusion.exposure.episodes import find_stays
+from fusion.exposure.episodes import LONGER_S, STAY_S, STAYS, find_stays, start_shifted_stays
 from fusion.exposure.intervals import describe_hours
 from fusion.exposure.metric_filter import MetricAngle
+from fusion.exposure.parts import cut_day
 from fusion.exposure.peaks import ShiftedSeconds
 from fusion.exposure.speeds import count_crossings, find_mean_power_frequency
-from fusion.exposure.stays import LONGER_S, STAY_S, STAYS, start_shifted_stays
-from fusion.exposure.stretches import cut_day
 from tests.factories import elevate
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fusion.sensor.gyro_bias import BiasSettings, estimate_gyro_bias, find_jumps
+from fusion.sensor.gyroscope import BiasSettings, estimate_gyro_bias, find_jumps
 from fusion.sensor.model import GyroBias, SensorRun
 from fusion.sensor.stillness import find_still_moments, reduce_run
 from fusion.simulation import simulate_shift

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fusion.sensor.gyro_scale import GyroScale
+from fusion.sensor.gyroscope import GyroScale
 from fusion.sensor.model import SensorRun
 from fusion.sensor.self_calibration import calibrate_sensor
 from fusion.sensor.stillness import find_still_moments, reduce_run

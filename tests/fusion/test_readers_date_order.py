@@ -6,7 +6,7 @@ from datetime import datetime
 import pytest
 
 from fusion.errors import UnusableTime
-from fusion.readers.tables.dates import settle_by_span
+from fusion.readers.tables.dates import find_order_by_span
 from tests.badfiles.table_files import calendar_table, resaved
 from tests.fusion.table_builder import codes, read_text
 
@@ -117,6 +117,6 @@ def test_midnight_in_a_packed_table_settles_day_and_month() -> None:
 
 
 def test_the_first_and_the_last_date_settle_what_one_cannot() -> None:
-    assert settle_by_span(("03", "03", "2026"), ("04", "03", "2026")) == "dmy"
-    assert settle_by_span(("03", "03", "2026"), ("03", "04", "2026")) == "mdy"
-    assert settle_by_span(("03", "03", "2026"), ("03", "03", "2026")) is None
+    assert find_order_by_span(("03", "03", "2026"), ("04", "03", "2026")) == "dmy"
+    assert find_order_by_span(("03", "03", "2026"), ("03", "04", "2026")) == "mdy"
+    assert find_order_by_span(("03", "03", "2026"), ("03", "03", "2026")) is None

@@ -10,7 +10,7 @@ import pytest
 
 from fusion.errors import UnknownRate
 from fusion.readers import read_recording
-from fusion.readers.tables.columns import TimeUnit, guess_exponent, measure_roughness, settle_unit
+from fusion.readers.tables.columns import TimeUnit, find_time_unit, guess_exponent, measure_roughness
 from tests.badfiles import signal_files as s
 from tests.badfiles.table_files import every_ten_seconds, misnamed
 from tests.fusion.table_builder import HEADER, codes, read_text
@@ -51,7 +51,7 @@ def test_rows_of_ten_seconds_are_no_rows_of_ten_milliseconds() -> None:
 def test_an_epoch_keeps_its_unit_however_slowly_the_rows_come() -> None:
     first_s = 1_772_438_220.0
 
-    assert settle_unit([first_s + 10.0 * k for k in range(9)], "s") == TimeUnit(6)
+    assert find_time_unit([first_s + 10.0 * k for k in range(9)], "s") == TimeUnit(6)
 
 
 @pytest.mark.parametrize(("step", "exponent"), [(0.01, 6), (10.0, 3), (10_000.0, 0), (1e7, -3), (0.2, None)])
@@ -83,4 +83,4 @@ def test_a_table_in_its_own_unit_says_nothing() -> None:
 def test_a_first_row_that_tells_no_time_says_nothing_of_the_unit() -> None:
     times = [math.nan, *(10_000.0 * k for k in range(50))]
 
-    assert settle_unit(times, "s") == settle_unit(times[1:], "s")
+    assert find_time_unit(times, "s") == find_time_unit(times[1:], "s")

@@ -15,7 +15,7 @@ from app.report.words.subject import Software, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
 
 if TYPE_CHECKING:
-    from fusion.agreement import Limits, StudyCell, StudyEntry
+    from fusion.agreement import AgreementCell, AgreementEntry, Limits
     from fusion.agreement.agreement_study import Spread
 
 STATISTICS = ("r", "rmse_deg", "mean_absolute_error_deg")
@@ -34,8 +34,8 @@ class StudyFacts:
 
 
 def build_study(
-    entries: Sequence[StudyEntry],
-    cells: Sequence[StudyCell],
+    entries: Sequence[AgreementEntry],
+    cells: Sequence[AgreementCell],
     problems: Sequence[tuple[str, str, str]],
     facts: StudyFacts,
     language: Language,
@@ -71,7 +71,7 @@ def build_study(
 
 
 def _tell_study(
-    cells: Sequence[StudyCell], devices: Sequence[str], words: Words, language: Language
+    cells: Sequence[AgreementCell], devices: Sequence[str], words: Words, language: Language
 ) -> tuple[str, ...]:
     """Say for each device between what means the error lies."""
     sentences = []
@@ -88,7 +88,7 @@ def _tell_study(
 
 
 def tabulate_table_1(
-    cells: Sequence[StudyCell], devices: Sequence[str], words: Words, language: Language
+    cells: Sequence[AgreementCell], devices: Sequence[str], words: Words, language: Language
 ) -> Table:
     """Lay the tasks in rows and each statistic of each device in columns: mean [SD] (paper)."""
     entry = words["study"]
@@ -108,7 +108,7 @@ def tabulate_table_1(
     return Table(entry["caption"], (entry["task"], *columns), tuple(rows), entry["note"], even=True)
 
 
-def _tell_cell(cell: StudyCell | None, name: str, language: Language) -> str:
+def _tell_cell(cell: AgreementCell | None, name: str, language: Language) -> str:
     if cell is None:
         return NONE
     decimals, ours = DECIMALS[name], getattr(cell, name)
@@ -129,8 +129,8 @@ def tell_spread(spread: Spread, decimals: int, language: Language) -> str:
 
 
 def _build_sections(
-    entries: Sequence[StudyEntry],
-    cells: Sequence[StudyCell],
+    entries: Sequence[AgreementEntry],
+    cells: Sequence[AgreementCell],
     problems: Sequence[tuple[str, str, str]],
     words: Words,
     language: Language,
@@ -156,7 +156,7 @@ def _build_sections(
     return tuple(section for section in sections if section.tables)
 
 
-def _tell_limits(cell: StudyCell, limits: Limits, words: Words, language: Language) -> tuple[str, ...]:
+def _tell_limits(cell: AgreementCell, limits: Limits, words: Words, language: Language) -> tuple[str, ...]:
     values = (limits.bias_deg, limits.low_deg, limits.high_deg, limits.between_sd_deg, limits.within_sd_deg)
     short = words["study"]["short"].get(cell.device, cell.device)
     return (
@@ -167,7 +167,7 @@ def _tell_limits(cell: StudyCell, limits: Limits, words: Words, language: Langua
     )
 
 
-def _tell_entry(entry: StudyEntry, words: Words, language: Language) -> tuple[str, ...]:
+def _tell_entry(entry: AgreementEntry, words: Words, language: Language) -> tuple[str, ...]:
     agreement = entry.agreement
     r = format_number(agreement.r, 3, language)
     return (

@@ -16,15 +16,15 @@ from fusion.source_paper import QUASI_STATIC, TABLE_1
 
 if TYPE_CHECKING:
     from app.errors import StudyProblem
-    from fusion.agreement import StudyCell, StudyEntry
+    from fusion.agreement import AgreementCell, AgreementEntry
 
 SCHEMA = "acromion.study/1"
 SPREADS = ("r", "rmse_deg", "mean_absolute_error_deg", "bias_deg")
 
 
 def build_study_json(
-    entries: Sequence[StudyEntry],
-    cells: Sequence[StudyCell],
+    entries: Sequence[AgreementEntry],
+    cells: Sequence[AgreementCell],
     problems: Sequence[StudyProblem],
     method: str,
     software: Software,
@@ -46,7 +46,7 @@ def build_study_json(
     return encode_validation(study)
 
 
-def _describe_cell(cell: StudyCell) -> dict[str, Any]:
+def _describe_cell(cell: AgreementCell) -> dict[str, Any]:
     spreads = {name: asdict(getattr(cell, name)) for name in SPREADS}
     return {
         "task": clean_text(cell.task),
@@ -59,7 +59,7 @@ def _describe_cell(cell: StudyCell) -> dict[str, Any]:
     }
 
 
-def find_paper_row(cell: StudyCell) -> dict[str, float | None] | None:
+def find_paper_row(cell: AgreementCell) -> dict[str, float | None] | None:
     """Give the paper's figures for this task and device, where it has them."""
     paper = TABLE_1.get(cell.device, {}).get(cell.paper_task or 0)
     if paper is None:
@@ -68,7 +68,7 @@ def find_paper_row(cell: StudyCell) -> dict[str, float | None] | None:
     return {"r": r, "rmse_deg": paper.rmse_deg, "mean_absolute_error_deg": paper.absolute_deg}
 
 
-def _describe_entry(entry: StudyEntry) -> dict[str, Any]:
+def _describe_entry(entry: AgreementEntry) -> dict[str, Any]:
     return {
         "person": clean_text(entry.person),
         "device": entry.device,
@@ -78,7 +78,7 @@ def _describe_entry(entry: StudyEntry) -> dict[str, Any]:
     }
 
 
-def encode_cells(cells: Sequence[StudyCell]) -> bytes:
+def encode_cells(cells: Sequence[AgreementCell]) -> bytes:
     """Write one row for each task and device: means, standard deviations, limits, the paper's figures."""
     names = ["task", "paper_task", "device", "people"]
     names += [f"{name}_{part}" for name in SPREADS for part in ("mean", "sd")]
@@ -86,7 +86,7 @@ def encode_cells(cells: Sequence[StudyCell]) -> bytes:
     return encode_table(names, [_make_row(cell) for cell in cells])
 
 
-def _make_row(cell: StudyCell) -> Row:
+def _make_row(cell: AgreementCell) -> Row:
     described: dict[str, Any] = round_all(_describe_cell(cell))
     spreads = {f"{name}_{part}": described[name][part] for name in SPREADS for part in ("mean", "sd")}
     limits = {name: described["repeated_measures"][name] for name in ("loa_low_deg", "loa_high_deg")}
@@ -95,7 +95,7 @@ def _make_row(cell: StudyCell) -> Row:
     return {**own, **spreads, **limits, **paper}
 
 
-def encode_entries(entries: Sequence[StudyEntry]) -> bytes:
+def encode_entries(entries: Sequence[AgreementEntry]) -> bytes:
     """Write one row for each person, task and device."""
     rows: list[Row] = [round_all(_describe_entry(entry)) for entry in entries]
     for row in rows:

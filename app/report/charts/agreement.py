@@ -15,7 +15,7 @@ from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
 
 if TYPE_CHECKING:
-    from fusion.agreement import StudyCell, StudyEntry
+    from fusion.agreement import AgreementCell, AgreementEntry
 
 
 # The figure of a study: each person's error in each task, their mean, and the paper's.
@@ -31,12 +31,16 @@ class _Rows:
     """What is drawn: the cells of one device, and each task's errors, one for each person."""
 
     device: str
-    cells: Sequence[StudyCell]
+    cells: Sequence[AgreementCell]
     errors_deg: dict[str, list[float]]
 
 
 def draw_study(
-    entries: Sequence[StudyEntry], cells: Sequence[StudyCell], device: str, words: Words, language: Language
+    entries: Sequence[AgreementEntry],
+    cells: Sequence[AgreementCell],
+    device: str,
+    words: Words,
+    language: Language,
 ) -> Chart:
     """Draw a row for each task of a device: a ring for each person, a bar at their mean, the paper's mark."""
     entry = words["study_figure"]
@@ -54,7 +58,7 @@ def draw_study(
     return Chart(*told, drawn[WIDE], drawn[NARROW], Table(title, tuple(entry["columns"]), table))
 
 
-def _format_row(cell: StudyCell, language: Language) -> tuple[str, str]:
+def _format_row(cell: AgreementCell, language: Language) -> tuple[str, str]:
     paper = find_paper_row(cell)
     return (
         format_angle(cell.rmse_deg.mean, language, 2),
@@ -91,7 +95,7 @@ def _draw_axis(
     return body
 
 
-def _draw_row(cell: StudyCell, values: Sequence[float], place: tuple[float, float, float]) -> list[str]:
+def _draw_row(cell: AgreementCell, values: Sequence[float], place: tuple[float, float, float]) -> list[str]:
     left, y, scale = place
     body = [_draw_ring(left + value * scale, y) for value in values]
     body.append(_draw_bar(left + cell.rmse_deg.mean * scale, y))

@@ -1,8 +1,8 @@
 """The clock of a `.cwa`: one stamp for each block, from which segments, holes and the true rate follow.
 
-The sensor samples by a clock of its own; each block says what the device's clock read at one of its rows, to
-1/32768 s. Between blocks that follow one another the stamps say whether time is missing, as far as they are
-even themselves: the limit is half a sample period (CONTRACT §5: a step longer than 1.5 periods is a hole), or
+The sensor samples by a clock of its own; each block gives the reading of the device's clock at one of its
+rows, to 1/32768 s. The stamps of successive blocks show whether time is missing between them, within their
+own scatter: the limit is half a sample period (CONTRACT §5: a step longer than 1.5 periods is a hole), or
 eight times the scatter of the stamps where that is more and no block's number is missing.
 """
 
@@ -26,7 +26,7 @@ from fusion.readers.timebase.grid import (
 )
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, flag_gaps
 
-# Blocks of a `.cwa` in order: one session, each block once, by their numbers where some came late.
+# The order of the blocks: one session, each block once, by their numbers where some came late.
 
 
 Indices = NDArray[np.int64]
@@ -82,7 +82,7 @@ def order_blocks(
     flags = tuple(
         QualityFlag(code, count, facts=facts.get(code, {})) for code, count in counts.items() if count
     )
-    return (_follow(kept, columns) if flags else kept), flags
+    return (_arrange_columns(kept, columns) if flags else kept), flags
 
 
 def find_session(blocks: Blocks, named: int) -> NDArray[np.bool_]:
@@ -135,14 +135,14 @@ def count_identical(blocks: Blocks, columns: SampleColumns, doubles: Indices) ->
     alike = doubles[blocks.n_rows[doubles] == blocks.n_rows[doubles - 1]]
     if len(alike) == 0:
         return 0
-    here, before = (list_rows(blocks.take(alike - shift)) for shift in (0, 1))
+    here, before = (find_rows(blocks.take(alike - shift)) for shift in (0, 1))
     is_same = np.all(columns.acc[here] == columns.acc[before], axis=1)
     is_same &= np.all(columns.gyr[here] == columns.gyr[before], axis=1)
     edges = np.cumsum(blocks.n_rows[alike]) - blocks.n_rows[alike]
     return int(np.count_nonzero(np.logical_and.reduceat(is_same, edges)))
 
 
-def list_rows(blocks: Blocks) -> Indices:
+def find_rows(blocks: Blocks) -> Indices:
     """The rows of blocks one after the other."""
     stops = np.cumsum(blocks.n_rows)
     shifts = np.repeat(blocks.first_row - (stops - blocks.n_rows), blocks.n_rows)
@@ -150,9 +150,9 @@ def list_rows(blocks: Blocks) -> Indices:
     return rows
 
 
-def _follow(blocks: Blocks, columns: SampleColumns) -> Blocks:
+def _arrange_columns(blocks: Blocks, columns: SampleColumns) -> Blocks:
     """Put the columns into the order of the blocks."""
-    columns.arrange(list_rows(blocks))
+    columns.arrange(find_rows(blocks))
     stops = np.cumsum(blocks.n_rows)
     return Blocks(stops - blocks.n_rows, *(getattr(blocks, name) for name in Blocks.__slots__[1:]))
 
@@ -296,7 +296,7 @@ def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int
 
 
 def _mend_ends(starts_us: Floats, lengths_us: Floats) -> int:
-    """A first or last stamp days from all others is not believed."""
+    """Replace a first or last stamp that lies over a day from all others; return how many."""
     if len(starts_us) < 3:
         return 0
     is_far = np.abs(find_lags(starts_us, lengths_us)) > LONGEST_GAP_US

@@ -35,9 +35,9 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source, read_chunks
 from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
 from fusion.readers.timebase.grid import Grid
-from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from fusion.recording import MICROSECONDS, QualityFlag, Recording, flag_counts
 
-# The header of a `.cwa`: which device it is, and when it was to stop. Names of people in it are not read.
+# The header of a `.cwa`: the device, and its planned end. Names of people in it are not read.
 
 
 HEADER_BYTES = 1024
@@ -50,7 +50,7 @@ FIRST_YEAR = 2000
 
 @dataclass(frozen=True, slots=True)
 class DeviceHeader:
-    """What the header tells; nothing where it is lost. ``planned_end_s``: Unix seconds, None for no plan."""
+    """The facts of the header, if it is not lost. ``planned_end_s``: Unix seconds, None for no plan."""
 
     is_ax6: bool = False
     device_id: int = 0
@@ -140,7 +140,7 @@ class BlockLog:
     parts: list[NDArray[np.void]] = field(default_factory=list)
     n_bytes: int = 0
     n_plain: int = 0
-    n_strange: int = 0
+    n_unknown: int = 0
 
     @property
     def heads(self) -> NDArray[np.void]:
@@ -151,16 +151,16 @@ class BlockLog:
         """Raise where no sample can be trusted."""
         damaged_percent = 100.0 * float(self.tally[DAMAGED_BYTES]) / max(1, self.n_bytes)
         if damaged_percent > MAX_DAMAGED_PERCENT:
-            raise DamagedFile(p=round(damaged_percent, 1), **self._tell_damage())
+            raise DamagedFile(p=round(damaged_percent, 1), **self._find_damage_clock())
         if self.columns.rows:
             return
         if self.n_plain:
             raise NoGyroscope(cure="AX6")
-        if self.n_strange:
+        if self.n_unknown:
             raise UnknownColumns(list="CWA")
         raise TooShort(s=0.0)
 
-    def _tell_damage(self) -> dict[str, str]:
+    def _find_damage_clock(self) -> dict[str, str]:
         """The clock at the last sound block before the damage."""
         before = unpack_stamps(self.heads["stamp"][: int(self.tally[FIRST_DAMAGE])])
         clock = datetime_at_us(int(before[-1]) * MICROSECONDS) if len(before) else None
@@ -170,8 +170,14 @@ class BlockLog:
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> BlockLog:
     """Find and decode the blocks in one pass over what follows the header.
 
-    ``size_bytes``: how long the file is; the room that samples will take is foreseen from that.
-    ``source``: what the pieces come from, where too many rows are to be refused.
+    Parameters
+    ----------
+    pieces
+        The bytes after the header.
+    size_bytes
+        Of the file, from which the room for the samples is estimated.
+    source
+        What the pieces come from, where too many rows are to be refused.
     """
     log = BlockLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
@@ -197,7 +203,7 @@ def _take_blocks(log: BlockLog, found: FoundBlocks) -> None:
     is_inertial = np.isin(axes, INERTIAL_AXES) & (heads["axes"] & 0xF == WORDS)
     fits = is_inertial & (rows > 0) & (rows * axes * 2 <= SAMPLE_BYTES)
     log.n_plain += int(np.count_nonzero(axes == PLAIN_AXES))
-    log.n_strange += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
+    log.n_unknown += int(np.count_nonzero(~fits & (rows > 0) & (axes != PLAIN_AXES)))
     columns, total = log.columns, int(rows[fits].sum())
     columns.make_room(total)
     room = slice(columns.rows, columns.rows + total)
@@ -220,7 +226,7 @@ def find_ranges(heads: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[n
     return acc_range_g, (8000.0 / 2.0**gyr_code).astype(np.float32)
 
 
-def lay_blocks(heads: NDArray[np.void]) -> Blocks:
+def build_blocks(heads: NDArray[np.void]) -> Blocks:
     """Give the numbers of decoded blocks, and the row at which each one's stamp holds.
 
     The stamp's fraction came later than its whole seconds: for older readers the row was moved to where the
@@ -247,7 +253,7 @@ def lay_blocks(heads: NDArray[np.void]) -> Blocks:
 def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
     """Put segments and caveats together."""
     heads = log.heads
-    laid = lay_blocks(heads)
+    laid = build_blocks(heads)
     blocks, mended = order_blocks(laid, log.columns, header.session)
     grid, started_us = cut_blocks(blocks, log.columns)
     start, unset = trust_clock(None if started_us is None else datetime_at_us(started_us))
@@ -275,7 +281,7 @@ def build_recording(header: DeviceHeader, log: BlockLog) -> Recording:
 
 
 def flag_unstamped(grid: Grid) -> tuple[QualityFlag, ...]:
-    """No block has a stamp: the header's rate is all that is known of time."""
+    """Flag a file without stamps: its time rests on the header's rate alone."""
     rate_hz = round(MICROSECONDS / grid.period_us, 3)
     return (
         QualityFlag(Caveat.CLOCK_UNSET),
@@ -292,9 +298,9 @@ def flag_damage(log: BlockLog, blocks: Blocks, grid: Grid) -> tuple[QualityFlag,
     counts = {
         Caveat.CHECKSUM: int(log.tally[BAD_CHECKSUMS]),
         Caveat.RESYNC: int(log.tally[RESYNCS]),
-        Caveat.ROWS_DROPPED: log.n_plain + log.n_strange,
+        Caveat.ROWS_DROPPED: log.n_plain + log.n_unknown,
     }
-    flags = tuple(QualityFlag(code, n, 0.0, first_s, last_s) for code, n in counts.items() if n)
+    flags = flag_counts(counts, first_s, last_s)
     tail_bytes = int(log.tally[TAIL_BYTES])
     if tail_bytes:
         flags += (QualityFlag(Caveat.TRUNC_TAIL, 1, 0.0, end_s, end_s, {"n": tail_bytes}),)
@@ -304,15 +310,15 @@ def flag_damage(log: BlockLog, blocks: Blocks, grid: Grid) -> tuple[QualityFlag,
 def flag_plan(
     header: DeviceHeader, blocks: Blocks, grid: Grid, started_us: int | None
 ) -> tuple[QualityFlag, ...]:
-    """Where the recording is shorter than planned, or its rate is not the one that was asked for."""
+    """Flag a recording that ends before its planned end, or has another rate than the one set."""
     flags: tuple[QualityFlag, ...] = ()
     if header.planned_end_s is not None and started_us is not None:
         early_s = header.planned_end_s - (started_us + grid.duration_us) / MICROSECONDS
         flags += (QualityFlag(Caveat.EARLY_END),) if early_s > EARLY_END_S else ()
     rate_hz = max(grid.segments, key=len).rate_hz
     rates_hz: list[float] = nominal_hz(np.unique(blocks.rate_code)).tolist()
-    nominal = min(rates_hz, key=lambda asked_hz: abs(asked_hz - rate_hz))
-    return flags + flag_drift(nominal, rate_hz)
+    set_hz = min(rates_hz, key=lambda one_hz: abs(one_hz - rate_hz))
+    return flags + flag_drift(set_hz, rate_hz)
 
 
 def _describe(blocks: Blocks, grid: Grid) -> dict[str, str]:

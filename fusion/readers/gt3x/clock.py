@@ -1,7 +1,7 @@
-"""Putting the seconds of a `.gt3x` in order: runs of seconds, gaps, doubles, a clock that was set.
+"""The clock of a `.gt3x`: its seconds in order, with runs, gaps, doubles and a clock that was set.
 
-Each SENSOR_DATA record carries one second of the device's clock and the rows that fell into it. The order of
-the file is the order of time; the stamps say how much is missing between two records, and may be wrong.
+Each SENSOR_DATA record carries one second of the device's clock and the rows of that second. The order of the
+file is the order of time; the stamps give the time missing between two records, and may be wrong.
 """
 
 from dataclasses import dataclass, replace
@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.recording import QualityFlag
+from fusion.recording import QualityFlag, flag_counts
 
 LONGEST_GAP_S = 86_400
-"""A longer step forward is a clock that was set, not a gap: no second is made of it."""
+"""A longer step forward is a clock that was set, not a gap: it adds no time."""
 LONGEST_ALONE_S = 60
-"""The first or last second alone, so far from the others, is a wrong stamp: one is no proof of a minute."""
+"""A single first or last second, so far from the others, has a wrong stamp."""
 MAX_CLOCK_ZEROS = 16
 ROW_TOLERANCE = 0.04
-"""A second whose row count is further from the usual one has lost rows, and nobody can say which."""
+"""A second whose row count is further from the usual one has lost rows, and it is not known which."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,9 +81,9 @@ class Timeline:
 
 
 def repair_outliers(unix_s: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
-    """Replace a single stamp on whose neighbours agree with each other but not with it.
+    """Replace single stamps whose neighbours agree with each other but not with them.
 
-    Returns the stamps and how many were replaced.
+    Returns the stamps, shape (n,), Unix seconds, and how many were replaced.
     """
     stamps = unix_s.copy()
     if len(stamps) < 3:
@@ -132,7 +132,7 @@ def find_runs(seconds: Seconds) -> tuple[tuple[Run, ...], tuple[QualityFlag, ...
     """Cut the seconds where the clock does not step by one, or the row layout changes.
 
     A step back, or a step forward by more than a day, is a clock that was set: the next run follows at once,
-    because nothing says how long the break was.
+    because the length of the break is unknown.
     """
     unix_s = seconds.unix_s
     breaks = np.flatnonzero((np.diff(unix_s) != 1) | (np.diff(seconds.schema) != 0)) + 1
@@ -171,6 +171,5 @@ def order_seconds(seconds: Seconds, acc: NDArray[np.float32], gyr: NDArray[np.fl
         Caveat.DUP_CONFLICT: differing,
         Caveat.SEC_COUNT: int((single.n_rows < np.median(single.n_rows)).sum()),
     }
-    flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count)
     zeros = dict.fromkeys(int(whole.unix_s[run.first]) - run.start_s for run in runs)
-    return Timeline(whole, runs, flags + clock_flags, tuple(zeros)[:MAX_CLOCK_ZEROS])
+    return Timeline(whole, runs, flag_counts(counts) + clock_flags, tuple(zeros)[:MAX_CLOCK_ZEROS])

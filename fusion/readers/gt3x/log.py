@@ -1,4 +1,4 @@
-"""log.bin: finding the records, with their checksums, also where the file is damaged.
+"""log.bin: its records, found by their checksums also where the file is damaged, and the device's events.
 
 Framing (actigraph/GT3X-File-Format, README): 0x1E, type, uint32 LE Unix seconds, uint16 LE payload size n,
 n bytes, checksum = complement of the XOR of all bytes before it. Zeros between records are legal.
@@ -9,13 +9,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.readers.source import mark_last
 from fusion.recording import MICROSECONDS, Span
 
-# What a `.gt3x` says happened besides measuring: idle sleep, the USB dock, how its clock counts.
+# The device's events besides sampling: idle sleep, the USB dock, how its clock counts.
 
 
 ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2 = 0, 2, 3, 6, 24, 25, 26
@@ -273,7 +273,7 @@ class ScanTally:
 
 
 def summarise_tally(tally: NDArray[np.int64]) -> ScanTally:
-    """Tell a record cut off at the end of the file (a pulled battery) from damage inside it."""
+    """Separate a record cut off at the end of the file (a pulled battery) from damage inside it."""
     is_tail = tally[IS_LOST] == 1 and tally[HUNTED_BYTES] < LONGEST_RECORD_BYTES
     tail_bytes = int(tally[HUNTED_BYTES]) if is_tail else 0
     return ScanTally(

@@ -10,15 +10,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
-from fusion.readers import archives as gt3x_archive
-from fusion.readers.gt3x import log as gt3x_events
+from fusion.readers.archives import check_parts, is_archive, open_archive, read_member, read_text
 from fusion.readers.gt3x.clock import LONGEST_GAP_S, Run, Seconds, Timeline, order_seconds
 from fusion.readers.gt3x.log import (
     ACTIVITY,
@@ -32,6 +30,10 @@ from fusion.readers.gt3x.log import (
     DeviceEvents,
     ScannedPiece,
     ScanTally,
+    cut_out,
+    make_spans,
+    merge_seconds,
+    pair_sleep,
     scan_pieces,
     summarise_tally,
 )
@@ -39,6 +41,7 @@ from fusion.readers.gt3x.schema import RowDecoder, make_decoder, parse_schema
 from fusion.readers.samples import SampleColumns
 from fusion.readers.source import Source
 from fusion.readers.timebase.clock import (
+    FollowedZone,
     find_zone,
     flag_drift,
     follow_zone,
@@ -47,10 +50,52 @@ from fusion.readers.timebase.clock import (
     parse_offset_s,
     trust_clock,
 )
-from fusion.recording import MICROSECONDS, QualityFlag, Recording, Segment, Span, flag_gaps, flag_spans
+from fusion.recording import (
+    MICROSECONDS,
+    QualityFlag,
+    Recording,
+    Segment,
+    Span,
+    flag_counts,
+    flag_gaps,
+    flag_spans,
+)
 from fusion.still_limits import BOTH_ACCELEROMETERS
 
-# info.txt and the METADATA records of a `.gt3x`: what the device says about itself.
+WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
+MAX_DAMAGED_PERCENT = 5.0
+MAX_HELD_RECORDS = 512
+"""Samples that come before their schema are kept for it; more of them mean that it is missing, not late."""
+
+
+def recognise(source: Source) -> bool:
+    """Whether the bytes are a zip."""
+    return is_archive(source.file, source.head)
+
+
+def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the log tells its rate)
+    """Read the IMU of a GT9X Link.
+
+    Raises
+    ------
+    fusion.errors.UnreadableFile
+        The archive is cut, corrupt or unsafe, parts are missing, there is no gyroscope, or more than 5 % of
+        the records are damaged.
+    TooShort
+        No second of samples.
+    """
+    with open_archive(source) as archive:
+        check_parts(archive)
+        text = parse_device_text(read_text(archive, "info.txt"))
+        member = archive.getinfo("log.bin")
+        to_log_end = replace(source, size_bytes=member.header_offset + member.compress_size)
+        log = decode_log(read_member(archive, "log.bin"), member.file_size, to_log_end)
+    log.refuse_unusable()
+    timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
+    return build_recording(text, log, timeline)
+
+
+# info.txt: what the device tells about itself.
 
 
 TICKS_PER_SECOND = 10_000_000
@@ -103,11 +148,11 @@ def parse_device_text(content: bytes) -> DeviceText:
     return DeviceText(values, encoding)
 
 
-def tell_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> datetime:
+def find_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> datetime:
     """Give the device's clock at the first sample.
 
     ActiLife encodes local wall-clock time as if it were UTC; CentrePoint files (`UsedUtc`) count UTC.
-    The wall-clock reading is never shifted; the offset is attached where the file tells it.
+    The wall-clock reading is never shifted; the offset is attached where the file gives one.
     """
     moment = datetime.fromtimestamp(first_unix_s, UTC)
     if offset_s is None:
@@ -116,7 +161,7 @@ def tell_start(first_unix_s: int, offset_s: int | None, *, counts_utc: bool) -> 
     return moment.astimezone(zone) if counts_utc else moment.replace(tzinfo=zone)
 
 
-# The primary accelerometer of a `.gt3x`, read now and then to check the IMU and the header against it.
+# The primary accelerometer, read now and then to check the IMU and the header against it.
 
 
 PROBED_EVERY_S = 16
@@ -137,26 +182,19 @@ class PrimarySecond:
     scatter: float
 
 
-@dataclass(slots=True)
-class PrimarySeconds:
-    """The seconds that were looked at."""
-
-    seen: list[PrimarySecond] = field(default_factory=list)
-
-    def note(self, unix_s: int, payload: bytes) -> None:
-        """Take the payload of an ACTIVITY2 record: little-endian int16, x y z."""
-        rows = len(payload) // ROW_BYTES
-        counts = np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3).astype(np.float64)
-        scatter = float(counts.std(axis=0).max())
-        self.seen.append(PrimarySecond(unix_s, rows, counts.mean(axis=0), scatter))
+def read_primary_second(unix_s: int, payload: bytes) -> PrimarySecond:
+    """Read the payload of an ACTIVITY2 record: little-endian int16, x y z."""
+    rows = len(payload) // ROW_BYTES
+    counts = np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3).astype(np.float64)
+    return PrimarySecond(unix_s, rows, counts.mean(axis=0), float(counts.std(axis=0).max()))
 
 
 def measure_bias_g(
     seen: Sequence[PrimarySecond], text: DeviceText, timeline: Timeline, columns: SampleColumns
 ) -> float | None:
-    """How far the two accelerometers are apart at rest, median over still seconds; None without any.
+    """Measure how far the two accelerometers are apart at rest: median over still seconds, None without any.
 
-    Both share one frame (measured on a Link: apart by 0.04 g in every pose).
+    Both have the same axes (on a Link they differ by 0.04 g in every pose).
     """
     scale = text.number("Acceleration Scale") or DEFAULT_SCALE
     seconds = timeline.seconds
@@ -173,165 +211,59 @@ def measure_bias_g(
 
 
 def contradicts_header(seen: Sequence[PrimarySecond], header_rate_hz: float | None) -> bool:
-    """Whether the header's rate is absent, zero, or not that of the primary accelerometer it speaks of."""
+    """Whether the header's rate is absent, zero, or not the rate of the primary accelerometer."""
     if not header_rate_hz:
         return True
     rows = float(np.median([second.rows for second in seen])) if seen else header_rate_hz
     return abs(rows - header_rate_hz) > 0.05 * header_rate_hz
 
 
-# What a `.gt3x` gives reason to say: from its records, its info.txt and its clock.
-
-
-EARLY_END_S = 60.0
-LOW_BATTERY_MV = 3600
-"""A lithium cell under this is about to switch the device off."""
-IMU_RATE_HZ = 100.0
-TURNED_SERIAL, TURNED_FIRMWARE = "MOS", "1.6.0"
-"""ActiGraph documents axes turned by 90 degrees in the ACTIVITY records of these; see docs/decisions."""
-
-
-class GatheredLog(Protocol):
-    """What this module needs of a decoded log."""
-
-    columns: SampleColumns
-    events: DeviceEvents
-    n_undecoded: int
-
-    @property
-    def scan(self) -> ScanTally:
-        """What the scan met."""
-
-    @property
-    def primary_seconds(self) -> Sequence[PrimarySecond]:
-        """Seconds of the primary accelerometer that were looked at."""
-
-
-def flag_file(
-    text: DeviceText, log: GatheredLog, timeline: Timeline, segments: Sequence[Segment]
-) -> tuple[QualityFlag, ...]:
-    """Caveats that come from the records and from info.txt."""
-    counts = {
-        Caveat.ROWS_DROPPED: log.n_undecoded,
-        Caveat.RESETS: int(text.number("Unexpected Resets") or 0),
-        Caveat.ENCODING: int(text.encoding != "utf-8"),
-        Caveat.TZ: int(_is_zone_unclear(text, counts_utc=log.events.counts_utc)),
-        Caveat.EARLY_END: int(_ended_early_s(text, timeline) > EARLY_END_S),
-        Caveat.BATTERY: int(0 < log.events.battery_mv < LOW_BATTERY_MV),
-        Caveat.FIRMWARE: int(_has_turned_axes(text)),
-    }
-    flags = tuple(QualityFlag(code, count) for code, count in counts.items() if count > 0)
-    return flag_damage(log.scan, timeline) + flags + flag_rates(text, log, timeline, segments)
-
-
-def flag_damage(scan: ScanTally, timeline: Timeline) -> tuple[QualityFlag, ...]:
-    """Records that do not verify, with the place of the first and the last, and a tail that is cut off."""
-    places = [timeline.place_s(unix_s) for unix_s in (scan.first_damage_unix_s, scan.last_damage_unix_s)]
-    first_s, last_s = (float(min(max(0, place), timeline.runs[-1].end_s)) for place in places)
-    flags = tuple(
-        QualityFlag(code, count, 0.0, first_s, last_s)
-        for code, count in ((Caveat.CHECKSUM, scan.bad_checksums), (Caveat.RESYNC, scan.resyncs))
-        if count
-    )
-    if scan.tail_bytes:
-        end_s = float(timeline.runs[-1].end_s)
-        flags += (QualityFlag(Caveat.TRUNC_TAIL, 1, 0.0, end_s, end_s, {"n": scan.tail_bytes}),)
-    return flags
-
-
-def flag_rates(
-    text: DeviceText, log: GatheredLog, timeline: Timeline, segments: Sequence[Segment]
-) -> tuple[QualityFlag, ...]:
-    """Where header, nominal rate and the two accelerometers contradict each other."""
-    seen = log.primary_seconds
-    rate_hz = round(max(segments, key=len).rate_hz, 3)
-    flags: tuple[QualityFlag, ...] = ()
-    if contradicts_header(seen, text.number("Sample Rate")):
-        flags += (QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
-    flags += flag_drift(IMU_RATE_HZ, rate_hz)
-    bias_g = measure_bias_g(seen, text, timeline, log.columns)
-    if bias_g is not None and bias_g > LARGEST_DIFFERENCE_G:
-        flags += (QualityFlag(Caveat.BIAS, facts={"g": round(bias_g, 3)}),)
-    return flags
-
-
-def _is_zone_unclear(text: DeviceText, *, counts_utc: bool) -> bool:
-    """Whether a zone is written that nobody understands, or UTC is counted with no zone told."""
-    return text.offset_s is None and ("TimeZone" in text.values or counts_utc)
-
-
-def _ended_early_s(text: DeviceText, timeline: Timeline) -> float:
-    planned_s = text.unix_s("Stop Date")
-    return 0.0 if planned_s is None else planned_s - float(timeline.seconds.unix_s[-1] + 1)
-
-
-def _has_turned_axes(text: DeviceText) -> bool:
-    serial, firmware = text.values.get("Serial Number", ""), text.values.get("Firmware", "")
-    return serial.startswith(TURNED_SERIAL) and firmware == TURNED_FIRMWARE
-
-
-WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
-MAX_DAMAGED_PERCENT = 5.0
-MAX_HELD_RECORDS = 512
-"""Samples that come before their schema wait for it; more than that is no late schema but a missing one."""
-
-
-def recognise(source: Source) -> bool:
-    """Whether the bytes are a zip."""
-    return gt3x_archive.is_archive(source.file, source.head)
-
-
-def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the log tells its rate)
-    """Read the IMU of a GT9X Link.
-
-    Raises
-    ------
-    fusion.errors.UnreadableFile
-        The archive is cut, corrupt or unsafe, parts are missing, there is no gyroscope, or more than 5 % of
-        the records are damaged.
-    TooShort
-        No second of samples.
-    """
-    with gt3x_archive.open_archive(source) as archive:
-        gt3x_archive.check_parts(archive)
-        text = parse_device_text(gt3x_archive.read_text(archive, "info.txt"))
-        member = archive.getinfo("log.bin")
-        told = replace(source, size_bytes=member.header_offset + member.compress_size)
-        log = decode_log(gt3x_archive.read_member(archive, "log.bin"), member.file_size, told)
-    log.refuse_unusable()
-    timeline = order_seconds(log.seconds(), log.columns.acc, log.columns.gyr)
-    return build_recording(text, log, timeline)
+# log.bin: its records, decoded piece by piece.
 
 
 @dataclass(slots=True)
 class DeviceLog:
-    """What log.bin holds, gathered piece by piece."""
+    """What log.bin holds, gathered piece by piece.
+
+    Attributes
+    ----------
+    columns
+        The samples of all decoded records, in g and deg/s.
+    decoded
+        Where the samples of each batch of records lie.
+    decoder
+        The schema in force; None before the first, and where it has no usable channels.
+    labels
+        Of the columns of all schemas.
+    n_undecoded
+        SENSOR_DATA records that no schema fits.
+    held
+        Unix seconds and payloads of samples that came before the first schema.
+    primary_seconds
+        Those of the primary accelerometer that were looked at.
+    """
 
     columns: SampleColumns = field(default_factory=lambda: SampleColumns(has_stamps=False))
     events: DeviceEvents = field(default_factory=DeviceEvents)
     tally: NDArray[np.int64] = field(default_factory=lambda: np.zeros(TALLY_PLACES, np.int64))
-    placed: list[tuple[int, int, int, int]] = field(default_factory=list)
+    decoded: list[Seconds] = field(default_factory=list)
     decoder: RowDecoder | None = None
     labels: set[str] = field(default_factory=set)
     n_bytes: int = 0
     n_schemas: int = 0
     n_undecoded: int = 0
     held: list[tuple[int, bytes]] = field(default_factory=list)
-    primary: PrimarySeconds = field(default_factory=PrimarySeconds)
+    primary_seconds: list[PrimarySecond] = field(default_factory=list)
 
     @property
     def scan(self) -> ScanTally:
         """What the scan met."""
         return summarise_tally(self.tally)
 
-    @property
-    def primary_seconds(self) -> Sequence[PrimarySecond]:
-        """Seconds of the primary accelerometer that were looked at."""
-        return self.primary.seen
-
     def seconds(self) -> Seconds:
-        """The decoded SENSOR_DATA records in the order of the file."""
-        return Seconds(*np.array(self.placed, np.int64).reshape(-1, 4).T)
+        """Join the decoded SENSOR_DATA records, in the order of the file."""
+        names = Seconds.__slots__
+        return Seconds(*(np.concatenate([getattr(part, name) for part in self.decoded]) for name in names))
 
     def refuse_unusable(self) -> None:
         """Raise where no sample can be trusted."""
@@ -340,7 +272,7 @@ class DeviceLog:
         if damaged_percent > MAX_DAMAGED_PERCENT:
             clock = datetime.fromtimestamp(scan.first_damage_unix_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
             raise DamagedFile(p=round(damaged_percent, 1), clock=clock)
-        if self.placed:
+        if self.columns.rows:
             return
         if self.n_undecoded:
             raise UnknownColumns(list=", ".join(sorted(self.labels)) or "SENSOR_SCHEMA")
@@ -352,8 +284,14 @@ class DeviceLog:
 def decode_log(pieces: Iterable[bytes], size_bytes: int = 0, source: Source | None = None) -> DeviceLog:
     """Scan and decode log.bin in one pass over its pieces.
 
-    ``size_bytes``: how long it says it is; the room that samples will take is foreseen from that.
-    ``source``: the file up to the end of log.bin, where too many rows are to be refused.
+    Parameters
+    ----------
+    pieces
+        The bytes of log.bin.
+    size_bytes
+        Its size by the archive's directory, from which the room for the samples is estimated.
+    source
+        The file up to the end of log.bin, where too many rows are to be refused.
     """
     log = DeviceLog(SampleColumns(source, has_stamps=False))
     to_come = size_bytes
@@ -392,7 +330,7 @@ def _take_records(log: DeviceLog, buffer: NDArray[np.uint8], records: NDArray[np
         if kind == SCHEMA:
             _take_schema(log, payload)
         elif size > 1 and kind == ACTIVITY2:
-            log.primary.note(unix_s, payload)
+            log.primary_seconds.append(read_primary_second(unix_s, payload))
         else:
             log.events.note(kind, unix_s, payload)
     if log.decoder is None:
@@ -440,9 +378,11 @@ def _take_samples(
     columns.make_room(total)
     rows = slice(columns.rows, columns.rows + total)
     decoder.decode(buffer, firsts + 2, n_rows, (columns.acc[rows], columns.gyr[rows]))
-    places = zip(unix_s.tolist(), (stops - n_rows).tolist(), n_rows.tolist(), strict=True)
-    log.placed += [(*place, log.n_schemas) for place in places]
+    log.decoded.append(Seconds(unix_s, stops - n_rows, n_rows, np.full(len(unix_s), log.n_schemas)))
     columns.rows += total
+
+
+# From the log to a recording: segments, exclusions, the clock.
 
 
 def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Recording:
@@ -450,8 +390,8 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
     segments = tuple(_make_segment(log.columns, timeline.seconds, run) for run in timeline.runs)
     excluded, asides = find_exclusions(log, timeline)
     duration_us = max([segments[-1].end_us, *(span.end_us for span in excluded)])
-    told, changes = _tell_clock(text, log, timeline)
-    start, unset = trust_clock(told)
+    clock = _find_clock(text, log, timeline)
+    start, unset = trust_clock(clock.start)
     decoder = log.decoder
     return Recording(
         device="gt9x",
@@ -464,7 +404,7 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
         flags=(
             *flag_file(text, log, timeline, segments),
             *timeline.flags,
-            *changes,
+            *clock.flags,
             *asides,
             *unset,
             *flag_spans(Caveat.SLEEP, [span for span in excluded if span.reason == "asleep"]),
@@ -478,16 +418,13 @@ def build_recording(text: DeviceText, log: DeviceLog, timeline: Timeline) -> Rec
     )
 
 
-def _tell_clock(
-    text: DeviceText, log: DeviceLog, timeline: Timeline
-) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    """The clock at the first sample; where the file counts UTC and names its zone, that zone is followed."""
+def _find_clock(text: DeviceText, log: DeviceLog, timeline: Timeline) -> FollowedZone:
+    """Find the clock at the first sample, in the file's zone where it counts UTC and names one."""
     first_unix_s = int(timeline.seconds.unix_s[0])
     zone = find_zone(log.events.zone_name) if log.events.counts_utc else None
     if zone is None:
-        return tell_start(first_unix_s, text.offset_s, counts_utc=log.events.counts_utc), ()
-    followed = follow_zone(first_unix_s, timeline.runs[-1].end_s, zone)
-    return followed.start, followed.flags
+        return FollowedZone(find_start(first_unix_s, text.offset_s, counts_utc=log.events.counts_utc), ())
+    return follow_zone(first_unix_s, timeline.runs[-1].end_s, zone)
 
 
 def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment:
@@ -506,8 +443,8 @@ def _make_segment(columns: SampleColumns, seconds: Seconds, run: Run) -> Segment
 def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...], tuple[QualityFlag, ...]]:
     """Idle sleep where nothing was measured, and seconds in the dock, from the first sample on.
 
-    Also returns what is only said: sleep before the first sample, and a stamp more than a day past the last
-    one, which is not believed.
+    Also returns caveats without an exclusion: sleep before the first sample, and a stamp more than a day
+    after the last sample, which is ignored.
     """
     covered = [(run.start_s, run.end_s) for run in timeline.runs]
     end_s = max(covered[-1][1], timeline.place_s(log.scan.last_unix_s))
@@ -515,18 +452,18 @@ def find_exclusions(log: DeviceLog, timeline: Timeline) -> tuple[tuple[Span, ...
     if end_s - covered[-1][1] > LONGEST_GAP_S:
         end_s = covered[-1][1]
         asides += (QualityFlag(Caveat.CLOCK_FWD, 1, 0.0, float(end_s), float(end_s)),)
-    docked = gt3x_events.merge_seconds(
+    docked = merge_seconds(
         second for second in map(timeline.place_s, log.events.docked_s) if 0 <= second < end_s
     )
     asleep: list[tuple[int, int]] = []
-    for start_unix_s, end_unix_s in gt3x_events.pair_sleep(log.events.sleep, log.scan.last_unix_s):
+    for start_unix_s, end_unix_s in pair_sleep(log.events.sleep, log.scan.last_unix_s):
         early_s = -timeline.place_s(start_unix_s)
         if 0 < early_s <= LONGEST_GAP_S:
             asides += (QualityFlag(Caveat.SLEEP, 1, float(early_s)),)
         start_s = max(0, -early_s)
         stop_s = min(end_s, timeline.place_s(end_unix_s))
-        asleep += gt3x_events.cut_out(start_s, stop_s, sorted([*covered, *docked]))
-    spans = gt3x_events.make_spans(docked, "docked") + gt3x_events.make_spans(asleep, "asleep")
+        asleep += cut_out(start_s, stop_s, sorted([*covered, *docked]))
+    spans = make_spans(docked, "docked") + make_spans(asleep, "asleep")
     return spans, asides
 
 
@@ -550,3 +487,72 @@ def _describe(text: DeviceText, log: DeviceLog, timeline: Timeline) -> dict[str,
         "firmware": text.values.get("Firmware", ""),
         "clock": "UTC" if log.events.counts_utc else "local",
     }
+
+
+# Caveats that come from the records, from info.txt and from the clock.
+
+
+EARLY_END_S = 60.0
+LOW_BATTERY_MV = 3600
+"""A lithium cell under this is about to switch the device off."""
+IMU_RATE_HZ = 100.0
+TURNED_SERIAL, TURNED_FIRMWARE = "MOS", "1.6.0"
+"""ActiGraph documents axes turned by 90 degrees in the ACTIVITY records of these; see docs/decisions."""
+
+
+def flag_file(
+    text: DeviceText, log: DeviceLog, timeline: Timeline, segments: Sequence[Segment]
+) -> tuple[QualityFlag, ...]:
+    """Caveats that come from the records and from info.txt."""
+    counts = {
+        Caveat.ROWS_DROPPED: log.n_undecoded,
+        Caveat.RESETS: int(text.number("Unexpected Resets") or 0),
+        Caveat.ENCODING: int(text.encoding != "utf-8"),
+        Caveat.TZ: int(_is_zone_unclear(text, counts_utc=log.events.counts_utc)),
+        Caveat.EARLY_END: int(_ended_early_s(text, timeline) > EARLY_END_S),
+        Caveat.BATTERY: int(0 < log.events.battery_mv < LOW_BATTERY_MV),
+        Caveat.FIRMWARE: int(_has_turned_axes(text)),
+    }
+    return flag_damage(log.scan, timeline) + flag_counts(counts) + flag_rates(text, log, timeline, segments)
+
+
+def flag_damage(scan: ScanTally, timeline: Timeline) -> tuple[QualityFlag, ...]:
+    """Records that do not verify, with the place of the first and the last, and a tail that is cut off."""
+    places = [timeline.place_s(unix_s) for unix_s in (scan.first_damage_unix_s, scan.last_damage_unix_s)]
+    first_s, last_s = (float(min(max(0, place), timeline.runs[-1].end_s)) for place in places)
+    flags = flag_counts({Caveat.CHECKSUM: scan.bad_checksums, Caveat.RESYNC: scan.resyncs}, first_s, last_s)
+    if scan.tail_bytes:
+        end_s = float(timeline.runs[-1].end_s)
+        flags += (QualityFlag(Caveat.TRUNC_TAIL, 1, 0.0, end_s, end_s, {"n": scan.tail_bytes}),)
+    return flags
+
+
+def flag_rates(
+    text: DeviceText, log: DeviceLog, timeline: Timeline, segments: Sequence[Segment]
+) -> tuple[QualityFlag, ...]:
+    """Where header, nominal rate and the two accelerometers contradict each other."""
+    seen = log.primary_seconds
+    rate_hz = round(max(segments, key=len).rate_hz, 3)
+    flags: tuple[QualityFlag, ...] = ()
+    if contradicts_header(seen, text.number("Sample Rate")):
+        flags += (QualityFlag(Caveat.RATE, facts={"rate_hz": rate_hz, "rate_from": "measured"}),)
+    flags += flag_drift(IMU_RATE_HZ, rate_hz)
+    bias_g = measure_bias_g(seen, text, timeline, log.columns)
+    if bias_g is not None and bias_g > LARGEST_DIFFERENCE_G:
+        flags += (QualityFlag(Caveat.BIAS, facts={"g": round(bias_g, 3)}),)
+    return flags
+
+
+def _is_zone_unclear(text: DeviceText, *, counts_utc: bool) -> bool:
+    """Whether the zone cannot be read, or the clock counts UTC and no zone is given."""
+    return text.offset_s is None and ("TimeZone" in text.values or counts_utc)
+
+
+def _ended_early_s(text: DeviceText, timeline: Timeline) -> float:
+    planned_s = text.unix_s("Stop Date")
+    return 0.0 if planned_s is None else planned_s - float(timeline.seconds.unix_s[-1] + 1)
+
+
+def _has_turned_axes(text: DeviceText) -> bool:
+    serial, firmware = text.values.get("Serial Number", ""), text.values.get("Firmware", "")
+    return serial.startswith(TURNED_SERIAL) and firmware == TURNED_FIRMWARE

@@ -7,8 +7,9 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fusion.numba_kernels import njit
 
 COLUMN_BYTES = 23
 HEADER_BYTES = 6
@@ -195,7 +196,7 @@ class RowDecoder:
     is_link_layout: bool
 
     def find_own(self, buffer: NDArray[np.uint8], firsts: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Tell which payloads, of two bytes or more, begin with the number of this schema."""
+        """Mark the payloads, of two bytes or more, that begin with the number of this schema."""
         return np.asarray(buffer[firsts] + 256 * buffer[firsts + 1].astype(np.int64) == self.schema.schema_id)
 
     def decode(

@@ -14,7 +14,7 @@ from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import CALENDAR_TIME, IGNORED, STAMP
 from fusion.readers.tables.columns import choose_vector
 from fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, flag_text, read_layout
-from fusion.readers.tables.rows import TablePlan, judge_clock, read_table, settle_stamps, tell_clock
+from fusion.readers.tables.rows import TablePlan, build_clock, find_clock, read_table, repair_stamps
 from fusion.readers.timebase.clock import flag_drift, hash_serial, parse_offset_s
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
 from fusion.recording import MICROSECONDS, Recording
@@ -49,12 +49,12 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     if rows.plan.has_times:
-        changes = settle_stamps(rows)
-        clock = tell_clock(rows.plan, int(rows.columns.stamps[0]))
+        changes = repair_stamps(rows)
+        clock = find_clock(rows.plan, int(rows.columns.stamps[0]))
         grid = cut_stamped(rows.columns)
         changes += flag_drift(header_rate_hz(header), MICROSECONDS / grid.period_us)
     else:
-        clock, changes = judge_clock(parse_start(header)), ()
+        clock, changes = build_clock(parse_start(header)), ()
         grid = cut_counted(rows.columns, header_rate_hz(header))
     flags = (*rows.flags, *changes, *grid.flags, *flag_text(source, layout))
     return Recording(

@@ -101,7 +101,7 @@ def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
 
 @inner_making_arrays
 def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
-    """Tell a value that is absent (empty, `-`, nan, inf, null, NA) from an unreadable one."""
+    """Whether a field is absent (empty, `-`, nan, inf, null, NA) or unreadable."""
     while at < end and (buffer[at] == PLUS or buffer[at] == MINUS or buffer[at] == SPACE):
         at += 1
     while end > at and (buffer[end - 1] == SPACE or buffer[end - 1] == QUOTE):

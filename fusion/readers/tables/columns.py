@@ -1,4 +1,4 @@
-"""What a column's name says: which channel, which axis, which unit.
+"""The meaning of a column's name: channel, axis, unit.
 
 The alias table was gathered from the layouts seen in the wild (libraries of Arduino, SparkFun, Adafruit,
 x-io, ActiLife, Xsens, phone loggers), with the names of French exports.
@@ -99,8 +99,8 @@ class Column:
     unit: str | None = None
 
 
-def understand_column(name: str) -> Column:
-    """Tell channel, axis and unit from a header's field."""
+def parse_column_name(name: str) -> Column:
+    """Find channel, axis and unit of a header's field."""
     text = _tidy(name)
     plain, unit = _split_bracketed(text)
     vector = _match_vector(name, plain, unit)
@@ -173,7 +173,7 @@ def choose_vector(columns: Sequence[Column], channel: Channel) -> tuple[int, int
     return places[0][0], places[1][0], places[2][0]
 
 
-# Which unit a column of times is in: that of its name, or the one in which the rows come at a likely rate.
+# The unit of a column of times: that of its name, or the one in which the rows come at a plausible rate.
 #
 # The candidates (s, ms, us, ns) lie a factor of 1000 apart and the rates span 250: at most one fits.
 
@@ -198,7 +198,7 @@ class TimeUnit:
     rate_hz: float = 0.0
 
     def flag(self) -> tuple[QualityFlag, ...]:
-        """Say that the header's unit was set aside (W-UNITS)."""
+        """Flag that the header's unit was replaced (W-UNITS)."""
         if self.stated_exponent is None:
             return ()
         names = {"unit": UNIT_NAMES[self.stated_exponent], "read_as": UNIT_NAMES[self.exponent]}
@@ -234,14 +234,14 @@ class TimeUnit:
 IN_MICROSECONDS = TimeUnit(0)
 
 
-def settle_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
-    """Find the unit of a column by its first times; None where nothing tells.
+def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
+    """Find the unit of a column by its first times; None where neither header nor times give one.
 
-    A unit in the header holds unless no sensor writes rows so fast, or so slowly, and another unit fits; the
-    time since 1970 is that of its unit, however slowly the rows come.
+    A unit in the header holds, unless no sensor writes rows so fast or so slowly and another unit fits. The
+    time since 1970 keeps the header's unit, however slowly the rows come.
     """
     stated = TIME_UNITS_EXPONENT[unit] if unit else None
-    times = [time for time in times if math.isfinite(time)]  # what a damaged row says of time is nothing
+    times = [time for time in times if math.isfinite(time)]  # a damaged row holds no time
     found = guess_exponent(times)
     if stated is None:
         return None if found is None else TimeUnit(found)
@@ -259,7 +259,7 @@ def guess_exponent(times: Sequence[float]) -> int | None:
 
 
 def _rate_hz(times: Sequence[float], exponent: int) -> float:
-    """By the usual step; 0 where the times do not advance. A table may stand with its newest row first."""
+    """The rate by the usual step, 0 where the times do not advance; the newest row may stand first."""
     steps = [after - before for before, after in pairwise(times)]
     if not steps:
         return 0.0

@@ -1,7 +1,7 @@
 """CSV of loggers built on the ST LSM9DS1, and of look-alikes whose header names the columns.
 
-A header is needed; units and time are read from it where it states them, and found from the samples where it
-does not (:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may tell device, start and ranges.
+A header is needed. Units and time come from it where it states them, and from the samples where it does not
+(:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and ranges.
 """
 
 import re
@@ -22,10 +22,10 @@ from fusion.readers.tables.rows import (
     TablePlan,
     TableRows,
     counts_since_1970,
+    find_clock,
     plan_table,
     read_table,
-    settle_stamps,
-    tell_clock,
+    repair_stamps,
 )
 from fusion.readers.timebase.clock import flag_drift, hash_serial
 from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
@@ -52,7 +52,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     fusion.errors.UnreadableFile
         Columns are missing or not understood, or the table is damaged.
     UnknownRate
-        The layout holds no time and nobody told the rate.
+        The layout holds no time and no rate is given.
     fusion.errors.UnusableTime
         The stamps are not those of an even sampling.
     """
@@ -90,11 +90,11 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     if rows.columns.rows == 0:
         raise TooShort(s=0.0)
     plan.unit.refuse_doubtful(rows.columns)
-    repairs = settle_stamps(rows) if plan.has_times else ()
+    repairs = repair_stamps(rows) if plan.has_times else ()
     first_stamp_us = int(rows.columns.stamps[0])
     grid = _cut_rows(rows, choose_rate_hz(layout, rate_hz))
     facts = layout.facts()
-    clock = tell_clock(plan, first_stamp_us)
+    clock = find_clock(plan, first_stamp_us)
     return Recording(
         device=find_device(facts, layout),
         sha256="",
@@ -109,14 +109,14 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
             *flag_text(source, layout),
             *_flag_stated_rate(layout, grid),
             *plan.unit.flag(),
-            *flag_told_rate(plan, grid, rate_hz),
+            *_flag_given_rate(plan, grid, rate_hz),
             *clock.flags,
         ),
         understood={
             **_describe_columns(plan),
             "time": _describe_time(plan, first_stamp_us),
             "time_exponent": str(plan.stamp_exponent),
-            "delimiter": _name_delimiter(layout),
+            "delimiter": _format_delimiter(layout),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(rows.columns.rows),
         },
@@ -148,13 +148,13 @@ def _cut_packets(rows: TableRows, rate_hz: float | None) -> Grid:
 
 
 def choose_rate_hz(layout: TextLayout, rate_hz: float | None) -> float | None:
-    """Give the rate that the preamble states, where it can be one; else what a person says."""
+    """Give the rate that the preamble states, if plausible; else the one that a person gives, in Hz."""
     stated_hz = find_stated_hz(layout)
     return stated_hz if SLOWEST_HZ <= stated_hz <= FASTEST_HZ else rate_hz
 
 
 def find_burst_rate_hz(rows: TableRows) -> float:
-    """The rate of a layout without time, where its form gives it away.
+    """Find the rate of a layout without time by its form, in Hz.
 
     Arduino's example sketch for the Nano 33 BLE Sense writes bursts of 119 rows, one second of the library's
     fixed 119 Hz, and a blank line after each.
@@ -162,7 +162,7 @@ def find_burst_rate_hz(rows: TableRows) -> float:
     Raises
     ------
     UnknownRate
-        Nothing gives it away: the person has to tell.
+        The form does not tell: a person has to give the rate.
     """
     numbers = rows.columns.stamps
     ends = np.flatnonzero(np.diff(numbers // PAUSE)) + 1
@@ -172,12 +172,12 @@ def find_burst_rate_hz(rows: TableRows) -> float:
     raise UnknownRate
 
 
-def flag_told_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
+def _flag_given_rate(plan: TablePlan, grid: Grid, rate_hz: float | None) -> tuple[QualityFlag, ...]:
     """Flag a rate that rests on no times, with its source: preamble, person or layout (W-RATE)."""
     if plan.has_times:
         return ()
-    told = "told" if rate_hz else "layout"
-    source = "header" if choose_rate_hz(plan.layout, None) else told
+    without_header = "told" if rate_hz else "layout"
+    source = "header" if choose_rate_hz(plan.layout, None) else without_header
     used_hz = round(MICROSECONDS / grid.period_us, 3)
     return (QualityFlag(Caveat.RATE, facts={"rate_hz": used_hz, "rate_from": source}),)
 
@@ -241,6 +241,6 @@ def _describe_time(plan: TablePlan, first_stamp_us: int) -> str:
     return {COUNTER: "row number", NUMERIC_TIME: "number", CALENDAR_TIME: "calendar"}[plan.stamp_kind]
 
 
-def _name_delimiter(layout: TextLayout) -> str:
+def _format_delimiter(layout: TextLayout) -> str:
     sign = " " if layout.is_single_spaced else layout.delimiter
     return {"\t": "tab", " ": "space"}.get(sign, sign)

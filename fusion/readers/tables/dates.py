@@ -1,7 +1,7 @@
-"""Stamps written as people write them: `14/03/2026 08:00:00.01`, date and time apart, a zone behind.
+"""Stamps as people write them: `14/03/2026 08:00:00.01`, date and time in two columns, a zone at the end.
 
-Here they are recognised; :mod:`fusion.readers.tables.dates` rewrites them to the ISO form of the other
-tables before the rows are read.
+:func:`find_dates` recognises how a table writes them; :class:`StampWriter` rewrites them to the ISO form of
+the other tables before the rows are read.
 """
 
 import re
@@ -16,7 +16,7 @@ from fusion.errors import UnusableTime
 from fusion.readers.timebase.clock import datetime_at_us, is_change_of_offset
 from fusion.recording import MICROSECONDS, QualityFlag
 
-# Whether `02/03/2026` is the second of March or the third of February.
+# The order of day, month and year: whether `02/03/2026` is the second of March or the third of February.
 
 
 DateOrder = Literal["ymd", "dmy", "mdy"]
@@ -37,18 +37,18 @@ CENTURY = 2000
 def order_dates(
     parts: Sequence[tuple[str, ...]], head: str, order: DateOrder | None
 ) -> tuple[DateOrder, bool]:
-    """Tell the order of day, month and year of the dates in rows, and whether the header contradicts it.
+    """Find the order of day, month and year of the dates in rows, and whether the header contradicts it.
 
-    Where the dates themselves leave it open, a person's word goes first, then the header's start date, to
-    which one reading alone may come near, then its format: a program that saves a file again writes the
-    dates in another form, and leaves the words of the header as they were.
+    Where the dates themselves leave it open, the order that a person gives goes first, then the header's
+    start date, if one order alone comes near it, then the header's date format. The format is last because a
+    program that saves a file again writes the dates in another form and leaves the header as it was.
 
     Raises
     ------
     UnusableTime
-        Nothing tells day and month apart, or the year of two digits.
+        Day and month, or a year of two digits, cannot be told apart.
     """
-    open_to = list_orders(parts)
+    open_to = find_orders(parts)
     if len(open_to) == 1:
         return open_to[0], False
     if order in open_to:
@@ -63,7 +63,7 @@ def order_dates(
     return word, begun is not None and not near
 
 
-def list_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
+def find_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
     """The orders of day, month and year in which all of these are dates."""
     if len(parts[0][0]) == YEAR_DIGITS:
         return ["ymd"]
@@ -73,12 +73,12 @@ def list_orders(parts: Sequence[tuple[str, ...]]) -> list[DateOrder]:
     return [one for one in orders if all(_read_date(part, one) for part in parts)]
 
 
-def settle_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
+def find_order_by_span(first: tuple[str, ...], last: tuple[str, ...]) -> DateOrder | None:
     """The one order in which a file's first date and its last lie near each other; None where several do.
 
     Over midnight 03/03 becomes 04/03 by one order and 03/04 by the other; the wrong one leaps by a month.
     """
-    spans = {one: (_read_date(first, one), _read_date(last, one)) for one in list_orders([first, last])}
+    spans = {one: (_read_date(first, one), _read_date(last, one)) for one in find_orders([first, last])}
     near = [one for one, (begun, ended) in spans.items() if begun and _is_near(ended, begun)]
     return near[0] if len(near) == 1 else None
 
@@ -177,9 +177,9 @@ class DateDialect:
 
 
 def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
-    """Tell how the rows of a table's head write date and time; None where they are ISO without an offset.
+    """Find how the rows of a table's head write date and time; None where they are ISO without an offset.
 
-    ``order`` is what a person said of day, month and year.
+    ``order``: of day, month and year, as a person gives it.
 
     Raises
     ------
@@ -195,13 +195,13 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
         pattern = re.compile(form % mark)
         found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
         if found:
-            return _describe(pattern, found, (lines, head), order)
+            return _describe(pattern, found, lines, head, order)
     _refuse_cut_times(list(lines.values()))
     pattern = re.compile(UNDATED % mark, re.MULTILINE)
     found = {k: match for k, line in lines.items() if (match := pattern.search(line))}
     if 2 * len(found) > len(lines):
         return DateDialect(pattern, "ymd", _find_offset_s(found), has_date=False)
-    _refuse_strange_stamps(lines)
+    _refuse_unknown_stamps(lines)
     return None
 
 
@@ -209,7 +209,7 @@ def find_dates(head: str, order: DateOrder | None = None) -> DateDialect | None:
 def find_open_date(head: str) -> tuple[str, ...]:
     """Day, month and year of the first row as they stand there, where their order is open; else nothing."""
     found = _find_parts(head.split("\n")[:SNIFFED_LINES])
-    return found[0] if found and len(list_orders(found)) > 1 else ()
+    return found[0] if found and len(find_orders(found)) > 1 else ()
 
 
 def find_last_date(tail: str) -> tuple[str, ...]:
@@ -227,10 +227,10 @@ def _find_parts(lines: Sequence[str]) -> list[tuple[str, ...]]:
 def _describe(
     pattern: re.Pattern[str],
     found: dict[int, re.Match[str]],
-    text: tuple[dict[int, str], str],
+    lines: dict[int, str],
+    head: str,
     order: DateOrder | None,
 ) -> DateDialect | None:
-    lines, head = text
     plain = [PLAIN.search(lines[k]) for k in found]
     if all(plain):
         is_utc = all(match is not None and match.group(1) for match in plain)
@@ -273,17 +273,17 @@ def _refuse_cut_times(lines: Sequence[str]) -> None:
         raise UnusableTime(why="seconds")
 
 
-def _refuse_strange_stamps(lines: dict[int, str]) -> None:
+def _refuse_unknown_stamps(lines: dict[int, str]) -> None:
     """Refuse rows that hold a clock's time or a date which nothing here understands."""
     strange = [k for k, line in lines.items() if re.search(r"\d:\d\d(?!\d)", line)]
     if 2 * len(strange) > len(lines):
         raise UnusableTime(why="form", line=strange[0])
 
 
-# Stamps of any dialect rewritten to the ISO form of the kernels, on the clock of the first row.
+# Stamps of any dialect are rewritten to the ISO form of the kernels, on the clock of the first row.
 #
-# A stamp that carries an offset from UTC is an instant: where the offset changes on the way, the later
-# stamps are told by the first one's, so that an hour is neither lost nor won, and the change is noted.
+# A stamp with an offset from UTC is an instant. Where the offset changes, the later stamps are converted to
+# the first one, so that no hour is lost or gained, and the change is noted.
 
 
 NOON = 12
@@ -317,7 +317,7 @@ class OffsetChange:
             moment.replace(tzinfo=UTC), self.before_s, self.after_s
         )
 
-    def turn_round(self) -> "OffsetChange":
+    def reverse(self) -> "OffsetChange":
         """The change as it was, in a table that stands with its newest row first."""
         return replace(self, before_s=self.after_s, after_s=self.before_s)
 
@@ -352,9 +352,9 @@ class StampWriter:
         return found.group() if moved is None else moved + re.sub(r"[T \"]", "", found["between"])
 
     def _move(self, stamp: str, zone: str | None) -> str | None:
-        """Tell a stamp by the first row's clock; None for one that no calendar has.
+        """Convert a stamp to the first row's clock; None for one that no calendar has.
 
-        A stamp without a zone among others goes by the last that was told.
+        A stamp without a zone, among stamps with one, takes the last zone.
         """
         offset_s = parse_zone_s(zone) if zone else self._offset_s
         if offset_s is None or self._dialect.offset_s is None:
@@ -421,9 +421,9 @@ def rewrite_pieces(pieces: Iterable[bytes], writer: StampWriter | None) -> Itera
 
 
 def flag_changes(changes: Iterable[OffsetChange], first_stamp_us: int) -> tuple[QualityFlag, ...]:
-    """Say where the offset from UTC changed; of a clock that changes all the time, the first places.
+    """Flag the first 20 changes of the offset from UTC.
 
-    W-DST where the clocks of some zone were changed so about then, W-OFFSET elsewhere.
+    W-DST where the clocks of some zone changed so at about that time, W-OFFSET elsewhere.
     """
     return tuple(
         QualityFlag(code, 1, 0.0, at_s, at_s, {"step_s": change.after_s - change.before_s})

@@ -10,10 +10,9 @@ leaves it to that.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays
+from fusion.numba_kernels import inner_making_arrays, kernel_making_arrays, njit
 from fusion.readers.samples import PAUSE
 from fusion.readers.tables.careful_path import (
     BLANKS,

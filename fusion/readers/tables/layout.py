@@ -1,4 +1,4 @@
-"""Finding out how a table is written: preamble, header, delimiter, decimal mark, columns."""
+"""The layout of a table: encoding, preamble, header, delimiter, decimal mark, columns."""
 
 import codecs
 import re
@@ -14,7 +14,7 @@ from fusion.caveats import Caveat
 from fusion.errors import AmbiguousDecimal, UnknownColumns, UnknownFormat
 from fusion.readers.archives import UnpackedFile
 from fusion.readers.source import Source, read_chunks
-from fusion.readers.tables.columns import Column, choose_vector, understand_column
+from fusion.readers.tables.columns import Column, choose_vector, parse_column_name
 from fusion.readers.tables.dates import (
     DateDialect,
     DateOrder,
@@ -22,7 +22,7 @@ from fusion.readers.tables.dates import (
     find_dates,
     find_last_date,
     find_open_date,
-    settle_by_span,
+    find_order_by_span,
 )
 from fusion.readers.tables.machine_words import LEAD_BYTES, NEWLINE, TRAIL_BYTES
 from fusion.recording import QualityFlag
@@ -107,8 +107,8 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
     UnknownColumns
         The rows have more fields than the header has names.
     fusion.errors.UnusableTime
-        The stamps cannot be understood, as :func:`fusion.readers.tables.dates.find_dates` says (``order`` is
-        what a person says of day, month and year).
+        The stamps cannot be understood, as in :func:`fusion.readers.tables.dates.find_dates` (``order``: of
+        day, month and year, as a person gives it).
     """
     dates = find_dates(head, order)
     if dates is not None and not dates.is_iso:
@@ -134,7 +134,7 @@ def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
     """
     for k, line in enumerate(lines):
         for delimiter in DELIMITERS[:-1]:
-            columns = [understand_column(name) for name in split_fields(line, delimiter)]
+            columns = [parse_column_name(name) for name in split_fields(line, delimiter)]
             if sum(column.channel in ("acc", "gyr") for column in columns) >= MIN_COLUMNS:
                 hidden = [_hide_fields(row, delimiter, columns) for row in lines[k + 1 :]]
                 found = any(is_row(row, delimiter) for row in hidden)
@@ -187,7 +187,7 @@ def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
         delimiter=delimiter,
         decimal="," if has_comma else ".",
         header=header,
-        columns=tuple(understand_column(name) for name in names),
+        columns=tuple(parse_column_name(name) for name in names),
         first_line=rows[0] if header_at is None else header_at + 1,
         preamble=tuple(lines[:preamble_end]),
         sample_rows=samples,
@@ -198,7 +198,7 @@ def _find_header(lines: Sequence[str], first_row: int, delimiter: str) -> int | 
     width = len(split_fields(lines[first_row], delimiter))
     for k in range(first_row - 1, max(-1, first_row - 4), -1):
         fields = split_fields(lines[k], delimiter)
-        named = sum(understand_column(field).channel != "other" for field in fields)
+        named = sum(parse_column_name(field).channel != "other" for field in fields)
         is_foreign = named > 0 and len(fields) == width and not any(map(is_value, fields))
         if len(fields) >= 3 and (named >= 3 or is_foreign):
             return k
@@ -354,7 +354,7 @@ def drop_lines(pieces: Iterable[LinePiece], count: int) -> Iterator[LinePiece]:
             yield LinePiece(piece.buffer, first, piece.stop)
 
 
-# What a table's bytes say about how it was written: encoding, locale, rounding.
+# The layout by head, middle and tail of a file, and its caveats: encoding, locale, rounding.
 
 
 SAMPLE_BYTES = 1 << 15
@@ -379,7 +379,7 @@ def read_layout(source: Source, order: DateOrder | None = None) -> TextLayout | 
 
 
 def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout | None:
-    """Understand a table by its head; where that leaves day and month open, by its last row too.
+    """Understand a table by its head and, where that leaves day and month open, by its last row.
 
     Raises
     ------
@@ -390,7 +390,7 @@ def sniff_layout(source: Source, order: DateOrder | None = None) -> TextLayout |
     first = find_open_date(head)
     if first and order is None:
         last = find_last_date(_read_tail(source))
-        order = settle_by_span(first, last) if last else None
+        order = find_order_by_span(first, last) if last else None
     return find_layout(head, order)
 
 
@@ -429,7 +429,7 @@ def is_utf8(source: Source) -> bool:
 
 
 def flag_text(source: Source, layout: TextLayout) -> tuple[QualityFlag, ...]:
-    """Caveats that the writing itself gives."""
+    """Flag the encoding, a decimal comma, and rounded values."""
     found = {
         Caveat.ENCODING: find_form(source.head).encoding is not None or not is_utf8(source),
         Caveat.LOCALE: layout.decimal == ",",

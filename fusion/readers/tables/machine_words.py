@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from fusion.numba_kernels import njit
 
 LEAD_BYTES, TRAIL_BYTES = 16, 64
 """Bytes of the buffer that must lie before the first line and after the last one."""

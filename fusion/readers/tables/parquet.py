@@ -22,13 +22,13 @@ from fusion.readers.tables.columns import (
     Column,
     TimeUnit,
     choose_vector,
-    settle_unit,
-    understand_column,
+    find_time_unit,
+    parse_column_name,
 )
-from fusion.readers.tables.rows import TableClock, judge_clock, read_epoch
+from fusion.readers.tables.rows import TableClock, build_clock, read_epoch
 from fusion.readers.timebase.clock import datetime_at_us
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
-from fusion.readers.timebase.row_times import settle_rows
+from fusion.readers.timebase.row_times import repair_row_times
 from fusion.recording import QualityFlag, Recording
 from fusion.units import acc_scale_g, gyr_scale_dps
 
@@ -65,7 +65,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
         choice = _choose_columns(table.schema_arrow)
         check_pages(table.metadata, [column.name for column in choice])
         check_rows(table.metadata.num_rows, source.size_bytes, source.size_bytes)
-        chosen, unit = _settle_time(table, choice)
+        chosen, unit = _find_time_unit(table, choice)
         columns, absent = _gather(table, chosen, source.size_bytes)
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         raise DamagedFile from error
@@ -74,7 +74,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     unit.refuse_doubtful(columns)
     kinds = dict(zip(table.schema_arrow.names, table.schema_arrow.types, strict=True))
     stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
-    recording = _build(columns, chosen, stamp_kind, (absent, rate_hz))
+    recording = _build(columns, chosen, stamp_kind, absent, rate_hz)
     return replace(recording, flags=(*recording.flags, *unit.flag()))
 
 
@@ -96,7 +96,7 @@ def check_pages(metadata: pq.FileMetaData, names: Sequence[str]) -> None:
 
 def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
     """Time, if there is one, then acceleration and angular rate x, y, z."""
-    columns = tuple(understand_column(name) for name in schema.names)
+    columns = tuple(parse_column_name(name) for name in schema.names)
     acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
     if acc is None or gyr is None:
         if acc is not None and not any(column.channel == "gyr" for column in columns):
@@ -110,16 +110,16 @@ def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
     return (*stamps[:1], *(columns[place] for place in (*acc, *gyr)))
 
 
-def _settle_time(table: pq.ParquetFile, chosen: tuple[Column, ...]) -> tuple[tuple[Column, ...], TimeUnit]:
-    """Look at the first times: their unit may not be that of the column's name."""
+def _find_time_unit(table: pq.ParquetFile, chosen: tuple[Column, ...]) -> tuple[tuple[Column, ...], TimeUnit]:
+    """Find the unit of the first times: it may not be that of the column's name."""
     kind = table.schema_arrow.field(chosen[0].name).type
     if len(chosen) < 7 or pa.types.is_timestamp(kind):
         return chosen, IN_MICROSECONDS
     batch = next(table.iter_batches(LOOKED_AT_ROWS, columns=[chosen[0].name]), None)
     values = (
-        batch.column(0).filter(_tell_timed(batch.column(0))).cast(pa.float64()).to_pylist() if batch else []
+        batch.column(0).filter(_have_times(batch.column(0))).cast(pa.float64()).to_pylist() if batch else []
     )
-    unit = settle_unit(values, chosen[0].unit) if values else None
+    unit = find_time_unit(values, chosen[0].unit) if values else None
     if unit is None:
         return chosen, IN_MICROSECONDS
     return (replace(chosen[0], unit=UNIT_NAMES[unit.exponent]), *chosen[1:]), unit
@@ -157,13 +157,13 @@ def _read_batches(
         stamps = None
         if len(chosen) == 7:
             times = batch.column(chosen[0].name)
-            values[~_tell_timed(times)] = np.nan
+            values[~_have_times(times)] = np.nan
             stamps = _to_microseconds(times, chosen[0])
         yield values, stamps
 
 
-def _tell_timed(stamps: pa.Array) -> NDArray[np.bool_]:
-    """Which rows have a time, shape (n,); one that is not finite is none."""
+def _have_times(stamps: pa.Array) -> NDArray[np.bool_]:
+    """Which rows have a finite time, shape (n,)."""
     finite = pc.is_finite(stamps) if pa.types.is_floating(stamps.type) else stamps.is_valid()
     timed: NDArray[np.bool_] = pc.fill_null(finite, fill_value=False).to_numpy(zero_copy_only=False)
     return timed
@@ -184,37 +184,39 @@ def _to_microseconds(stamps: pa.Array, column: Column) -> NDArray[np.int64]:
     return rounded
 
 
-def _tell_clock(stamp_kind: pa.DataType | None, first_us: int) -> TableClock:
+def _find_clock(stamp_kind: pa.DataType | None, first_us: int) -> TableClock:
     """Read the first stamp: Parquet keeps stamps with a zone in UTC, those without are a wall clock's."""
     if stamp_kind is None or not pa.types.is_timestamp(stamp_kind):
-        return judge_clock(read_epoch(first_us) if stamp_kind is not None else None)
+        return build_clock(read_epoch(first_us) if stamp_kind is not None else None)
     moment = datetime_at_us(first_us)
-    return judge_clock(moment.replace(tzinfo=UTC) if moment and stamp_kind.tz else moment)
+    return build_clock(moment.replace(tzinfo=UTC) if moment and stamp_kind.tz else moment)
 
 
-def _settle_rows(columns: SampleColumns, stamp_kind: pa.DataType, column: Column) -> tuple[QualityFlag, ...]:
+def _repair_row_times(
+    columns: SampleColumns, stamp_kind: pa.DataType, column: Column
+) -> tuple[QualityFlag, ...]:
     """Bring the rows into order; bare stamps are a wall clock's, whole numbers may be of a counter."""
     if pa.types.is_timestamp(stamp_kind):
-        return settle_rows(columns, is_wall_clock=not stamp_kind.tz)
+        return repair_row_times(columns, is_wall_clock=not stamp_kind.tz)
     exponent = TIME_UNITS_EXPONENT[column.unit or "us"]
     is_count = exponent in (0, 3) and read_epoch(int(columns.stamps[0])) is None
-    return settle_rows(columns, tick_us=10**exponent if is_count else 0)
+    return repair_row_times(columns, tick_us=10**exponent if is_count else 0)
 
 
 def _build(
     columns: SampleColumns,
     chosen: Sequence[Column],
     stamp_kind: pa.DataType | None,
-    told: tuple[int, float | None],
+    absent: int,
+    rate_hz: float | None,
 ) -> Recording:
-    absent, rate_hz = told
     has_time = stamp_kind is not None
     blank = drop_blank_rows(columns) if has_time else ()
     if not has_time and rate_hz is None:
         raise UnknownRate
-    changes = _settle_rows(columns, stamp_kind, chosen[0]) if stamp_kind is not None else ()
+    changes = _repair_row_times(columns, stamp_kind, chosen[0]) if stamp_kind is not None else ()
     n_rows, first_us = columns.rows, int(columns.stamps[0])
-    clock = _tell_clock(stamp_kind, first_us)
+    clock = _find_clock(stamp_kind, first_us)
     grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
     flags = (*blank, *changes, *grid.flags)
     if absent:

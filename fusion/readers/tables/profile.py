@@ -1,4 +1,4 @@
-"""A column profile: what a person says about a table that the readers cannot understand by themselves."""
+"""A column profile: the columns of a table, named by a person where its header does not name them."""
 
 import io
 import json
@@ -16,7 +16,7 @@ from fusion.readers.tables.columns import (
     Column,
     choose_vector,
     guess_exponent,
-    understand_column,
+    parse_column_name,
 )
 from fusion.readers.tables.dates import DateOrder
 from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, split_fields
@@ -32,10 +32,24 @@ HEADER_REACH = 4
 class ColumnProfile:
     """Which column of a table is what.
 
-    ``acceleration``, ``angular_rate``: places of x, y, z. Units as in ``columns``; "" leaves a unit to be
-    found from the data. ``acceleration_factor`` and ``angular_rate_factor``, where given, are g and deg/s for
-    one unit of the file and go before the units. ``time`` is None where the rows hold no time; then
-    ``rate_hz`` is needed. ``date_order`` tells "dmy" from "mdy".
+    Attributes
+    ----------
+    acceleration, angular_rate
+        Columns of x, y and z.
+    acceleration_unit, angular_rate_unit
+        As in :mod:`fusion.readers.tables.columns`; empty: found from the data.
+    acceleration_factor, angular_rate_factor
+        g and deg/s for one unit of the file; where given, the units do not count.
+    time
+        Column of the time; None where the rows hold none: then ``rate_hz`` is needed.
+    time_unit
+        Empty: found from the data.
+    rate_hz
+        Rows per second, for tables without time.
+    date_order
+        Tells "dmy" from "mdy"; None: found from the data.
+    name
+        What the profile is called.
     """
 
     acceleration: tuple[Place, Place, Place]
@@ -153,16 +167,16 @@ def _find_place(names: Sequence[str], place: Place) -> int:
     return at
 
 
-# What a table's head says about its columns, for a person to complete: the answers of a mapping form.
+# A proposal for a profile from a table's head, for a person to complete in a form.
 
 
-SHOWN_ROWS = 5
+PREVIEW_ROWS = 5
 Vector = tuple[Place, Place, Place]
 
 
 @dataclass(frozen=True, slots=True)
 class ProfileProposal:
-    """What is known of a table, and what a person has to say.
+    """What is known of a table's columns; a person completes the rest.
 
     ``columns``: the names as they stand, "" where there is none; ``rows``: the first rows, split;
     ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None where
@@ -203,24 +217,24 @@ def propose_profile(head: bytes) -> ProfileProposal:
     fusion.errors.FusionError
         As :func:`fusion.readers.tables.layout.find_layout`.
     """
-    layout = _understand(head)
-    columns = _name_columns(layout)
+    layout = _find_head_layout(head)
+    columns = _find_columns(layout)
     acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
     time, time_unit = _find_time(layout, columns)
     return ProfileProposal(
         columns=tuple(column.name for column in columns),
-        rows=layout.sample_rows[:SHOWN_ROWS],
-        acceleration=_name_places(columns, acc),
-        angular_rate=_name_places(columns, gyr),
+        rows=layout.sample_rows[:PREVIEW_ROWS],
+        acceleration=_format_places(columns, acc),
+        angular_rate=_format_places(columns, gyr),
         acceleration_unit=_unit_of(columns, acc, ACC_UNITS_G),
         angular_rate_unit=_unit_of(columns, gyr, GYR_UNITS_DPS),
-        time=None if time is None else _name_place(columns, time),
+        time=None if time is None else _format_place(columns, time),
         time_unit=time_unit,
     )
 
 
 def check_profile(head: bytes, profile: ColumnProfile) -> None:
-    """Say whether a profile fits a table, by its first bytes.
+    """Check that a profile fits a table, by its first bytes.
 
     Raises
     ------
@@ -229,10 +243,10 @@ def check_profile(head: bytes, profile: ColumnProfile) -> None:
     fusion.errors.UnknownColumns
         A column that the profile names is not there, or is named twice.
     """
-    plan_table(apply_profile(_understand(head, profile), profile))
+    plan_table(apply_profile(_find_head_layout(head, profile), profile))
 
 
-def _understand(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
+def _find_head_layout(head: bytes, profile: ColumnProfile | None = None) -> TextLayout:
     source = open_source(io.BytesIO(head), is_hashed=False)
     text = decode_head(source)
     layout = find_layout(text, profile.date_order if profile else None)
@@ -241,22 +255,22 @@ def _understand(head: bytes, profile: ColumnProfile | None = None) -> TextLayout
     return layout
 
 
-def _name_columns(layout: TextLayout) -> Sequence[Column]:
+def _find_columns(layout: TextLayout) -> Sequence[Column]:
     """The columns by the header; a line of other names just before the rows is one too."""
     if layout.header is not None or not layout.preamble:
         return layout.columns
     names = split_fields(layout.preamble[-1], layout.delimiter)
-    return [understand_column(name) for name in names] if len(names) == layout.n_columns else layout.columns
+    return [parse_column_name(name) for name in names] if len(names) == layout.n_columns else layout.columns
 
 
-def _name_places(columns: Sequence[Column], places: tuple[int, int, int] | None) -> Vector | None:
+def _format_places(columns: Sequence[Column], places: tuple[int, int, int] | None) -> Vector | None:
     if places is None:
         return None
-    x, y, z = (_name_place(columns, place) for place in places)
+    x, y, z = (_format_place(columns, place) for place in places)
     return x, y, z
 
 
-def _name_place(columns: Sequence[Column], place: int) -> Place:
+def _format_place(columns: Sequence[Column], place: int) -> Place:
     """The name, where it is one and no other column has it; else the number from 1."""
     name = columns[place].name
     return name if name and [column.name for column in columns].count(name) == 1 else place + 1

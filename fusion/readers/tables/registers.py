@@ -22,7 +22,7 @@ from fusion.readers.tables.layout import TextLayout, sniff_layout
 from fusion.readers.tables.rows import TablePlan, read_table
 from fusion.readers.timebase.clock import trust_clock
 from fusion.readers.timebase.grid import Grid, cut_stamped
-from fusion.readers.timebase.row_times import settle_rows
+from fusion.readers.timebase.row_times import repair_row_times
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
 RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2", 3), ("mag", "<i2", 3)])
@@ -111,7 +111,7 @@ def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) 
         raise TooShort(s=0.0)
     columns.acc[:, 0] *= -1
     columns.gyr[:, 0] *= -1
-    flags += settle_rows(columns)
+    flags += repair_row_times(columns)
     first_us = int(columns.stamps[0])
     n_rows = columns.rows
     grid: Grid = cut_stamped(columns)

@@ -32,13 +32,13 @@ from fusion.readers.tables.careful_path import (
     LineForm,
     Rules,
 )
-from fusion.readers.tables.columns import IN_MICROSECONDS, Column, TimeUnit, choose_vector, settle_unit
+from fusion.readers.tables.columns import IN_MICROSECONDS, Column, TimeUnit, choose_vector, find_time_unit
 from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
 from fusion.readers.tables.fast_path import SPARE_MARKS, Piece, parse_lines, parse_plain_lines
 from fusion.readers.tables.layout import CALENDAR, TextLayout, drop_lines, read_line_pieces, read_text_pieces
 from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
-from fusion.readers.timebase.row_times import settle_rows
-from fusion.recording import QualityFlag
+from fusion.readers.timebase.row_times import repair_row_times
+from fusion.recording import QualityFlag, flag_counts
 from fusion.units import acc_scale_g, gyr_scale_dps
 
 # Which column goes where.
@@ -134,7 +134,7 @@ def _choose_stamp(layout: TextLayout) -> tuple[int | None, int, TimeUnit]:
         if all(CALENDAR.fullmatch(field) for field in fields):
             return place, CALENDAR_TIME, IN_MICROSECONDS
         times = read_times(fields, layout.decimal)
-        unit = settle_unit(times, layout.columns[place].unit) if times else None
+        unit = find_time_unit(times, layout.columns[place].unit) if times else None
         if unit is not None:
             return place, NUMERIC_TIME, unit
     return None, COUNTER, IN_MICROSECONDS
@@ -152,7 +152,7 @@ def _find_packet_counter(layout: TextLayout) -> int | None:
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
-    """The fields as numbers; none where one of them is none."""
+    """The fields as numbers; an empty list where one of them is no number."""
     try:
         return [float(field.replace(decimal, ".")) for field in fields if field]
     except ValueError:
@@ -206,17 +206,15 @@ class TableRows:
         """Rows that were left out and why."""
         bad = int(self.tally[BAD])
         tail = int(self.is_cut and bad > 0 and self.tally[LAST_BAD_LINE] == self.tally[LINES])
-        flags = list(self.blank)
+        flags = self.blank
         if bad > tail:
-            flags.append(QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": self.first_bad_line}))
-        for code, count in (
-            (Caveat.TRUNC_TAIL, tail),
-            (Caveat.NAN, self.tally[ABSENT]),
-            (Caveat.HEADER_REPEAT, self.tally[HEADERS]),
-        ):
-            if count:
-                flags.append(QualityFlag(code, int(count)))
-        return tuple(flags)
+            flags += (QualityFlag(Caveat.ROWS_DROPPED, bad - tail, facts={"line": self.first_bad_line}),)
+        counts = {
+            Caveat.TRUNC_TAIL: tail,
+            Caveat.NAN: int(self.tally[ABSENT]),
+            Caveat.HEADER_REPEAT: int(self.tally[HEADERS]),
+        }
+        return flags + flag_counts(counts)
 
 
 def read_table(source: Source, plan: TablePlan) -> TableRows:
@@ -287,13 +285,13 @@ def make_rules(plan: TablePlan) -> Rules:
 
 
 class LastBytes:
-    """Watches text go by, to tell whether its last line was ended."""
+    """Whether the last line of the text that passed ends with a line end."""
 
     def __init__(self) -> None:
         self.is_whole = False
 
     def watch(self, pieces: Iterable[bytes]) -> Iterator[bytes]:
-        """Give the pieces on."""
+        """Pass the pieces on."""
         for piece in pieces:
             self.is_whole = piece.endswith((b"\n", b"\r"))
             yield piece
@@ -312,38 +310,38 @@ def _refuse_rows(rows: TableRows) -> None:
 
 
 START_TOLERANCE = timedelta(minutes=1)
-SETTLED_ROWS = 1001
-"""So many first stamps tell what kind of number they are, though some be strange."""
+JUDGED_ROWS = 1001
+"""The median of so many first stamps gives the kind of number: single ones may be outliers."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableClock:
-    """The clock at the first row, its zone as the file tells it, and what is to be said of them."""
+    """The clock at the first row, its zone as the file gives it, and their caveats."""
 
     start: datetime | None
     time_zone: str | None
     flags: tuple[QualityFlag, ...]
 
 
-def settle_stamps(rows: TableRows) -> tuple[QualityFlag, ...]:
-    """Bring the rows into order and take changes of the clock out of their stamps, in place; say what was.
+def repair_stamps(rows: TableRows) -> tuple[QualityFlag, ...]:
+    """Repair the order and the stamps of the rows, in place; give the caveats.
 
-    Stamps with an offset were told by that of the first row as they were read; only of a bare wall clock has
-    an hour's step to be judged.
+    Stamps that carry an offset were put on the first row's clock as they were read. Only a bare wall clock
+    may hold the hour's step of daylight saving.
     """
     plan, stamps = rows.plan, rows.columns.stamps
     dates = plan.layout.dates
     is_calendar = plan.stamp_kind == CALENDAR_TIME
     has_offset = dates is not None and dates.offset_s is not None
-    is_epoch = counts_since_1970(plan, int(np.median(stamps[:SETTLED_ROWS])))
-    flags = settle_rows(
+    is_epoch = counts_since_1970(plan, int(np.median(stamps[:JUDGED_ROWS])))
+    flags = repair_row_times(
         rows.columns,
         tick_us=0 if is_calendar or is_epoch else find_tick_us(plan),
         is_wall_clock=is_calendar and not has_offset,
     )
     if is_calendar and has_offset:
         turned = any(flag.code == Caveat.REVERSED for flag in flags)
-        changes = [change.turn_round() for change in reversed(rows.changes)] if turned else rows.changes
+        changes = [change.reverse() for change in reversed(rows.changes)] if turned else rows.changes
         flags += flag_changes(changes, int(rows.columns.stamps[0]))
     return flags
 
@@ -356,18 +354,18 @@ def find_tick_us(plan: TablePlan) -> int:
 
 
 def read_epoch(first_stamp_us: int) -> datetime | None:
-    """Take a number for the time since 1970, in UTC, where no counter from power-on comes as far."""
+    """Microseconds since 1970 as a time in UTC; None for what a counter from power-on can show."""
     moment = datetime_at_us(first_stamp_us)
     return moment.replace(tzinfo=UTC) if moment is not None and is_clock_set(moment) else None
 
 
 def counts_since_1970(plan: TablePlan, first_stamp_us: int) -> bool:
-    """Whether the stamps of a table are numbers of that kind."""
+    """Whether the stamps of a table are numbers since 1970."""
     is_number = plan.stamp_kind == NUMERIC_TIME and not plan.counts_packets
     return is_number and read_epoch(first_stamp_us) is not None
 
 
-def tell_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
+def find_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
     """Read the clock at the first row: from the preamble, from a calendar column, or from an epoch.
 
     An epoch (seconds, milli-, micro- or nanoseconds since 1970) counts UTC.
@@ -386,27 +384,27 @@ def tell_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
             flags = (QualityFlag(Caveat.DATE_ORDER, facts={"date": f"{start:%Y-%m-%d}"}),)
     elif start is None and counts_since_1970(plan, first_stamp_us):
         start = read_epoch(first_stamp_us)
-    return judge_clock(start, flags)
+    return build_clock(start, flags)
 
 
 def _compare_starts(
-    told: datetime, layout: TextLayout, first_stamp_us: int
+    stated: datetime, layout: TextLayout, first_stamp_us: int
 ) -> tuple[datetime, tuple[QualityFlag, ...]]:
-    """Take the rows' own time where the preamble's start is another; its offset is the preamble's to tell."""
+    """Take the rows' own time where the preamble's start differs; the preamble's offset holds for both."""
     stamp = _read_stamp(layout, first_stamp_us)
     if stamp is None or (layout.dates is not None and not layout.dates.has_date):
-        return told, ()
-    if stamp.tzinfo is None or told.tzinfo is None:
-        stamp = stamp.replace(tzinfo=stamp.tzinfo or told.tzinfo)
-        told = told.replace(tzinfo=stamp.tzinfo)
-    if abs(told - stamp) <= START_TOLERANCE:
-        return told, ()
-    facts = {"header": f"{told:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
+        return stated, ()
+    if stamp.tzinfo is None or stated.tzinfo is None:
+        stamp = stamp.replace(tzinfo=stamp.tzinfo or stated.tzinfo)
+        stated = stated.replace(tzinfo=stamp.tzinfo)
+    if abs(stated - stamp) <= START_TOLERANCE:
+        return stated, ()
+    facts = {"header": f"{stated:%Y-%m-%d %H:%M:%S}", "first": f"{stamp:%Y-%m-%d %H:%M:%S}"}
     return stamp, (QualityFlag(Caveat.START, facts=facts),)
 
 
-def judge_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
-    """Keep a clock that can have been set; name its zone; say where it is UTC."""
+def build_clock(start: datetime | None, flags: tuple[QualityFlag, ...] = ()) -> TableClock:
+    """Keep a start that a clock that was set can show, with its zone; flag one in UTC (W-UTC)."""
     start, unset = trust_clock(start)
     offset = start.utcoffset() if start else None
     if offset is None:

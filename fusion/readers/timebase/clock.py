@@ -1,4 +1,4 @@
-"""What all readers say about time: gaps between segments, clocks that were never set."""
+"""The device's clock: whether it was set, its offset from UTC, its zone, the drift of its rate."""
 
 import hashlib
 import re
@@ -10,10 +10,10 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 from fusion.caveats import Caveat
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
 
-# Clocks that follow a zone: the offset at the first sample, and whether it changed before the last.
+# Zones: the offset at the first sample, and whether it changes before the last.
 #
-# Only files that count UTC and name their zone follow it; a device's own wall clock is never converted. Of
-# other files the zones of the world tell whether a step of the clock can be daylight saving.
+# Only a file that counts UTC and names its zone is converted to that zone; a device's own wall clock never
+# is. For other files the zones of the world decide whether a step of the clock can be daylight saving.
 
 
 WINDOWS_ZONES = {
@@ -42,7 +42,7 @@ class FollowedZone:
 
 
 def find_zone(display_name: str) -> ZoneInfo | None:
-    """The zone that a Windows display name speaks of; None where it is not known here."""
+    """The zone of a Windows display name; None for a name that is not in ``WINDOWS_ZONES``."""
     keys = [key for part, key in WINDOWS_ZONES.items() if part in display_name]
     try:
         return ZoneInfo(keys[0]) if keys else None
@@ -51,7 +51,7 @@ def find_zone(display_name: str) -> ZoneInfo | None:
 
 
 def follow_zone(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> FollowedZone:
-    """Give the start with the offset that the zone had then, and say if it changed until the end."""
+    """Give the start with the zone's offset at that time; flag a change of it before the end (W-DST)."""
     first = datetime.fromtimestamp(first_unix_s, UTC).astimezone(zone)
     before, after = (
         datetime.fromtimestamp(unix_s, UTC).astimezone(zone).utcoffset() or timedelta()
@@ -66,7 +66,7 @@ def follow_zone(first_unix_s: int, duration_s: int, zone: ZoneInfo) -> FollowedZ
 
 
 @cache
-def list_zones() -> tuple[ZoneInfo, ...]:
+def load_zones() -> tuple[ZoneInfo, ...]:
     """All zones that this machine knows."""
     return tuple(ZoneInfo(name) for name in sorted(available_timezones()))
 
@@ -78,13 +78,13 @@ def is_change_of_offset(moment: datetime, before_s: int, after_s: int) -> bool:
     """
     steps = ((moment - DAY, timedelta(seconds=before_s)), (moment + DAY, timedelta(seconds=after_s)))
     return any(
-        all(one.astimezone(zone).utcoffset() == offset for one, offset in steps) for zone in list_zones()
+        all(one.astimezone(zone).utcoffset() == offset for one, offset in steps) for zone in load_zones()
     )
 
 
 def is_change_of_wall_clock(reading: datetime, step_s: int) -> bool:
     """Whether some zone's clocks step so at this reading, which is naive, give or take two seconds."""
-    return any(_step_s(reading, zone) == step_s for zone in list_zones())
+    return any(_step_s(reading, zone) == step_s for zone in load_zones())
 
 
 def _step_s(reading: datetime, zone: ZoneInfo) -> float:
@@ -108,7 +108,7 @@ FIRST_PLAUSIBLE_YEAR = 2008
 LAST_PLAUSIBLE_YEAR = 2060
 DAY_US = 86_400 * MICROSECONDS
 LARGEST_DRIFT = 0.005
-"""A rate further than this from the nominal one is worth a word."""
+"""A rate further than this from the nominal one, as a share of it, is flagged."""
 
 
 def is_clock_set(start: datetime) -> bool:
@@ -117,7 +117,7 @@ def is_clock_set(start: datetime) -> bool:
 
 
 def trust_clock(start: datetime | None) -> tuple[datetime | None, tuple[QualityFlag, ...]]:
-    """Give the clock only where it can have been set, and a caveat where it was not (W-CLOCK-UNSET)."""
+    """Keep a start that a clock that was set can show; else None and a caveat (W-CLOCK-UNSET)."""
     if start is None or is_clock_set(start):
         return start, ()
     return None, (QualityFlag(Caveat.CLOCK_UNSET),)
@@ -165,7 +165,7 @@ def format_offset(offset_s: int) -> str:
 
 
 def flag_days(recording: Recording) -> Recording:
-    """Say, once, where a recording spans more than a day."""
+    """Flag a recording that spans more than a day, once (W-MULTIDAY, in days)."""
     flags = tuple(flag for flag in recording.flags if flag.code != Caveat.MULTIDAY)
     if recording.duration_us > DAY_US:
         flags += (QualityFlag(Caveat.MULTIDAY, -(-recording.duration_us // DAY_US)),)

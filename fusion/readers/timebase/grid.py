@@ -33,14 +33,15 @@ from fusion.recording import (
     QualityFlag,
     Segment,
     Span,
+    flag_counts,
     flag_gaps,
     flag_spans,
 )
 
 LONGEST_GAP_US = 86_400 * MICROSECONDS
 SLOWEST_HZ, FASTEST_HZ = 10.0, 4000.0
-JITTER_PART = 0.25
-"""Stamps that scatter by more than this part of a period are worth a word."""
+JITTER_PERIODS = 0.25
+"""Stamps that scatter by more are flagged."""
 
 
 Stretches = NDArray[np.int64]
@@ -100,7 +101,7 @@ class FittedRun:
 
 
 def cut_stamped(columns: SampleColumns) -> Grid:
-    """Cut rows with stamps in microseconds, mended by :func:`fusion.readers.timebase.row_times.settle_rows`.
+    """Cut rows with stamps in microseconds that :mod:`fusion.readers.timebase.row_times` has repaired.
 
     Raises
     ------
@@ -130,10 +131,10 @@ def cut_stamped(columns: SampleColumns) -> Grid:
 
 
 def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
-    """Cut rows that have numbers instead of stamps, at a rate that was told.
+    """Cut rows that have numbers instead of stamps, at a given rate.
 
-    A number that is skipped is a row that was there and could not be read; a pause is a break of unknown
-    length, so the next segment follows at once.
+    A skipped number is a row that could not be read; a pause is a break of unknown length, so the next
+    segment follows at once.
 
     Raises
     ------
@@ -164,7 +165,7 @@ def cut_counted(columns: SampleColumns, rate_hz: float) -> Grid:
 def _cut_even_rows(
     columns: SampleColumns, is_even: NDArray[np.bool_], mended: tuple[QualityFlag, ...]
 ) -> Grid:
-    """Leave out the stretches that are no sampling, whose time is then missing, and cut the rest."""
+    """Leave out stretches without even sampling, whose time is then missing, and cut the rest."""
     dropped = int(np.count_nonzero(~is_even))
     columns.keep(is_even)
     grid = cut_stamped(columns)
@@ -221,14 +222,17 @@ def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
     return tuple((stop - k, stop) for stop, k in zip(stops, holes.added.tolist(), strict=True) if k)
 
 
-def flag_time(holes: Holes, replaced: int, jitter: float) -> tuple[QualityFlag, ...]:
-    """Say how the clock was; ``replaced``: stamps that were put into line."""
+def flag_time(holes: Holes, replaced: int, jitter_periods: float) -> tuple[QualityFlag, ...]:
+    """Flag a clock that was set, and jitter.
+
+    ``replaced``: stamps that were put into line; ``jitter_periods``: RMS of the stamps from the even grid.
+    """
     found = {
         Caveat.CLOCK_FWD: replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
         Caveat.CLOCK_BACK: int(np.count_nonzero(holes.step_us < 0)),
-        Caveat.JITTER: int(jitter > JITTER_PART),
+        Caveat.JITTER: int(jitter_periods > JITTER_PERIODS),
     }
-    return tuple(QualityFlag(code, count) for code, count in found.items() if count)
+    return flag_counts(found)
 
 
 # Rows that share a coarse stamp get times of their own; rows at most a second late get into their place.
@@ -273,7 +277,7 @@ def find_usual_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     return usual
 
 
-EVEN_STEP = 0.4
+EVEN_STEP_PERIODS = 0.4
 """Sorted rows lie at least so many periods apart, else two runs of samples would be mixed."""
 
 
@@ -281,8 +285,8 @@ def sort_late_rows(columns: SampleColumns, period_us: float) -> tuple[QualityFla
     """Sort rows that came at most a second late; whatever is more is a clock that was set."""
     if count_backward(columns.stamps) == 0:
         return ()  # of all kernels this one takes longest to compile, and few files need it
-    late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP * period_us)
-    return (QualityFlag(Caveat.ORDER, late),) if late else ()
+    late = sort_windows(columns.acc, columns.gyr, columns.stamps, EVEN_STEP_PERIODS * period_us)
+    return flag_counts({Caveat.ORDER: late})
 
 
 # The sample period.
@@ -453,7 +457,7 @@ def choose_period_us(stamps: NDArray[np.int64], stretches: Stretches, period_us:
 
 
 def flag_rates(stamps: NDArray[np.int64], stretches: Stretches) -> tuple[QualityFlag, ...]:
-    """Say how often and for how long rows came at another rate (W-RATE-CHANGE), and at which the longest."""
+    """Flag stretches at another rate, with that of the longest one (W-RATE-CHANGE)."""
     if len(stretches) == 0:
         return ()
     steps = stretches[:, 1] - stretches[:, 0] - 1

@@ -1,4 +1,4 @@
-"""A shift in several files: recordings of one device put on one clock; what lies between them is missing."""
+"""A shift in several files: recordings of one device on one clock; the time between them is missing."""
 
 import hashlib
 from collections.abc import Sequence
@@ -20,9 +20,10 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
     """Put recordings of one device one after the other by its clock.
 
     Their order does not matter. The same file given twice counts once (W-DUP-FILE). At a seam up to 2 s of
-    the later file are dropped where the earlier one still runs (W-DUP). What lies between is missing (W-GAP).
-    Where the offset to UTC changed between two files, hours are told in that of the first (W-DST, or W-OFFSET
-    where no zone's clocks were changed so about then).
+    the later file are dropped where the earlier one still runs (W-DUP). The time between two files is missing
+    (W-GAP).
+    Where the offset from UTC changes between two files, the first file's offset holds for all (W-DST, or
+    W-OFFSET where no zone's clocks changed so at about that time).
 
     Raises
     ------

@@ -3,9 +3,9 @@
 # (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fusion.numba_kernels import njit
 from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS
 
 LONGEST_DELAY_US = MICROSECONDS
@@ -67,7 +67,7 @@ def find_edges(stamps: NDArray[np.int64], longest_us: float, back_us: int, edges
 
 
 @njit(cache=True, nogil=True)
-def turn_rows(values: NDArray[np.float32] | NDArray[np.int64], rows: int) -> None:
+def reverse_rows(values: NDArray[np.float32] | NDArray[np.int64], rows: int) -> None:
     """Turn the first ``rows`` of an array, shape (n, m), round, in place."""
     for row in range(rows // 2):
         for place in range(values.shape[1]):

@@ -1,6 +1,6 @@
-"""What is done to stamped rows before they are cut into segments: their order and their stamps are repaired.
+"""Stamped rows before they are cut into segments: their order and their stamps are repaired.
 
-:func:`repair_row_times` goes first; it calls what follows from top to bottom.
+:func:`repair_row_times` stands first; the steps follow in the order in which it takes them.
 """
 
 from dataclasses import dataclass
@@ -25,32 +25,44 @@ from fusion.readers.timebase.row_kernels import (
     find_edges,
     find_equal_runs,
     lift_wraps,
-    turn_rows,
+    reverse_rows,
 )
-from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag
+from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, QualityFlag, flag_counts
 
 
-def settle_rows(
+def repair_row_times(
     columns: SampleColumns, *, tick_us: int = 0, is_wall_clock: bool = False
 ) -> tuple[QualityFlag, ...]:
-    """Bring rows into the order of time and mend their stamps, in place; say what was done.
+    """Bring rows into the order of time and mend their stamps, in place; give the caveats.
 
-    ``tick_us``: microseconds in a count, where the stamps are those of a counter that may start over;
-    ``is_wall_clock``: the stamps are a clock's that may follow daylight saving. A table whose stamps only
-    advance is looked through once and left as it is.
+    A table whose stamps only advance is passed once and left as it is.
+
+    Parameters
+    ----------
+    columns
+        Rows with stamps in microseconds.
+    tick_us
+        Microseconds of one count, where the stamps are those of a counter that may start over; else 0.
+    is_wall_clock
+        The stamps are those of a clock that may follow daylight saving.
+
+    Raises
+    ------
+    UnusableTime
+        The clock stands still for most rows.
     """
-    flags = turn_round(columns)
+    flags = reverse_table(columns)
     if is_wall_clock:
         flags += undo_daylight_saving(columns.stamps)
     flags += unwrap_counter(columns.stamps, tick_us)
     flags += mend_stopped(columns)
-    if count_backward(columns.stamps) == 0 and not has_strange_ends(columns.stamps):
+    if count_backward(columns.stamps) == 0 and not has_outlying_ends(columns.stamps):
         return flags
     flags += mend_stuck(columns) + leave_out_repeats(columns)
     if count_backward(columns.stamps):
         flags += order_pieces(columns)
     if count_backward(columns.stamps):
-        flags += place_strangers(columns)
+        flags += place_outliers(columns)
     return flags
 
 
@@ -116,14 +128,14 @@ TURNED_SHARE = 0.9
 """So many of the steps run backwards in a table that was turned round."""
 
 
-def turn_round(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+def reverse_table(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     """Put a table that stands with its newest row first into the order of time, in place (W-REVERSED)."""
     stamps = columns.stamps[: columns.rows]
     backward = count_backward(stamps)
     if backward == 0 or backward < TURNED_SHARE * (backward + count_forward(stamps)) or len(stamps) < 3:
         return ()
     for values in (columns.acc, columns.gyr, columns.stamps):
-        turn_rows(values.reshape(len(values), -1), columns.rows)
+        reverse_rows(values.reshape(len(values), -1), columns.rows)
     return (QualityFlag(Caveat.REVERSED),)
 
 
@@ -134,7 +146,7 @@ HOUR_US = 3600 * MICROSECONDS
 CHANGE_US = HOUR_US // 2
 """Clocks are changed at a full hour; here and there at half past."""
 LONGEST_LOSS_US = 600 * MICROSECONDS
-CLOCK_US = 2 * MICROSECONDS
+CHANGE_TOLERANCE_US = 2 * MICROSECONDS
 FIRST_ROWS = 4097
 PART_ROWS = 1 << 14
 
@@ -147,17 +159,19 @@ def undo_daylight_saving(stamps: NDArray[np.int64]) -> tuple[QualityFlag, ...]:
     """
     first_steps = np.diff(stamps[:FIRST_ROWS])
     advances = first_steps[first_steps > 0]  # many rows share a coarse stamp
-    usual = float(np.median(advances)) if len(advances) else 0.0
+    usual_us = float(np.median(advances)) if len(advances) else 0.0
     flags: tuple[QualityFlag, ...] = ()
     for place in _find_long_steps(stamps, HOUR_US // 2):
         step_us = int(stamps[place + 1] - stamps[place])
         hour_us = HOUR_US if step_us > 0 else -HOUR_US
-        lost_us = step_us - hour_us - usual
-        if not -max(1.5 * usual, 1.0) <= lost_us <= LONGEST_LOSS_US:
+        lost_us = step_us - hour_us - usual_us
+        if not -max(1.5 * usual_us, 1.0) <= lost_us <= LONGEST_LOSS_US:
             continue
-        next_us = int(stamps[place]) + round(usual)
-        changed_us = -(-next_us // CHANGE_US) * CHANGE_US if lost_us > CLOCK_US else next_us
-        reading = datetime_at_us(changed_us) if changed_us <= next_us + lost_us + CLOCK_US else None
+        next_us = int(stamps[place]) + round(usual_us)
+        changed_us = -(-next_us // CHANGE_US) * CHANGE_US if lost_us > CHANGE_TOLERANCE_US else next_us
+        reading = (
+            datetime_at_us(changed_us) if changed_us <= next_us + lost_us + CHANGE_TOLERANCE_US else None
+        )
         if reading is None or not is_change_of_wall_clock(reading, hour_us // MICROSECONDS):
             continue
         at_s = float(stamps[place + 1] - hour_us - stamps[0]) / MICROSECONDS
@@ -190,7 +204,7 @@ def unwrap_counter(stamps: NDArray[np.int64], tick_us: int) -> tuple[QualityFlag
     if tick_us == 0 or count_backward(stamps) == 0:
         return ()
     wraps = _unwrap_even(stamps, tick_us) or lift_wraps(stamps, 2 ** BITS[0] * tick_us, MARGIN_US)
-    return (QualityFlag(Caveat.WRAP, wraps),) if wraps else ()
+    return flag_counts({Caveat.WRAP: wraps})
 
 
 def _unwrap_even(stamps: NDArray[np.int64], tick_us: int) -> int:
@@ -221,7 +235,7 @@ LEAST_STUCK_ROWS = 3
 FIT_PERIODS, FIT_SHARE = 0.5, 0.02
 """How well rows must fill the time between their neighbours to be timed by them."""
 FAR_US = 60 * MICROSECONDS
-"""A row at either end of a file, alone and so far from the others: one stamp is no proof of a minute."""
+"""A single row at either end of a file, so far from the others, is an outlier."""
 LOOKED_AT_ROWS = 8193
 SHORTEST_STOP_US, SHORTEST_STOP_STEPS = 500_000, 3.0
 """So long, and so many steps of the clock, rows bear one stamp only where the clock stopped."""
@@ -231,7 +245,7 @@ FREE_STOPS, BETWEEN_STOPS_US = 3, 60 * MICROSECONDS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Strangers:
+class TimestampOutliers:
     """Pieces whose stamps lie outside the time between their neighbours; shape (n,) each.
 
     ``before_us``, ``after_us``: the stamps of the rows around them; ``span_us``: from their first to last.
@@ -244,8 +258,8 @@ class Strangers:
     span_us: NDArray[np.int64]
 
 
-def has_strange_ends(stamps: NDArray[np.int64]) -> bool:
-    """Whether the first stamps, or the last one, may not be believed."""
+def has_outlying_ends(stamps: NDArray[np.int64]) -> bool:
+    """Whether the first stamps, or the last one, lie over a minute before or after the others."""
     if len(stamps) < LEAST_STUCK_ROWS:
         return False
     differs = stamps[:LOOKED_AT_ROWS] != stamps[0]
@@ -282,14 +296,14 @@ def mend_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
             kept[first:stop] = False
     if np.count_nonzero(kept) < LEAST_TIMED_PART * columns.rows:
         raise UnusableTime(why="constant")
-    return _take_out(columns, kept) + _tell_timed(timed)
+    return _leave_out(columns, kept) + _flag_timed(timed)
 
 
 def _fills_time(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) -> bool:
     """Whether there are rows on both sides, and the time between them is that of the rows."""
     if first == 0 or stop == len(stamps):
         return False
-    return bool(_tell_fit(stop - first, stamps[stop] - stamps[first - 1], pace))
+    return bool(_fill_time(stop - first, stamps[stop] - stamps[first - 1], pace))
 
 
 def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
@@ -301,54 +315,54 @@ def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     stamps = columns.stamps[: columns.rows]
     pace = measure_pace(stamps)
     pieces = find_pieces(stamps, pace)
-    found = _find_strangers(stamps, pieces, pace)
+    found = _find_outliers(stamps, pieces, pace)
     rows = found.stop - found.first
-    is_stuck = _tell_stuck(rows, found.span_us, pace)
+    is_stuck = _are_stuck(rows, found.span_us, pace)
     if pace.is_coarse:  # there one stamp lasts for many rows anyway: it must be far away, too
         is_stuck |= (found.span_us == 0) & (np.abs(stamps[found.first] - found.before_us) > FAR_US)
-    fits = (is_stuck | (rows < LEAST_STUCK_ROWS)) & _tell_fit(rows, found.after_us - found.before_us, pace)
+    fits = (is_stuck | (rows < LEAST_STUCK_ROWS)) & _fill_time(rows, found.after_us - found.before_us, pace)
     for k in np.flatnonzero(fits):
         _time_between(stamps, int(found.first[k]), int(found.stop[k]), pace)
     kept = np.ones(columns.rows, np.bool_)
     for k in np.flatnonzero(is_stuck & ~fits):
         kept[found.first[k] : found.stop[k]] = False
     _leave_out_ends(pieces, pace, kept)
-    return _take_out(columns, kept) + _tell_timed(int(rows[fits].sum()))
+    return _leave_out(columns, kept) + _flag_timed(int(rows[fits].sum()))
 
 
-def place_strangers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
-    """Put rows of a clock that was away for a while, and came back, behind those before (W-CLOCK-FWD)."""
+def place_outliers(columns: SampleColumns) -> tuple[QualityFlag, ...]:
+    """Put rows whose clock left for a while and came back after the rows before them (W-CLOCK-FWD)."""
     stamps = columns.stamps[: columns.rows]
     pace = measure_pace(stamps)
-    found = _find_strangers(stamps, find_pieces(stamps, pace), pace)
+    found = _find_outliers(stamps, find_pieces(stamps, pace), pace)
     slack_us = found.after_us - found.before_us - found.span_us
     chosen = np.flatnonzero(slack_us >= pace.period_us)
     for k in chosen:
         first, stop = int(found.first[k]), int(found.stop[k])
         behind_us = min(pace.period_us, 0.5 * float(slack_us[k]))
         stamps[first:stop] += round(found.before_us[k] + behind_us) - stamps[first:stop].min()
-    return _tell_timed(int((found.stop - found.first)[chosen].sum()))
+    return _flag_timed(int((found.stop - found.first)[chosen].sum()))
 
 
-def _find_strangers(stamps: NDArray[np.int64], pieces: Pieces, pace: Pace) -> Strangers:
+def _find_outliers(stamps: NDArray[np.int64], pieces: Pieces, pace: Pace) -> TimestampOutliers:
     first, stop = pieces.first[1:-1], pieces.stop[1:-1]
     before_us, after_us = stamps[first - 1], stamps[stop % len(stamps)]
     low_us, high_us = pieces.low_us[1:-1], pieces.high_us[1:-1]
     is_outside = (high_us < before_us) | (low_us > after_us)
     chosen = is_outside & (after_us > before_us - int(pace.is_coarse))
-    return Strangers(
+    return TimestampOutliers(
         first[chosen], stop[chosen], before_us[chosen], after_us[chosen], (high_us - low_us)[chosen]
     )
 
 
-def _tell_stuck(rows: NDArray[np.int64], span_us: NDArray[np.int64], pace: Pace) -> NDArray[np.bool_]:
+def _are_stuck(rows: NDArray[np.int64], span_us: NDArray[np.int64], pace: Pace) -> NDArray[np.bool_]:
     expected_us = (rows - 1) * pace.period_us
     least_us = np.maximum(0.5 * expected_us, 1.5 * pace.step_us)
     is_stuck: NDArray[np.bool_] = (rows >= LEAST_STUCK_ROWS) & (expected_us - span_us > least_us)
     return is_stuck
 
 
-def _tell_fit(rows: int | NDArray[np.int64], around_us: NDArray[np.int64], pace: Pace) -> NDArray[np.bool_]:
+def _fill_time(rows: int | NDArray[np.int64], around_us: NDArray[np.int64], pace: Pace) -> NDArray[np.bool_]:
     """Whether so many rows fill the time from the row before them to the one after."""
     filled_us = (rows + 1) * pace.period_us
     off_us = np.abs(around_us - filled_us)
@@ -382,11 +396,11 @@ def _leave_out_ends(pieces: Pieces, pace: Pace, kept: NDArray[np.bool_]) -> None
         away_us = max(
             pieces.low_us[here] - pieces.high_us[beside], pieces.low_us[beside] - pieces.high_us[here]
         )
-        if away_us > FAR_US and (is_alone or _tell_stuck(rows, span_us, pace)[0]):
+        if away_us > FAR_US and (is_alone or _are_stuck(rows, span_us, pace)[0]):
             kept[pieces.first[here] : pieces.stop[here]] = False
 
 
-def _take_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[QualityFlag, ...]:
+def _leave_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[QualityFlag, ...]:
     dropped = int(np.count_nonzero(~kept))
     if dropped == 0:
         return ()
@@ -394,8 +408,8 @@ def _take_out(columns: SampleColumns, kept: NDArray[np.bool_]) -> tuple[QualityF
     return (QualityFlag(Caveat.ROWS_DROPPED, dropped),)
 
 
-def _tell_timed(rows: int) -> tuple[QualityFlag, ...]:
-    return (QualityFlag(Caveat.CLOCK_FWD, rows),) if rows else ()
+def _flag_timed(rows: int) -> tuple[QualityFlag, ...]:
+    return flag_counts({Caveat.CLOCK_FWD: rows})
 
 
 # Rows that stand in a table twice: a copy that went on from too early, or a file put after itself.
@@ -426,7 +440,12 @@ def leave_out_repeats(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     return (QualityFlag(Caveat.DUP, repeated),)
 
 
-# Pieces that stand in the wrong order. (text)
+# Pieces of a table that were put together in the wrong order.
+#
+# A logger writes in the order of time; a program that sorts, or a person who pastes, may not keep it. Pieces
+# are put in order only where the stamps leave no doubt: the pieces do not overlap, except for rows that stand
+# in both, and at least one continues where another ends. Everything else is a clock that was set
+# (W-CLOCK-BACK).
 
 
 JOIN_US = MICROSECONDS
@@ -445,8 +464,8 @@ def order_pieces(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     moved = int(np.count_nonzero(order != np.arange(len(order))))
     if moved == 0:
         return ()
-    begins = find_begins(columns, pieces, order, pace)
-    if begins is None or not goes_on(pieces, order, begins, pace):
+    begins = find_first_new_rows(columns, pieces, order, pace)
+    if begins is None or not is_continued(pieces, order, begins, pace):
         return ()
     repeated = int((begins - pieces.first).sum())
     places = [(int(begins[k]), int(pieces.stop[k])) for k in order]
@@ -455,10 +474,10 @@ def order_pieces(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     return (*flags, QualityFlag(Caveat.DUP, repeated)) if repeated else flags
 
 
-def find_begins(
+def find_first_new_rows(
     columns: SampleColumns, pieces: Pieces, order: NDArray[np.int64], pace: Pace
 ) -> NDArray[np.int64] | None:
-    """The row at which each piece begins that no piece before it in time has; None where two contradict."""
+    """The first row of each piece that no earlier piece has; None where two pieces contradict each other."""
     begins = pieces.first.copy()
     stamps = columns.stamps[: columns.rows]
     for before, after in pairwise(order.tolist()):
@@ -481,11 +500,11 @@ def _is_copy(columns: SampleColumns, twin: int, first: int, shared: int) -> bool
     return count_alike(columns.acc, columns.gyr, stamps, min(twin, first), max(twin, first)) >= shared
 
 
-def goes_on(pieces: Pieces, order: NDArray[np.int64], begins: NDArray[np.int64], pace: Pace) -> bool:
-    """Whether a piece goes on where another ends that does not stand just before it in the file.
+def is_continued(pieces: Pieces, order: NDArray[np.int64], begins: NDArray[np.int64], pace: Pace) -> bool:
+    """Whether a piece continues another one that does not stand just before it in the file.
 
-    Where what stands between the two in the file fits into the time between them, that is no proof: then it
-    may be rows with a strange stamp.
+    Where the rows between the two in the file fit into the time between them, that proves nothing: they may
+    be rows with outlying stamps.
     """
     before, after = order[:-1], order[1:]
     step_us = pieces.low_us[after] - pieces.high_us[before]

@@ -1,0 +1,151 @@
+"""What a caller in Python finds: names, paths as well as files, one line for each result."""
+
+import dataclasses
+import inspect
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import fusion
+from fusion import Analysis, FusionError, analyse, read_recording, read_recordings
+from fusion.simulation import simulate_shift, write_shift
+from tests.factories import hold
+
+ROOT = Path(__file__).resolve().parents[2]
+EVERY = {name: getattr(fusion, name) for name in fusion.__all__}
+VALUES = {name: item for name, item in EVERY.items() if dataclasses.is_dataclass(item)}
+FUNCTIONS = {name: item for name, item in EVERY.items() if inspect.isfunction(item)}
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_shift(tmp_path_factory.mktemp("shift"), simulate_shift("lsm9ds1", 0.05, seed=1))[0]
+
+
+@pytest.fixture(scope="module")
+def analysis(path: Path) -> Analysis:
+    return analyse(path)
+
+
+def test_a_path_is_analysed_as_the_recording_read_from_it(path: Path, analysis: Analysis) -> None:
+    with path.open("rb") as file:
+        step_by_step = analyse(read_recording(file))
+
+    assert repr(analysis) == repr(step_by_step)
+    assert analysis.exposure.bins == step_by_step.exposure.bins
+    assert analysis.recording.sha256 == step_by_step.recording.sha256
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+def test_a_recording_is_read_from_a_path_as_from_a_file(path: Path, kind: type) -> None:
+    with path.open("rb") as file:
+        from_file = read_recording(file)
+
+    from_path = read_recording(kind(path))
+
+    assert from_path.sha256 == from_file.sha256
+    assert from_path.flags == from_file.flags
+    assert from_path.duration_us == from_file.duration_us
+
+
+def test_several_paths_are_joined(path: Path) -> None:
+    assert read_recordings([str(path)]).duration_us == read_recording(path).duration_us
+
+
+def test_an_open_file_is_analysed_too(path: Path, analysis: Analysis) -> None:
+    with path.open("rb") as file:
+        assert analyse(file).exposure.bins == analysis.exposure.bins
+
+
+def test_a_path_that_leads_nowhere_is_an_error_of_the_system(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        analyse(tmp_path / "nowhere.csv")
+
+
+def test_the_extension_of_a_path_is_judged(path: Path, tmp_path: Path) -> None:
+    disguised = Path(shutil.copy(path, tmp_path / "shift.gt3x"))
+
+    with pytest.raises(FusionError):
+        read_recording(disguised)
+
+
+def test_an_analysis_prints_as_one_line_with_sensor_start_hours_figures_and_verdict(
+    analysis: Analysis,
+) -> None:
+    text = repr(analysis)
+
+    assert re.fullmatch(
+        r"Analysis\(lsm9ds1( from \d{4}-\d\d-\d\d \d\d:\d\d)?, 0\.0\d h analysed, "
+        r"\d+\.\d % at 60 deg or above, "
+        r"median \d+\.\d deg, quality (good|caution|poor)\)",
+        text,
+    )
+
+
+def test_the_start_is_printed_where_it_is_known() -> None:
+    made = hold((0, 60), (75, 60)).recording
+
+    assert made.start is not None
+    assert repr(analyse(made)).startswith(
+        f"Analysis(other from {made.start:%Y-%m-%d %H:%M}, 0.03 h analysed, "
+    )
+
+
+@pytest.mark.parametrize("part", ["recording", "elevation", "exposure"])
+def test_every_large_result_prints_as_one_short_line(analysis: Analysis, part: str) -> None:
+    result = getattr(analysis, part)
+
+    assert len(repr(result)) <= 160
+    assert "\n" not in repr(result)
+    for segment in getattr(result, "segments", ()):
+        assert len(repr(segment)) <= 80
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_value_type_documents_each_of_its_fields(name: str) -> None:
+    documented = inspect.getdoc(VALUES[name]) or ""
+    attributes = documented.partition("Attributes\n----------\n")[2]
+    headings = re.findall(r"^(\w+(?:, \w+)*)$", attributes, re.MULTILINE)
+
+    assert [field for line in headings for field in line.split(", ")] == [
+        field.name for field in dataclasses.fields(VALUES[name])
+    ]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_documents_its_parameters_and_what_it_returns(name: str) -> None:
+    documented = inspect.getdoc(FUNCTIONS[name]) or ""
+    section = documented.partition("Parameters\n----------\n")[2].partition("\n\n")[0]
+    headings = re.findall(r"^(\w+(?:, \w+)*)$", section, re.MULTILINE)
+
+    assert [one for line in headings for one in line.split(", ")] == [
+        *inspect.signature(FUNCTIONS[name]).parameters
+    ]
+    assert "Returns\n-------\n" in documented
+
+
+def test_an_installation_offers_the_same_names_as_acromion(tmp_path: Path) -> None:
+    packaged = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]
+    for source, place in packaged["wheel"]["force-include"].items():
+        if place.endswith(".py"):
+            shutil.copy(ROOT / source, tmp_path / place)
+    program = (
+        "import sys, acromion, fusion; assert 'numba' not in sys.modules;"
+        "from acromion import analyse; assert analyse is fusion.analyse;"
+        "assert dir(acromion) == fusion.__all__; print(acromion.__file__)"
+    )
+
+    told = subprocess.run(
+        [sys.executable, "-c", program],
+        env={"PYTHONPATH": f"{tmp_path}:{ROOT}"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    assert told.stdout.strip() == str(tmp_path / "acromion.py")
