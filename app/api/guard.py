@@ -232,9 +232,9 @@ class _BodyWatch:
         self._waited_s += time.monotonic() - began_s
         self._got_bytes += len(message.get("body", b""))
         self._all_bytes += len(message.get("body", b""))
+        self._more = message.get("more_body", False)
         if self._all_bytes > self._most_bytes:
             raise too_large(self._all_bytes, int(self._most_bytes))
-        self._more = message.get("more_body", False)
         self._check_rate()
         return message
 

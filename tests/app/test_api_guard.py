@@ -9,7 +9,7 @@ from starlette.types import Message
 
 from app.api.guard import _BodyWatch, takes_file
 from app.api.problems import respond_to_refusal
-from app.errors import ForeignAddress, SlowUpload
+from app.errors import FileTooLarge, ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
 from app.main import check_loopback
 
@@ -177,6 +177,21 @@ def test_a_body_that_flows_is_heard_to_its_end() -> None:
         return sum([len((await watch.receive())["body"]) for _ in range(10)])
 
     assert asyncio.run(listen()) == 10_000
+
+
+def test_nothing_is_awaited_after_a_last_piece_that_makes_the_body_too_large() -> None:
+    pieces = iter([{"type": "http.request", "body": b"x" * 11, "more_body": False}])
+
+    async def receive() -> Message:
+        return next(pieces)
+
+    async def refuse() -> None:
+        watch = _BodyWatch(receive, min_rate_bytes_per_s=1, body_timeout_s=60, most_bytes=10)
+        with pytest.raises(FileTooLarge):
+            await watch.receive()
+        await watch.finish()
+
+    asyncio.run(refuse())
 
 
 def test_a_slow_upload_is_answered_and_the_line_closed() -> None:
