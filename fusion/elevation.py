@@ -291,10 +291,10 @@ def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> N
         segment.sigma_deg[inside] = np.hypot(segment.sigma_deg[inside], part.sigma_deg)
 
 
-def _by_second(values: Float64Array, rows: int, segment: Segment) -> NDArray[np.float32]:
-    """Values that stand for ``rows`` rows each, at the middle of each second of the segment."""
+def _by_second(values: Float64Array, rows_per_value: int, segment: Segment) -> NDArray[np.float32]:
+    """Values that stand for ``rows_per_value`` rows each, at the middle of each second of the segment."""
     seconds = int(np.ceil(len(segment) / segment.rate_hz))
-    middle = (np.arange(seconds) + 0.5) * segment.rate_hz / rows
+    middle = (np.arange(seconds) + 0.5) * segment.rate_hz / rows_per_value
     return values[np.minimum(middle.astype(np.int64), len(values) - 1)].astype(np.float32)
 
 

@@ -125,8 +125,8 @@ def _part_rows(segment: Segment, stuck: Ranges, stops: Sequence[Stop]) -> tuple[
     """Rows that were bridged, and rows to cut out."""
     most = int(LONGEST_BRIDGE_US * segment.rate_hz / MICROSECONDS + 1e-3)
 
-    def is_short(first: int, stop: int) -> bool:
-        return stop - first <= most and first > 0 and stop < len(segment)
+    def is_short(first_row: int, stop_row: int) -> bool:
+        return stop_row - first_row <= most and first_row > 0 and stop_row < len(segment)
 
     for channel, first, stop in stops:
         if is_short(first, stop):
@@ -199,23 +199,23 @@ def count_repeats(values: Values, axis: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def find_flat_runs(values: Values, axis: int, shortest: int) -> Rows:
-    """Runs of one value, at least ``shortest`` rows long, shape (m, 2): first row and first row after.
+def find_flat_runs(values: Values, axis: int, shortest_rows: int) -> Rows:
+    """Runs of one value, at least ``shortest_rows`` rows long, shape (m, 2): first row and first row after.
 
-    Such a run covers one of any ``shortest`` rows that follow each other: only from these is looked around.
+    Such a run covers one of any ``shortest_rows`` rows that follow each other: the search looks there only.
     """
-    runs = np.empty((len(values) // max(shortest, 1) + 1, 2), np.int64)
-    found, k = 0, max(shortest, 1) - 1
+    runs = np.empty((len(values) // max(shortest_rows, 1) + 1, 2), np.int64)
+    found, k = 0, max(shortest_rows, 1) - 1
     while k < len(values):
         first, stop = k, k + 1
-        while first > 0 and k - first < shortest and values[first - 1, axis] == values[k, axis]:
+        while first > 0 and k - first < shortest_rows and values[first - 1, axis] == values[k, axis]:
             first -= 1
         while stop < len(values) and values[stop, axis] == values[k, axis]:
             stop += 1
-        if stop - first >= shortest:
+        if stop - first >= shortest_rows:
             runs[found, 0], runs[found, 1] = first, stop
             found += 1
-        k = stop - 1 + max(shortest, 1)
+        k = stop - 1 + max(shortest_rows, 1)
     return runs[:found]
 
 

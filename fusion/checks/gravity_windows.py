@@ -40,29 +40,29 @@ def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
     return blocks[::stride]
 
 
-def moving_mean(segment: Segment, first: int, stop: int) -> tuple[Float64Array, Float64Array]:
+def moving_mean(segment: Segment, first_row: int, stop_row: int) -> tuple[Float64Array, Float64Array]:
     """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
     width = max(3, round(MEAN_S * segment.rate_hz))
-    if stop - first <= width:
+    if stop_row - first_row <= width:
         return np.empty((0, 3)), np.empty(0)
-    return slide_mean(segment.acc_g[first:stop], width)
+    return slide_mean(segment.acc_g[first_row:stop_row], width)
 
 
 @njit(cache=True, nogil=True)
-def slide_mean(acc_g: NDArray[np.float32], width: int) -> tuple[Float64Array, Float64Array]:
-    """Mean over ``width`` rows from each row on, and the largest of its three standard deviations."""
-    n = len(acc_g) - width + 1
+def slide_mean(acc_g: NDArray[np.float32], width_rows: int) -> tuple[Float64Array, Float64Array]:
+    """Mean over ``width_rows`` rows from each row on, and the largest of its three standard deviations."""
+    n = len(acc_g) - width_rows + 1
     means, scatter = np.empty((n, 3)), np.zeros(n)
     for axis in range(3):
         total = squares = 0.0
         for k in range(len(acc_g)):
             total += acc_g[k, axis]
             squares += np.float64(acc_g[k, axis]) ** 2
-            first = k - width + 1
+            first = k - width_rows + 1
             if first < 0:
                 continue
-            means[first, axis] = total / width
-            variance = squares / width - means[first, axis] ** 2
+            means[first, axis] = total / width_rows
+            variance = squares / width_rows - means[first, axis] ** 2
             scatter[first] = max(scatter[first], variance)
             total -= acc_g[first, axis]
             squares -= np.float64(acc_g[first, axis]) ** 2
@@ -88,12 +88,12 @@ def measure_rests_g(segments: Sequence[Segment]) -> Float64Array:
 
 
 def _measure_stretches(
-    samples: NDArray[np.float32], width: int
+    samples: NDArray[np.float32], width_rows: int
 ) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:
-    """Mean (m, 3) of each ``width`` rows, their largest standard deviation, and whether any is 0 (m,)."""
-    count = len(samples) // width
+    """Mean (m, 3) of ``width_rows`` rows each, their largest standard deviation; whether one is 0 (m,)."""
+    count = len(samples) // width_rows
     means, scatter = np.zeros((count, 3)), np.zeros((count, 3))
-    reduce_stretches(samples, width, means, scatter)
+    reduce_stretches(samples, width_rows, means, scatter)
     return means, scatter.max(axis=1, initial=0.0), (scatter == 0.0).any(axis=1)
 
 
@@ -214,8 +214,8 @@ def cut_windows(
     return GravityWindows(np.concatenate(acc), np.concatenate(turn), first, np.array(period_s), start_s)
 
 
-def _find_size(segment: Segment, first: int, rows: int) -> float:
-    return float(np.abs(segment.gyr_dps[first : first + rows]).max())
+def _find_size(segment: Segment, first_row: int, rows: int) -> float:
+    return float(np.abs(segment.gyr_dps[first_row : first_row + rows]).max())
 
 
 def _find_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]:
@@ -227,18 +227,18 @@ def _find_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]
     return np.asarray((flat & ~flat.all(axis=0)).any(axis=1))
 
 
-def _find_flat(segment: Segment, first: int, rows: int) -> NDArray[np.bool_]:
-    sensors = (segment.acc_g[first : first + rows], segment.gyr_dps[first : first + rows])
+def _find_flat(segment: Segment, first_row: int, rows: int) -> NDArray[np.bool_]:
+    sensors = (segment.acc_g[first_row : first_row + rows], segment.gyr_dps[first_row : first_row + rows])
     return np.concatenate([(values == values[0]).all(axis=0) for values in sensors])
 
 
-def _cut_window(segment: Segment, first: int, rows: int) -> tuple[Float64Array, Float64Array, float]:
+def _cut_window(segment: Segment, first_row: int, rows: int) -> tuple[Float64Array, Float64Array, float]:
     """Means of 20 ms; the rate between two rows is a straight line."""
     width = max(1, round(ROW_S * segment.rate_hz))
     count = rows // width // 2 * 2
     sensors = (segment.acc_g, segment.gyr_dps)
     acc_g, gyr_dps = (
-        samples[first : first + count * width].reshape(count, width, 3).mean(axis=1, dtype=np.float64)
+        samples[first_row : first_row + count * width].reshape(count, width, 3).mean(axis=1, dtype=np.float64)
         for samples in sensors
     )
     period_s = width / segment.rate_hz

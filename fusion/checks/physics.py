@@ -244,8 +244,8 @@ def _measure_spread(segments: Sequence[Segment], *, is_rate: bool) -> float:
     return float(high / max(low, 1e-9))
 
 
-def _measure_lengths(segment: Segment, first: int, stop: int, *, is_rate: bool) -> Float64Array:
-    samples = (segment.gyr_dps if is_rate else segment.acc_g)[first:stop]
+def _measure_lengths(segment: Segment, first_row: int, stop_row: int, *, is_rate: bool) -> Float64Array:
+    samples = (segment.gyr_dps if is_rate else segment.acc_g)[first_row:stop_row]
     width = max(3, round(MEAN_S * segment.rate_hz))
     if len(samples) < width:
         return np.empty(0)

@@ -41,21 +41,21 @@ def is_repeat(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int) -> b
 
 
 @njit(cache=True, nogil=True)
-def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest: int) -> Rows:
+def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest_rows: int) -> Rows:
     """Runs in which all six channels keep their values, shape (m, 2).
 
     Such a run holds one of any ``shortest - 1`` repeats that follow each other: only there is looked around.
     """
-    stride = max(shortest - 1, 1)
+    stride = max(shortest_rows - 1, 1)
     runs = np.empty((len(acc) // stride + 1, 2), np.int64)
     found, k = 0, stride
     while k < len(acc):
         first, stop = k, k
-        while first > 0 and k - first < shortest and is_repeat(acc, gyr, first):
+        while first > 0 and k - first < shortest_rows and is_repeat(acc, gyr, first):
             first -= 1
         while first < k and stop < len(acc) and is_repeat(acc, gyr, stop):
             stop += 1
-        if stop - first >= shortest:
+        if stop - first >= shortest_rows:
             runs[found, 0], runs[found, 1] = first, stop
             found += 1
         k = max(k, stop - 1) + stride
@@ -91,24 +91,24 @@ def count_filler_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual:
 
 @njit(cache=True, nogil=True)
 def find_filler_runs(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float, shortest: int, most: int
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float, shortest_rows: int, most_rows: int
 ) -> Rows:
-    """Runs of such rows, ``shortest`` rows long or more and ``most`` at most, shape (m, 2).
+    """Runs of such rows, ``shortest_rows`` rows long or more and ``most_rows`` at most, shape (m, 2).
 
-    Such a run covers one of any ``shortest`` rows that follow each other: only from these is looked around.
+    Such a run covers one of any ``shortest_rows`` rows that follow each other: the search looks there only.
     """
-    runs = np.empty((most, 2), np.int64)
-    found, k = 0, shortest - 1
+    runs = np.empty((most_rows, 2), np.int64)
+    found, k = 0, shortest_rows - 1
     while k < len(acc):
         first, stop = k, k
         while stop < len(acc) and is_filler(acc, gyr, stop, usual):
             stop += 1
-        while stop > k and first > 0 and k - first < shortest and is_filler(acc, gyr, first - 1, usual):
+        while stop > k and first > 0 and k - first < shortest_rows and is_filler(acc, gyr, first - 1, usual):
             first -= 1
-        if stop - first >= shortest:
+        if stop - first >= shortest_rows:
             runs[found, 0], runs[found, 1] = first, stop
             found += 1
-        k = max(k, stop - 1) + shortest
+        k = max(k, stop - 1) + shortest_rows
     return runs[:found]
 
 
@@ -132,10 +132,10 @@ def mark_fillers(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: floa
     return marked
 
 
-def place_rows(segment: Segment, first: int, stop: int, reason: str = "") -> Span:
+def place_rows(segment: Segment, first_row: int, stop_row: int, reason: str = "") -> Span:
     """Rows as a stretch of the recording."""
     start_us, end_us = (
-        segment.start_us + round(row * MICROSECONDS / segment.rate_hz) for row in (first, stop)
+        segment.start_us + round(row * MICROSECONDS / segment.rate_hz) for row in (first_row, stop_row)
     )
     return Span(start_us, end_us - start_us, reason)
 
@@ -160,14 +160,14 @@ def cut_rows(segment: Segment, ranges: Ranges) -> list[Segment]:
     return [_take_rows(segment, first, stop) for first, stop in pairs if stop > first]
 
 
-def _take_rows(segment: Segment, first: int, stop: int) -> Segment:
+def _take_rows(segment: Segment, first_row: int, stop_row: int) -> Segment:
     """Rounded to the microsecond, yet never beyond the end of the whole."""
-    bridged = [(max(a, first) - first, min(b, stop) - first) for a, b in segment.bridged]
+    bridged = [(max(a, first_row) - first_row, min(b, stop_row) - first_row) for a, b in segment.bridged]
     piece = replace(
         segment,
-        start_us=place_rows(segment, 0, first).end_us,
-        acc_g=segment.acc_g[first:stop],
-        gyr_dps=segment.gyr_dps[first:stop],
+        start_us=place_rows(segment, 0, first_row).end_us,
+        acc_g=segment.acc_g[first_row:stop_row],
+        gyr_dps=segment.gyr_dps[first_row:stop_row],
         bridged=tuple((a, b) for a, b in bridged if b > a),
     )
     return replace(piece, start_us=piece.start_us - max(0, piece.end_us - segment.end_us))
@@ -299,19 +299,19 @@ def scan_axis(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
 
 
 @njit(cache=True, nogil=True)
-def has_leap(own: Values, axis: int, first: int, stop: int, least: float) -> bool:
+def has_leap(own: Values, axis: int, first_row: int, stop_row: int, least: float) -> bool:
     """Whether a reading is so far from the one before."""
-    for row in range(max(first, 1), stop):  # noqa: SIM110 (numba compiles no generator expressions)
+    for row in range(max(first_row, 1), stop_row):
         if abs(own[row, axis] - own[row - 1, axis]) >= least:
             return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def find_end(values: Values, axis: int, first: int) -> int:
+def find_end(values: Values, axis: int, first_row: int) -> int:
     """The first row after a run of one value."""
-    stop = first + 1
-    while stop < len(values) and values[stop, axis] == values[first, axis]:
+    stop = first_row + 1
+    while stop < len(values) and values[stop, axis] == values[first_row, axis]:
         stop += 1
     return stop
 
@@ -339,18 +339,24 @@ def is_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
 
 @njit(cache=True, nogil=True)
 def is_plain_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    own: Values, other: Values, axis: int, first: int, stop: int, leap: float, moved: tuple[float, float]
+    own: Values,
+    other: Values,
+    axis: int,
+    first_row: int,
+    stop_row: int,
+    leap: float,
+    moved: tuple[float, float],
 ) -> bool:
     """Whether a run of one value is a stop: leaps at both ends that agree, or one and movement between."""
-    if keeps_all(own, first, stop) and keeps_all(other, first, stop):
+    if keeps_all(own, first_row, stop_row) and keeps_all(other, first_row, stop_row):
         return False
-    before = measure_leap(own, axis, (first, stop), -1)
-    after = measure_leap(own, axis, (first, stop), 1)
+    before = measure_leap(own, axis, (first_row, stop_row), -1)
+    after = measure_leap(own, axis, (first_row, stop_row), 1)
     if before * after > 0.0 and min(abs(before), abs(after)) >= leap:
         return abs(before - after) < SMOOTH_PART * max(abs(before), abs(after))
-    if stop - first < FEWEST_ROWS or max(abs(before), abs(after)) < leap:
+    if stop_row - first_row < FEWEST_ROWS or max(abs(before), abs(after)) < leap:
         return False
-    return has_moved(own, other, axis, first, stop, moved)
+    return has_moved(own, other, axis, first_row, stop_row, moved)
 
 
 @njit(cache=True, nogil=True)
@@ -376,40 +382,44 @@ def measure_leap(own: Values, axis: int, run: tuple[int, int], way: int) -> floa
 
 
 @njit(cache=True, nogil=True)
-def keeps(values: Values, axis: int, first: int, stop: int) -> bool:
+def keeps(values: Values, axis: int, first_row: int, stop_row: int) -> bool:
     """Whether an axis shows one value in all rows."""
-    for row in range(first + 1, stop):  # noqa: SIM110 (numba compiles no generator expressions)
-        if values[row, axis] != values[first, axis]:
+    for row in range(first_row + 1, stop_row):  # noqa: SIM110 (numba compiles no generator expressions)
+        if values[row, axis] != values[first_row, axis]:
             return False
     return True
 
 
 @njit(cache=True, nogil=True)
-def keeps_all(values: Values, first: int, stop: int) -> bool:
+def keeps_all(values: Values, first_row: int, stop_row: int) -> bool:
     """Whether a sensor shows one reading in all rows of two or more."""
-    if stop - first < 2:
+    if stop_row - first_row < 2:
         return False
-    return keeps(values, 0, first, stop) and keeps(values, 1, first, stop) and keeps(values, 2, first, stop)
+    return (
+        keeps(values, 0, first_row, stop_row)
+        and keeps(values, 1, first_row, stop_row)
+        and keeps(values, 2, first_row, stop_row)
+    )
 
 
 @njit(cache=True, nogil=True)
 def has_moved(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    own: Values, other: Values, axis: int, first: int, stop: int, moved: tuple[float, float]
+    own: Values, other: Values, axis: int, first_row: int, stop_row: int, moved: tuple[float, float]
 ) -> bool:
     """Whether another channel changed by more than noise between the first row and the last."""
     for k in range(3):
-        if k != axis and measure_range(own, k, first, stop) > moved[0]:
+        if k != axis and measure_range(own, k, first_row, stop_row) > moved[0]:
             return True
-        if measure_range(other, k, first, stop) > moved[1]:
+        if measure_range(other, k, first_row, stop_row) > moved[1]:
             return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def measure_range(values: Values, axis: int, first: int, stop: int) -> float:
+def measure_range(values: Values, axis: int, first_row: int, stop_row: int) -> float:
     """Largest less smallest reading."""
-    low = high = values[first, axis]
-    for row in range(first + 1, stop):
+    low = high = values[first_row, axis]
+    for row in range(first_row + 1, stop_row):
         low = min(low, values[row, axis])
         high = max(high, values[row, axis])
     return high - low

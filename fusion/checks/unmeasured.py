@@ -139,10 +139,10 @@ def open_hole(segment: Segment, runs: Rows) -> list[Segment]:
     return cut_rows(kept, [pair for pair in holes if not is_short[pair]])
 
 
-def bridge_rows(values: NDArray[np.float32], first: int, stop: int) -> None:
+def bridge_rows(values: NDArray[np.float32], first_row: int, stop_row: int) -> None:
     """Lay a straight line over rows, in place, from the one before to the one after."""
-    weights = np.linspace(0.0, 1.0, stop - first + 2)[1:-1, None]
-    values[first:stop] = (1.0 - weights) * values[first - 1] + weights * values[stop]
+    weights = np.linspace(0.0, 1.0, stop_row - first_row + 2)[1:-1, None]
+    values[first_row:stop_row] = (1.0 - weights) * values[first_row - 1] + weights * values[stop_row]
 
 
 def is_too_frequent(runs: int, rows: int) -> bool:

@@ -64,13 +64,13 @@ class RecoveryTally:
     state: IntArray
     levels: IntArray
 
-    def add(self, angle: MetricAngle, first: int, speeds_dps: Float64Array) -> None:
-        """Count rows from ``first`` on that follow those before; the speed of a row is that of the step to
-        it, NaN for none.
+    def add(self, angle: MetricAngle, first_row: int, speeds_dps: Float64Array) -> None:
+        """Count rows from ``first_row`` on that follow those before; the speed of a row is that of the step
+        to it, NaN for none.
         """
-        stop = first + len(speeds_dps)
-        rows = (angle.elevation_deg[first:stop], angle.valid[first:stop], speeds_dps)
-        _scan_rest(rows, first, self._find_limits(angle), self._order_counts())
+        stop = first_row + len(speeds_dps)
+        rows = (angle.elevation_deg[first_row:stop], angle.valid[first_row:stop], speeds_dps)
+        _scan_rest(rows, first_row, self._find_limits(angle), self._order_counts())
 
     def end_segment(self, angle: MetricAngle) -> None:
         """Let a hole end all that is under way."""

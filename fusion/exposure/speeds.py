@@ -130,9 +130,9 @@ class FrequencyTally:
                 self.sums[:] += (frequency_hz * seconds, seconds)
                 np.add.at(self.moments, self._find_blocks(angle, first, len(moments)), moments)
 
-    def _find_blocks(self, angle: MetricAngle, first: int, windows: int) -> IntArray:
+    def _find_blocks(self, angle: MetricAngle, first_row: int, windows: int) -> IntArray:
         """Give the block of the middle of each window; windows overlap by half."""
-        middles_s = first / angle.rate_hz + (np.arange(windows) + 1) * (WINDOW_STEPS / 2 / GRID_HZ)
+        middles_s = first_row / angle.rate_hz + (np.arange(windows) + 1) * (WINDOW_STEPS / 2 / GRID_HZ)
         middles_us = angle.start_us + middles_s * MICROSECONDS
         blocks = np.searchsorted(self.edges_us, middles_us, side="right") - 1
         return np.asarray(np.clip(blocks, 0, len(self.moments) - 1), np.int64)
@@ -270,9 +270,9 @@ class SpeedTally:
         object.__setattr__(self, "block_s", np.zeros((blocks, COARSE_CELLS)))
         object.__setattr__(self, "way_deg", np.zeros(blocks))
 
-    def add(self, run: EvenRun, first: int, speeds_dps: Float64Array, rate_hz: float) -> None:
-        """Count speeds, NaN where there is none, of a run's rows from ``first`` on at a rate of their own."""
-        start_us = run.start_us + round(first * MICROSECONDS / run.rate_hz)
+    def add(self, run: EvenRun, first_row: int, speeds_dps: Float64Array, rate_hz: float) -> None:
+        """Count speeds (NaN: none) of a run's rows from ``first_row`` on at a rate of their own."""
+        start_us = run.start_us + round(first_row * MICROSECONDS / run.rate_hz)
         step_us = MICROSECONDS / rate_hz
         cells = (self.cell_s, self.block_s, self.way_deg)
         _tally_speeds(speeds_dps, 1.0 / rate_hz, (start_us, step_us, self.edges_us, COARSE_OF_CELL), cells)

@@ -152,7 +152,7 @@ def start_day(
 
 
 def _start_errors(
-    seconds: int, stretches: Stretches, sigma_deg: float, errors_deg: Float64Array
+    duration_s: int, stretches: Stretches, sigma_deg: float, errors_deg: Float64Array
 ) -> ErrorTally:
-    shifted = ShiftedSeconds(errors_deg, np.zeros((seconds, len(errors_deg) + 1), np.float32))
+    shifted = ShiftedSeconds(errors_deg, np.zeros((duration_s, len(errors_deg) + 1), np.float32))
     return ErrorTally(sigma_deg, start_shifted_stays(errors_deg, stretches), shifted)

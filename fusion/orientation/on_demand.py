@@ -56,7 +56,7 @@ class VerticalOnDemand:
         """Bytes kept."""
         return self.up.nbytes + self.nodes.bias_rad.nbytes
 
-    def _spread(self, node: int, end: int) -> NDArray[np.float32]:
-        out = np.empty((end - node * self.nodes.rows_per_node, 3), dtype=np.float32)
+    def _spread(self, node: int, end_row: int) -> NDArray[np.float32]:
+        out = np.empty((end_row - node * self.nodes.rows_per_node, 3), dtype=np.float32)
         spread_rows(self.gyr_dps, self.rate_hz, self.nodes, self.up, out, node)
         return out

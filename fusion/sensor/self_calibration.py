@@ -224,7 +224,7 @@ def _repair(samples: FloatArray, limits: Float64Array, rate_hz: float) -> FloatA
 
 @kernel
 def _bridge(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    samples: Any, axis: int, sign: float, limit: float, longest: int, repaired: Any
+    samples: Any, axis: int, sign: float, limit: float, longest_rows: int, repaired: Any
 ) -> None:  # pragma: no cover
     """Find the runs at or past a limit that have two good samples on each side, and replace them."""
     row, rows = 0, len(samples)
@@ -235,7 +235,7 @@ def _bridge(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
         first = row
         while row < rows and sign * samples[row, axis] >= limit:
             row += 1
-        if first < 2 or row > rows - 2 or row - first > longest:
+        if first < 2 or row > rows - 2 or row - first > longest_rows:
             continue
         _draw_cubic(samples, axis, sign, limit, (first - 1, row), repaired)
 

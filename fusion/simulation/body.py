@@ -60,21 +60,21 @@ class Motion:
     waves: Float64Array
 
 
-def play(motion: Motion, first: int, count: int, rate_hz: float) -> Float64Array:
-    """Evaluate all channels at samples ``first`` to ``first + count`` of an even grid that starts at 0 s.
+def play(motion: Motion, first_sample: int, sample_count: int, rate_hz: float) -> Float64Array:
+    """Evaluate all channels at ``sample_count`` samples from ``first_sample`` on, on an even grid from 0 s.
 
     Returns
     -------
     Shape (channels, 3, count): value, first and second derivative by time, units of :class:`Channel`.
     """
-    start_s, end_s = first / rate_hz, (first + count) / rate_hz
-    out = np.zeros((len(Channel), 3, count))
+    start_s, end_s = first_sample / rate_hz, (first_sample + sample_count) / rate_hz
+    out = np.zeros((len(Channel), 3, sample_count))
     strokes = motion.strokes[: np.searchsorted(motion.strokes[:, 1], end_s)]
     over = strokes[:, 1] + strokes[:, 2] <= start_s
     base = np.bincount(strokes[over, 0].astype(np.int64), strokes[over, 3], len(Channel)).astype(np.float64)
-    _add_strokes(strokes[~over], base, first, rate_hz, out)
+    _add_strokes(strokes[~over], base, first_sample, rate_hz, out)
     waves = motion.waves[: np.searchsorted(motion.waves[:, 1], end_s)]
-    _add_waves(waves[waves[:, 2] > start_s], first, rate_hz, out)
+    _add_waves(waves[waves[:, 2] > start_s], first_sample, rate_hz, out)
     return out
 
 
@@ -94,7 +94,7 @@ def _ramp(x: float) -> tuple[float, float, float]:  # pragma: no cover - compile
 
 @njit(cache=True, nogil=True)
 def _add_strokes(
-    strokes: Float64Array, base: Float64Array, first: int, rate_hz: float, out: Float64Array
+    strokes: Float64Array, base: Float64Array, first_sample: int, rate_hz: float, out: Float64Array
 ) -> None:  # pragma: no cover - compiled
     """Add each stroke where it moves; what it leaves behind is a step, summed up at the end."""
     count = out.shape[2]
@@ -102,10 +102,10 @@ def _add_strokes(
     steps[:, 0] = base
     for k in range(strokes.shape[0]):
         channel, start_s, duration_s, change = int(strokes[k, 0]), strokes[k, 1], strokes[k, 2], strokes[k, 3]
-        begin = max(0, int(np.ceil(start_s * rate_hz)) - first)
-        end = max(begin, int(np.ceil((start_s + duration_s) * rate_hz)) - first)
+        begin = max(0, int(np.ceil(start_s * rate_hz)) - first_sample)
+        end = max(begin, int(np.ceil((start_s + duration_s) * rate_hz)) - first_sample)
         for i in range(begin, min(end, count)):
-            value, rate, acceleration = _ramp(((first + i) / rate_hz - start_s) / duration_s)
+            value, rate, acceleration = _ramp(((first_sample + i) / rate_hz - start_s) / duration_s)
             out[channel, 0, i] += change * value
             out[channel, 1, i] += change * rate / duration_s
             out[channel, 2, i] += change * acceleration / (duration_s * duration_s)
@@ -132,17 +132,17 @@ def _envelope(
 
 @njit(cache=True, nogil=True)
 def _add_waves(
-    waves: Float64Array, first: int, rate_hz: float, out: Float64Array
+    waves: Float64Array, first_sample: int, rate_hz: float, out: Float64Array
 ) -> None:  # pragma: no cover - compiled
     """Add each wave by the product rule: envelope times sinusoid."""
     count = out.shape[2]
     for k in range(waves.shape[0]):
         channel, start_s, end_s, ramp_s = int(waves[k, 0]), waves[k, 1], waves[k, 2], waves[k, 3]
         turn, amplitude, phase = 2.0 * np.pi * waves[k, 4], waves[k, 5], waves[k, 6]
-        begin = max(0, int(np.ceil(start_s * rate_hz)) - first)
-        end = min(count, int(np.ceil(end_s * rate_hz)) - first)
+        begin = max(0, int(np.ceil(start_s * rate_hz)) - first_sample)
+        end = min(count, int(np.ceil(end_s * rate_hz)) - first_sample)
         for i in range(begin, end):
-            time_s = (first + i) / rate_hz
+            time_s = (first_sample + i) / rate_hz
             swell, swell_rate, swell_acceleration = _envelope(time_s, start_s, end_s, ramp_s)
             angle = turn * (time_s - start_s) + phase
             sine, cosine = amplitude * np.sin(angle), amplitude * np.cos(angle)

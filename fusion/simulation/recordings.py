@@ -12,10 +12,10 @@ from fusion.simulation.write_truth import TruthWriter
 
 
 def write_recordings(
-    folder: Path, device: Device, hours: float, seed: int, rate_hz: float | None = None
+    folder: Path, device: Device, duration_h: float, seed: int, rate_hz: float | None = None
 ) -> tuple[Path, ...]:
     """Simulate a day and write it into ``folder``: all files of :func:`write_shift`."""
-    return write_shift(folder, simulate_shift(device, hours, seed, rate_hz))
+    return write_shift(folder, simulate_shift(device, duration_h, seed, rate_hz))
 
 
 def write_shift(folder: Path, shift: SimulatedShift, *, actilife_csv: bool = True) -> tuple[Path, ...]:

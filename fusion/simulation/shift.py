@@ -157,7 +157,7 @@ class SimulatedShift:
 
 
 def simulate_shift(
-    device: Device, hours: float, seed: int, rate_hz: float | None = None, *, perfect: bool = False
+    device: Device, duration_h: float, seed: int, rate_hz: float | None = None, *, perfect: bool = False
 ) -> SimulatedShift:
     """Simulate a day of work with a sensor on the right upper arm.
 
@@ -172,7 +172,7 @@ def simulate_shift(
     perfect
         No sensor error, noise or resolution (the mounting and the true rate stay).
     """
-    duration_s = float(max(1, round(hours * 3600.0)))
+    duration_s = float(max(1, round(duration_h * 3600.0)))
     plan, motion = plan_day(duration_s, np.random.default_rng([seed, 1]))
     return wear_sensor(device, seed, _end_at(plan, duration_s), motion, perfect=perfect, rate_hz=rate_hz)
 

@@ -24,30 +24,30 @@ _COMMA, _DOT, _MINUS, _NEWLINE, _ZERO = 44, 46, 45, 10, 48
 
 
 @njit(cache=True, nogil=True)
-def put_digits(out: Bytes, at: int, value: int, width: int) -> int:  # pragma: no cover - compiled
+def put_digits(out: Bytes, at_byte: int, value: int, width: int) -> int:  # pragma: no cover - compiled
     """Write ``value`` >= 0 with leading zeros to at least ``width`` digits; returns the place after it."""
     digits, rest = 1, value // 10
     while rest > 0:
         digits += 1
         rest //= 10
-    end = at + max(digits, width)
-    for place in range(end - 1, at - 1, -1):
+    end = at_byte + max(digits, width)
+    for place in range(end - 1, at_byte - 1, -1):
         out[place] = _ZERO + value % 10
         value //= 10
     return end
 
 
 @njit(cache=True, nogil=True)
-def put_fixed(out: Bytes, at: int, value: int, decimals: int) -> int:  # pragma: no cover - compiled
+def put_fixed(out: Bytes, at_byte: int, value: int, decimals: int) -> int:  # pragma: no cover - compiled
     """Write ``value`` / 10**decimals with all its decimals; returns the place after it."""
     if value < 0:
-        out[at] = _MINUS
-        at += 1
+        out[at_byte] = _MINUS
+        at_byte += 1
         value = -value
     one = 10**decimals
-    at = put_digits(out, at, value // one, 1)
-    out[at] = _DOT
-    return put_digits(out, at + 1, value % one, decimals)
+    at_byte = put_digits(out, at_byte, value // one, 1)
+    out[at_byte] = _DOT
+    return put_digits(out, at_byte + 1, value % one, decimals)
 
 
 @njit(cache=True, nogil=True)
@@ -210,10 +210,10 @@ def _resample(seconds: ImuSeconds) -> Float64Array:
     return np.asarray(counts[low.ravel()] * (1.0 - part) + counts[high.ravel()] * part)
 
 
-def _write_stamps(start: datetime, seconds: int) -> NDArray[np.uint8]:
+def _write_stamps(start: datetime, duration_s: int) -> NDArray[np.uint8]:
     """Shape (seconds, 19): each second's clock, ISO 8601."""
-    text = "".join((start + timedelta(seconds=k)).isoformat() for k in range(seconds))
-    return np.frombuffer(text.encode(), np.uint8).reshape(seconds, -1)
+    text = "".join((start + timedelta(seconds=k)).isoformat() for k in range(duration_s))
+    return np.frombuffer(text.encode(), np.uint8).reshape(duration_s, -1)
 
 
 def _write_header(shift: SimulatedShift) -> bytes:

@@ -115,7 +115,7 @@ def describe_schema() -> bytes:
     return struct.pack("<HHH", 1, len(_COLUMNS), 0) + b"".join(columns)
 
 
-def describe_device(shift: SimulatedShift, seconds: int) -> bytes:
+def describe_device(shift: SimulatedShift, duration_s: int) -> bytes:
     """Text of info.txt; dates are .NET ticks of the device's own clock."""
     start = count_unix_s(shift.start)
     lines = (
@@ -125,10 +125,10 @@ def describe_device(shift: SimulatedShift, seconds: int) -> bytes:
         "Battery Voltage: 4.12",
         f"Sample Rate: {PRIMARY_RATE_HZ}",
         f"Start Date: {_count_ticks(start)}",
-        f"Stop Date: {_count_ticks(start + seconds + 1)}",
-        f"Last Sample Time: {_count_ticks(start + seconds + 1)}",
+        f"Stop Date: {_count_ticks(start + duration_s + 1)}",
+        f"Last Sample Time: {_count_ticks(start + duration_s + 1)}",
         "TimeZone: -05:00:00",
-        f"Download Date: {_count_ticks(start + seconds + 301)}",
+        f"Download Date: {_count_ticks(start + duration_s + 301)}",
         "Board Revision: 5",
         "Unexpected Resets: 0",
         "Acceleration Scale: 256.0",

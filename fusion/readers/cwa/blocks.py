@@ -46,39 +46,44 @@ TALLY_PLACES = 8
 
 
 @inner
-def has_signature(buffer: NDArray[np.uint8], at: int) -> bool:
-    """Whether the four bytes of a block's beginning lie at ``at``; room for them is the caller's care."""
-    return buffer[at] == 0x41 and buffer[at + 1] == 0x58 and buffer[at + 2] == 0xFC and buffer[at + 3] == 0x01
+def has_signature(buffer: NDArray[np.uint8], at_byte: int) -> bool:
+    """Whether a block's four first bytes lie at ``at_byte``; the caller makes sure that there is room."""
+    return (
+        buffer[at_byte] == 0x41
+        and buffer[at_byte + 1] == 0x58
+        and buffer[at_byte + 2] == 0xFC
+        and buffer[at_byte + 3] == 0x01
+    )
 
 
 @kernel
-def is_block(buffer: NDArray[np.uint8], at: int) -> bool:
-    """Whether a whole block with a true checksum lies at ``at``."""
-    if at + BLOCK_BYTES > len(buffer) or not has_signature(buffer, at):
+def is_block(buffer: NDArray[np.uint8], at_byte: int) -> bool:
+    """Whether a whole block with a true checksum lies at ``at_byte``."""
+    if at_byte + BLOCK_BYTES > len(buffer) or not has_signature(buffer, at_byte):
         return False
     total = np.int64(0)
-    for k in range(at, at + BLOCK_BYTES, 2):
+    for k in range(at_byte, at_byte + BLOCK_BYTES, 2):
         total += buffer[k] + 256 * np.int64(buffer[k + 1])
     return total & 0xFFFF == 0
 
 
 @inner
-def is_unwritten(buffer: NDArray[np.uint8], first: int, stop: int) -> bool:
+def is_unwritten(buffer: NDArray[np.uint8], first_byte: int, stop_byte: int) -> bool:
     """Whether the bytes are all ones or all zeros."""
-    if buffer[first] != 0x00 and buffer[first] != 0xFF:
+    if buffer[first_byte] != 0x00 and buffer[first_byte] != 0xFF:
         return False
-    for k in range(first + 1, stop):  # noqa: SIM110 (numba knows no generators)
-        if buffer[k] != buffer[first]:
+    for k in range(first_byte + 1, stop_byte):  # noqa: SIM110 (numba knows no generators)
+        if buffer[k] != buffer[first_byte]:
             return False
     return True
 
 
 @inner
-def leads_on(buffer: NDArray[np.uint8], at: int) -> bool:
-    """Whether what lies at ``at`` can follow a block: another one, never written room, or the end."""
-    if at + BLOCK_BYTES > len(buffer):
+def leads_on(buffer: NDArray[np.uint8], at_byte: int) -> bool:
+    """Whether what lies at ``at_byte`` can follow a block: another one, never written room, or the end."""
+    if at_byte + BLOCK_BYTES > len(buffer):
         return True
-    return has_signature(buffer, at) or is_unwritten(buffer, at, at + BLOCK_BYTES)
+    return has_signature(buffer, at_byte) or is_unwritten(buffer, at_byte, at_byte + BLOCK_BYTES)
 
 
 @inner
@@ -91,23 +96,23 @@ def note_damage(tally: NDArray[np.int64], size_bytes: int) -> None:
 
 
 @inner
-def pass_sector(buffer: NDArray[np.uint8], at: int, tally: NDArray[np.int64]) -> int:
+def pass_sector(buffer: NDArray[np.uint8], at_byte: int, tally: NDArray[np.int64]) -> int:
     """Step over a sector that is no block; return where to go on.
 
     Where the next sector can follow, the framing is trusted and this block alone is lost; else the next
     block that verifies is hunted byte by byte.
     """
-    if tally[HUNTED_BYTES] == 0 and is_unwritten(buffer, at, at + BLOCK_BYTES):
-        return at + BLOCK_BYTES
-    if tally[HUNTED_BYTES] == 0 and leads_on(buffer, at + BLOCK_BYTES):
+    if tally[HUNTED_BYTES] == 0 and is_unwritten(buffer, at_byte, at_byte + BLOCK_BYTES):
+        return at_byte + BLOCK_BYTES
+    if tally[HUNTED_BYTES] == 0 and leads_on(buffer, at_byte + BLOCK_BYTES):
         note_damage(tally, BLOCK_BYTES)
         tally[BAD_CHECKSUMS] += 1
-        return at + BLOCK_BYTES
+        return at_byte + BLOCK_BYTES
     note_damage(tally, 1)
     if tally[HUNTED_BYTES] == 0:
         tally[RESYNCS] += 1
     tally[HUNTED_BYTES] += 1
-    return at + 1
+    return at_byte + 1
 
 
 @kernel

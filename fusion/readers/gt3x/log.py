@@ -131,10 +131,10 @@ TALLY_PLACES = 10
 
 
 @njit(cache=True, nogil=True)
-def fold_bytes(buffer: NDArray[np.uint8], first: int, stop: int) -> int:
+def fold_bytes(buffer: NDArray[np.uint8], first_byte: int, stop_byte: int) -> int:
     """XOR of the bytes first to stop."""
     folded = np.uint8(0)
-    for k in range(first, stop):
+    for k in range(first_byte, stop_byte):
         folded ^= buffer[k]
     return folded
 
@@ -150,40 +150,47 @@ def fold_prefixes(buffer: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @njit(cache=True, nogil=True)
-def frame_end(buffer: NDArray[np.uint8], at: int) -> int:
-    """First byte after the record that would begin at ``at``; -1 where its header is cut off."""
-    if at + FRAME_BYTES > len(buffer):
+def frame_end(buffer: NDArray[np.uint8], at_byte: int) -> int:
+    """First byte after the record that would begin at ``at_byte``; -1 where its header is cut off."""
+    if at_byte + FRAME_BYTES > len(buffer):
         return -1
-    return at + FRAME_BYTES + (buffer[at + 6] | (buffer[at + 7] << 8))
+    return at_byte + FRAME_BYTES + (buffer[at_byte + 6] | (buffer[at_byte + 7] << 8))
 
 
 @njit(cache=True, nogil=True)
-def verify(buffer: NDArray[np.uint8], at: int, end: int, prefixes: NDArray[np.uint8]) -> bool:
-    """Whether a whole record with a true checksum lies at ``at``."""
-    if end < 0 or end > len(buffer) or buffer[at] != SEPARATOR:
+def verify(buffer: NDArray[np.uint8], at_byte: int, end_byte: int, prefixes: NDArray[np.uint8]) -> bool:
+    """Whether a whole record with a true checksum lies at ``at_byte``."""
+    if end_byte < 0 or end_byte > len(buffer) or buffer[at_byte] != SEPARATOR:
         return False
     is_folded = len(prefixes) > 1
-    folded = prefixes[end - 1] ^ prefixes[at] if is_folded else fold_bytes(buffer, at, end - 1)
-    return (folded ^ 0xFF) == buffer[end - 1]
-
-
-@njit(cache=True, nogil=True)
-def verify_hunted(buffer: NDArray[np.uint8], at: int, end: int, prefixes: NDArray[np.uint8]) -> bool:
-    """As ``verify``, and what follows can follow a record: one checksum byte alone is weak proof."""
-    if not verify(buffer, at, end, prefixes):
-        return False
-    return end == len(buffer) or buffer[end] == SEPARATOR or buffer[end] == 0
-
-
-@njit(cache=True, nogil=True)
-def note_record(buffer: NDArray[np.uint8], at: int, end: int, record: NDArray[np.int64]) -> None:
-    """Write type, time, first payload byte and payload size."""
-    record[0] = buffer[at + 1]
-    record[1] = (
-        buffer[at + 2] | (buffer[at + 3] << 8) | (buffer[at + 4] << 16) | (np.int64(buffer[at + 5]) << 24)
+    folded = (
+        prefixes[end_byte - 1] ^ prefixes[at_byte] if is_folded else fold_bytes(buffer, at_byte, end_byte - 1)
     )
-    record[2] = at + 8
-    record[3] = end - at - FRAME_BYTES
+    return (folded ^ 0xFF) == buffer[end_byte - 1]
+
+
+@njit(cache=True, nogil=True)
+def verify_hunted(
+    buffer: NDArray[np.uint8], at_byte: int, end_byte: int, prefixes: NDArray[np.uint8]
+) -> bool:
+    """As ``verify``, and what follows can follow a record: one checksum byte alone is weak proof."""
+    if not verify(buffer, at_byte, end_byte, prefixes):
+        return False
+    return end_byte == len(buffer) or buffer[end_byte] == SEPARATOR or buffer[end_byte] == 0
+
+
+@njit(cache=True, nogil=True)
+def note_record(buffer: NDArray[np.uint8], at_byte: int, end_byte: int, record: NDArray[np.int64]) -> None:
+    """Write type, time, first payload byte and payload size."""
+    record[0] = buffer[at_byte + 1]
+    record[1] = (
+        buffer[at_byte + 2]
+        | (buffer[at_byte + 3] << 8)
+        | (buffer[at_byte + 4] << 16)
+        | (np.int64(buffer[at_byte + 5]) << 24)
+    )
+    record[2] = at_byte + 8
+    record[3] = end_byte - at_byte - FRAME_BYTES
 
 
 @njit(cache=True, nogil=True)
@@ -224,17 +231,25 @@ def scan_records(
 
 @njit(cache=True, nogil=True)
 def is_record(
-    buffer: NDArray[np.uint8], at: int, end: int, prefixes: NDArray[np.uint8], tally: NDArray[np.int64]
+    buffer: NDArray[np.uint8],
+    at_byte: int,
+    end_byte: int,
+    prefixes: NDArray[np.uint8],
+    tally: NDArray[np.int64],
 ) -> bool:
-    """Whether a record is accepted at ``at``: more proof is asked while hunting."""
+    """Whether a record is accepted at ``at_byte``: more proof is asked while hunting."""
     if tally[IS_LOST] == 1:
-        return verify_hunted(buffer, at, end, prefixes)
-    return verify(buffer, at, end, prefixes)
+        return verify_hunted(buffer, at_byte, end_byte, prefixes)
+    return verify(buffer, at_byte, end_byte, prefixes)
 
 
 @njit(cache=True, nogil=True)
 def pass_damage(
-    buffer: NDArray[np.uint8], at: int, end: int, prefixes: NDArray[np.uint8], tally: NDArray[np.int64]
+    buffer: NDArray[np.uint8],
+    at_byte: int,
+    end_byte: int,
+    prefixes: NDArray[np.uint8],
+    tally: NDArray[np.int64],
 ) -> int:
     """Step over bytes that are no good record; return where to go on.
 
@@ -244,18 +259,20 @@ def pass_damage(
     if tally[RESYNCS] + tally[BAD_CHECKSUMS] == 0:
         tally[DAMAGE_S] = tally[LAST_S]
     tally[LAST_DAMAGE_S] = tally[LAST_S]
-    if tally[IS_LOST] == 0 and buffer[at] == SEPARATOR and 0 < end <= len(buffer):
-        is_framed = end == len(buffer) or verify_hunted(buffer, end, frame_end(buffer, end), prefixes)
+    if tally[IS_LOST] == 0 and buffer[at_byte] == SEPARATOR and 0 < end_byte <= len(buffer):
+        is_framed = end_byte == len(buffer) or verify_hunted(
+            buffer, end_byte, frame_end(buffer, end_byte), prefixes
+        )
         if is_framed:
             tally[BAD_CHECKSUMS] += 1
-            tally[DAMAGED_BYTES] += end - at
-            return end
+            tally[DAMAGED_BYTES] += end_byte - at_byte
+            return end_byte
     if tally[IS_LOST] == 0:
         tally[IS_LOST] = 1
         tally[RESYNCS] += 1
     tally[LOST_BYTES] += 1
     tally[HUNTED_BYTES] += 1
-    return at + 1
+    return at_byte + 1
 
 
 @dataclass(frozen=True, slots=True)

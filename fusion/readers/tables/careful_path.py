@@ -25,55 +25,57 @@ LARGEST_WHOLE = np.int64(9_000_000_000_000_000_000) // WHOLE_POWERS
 
 
 @inner_making_arrays
-def is_end(byte: int, delimiter: int) -> bool:
+def is_end(byte: int, delimiter_byte: int) -> bool:
     """Whether a field ends here."""
-    return byte == delimiter or byte == NEWLINE or byte == RETURN  # noqa: PLR1714 (bare compares in the kernel)
+    return byte == delimiter_byte or byte == NEWLINE or byte == RETURN  # noqa: PLR1714 (bare compares in the kernel)
 
 
 @inner_making_arrays
-def skip_field(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
+def skip_field(buffer: NDArray[np.uint8], at_byte: int, delimiter_byte: int) -> int:
     """Go to the end of the field."""
-    while not is_end(buffer[at], delimiter):
-        at += 1
-    return at
+    while not is_end(buffer[at_byte], delimiter_byte):
+        at_byte += 1
+    return at_byte
 
 
 @inner_making_arrays
-def skip_spaces(buffer: NDArray[np.uint8], at: int) -> int:
+def skip_spaces(buffer: NDArray[np.uint8], at_byte: int) -> int:
     """Go over spaces."""
-    while buffer[at] == SPACE:
-        at += 1
-    return at
+    while buffer[at_byte] == SPACE:
+        at_byte += 1
+    return at_byte
 
 
 @inner_making_arrays
-def skip_padding(buffer: NDArray[np.uint8], at: int, delimiter: int) -> int:
+def skip_padding(buffer: NDArray[np.uint8], at_byte: int, delimiter_byte: int) -> int:
     """Go over spaces and quotes."""
-    while (buffer[at] == SPACE and delimiter != SPACE) or buffer[at] == QUOTE:
-        at += 1
-    return at
+    while (buffer[at_byte] == SPACE and delimiter_byte != SPACE) or buffer[at_byte] == QUOTE:
+        at_byte += 1
+    return at_byte
 
 
 @inner_making_arrays
-def take_digits(buffer: NDArray[np.uint8], at: int, mantissa: int) -> tuple[int, int]:
-    """Append the digits at ``at`` to the mantissa; return where they end and the new mantissa."""
-    digit = np.int64(buffer[at]) - ZERO
+def take_digits(buffer: NDArray[np.uint8], at_byte: int, mantissa: int) -> tuple[int, int]:
+    """Append the digits at ``at_byte`` to the mantissa; return where they end and the new mantissa."""
+    digit = np.int64(buffer[at_byte]) - ZERO
     while 0 <= digit <= 9:
         mantissa = mantissa * 10 + digit
-        at += 1
-        digit = np.int64(buffer[at]) - ZERO
-    return at, mantissa
+        at_byte += 1
+        digit = np.int64(buffer[at_byte]) - ZERO
+    return at_byte, mantissa
 
 
 @inner_making_arrays
-def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int) -> tuple[int, int]:
+def take_long_digits(
+    buffer: NDArray[np.uint8], at_byte: int, stop_byte: int, decimal_byte: int
+) -> tuple[int, int]:
     """Mantissa and exponent of more digits than an int64 holds: the first 18 count."""
     mantissa = np.int64(0)
     exponent = 0
     digits = 0
     is_fraction = False
-    for k in range(at, stop):
-        if buffer[k] == decimal:
+    for k in range(at_byte, stop_byte):
+        if buffer[k] == decimal_byte:
             is_fraction = True
             continue
         if digits < LONGEST_MANTISSA:
@@ -86,67 +88,71 @@ def take_long_digits(buffer: NDArray[np.uint8], at: int, stop: int, decimal: int
 
 
 @inner_making_arrays
-def take_exponent(buffer: NDArray[np.uint8], at: int) -> tuple[int, int]:
+def take_exponent(buffer: NDArray[np.uint8], at_byte: int) -> tuple[int, int]:
     """Read `e-05`; return (where it began, 0) where no digit follows."""
-    start = at
-    at += 1
-    is_negative = buffer[at] == MINUS
-    if is_negative or buffer[at] == PLUS:
-        at += 1
-    end, exponent = take_digits(buffer, at, np.int64(0))
-    if end == at or end - at > 4:
+    start = at_byte
+    at_byte += 1
+    is_negative = buffer[at_byte] == MINUS
+    if is_negative or buffer[at_byte] == PLUS:
+        at_byte += 1
+    end, exponent = take_digits(buffer, at_byte, np.int64(0))
+    if end == at_byte or end - at_byte > 4:
         return start, 0
     return end, -exponent if is_negative else exponent
 
 
 @inner_making_arrays
-def classify_word(buffer: NDArray[np.uint8], at: int, end: int) -> int:
+def classify_word(buffer: NDArray[np.uint8], at_byte: int, end_byte: int) -> int:
     """Whether a field is absent (empty, `-`, nan, inf, null, NA) or unreadable."""
-    while at < end and (buffer[at] == PLUS or buffer[at] == MINUS or buffer[at] == SPACE):
-        at += 1
-    while end > at and (buffer[end - 1] == SPACE or buffer[end - 1] == QUOTE):
-        end -= 1
-    if at == end:
+    while at_byte < end_byte and (
+        buffer[at_byte] == PLUS or buffer[at_byte] == MINUS or buffer[at_byte] == SPACE
+    ):
+        at_byte += 1
+    while end_byte > at_byte and (buffer[end_byte - 1] == SPACE or buffer[end_byte - 1] == QUOTE):
+        end_byte -= 1
+    if at_byte == end_byte:
         return MISSING
-    first = buffer[at] | 32
-    last = buffer[end - 1] | 32
-    if end - at == 2 and first == 110 and last == 97:  # na
+    first = buffer[at_byte] | 32
+    last = buffer[end_byte - 1] | 32
+    if end_byte - at_byte == 2 and first == 110 and last == 97:  # na
         return MISSING
-    if end - at == 3 and ((first == 110 and last == 110) or (first == 105 and last == 102)):  # nan, inf
+    if end_byte - at_byte == 3 and (
+        (first == 110 and last == 110) or (first == 105 and last == 102)
+    ):  # nan, inf
         return MISSING
-    if end - at == 4 and first == 110 and last == 108:  # null
+    if end_byte - at_byte == 4 and first == 110 and last == 108:  # null
         return MISSING
     return UNREADABLE
 
 
 @inner_making_arrays
 def take_number(
-    buffer: NDArray[np.uint8], at: int, delimiter: int, decimal: int
+    buffer: NDArray[np.uint8], at_byte: int, delimiter_byte: int, decimal_byte: int
 ) -> tuple[int, int, int, int]:
     """Read one field; return where it ends, mantissa, power of ten, and what it is."""
-    at = skip_padding(buffer, at, delimiter)
-    start = at
-    is_negative = buffer[at] == MINUS
-    if is_negative or buffer[at] == PLUS:
-        at += 1
-    first_digit = at
-    at, mantissa = take_digits(buffer, at, np.int64(0))
-    digits = at - first_digit
+    at_byte = skip_padding(buffer, at_byte, delimiter_byte)
+    start = at_byte
+    is_negative = buffer[at_byte] == MINUS
+    if is_negative or buffer[at_byte] == PLUS:
+        at_byte += 1
+    first_digit = at_byte
+    at_byte, mantissa = take_digits(buffer, at_byte, np.int64(0))
+    digits = at_byte - first_digit
     exponent = 0
-    if buffer[at] == decimal:
-        point = at + 1
-        at, mantissa = take_digits(buffer, point, mantissa)
-        exponent = point - at
+    if buffer[at_byte] == decimal_byte:
+        point = at_byte + 1
+        at_byte, mantissa = take_digits(buffer, point, mantissa)
+        exponent = point - at_byte
         digits -= exponent
     if digits > LONGEST_MANTISSA:
-        mantissa, exponent = take_long_digits(buffer, first_digit, at, decimal)
-    if digits > 0 and (buffer[at] | 32) == 101:
-        at, power = take_exponent(buffer, at)
+        mantissa, exponent = take_long_digits(buffer, first_digit, at_byte, decimal_byte)
+    if digits > 0 and (buffer[at_byte] | 32) == 101:
+        at_byte, power = take_exponent(buffer, at_byte)
         exponent += power
-    after = skip_padding(buffer, at, delimiter)
-    if digits > 0 and is_end(buffer[after], delimiter):
+    after = skip_padding(buffer, at_byte, delimiter_byte)
+    if digits > 0 and is_end(buffer[after], delimiter_byte):
         return after, -mantissa if is_negative else mantissa, exponent, NUMBER
-    end = skip_field(buffer, after, delimiter)
+    end = skip_field(buffer, after, delimiter_byte)
     return end, np.int64(0), 0, classify_word(buffer, start, end)
 
 
@@ -181,35 +187,35 @@ def count_days(year: int, month: int, day: int) -> int:
 
 
 @inner_making_arrays
-def take_calendar(buffer: NDArray[np.uint8], at: int, delimiter: int) -> tuple[int, int, int]:
+def take_calendar(buffer: NDArray[np.uint8], at_byte: int, delimiter_byte: int) -> tuple[int, int, int]:
     """Read `2019-02-14T08:58:00.0100000`; return where it ends, microseconds since 1970, what it is."""
-    at = skip_padding(buffer, at, delimiter)
-    start = at
+    at_byte = skip_padding(buffer, at_byte, delimiter_byte)
+    start = at_byte
     date, clock = np.int64(0), np.int64(0)  # three numbers of up to four digits each
     for k in range(6):
-        end, part = take_digits(buffer, at, np.int64(0))
-        if end == at or end - at > 4:
-            end = skip_field(buffer, at, delimiter)
+        end, part = take_digits(buffer, at_byte, np.int64(0))
+        if end == at_byte or end - at_byte > 4:
+            end = skip_field(buffer, at_byte, delimiter_byte)
             return end, np.int64(0), classify_word(buffer, start, end)
         if k < 3:
             date = date * FOUR_DIGITS + part
         else:
             clock = clock * FOUR_DIGITS + part
-        at = end + int(k < 5 and not is_end(buffer[end], delimiter))
+        at_byte = end + int(k < 5 and not is_end(buffer[end], delimiter_byte))
     fraction_us = np.int64(0)
-    if buffer[at] == 46 or (buffer[at] == 44 and delimiter != 44):
-        end, digits = take_digits(buffer, at + 1, np.int64(0))
-        fraction_us = scale_stamp(digits, 6 - (end - at - 1))
-        at = end
-    at = skip_padding(buffer, at, delimiter)
-    if buffer[at] == 90:  # Z
-        at += 1
+    if buffer[at_byte] == 46 or (buffer[at_byte] == 44 and delimiter_byte != 44):
+        end, digits = take_digits(buffer, at_byte + 1, np.int64(0))
+        fraction_us = scale_stamp(digits, 6 - (end - at_byte - 1))
+        at_byte = end
+    at_byte = skip_padding(buffer, at_byte, delimiter_byte)
+    if buffer[at_byte] == 90:  # Z
+        at_byte += 1
     year, month, day = date // FOUR_DIGITS**2, date // FOUR_DIGITS % FOUR_DIGITS, date % FOUR_DIGITS
     hour, minute, second = clock // FOUR_DIGITS**2, clock // FOUR_DIGITS % FOUR_DIGITS, clock % FOUR_DIGITS
     is_sane = 1 <= month <= 12 and 1 <= day <= 31 and hour < 24 and minute < 60 and second < 61
     seconds = count_days(year, month, day) * 86_400 + hour * 3600 + minute * 60 + second
-    kind = NUMBER if is_sane and is_end(buffer[at], delimiter) else UNREADABLE
-    return skip_field(buffer, at, delimiter), seconds * 1_000_000 + fraction_us, kind
+    kind = NUMBER if is_sane and is_end(buffer[at_byte], delimiter_byte) else UNREADABLE
+    return skip_field(buffer, at_byte, delimiter_byte), seconds * 1_000_000 + fraction_us, kind
 
 
 # One line of a table: where its fields go, and what becomes of a line that cannot be read.
@@ -276,21 +282,21 @@ class Destination(NamedTuple):
 
 @inner_making_arrays
 def take_stamp(
-    buffer: NDArray[np.uint8], at: int, form: LineForm, stamps: NDArray[np.int64]
+    buffer: NDArray[np.uint8], at_byte: int, form: LineForm, stamps: NDArray[np.int64]
 ) -> tuple[int, int]:
     """Read the stamp column into ``stamps[0]``; return where it ends and what it is."""
     if form.stamp_kind == CALENDAR_TIME:
-        at, stamps[0], kind = take_calendar(buffer, at, form.delimiter)
-        return at, kind
-    at, mantissa, exponent, kind = take_number(buffer, at, form.delimiter, form.decimal)
+        at_byte, stamps[0], kind = take_calendar(buffer, at_byte, form.delimiter)
+        return at_byte, kind
+    at_byte, mantissa, exponent, kind = take_number(buffer, at_byte, form.delimiter, form.decimal)
     stamps[0] = scale_stamp(mantissa, exponent + form.stamp_exponent)
-    return at, kind
+    return at_byte, kind
 
 
 @inner_making_arrays
 def take_row(
     buffer: NDArray[np.uint8],
-    at: int,
+    at_byte: int,
     form: LineForm,
     fields: NDArray[np.float64],
     stamps: NDArray[np.int64],
@@ -300,22 +306,22 @@ def take_row(
     worst = NUMBER
     for column in range(len(targets)):
         if column > 0:
-            if buffer[at] != delimiter:
-                return at, UNREADABLE
-            at += 1
+            if buffer[at_byte] != delimiter:
+                return at_byte, UNREADABLE
+            at_byte += 1
         if delimiter == SPACE:
-            at = skip_spaces(buffer, at)
+            at_byte = skip_spaces(buffer, at_byte)
         target = targets[column]
         if target > STAMP:
-            at, mantissa, exponent, kind = take_number(buffer, at, delimiter, decimal)
+            at_byte, mantissa, exponent, kind = take_number(buffer, at_byte, delimiter, decimal)
             fields[target] = scale_decimal(mantissa, exponent)
             worst = max(worst, kind if abs(fields[target]) < LARGEST_VALUE else UNREADABLE)
         elif target == STAMP:
-            at, kind = take_stamp(buffer, at, form, stamps)
+            at_byte, kind = take_stamp(buffer, at_byte, form, stamps)
             worst = max(worst, kind)
         else:
-            at = skip_field(buffer, at, delimiter)
-    return close_line(buffer, at, delimiter, worst)
+            at_byte = skip_field(buffer, at_byte, delimiter)
+    return close_line(buffer, at_byte, delimiter, worst)
 
 
 @inner_making_arrays
@@ -333,30 +339,35 @@ def keep_row(
 
 
 @inner_making_arrays
-def close_line(buffer: NDArray[np.uint8], at: int, delimiter: int, worst: int) -> tuple[int, int]:
+def close_line(buffer: NDArray[np.uint8], at_byte: int, delimiter_byte: int, worst: int) -> tuple[int, int]:
     """Go to the line's end; further fields are unreadable unless they are empty."""
-    while buffer[at] == delimiter or buffer[at] == SPACE or buffer[at] == RETURN:
-        at += 1
-    if buffer[at] != NEWLINE:
+    while buffer[at_byte] == delimiter_byte or buffer[at_byte] == SPACE or buffer[at_byte] == RETURN:
+        at_byte += 1
+    if buffer[at_byte] != NEWLINE:
         worst = UNREADABLE
-        while buffer[at] != NEWLINE:
-            at += 1
-    return at, worst
+        while buffer[at_byte] != NEWLINE:
+            at_byte += 1
+    return at_byte, worst
 
 
 @inner_making_arrays
-def is_blank(buffer: NDArray[np.uint8], at: int, delimiter: int) -> bool:
+def is_blank(buffer: NDArray[np.uint8], at_byte: int, delimiter_byte: int) -> bool:
     """Whether nothing but padding stands on the line."""
-    while buffer[at] == SPACE or buffer[at] == RETURN or buffer[at] == delimiter or buffer[at] == QUOTE:
-        at += 1
-    return buffer[at] == NEWLINE
+    while (
+        buffer[at_byte] == SPACE
+        or buffer[at_byte] == RETURN
+        or buffer[at_byte] == delimiter_byte
+        or buffer[at_byte] == QUOTE
+    ):
+        at_byte += 1
+    return buffer[at_byte] == NEWLINE
 
 
 @inner_making_arrays
-def starts_with(buffer: NDArray[np.uint8], at: int, word: NDArray[np.uint8]) -> bool:
+def starts_with(buffer: NDArray[np.uint8], at_byte: int, word: NDArray[np.uint8]) -> bool:
     """Whether the line begins with ``word``, which must hold no newline."""
     for k in range(len(word)):
-        if buffer[at + k] != word[k]:
+        if buffer[at_byte + k] != word[k]:
             return False
     return len(word) > 0
 
@@ -374,8 +385,8 @@ def note_loss(kind: int, tally: NDArray[np.int64]) -> None:
 
 
 @inner_making_arrays
-def next_line(buffer: NDArray[np.uint8], at: int) -> int:
+def next_line(buffer: NDArray[np.uint8], at_byte: int) -> int:
     """First byte after the line's end."""
-    while buffer[at] != NEWLINE:
-        at += 1
-    return at + 1
+    while buffer[at_byte] != NEWLINE:
+        at_byte += 1
+    return at_byte + 1

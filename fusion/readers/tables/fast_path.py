@@ -121,7 +121,7 @@ def write_ends(ends: Marks, lines: int, found: int, word: int, newlines: int) ->
 
 @inner_making_arrays
 def find_marks(
-    buffer: NDArray[np.uint8], span: tuple[int, int], delimiter: int, marks: Marks, ends: Marks
+    buffer: NDArray[np.uint8], span: tuple[int, int], delimiter_byte: int, marks: Marks, ends: Marks
 ) -> tuple[int, int]:
     """Find the ends of fields and lines in ``buffer[span[0]:span[1]]``, which ends with a newline.
 
@@ -139,7 +139,7 @@ def find_marks(
         if stop - base < WORD_BYTES:
             kept = (ONE << np.uint64(stop - base)) - ONE
         newlines = match_byte(buffer, base, NEWLINE) & kept
-        word = newlines | (match_byte(buffer, base, delimiter) & kept)
+        word = newlines | (match_byte(buffer, base, delimiter_byte) & kept)
         back = match_byte(buffer, base, RETURN) & kept
         write_marks(marks, found, base, word)
         lines = write_ends(ends, lines, found, word, newlines)
@@ -229,9 +229,9 @@ LONGEST_SECOND = 61
 
 
 @kernel_making_arrays
-def spread_mark(decimal: int) -> int:
+def spread_mark(decimal_byte: int) -> int:
     """The decimal mark as :func:`fusion.readers.tables.machine_words.take_plain` wants it."""
-    return np.uint64(decimal ^ ZERO) * EVERY_BYTE
+    return np.uint64(decimal_byte ^ ZERO) * EVERY_BYTE
 
 
 @inner_making_arrays
@@ -244,11 +244,11 @@ def count_regular(ends: Marks, n_columns: int, most: int) -> int:
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def skip_padding(buffer: NDArray[np.uint8], at: int) -> int:
+def skip_padding(buffer: NDArray[np.uint8], at_byte: int) -> int:
     """Go over spaces before a number."""
-    while load_word(buffer, at) & BYTE == SPACE_BYTE:
-        at += 1
-    return at
+    while load_word(buffer, at_byte) & BYTE == SPACE_BYTE:
+        at_byte += 1
+    return at_byte
 
 
 @inner_making_arrays
@@ -327,21 +327,25 @@ def take_stamps(
 
 
 @inner_making_arrays
-def is_minute(buffer: NDArray[np.uint8], at: int) -> bool:
+def is_minute(buffer: NDArray[np.uint8], at_byte: int) -> bool:
     """Whether `2019-02-14T08:58:` stands here: digits, with one other byte after each number."""
     for k in range(MINUTE_BYTES):
-        is_digit = ZERO <= buffer[at + k] <= NINE
+        is_digit = ZERO <= buffer[at_byte + k] <= NINE
         if is_digit == bool(MARKS_OF_A_MINUTE >> k & 1):
             return False
     return True
 
 
 @inner_making_arrays
-def take_seconds(buffer: NDArray[np.uint8], at: int, stop: int) -> int:
-    """Read `08.0100000` between ``at`` and ``stop`` as microseconds; -1 for any other form."""
-    if stop < at + 2 or buffer[at] == MINUS or (stop > at + 2 and buffer[at + 2] != POINT):
+def take_seconds(buffer: NDArray[np.uint8], at_byte: int, stop_byte: int) -> int:
+    """Read `08.0100000` between ``at_byte`` and ``stop_byte`` as microseconds; -1 for any other form."""
+    if (
+        stop_byte < at_byte + 2
+        or buffer[at_byte] == MINUS
+        or (stop_byte > at_byte + 2 and buffer[at_byte + 2] != POINT)
+    ):
         return -1
-    mantissa, decimals = take_plain(buffer, at, stop, spread_mark(POINT))
+    mantissa, decimals = take_plain(buffer, at_byte, stop_byte, spread_mark(POINT))
     if decimals == NOT_PLAIN or mantissa >= LONGEST_SECOND * WHOLE_POWERS[decimals]:
         return -1
     return scale_stamp(mantissa, 6 - decimals)
@@ -352,7 +356,7 @@ def take_calendars(
     buffer: NDArray[np.uint8],
     fields: Marks,
     step: tuple[int, int],
-    delimiter: int,
+    delimiter_byte: int,
     stamps: NDArray[np.int64],
 ) -> int:
     """Read a column of dates with times; where the minute is that of the row before, by the seconds only."""
@@ -365,7 +369,7 @@ def take_calendars(
         if seconds_us < 0:
             return row
         if load_word(buffer, first) != early or load_word(buffer, at - 8) != late:
-            end, stamp, kind = take_calendar(buffer, first, delimiter)
+            end, stamp, kind = take_calendar(buffer, first, delimiter_byte)
             if kind != NUMBER or end != stop or not is_minute(buffer, first):
                 return row
             early, late, minute_us = load_word(buffer, first), load_word(buffer, at - 8), stamp - seconds_us
@@ -434,20 +438,20 @@ SHORTEST_RUN, LONGEST_RUN = 1, 1024
 
 @inner_making_arrays
 def parse_line(
-    buffer: NDArray[np.uint8], at: int, row: int, rules: Rules, destination: Destination
+    buffer: NDArray[np.uint8], at_byte: int, row: int, rules: Rules, destination: Destination
 ) -> tuple[int, int]:
-    """Read the line at ``at``, of any form; return the first byte after it and how many rows it gave.
+    """Read the line at ``at_byte``, of any form; return the first byte after it and how many rows it gave.
 
     ``row``: where its values go.
     """
     tally, stamps = destination.tally, destination.stamps
-    is_header = starts_with(buffer, at, rules.header)
-    if is_header or is_blank(buffer, at, rules.line.delimiter):
+    is_header = starts_with(buffer, at_byte, rules.header)
+    if is_header or is_blank(buffer, at_byte, rules.line.delimiter):
         tally[HEADERS if is_header else BLANKS] += 1
         tally[SAMPLES] += PAUSE
-        return next_line(buffer, at), 0
+        return next_line(buffer, at_byte), 0
     fields = np.zeros(7)
-    at, kind = take_row(buffer, at, rules.line, fields, stamps[row:])
+    at_byte, kind = take_row(buffer, at_byte, rules.line, fields, stamps[row:])
     if rules.line.stamp_kind == COUNTER:
         stamps[row] = tally[SAMPLES]
     tally[SAMPLES] += 1
@@ -455,7 +459,7 @@ def parse_line(
         keep_row(fields, rules.scales, destination.acc, destination.gyr, row)
     else:
         note_loss(kind, tally)
-    return next_line(buffer, at), int(kind == NUMBER)
+    return next_line(buffer, at_byte), int(kind == NUMBER)
 
 
 @inner_making_arrays

@@ -341,15 +341,15 @@ def _refuse_long(carried: bytes) -> None:
         raise UnknownFormat(kind="text", line=1)
 
 
-def drop_lines(pieces: Iterable[LinePiece], count: int) -> Iterator[LinePiece]:
-    """Leave out the first ``count`` lines."""
+def drop_lines(pieces: Iterable[LinePiece], line_count: int) -> Iterator[LinePiece]:
+    """Leave out the first ``line_count`` lines."""
     for piece in pieces:
-        if count == 0:
+        if line_count == 0:
             yield piece
             continue
         ends = np.flatnonzero(piece.buffer[piece.first : piece.stop] == NEWLINE) + piece.first + 1
-        first = int(ends[min(count, len(ends)) - 1])
-        count -= min(count, len(ends))
+        first = int(ends[min(line_count, len(ends)) - 1])
+        line_count -= min(line_count, len(ends))
         if first < piece.stop:
             yield LinePiece(piece.buffer, first, piece.stop)
 

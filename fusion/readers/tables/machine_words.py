@@ -138,18 +138,18 @@ def find_others(word: int) -> int:
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def take_plain(buffer: NDArray[np.uint8], first: int, stop: int, dots: int) -> tuple[int, int]:
+def take_plain(buffer: NDArray[np.uint8], first_byte: int, stop_byte: int, dots: int) -> tuple[int, int]:
     """Read `-12.345` between two marks: mantissa and decimals; decimals ``NOT_PLAIN`` for any other form.
 
     ``dots``: the decimal mark XOR `0`, in each of the eight bytes. At most 16 characters after the sign, so
     that with a decimal mark the mantissa has no more than 15 digits, which a double holds exactly.
     """
-    is_negative = buffer[first] == MINUS
-    length = stop - first - np.int64(is_negative)
+    is_negative = buffer[first_byte] == MINUS
+    length = stop_byte - first_byte - np.int64(is_negative)
     if length < 1 or length > LONGEST_FIELD:
         return np.int64(0), NOT_PLAIN
-    late = (load_word(buffer, stop - 8) ^ ZEROS) & KEPT_BYTES[min(length, 8)]
-    early = (load_word(buffer, stop - 16) ^ ZEROS) & KEPT_BYTES[max(length - 8, 0)]
+    late = (load_word(buffer, stop_byte - 8) ^ ZEROS) & KEPT_BYTES[min(length, 8)]
+    early = (load_word(buffer, stop_byte - 16) ^ ZEROS) & KEPT_BYTES[max(length - 8, 0)]
     decimals = np.int64(0)
     place = find_dot(late, dots)
     if place != WORD_BITS:

@@ -77,10 +77,10 @@ class Holes:
         is_set: NDArray[np.bool_] = (self.step_us <= 0) | (self.step_us > LONGEST_GAP_US)
         return is_set
 
-    def take(self, first: int, stop: int) -> "Holes":
+    def take(self, first_row: int, stop_row: int) -> "Holes":
         """Those inside a run of rows, counted from its first."""
-        chosen = slice(np.searchsorted(self.row, first, "right"), np.searchsorted(self.row, stop))
-        return Holes(self.row[chosen] - first, self.step_us[chosen], self.added[chosen])
+        chosen = slice(np.searchsorted(self.row, first_row, "right"), np.searchsorted(self.row, stop_row))
+        return Holes(self.row[chosen] - first_row, self.step_us[chosen], self.added[chosen])
 
 
 @dataclass(frozen=True, slots=True)

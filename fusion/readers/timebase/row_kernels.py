@@ -42,12 +42,12 @@ def count_backward(stamps: NDArray[np.int64]) -> int:
 
 
 @njit(cache=True, nogil=True)
-def find_backward(stamps: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """The ``count`` rows whose stamps are earlier than the one before; nothing as long as the log is made."""
-    rows = np.empty(count, np.int64)
+def find_backward(stamps: NDArray[np.int64], row_count: int) -> NDArray[np.int64]:
+    """The ``row_count`` rows whose stamps are earlier than the one before; needs no array of log length."""
+    rows = np.empty(row_count, np.int64)
     found = 0
     for row in range(1, len(stamps)):
-        if found < count and stamps[row] < stamps[row - 1]:
+        if found < row_count and stamps[row] < stamps[row - 1]:
             rows[found] = row
             found += 1
     return rows
@@ -148,13 +148,13 @@ def count_runs(stamps: NDArray[np.int64]) -> int:
 
 
 @njit(cache=True, nogil=True)
-def find_equal_runs(stamps: NDArray[np.int64], shortest: int) -> NDArray[np.int64]:
-    """Rows that share a stamp, ``shortest`` of them or more: first and first after, shape (m, 2).
+def find_equal_runs(stamps: NDArray[np.int64], shortest_rows: int) -> NDArray[np.int64]:
+    """Rows that share a stamp, ``shortest_rows`` of them or more: first and first after, shape (m, 2).
 
     In such a run some row at a multiple of half its least length has its like so many rows later.
     """
-    half = max(1, shortest // 2)
-    runs = np.empty((len(stamps) // max(shortest, 1) + 1, 2), np.int64)
+    half = max(1, shortest_rows // 2)
+    runs = np.empty((len(stamps) // max(shortest_rows, 1) + 1, 2), np.int64)
     found = reached = 0
     for row in range(0, len(stamps) - half, half):
         if row < reached or stamps[row] != stamps[row + half]:
@@ -164,7 +164,7 @@ def find_equal_runs(stamps: NDArray[np.int64], shortest: int) -> NDArray[np.int6
             first -= 1
         while stop < len(stamps) and stamps[stop] == stamps[row]:
             stop += 1
-        if stop - first >= shortest:
+        if stop - first >= shortest_rows:
             runs[found, 0], runs[found, 1] = first, stop
             found += 1
         reached = max(stop, row + 1)
@@ -223,11 +223,11 @@ def find_alike(
 
 @njit(cache=True, nogil=True)
 def count_alike(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], first: int, row: int
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], first_row: int, row: int
 ) -> int:
-    """How many rows from ``row`` on repeat those from ``first`` on."""
+    """How many rows from ``row`` on repeat those from ``first_row`` on."""
     count = 0
-    while row + count < len(stamps) and is_alike(acc, gyr, stamps, first + count, row + count):
+    while row + count < len(stamps) and is_alike(acc, gyr, stamps, first_row + count, row + count):
         count += 1
     return count
 

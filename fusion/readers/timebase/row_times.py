@@ -299,11 +299,11 @@ def mend_stopped(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     return _leave_out(columns, kept) + _flag_timed(timed)
 
 
-def _fills_time(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) -> bool:
+def _fills_time(stamps: NDArray[np.int64], first_row: int, stop_row: int, pace: Pace) -> bool:
     """Whether there are rows on both sides, and the time between them is that of the rows."""
-    if first == 0 or stop == len(stamps):
+    if first_row == 0 or stop_row == len(stamps):
         return False
-    return bool(_fill_time(stop - first, stamps[stop] - stamps[first - 1], pace))
+    return bool(_fill_time(stop_row - first_row, stamps[stop_row] - stamps[first_row - 1], pace))
 
 
 def mend_stuck(columns: SampleColumns) -> tuple[QualityFlag, ...]:
@@ -373,16 +373,16 @@ def _fill_time(rows: int | NDArray[np.int64], around_us: NDArray[np.int64], pace
     return fits
 
 
-def _time_between(stamps: NDArray[np.int64], first: int, stop: int, pace: Pace) -> None:
+def _time_between(stamps: NDArray[np.int64], first_row: int, stop_row: int, pace: Pace) -> None:
     """Time rows evenly between those around them; on a coarse clock each stamp gets its usual rows."""
-    before_us, after_us = int(stamps[first - 1]), int(stamps[stop])
+    before_us, after_us = int(stamps[first_row - 1]), int(stamps[stop_row])
     if not pace.is_coarse:
-        stamps[first:stop] = np.linspace(before_us, after_us, stop - first + 2)[1:-1]
+        stamps[first_row:stop_row] = np.linspace(before_us, after_us, stop_row - first_row + 2)[1:-1]
         return
     usual = max(1, round(pace.step_us / pace.period_us))
-    have = int(np.count_nonzero(stamps[max(0, first - usual) : first] == before_us))
-    steps = (have + np.arange(stop - first)) // usual
-    stamps[first:stop] = np.minimum(before_us + steps * round(pace.step_us), after_us)
+    have = int(np.count_nonzero(stamps[max(0, first_row - usual) : first_row] == before_us))
+    steps = (have + np.arange(stop_row - first_row)) // usual
+    stamps[first_row:stop_row] = np.minimum(before_us + steps * round(pace.step_us), after_us)
 
 
 def _leave_out_ends(pieces: Pieces, pace: Pace, kept: NDArray[np.bool_]) -> None:
@@ -495,9 +495,12 @@ def find_first_new_rows(
     return begins
 
 
-def _is_copy(columns: SampleColumns, twin: int, first: int, shared: int) -> bool:
+def _is_copy(columns: SampleColumns, twin_row: int, first_row: int, shared_rows: int) -> bool:
     stamps = columns.stamps[: columns.rows]
-    return count_alike(columns.acc, columns.gyr, stamps, min(twin, first), max(twin, first)) >= shared
+    return (
+        count_alike(columns.acc, columns.gyr, stamps, min(twin_row, first_row), max(twin_row, first_row))
+        >= shared_rows
+    )
 
 
 def is_continued(pieces: Pieces, order: NDArray[np.int64], begins: NDArray[np.int64], pace: Pace) -> bool:
