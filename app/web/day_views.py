@@ -43,11 +43,11 @@ class DayClock:
         """Whether an hour alone may mean two days."""
         return self.duration_s >= DAY_S
 
-    def format(self, second: float) -> str:
+    def format(self, elapsed_s: float) -> str:
         """Write a moment so that :meth:`read` gives it back, to the hundredth of a second."""
         if self.start is None:
-            return f"{second:.2f}".rstrip("0").rstrip(".")
-        moment = self.start + timedelta(seconds=round(second, 2))
+            return f"{elapsed_s:.2f}".rstrip("0").rstrip(".")
+        moment = self.start + timedelta(seconds=round(elapsed_s, 2))
         hundredths = f".{moment.microsecond // 10_000:02d}".rstrip("0").rstrip(".")
         return moment.strftime("%Y-%m-%d %H:%M:%S" if self.needs_date else "%H:%M:%S") + hundredths
 

@@ -162,5 +162,5 @@ def _offer_trunks(services: Services, asked: PairedJobs, figures: Mapping[str, A
     return (*chosen, *found)
 
 
-def _format_offset(seconds: float | None) -> str:
-    return "" if seconds is None else f"{seconds:g}"
+def _format_offset(offset_s: float | None) -> str:
+    return "" if offset_s is None else f"{offset_s:g}"

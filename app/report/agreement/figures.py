@@ -69,9 +69,12 @@ def _round_up(*values: float) -> float:
     return float(next(step * power for step in (1, 2, 5, 10) if step * power >= most * 1.05 or step == 10))
 
 
-def _count_cells(middle: Vector, error: Vector, reach: float) -> list[tuple[int, int, int]]:
+def _count_cells(middle: Vector, error: Vector, reach_deg: float) -> list[tuple[int, int, int]]:
     counts = np.histogram2d(
-        np.clip(middle, 0, 180), np.clip(error, -reach, reach), (COLUMNS, ROWS), ((0, 180), (-reach, reach))
+        np.clip(middle, 0, 180),
+        np.clip(error, -reach_deg, reach_deg),
+        (COLUMNS, ROWS),
+        ((0, 180), (-reach_deg, reach_deg)),
     )[0]
     return [(column, row, int(counts[column, row])) for column, row in np.argwhere(counts).tolist()]
 
@@ -80,9 +83,12 @@ def _mark_angles(language: Language) -> list[tuple[float, str]]:
     return [(angle, format_angle(angle, language)) for angle in range(0, 181, 30)]
 
 
-def _mark_errors(reach: float, language: Language) -> list[tuple[float, str]]:
-    decimals = 0 if reach >= 2 else 1
-    return [(part * reach, format_angle(part * reach, language, decimals)) for part in (-1, -0.5, 0, 0.5, 1)]
+def _mark_errors(reach_deg: float, language: Language) -> list[tuple[float, str]]:
+    decimals = 0 if reach_deg >= 2 else 1
+    return [
+        (part * reach_deg, format_angle(part * reach_deg, language, decimals))
+        for part in (-1, -0.5, 0, 0.5, 1)
+    ]
 
 
 def _tabulate_limits(overall: Agreement, entry: Words, language: Language) -> Table:

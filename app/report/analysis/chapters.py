@@ -326,8 +326,8 @@ def _tabulate_flags(flags: Iterable[QualityFlag], clock: Clock, words: Words) ->
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), prose=True)
 
 
-def _format_place(seconds: float | None, clock: Clock) -> str:
-    return NONE if seconds is None else clock.format(seconds, with_seconds=True)
+def _format_place(elapsed_s: float | None, clock: Clock) -> str:
+    return NONE if elapsed_s is None else clock.format(elapsed_s, with_seconds=True)
 
 
 def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:

@@ -66,12 +66,12 @@ def _format_row(cell: AgreementCell, language: Language) -> tuple[str, str]:
     )
 
 
-def _draw(rows: _Rows, width: float, told: tuple[str, str], entry: Words, language: Language) -> str:
-    left = 190.0 if width > NARROW else 110.0
+def _draw(rows: _Rows, width_px: float, told: tuple[str, str], entry: Words, language: Language) -> str:
+    left = 190.0 if width_px > NARROW else 110.0
     papers = [paper["rmse_deg"] or 0.0 for cell in rows.cells if (paper := find_paper_row(cell))]
     most = max([*papers, *(value for values in rows.errors_deg.values() for value in values), 0.5])
     step = next((step for step in STEPS_DEG if most / step <= 6), STEPS_DEG[-1])
-    scale = (width - left - 14) / (most * 1.03)
+    scale = (width_px - left - 14) / (most * 1.03)
     bottom = TOP + ROW * len(rows.cells)
     body = _draw_axis(left, bottom, scale, (step, most), language)
     for at, cell in enumerate(rows.cells):
@@ -79,19 +79,19 @@ def _draw(rows: _Rows, width: float, told: tuple[str, str], entry: Words, langua
         body.append(svg.text(0, y + 4, svg.shorten(clean_text(cell.task), left - 8), "ink"))
         body += _draw_row(cell, rows.errors_deg[cell.task], (left, y, scale))
     body += _draw_legend(min(left, 60.0), bottom + 36, entry)
-    return svg.picture(width, bottom + 44, f"st-{rows.device}-{width:.0f}", told, body)
+    return svg.picture(width_px, bottom + 44, f"st-{rows.device}-{width_px:.0f}", told, body)
 
 
 def _draw_axis(
-    left: float, bottom: float, scale: float, span: tuple[float, float], language: Language
+    left_px: float, bottom_px: float, scale: float, span: tuple[float, float], language: Language
 ) -> list[str]:
     step, most = span
     dash = f'class="rule" stroke="{svg.SOFT}" stroke-width="0.6" stroke-dasharray="2 3"'
     body = []
     for k in range(int(most / step) + 1):
-        x, label = left + k * step * scale, format_angle(k * step, language, 0 if step >= 1 else 2)
-        body.append(svg.line(x, TOP - 4, x, bottom, dash))
-        body.append(svg.text(x, bottom + 15, label, "soft", "middle"))
+        x, label = left_px + k * step * scale, format_angle(k * step, language, 0 if step >= 1 else 2)
+        body.append(svg.line(x, TOP - 4, x, bottom_px, dash))
+        body.append(svg.text(x, bottom_px + 15, label, "soft", "middle"))
     return body
 
 
@@ -103,27 +103,29 @@ def _draw_row(cell: AgreementCell, values: Sequence[float], place: tuple[float, 
     return [*body, _draw_diamond(left + (paper["rmse_deg"] or 0.0) * scale, y)] if paper else body
 
 
-def _draw_ring(x: float, y: float) -> str:
+def _draw_ring(x_px: float, y_px: float) -> str:
     arcs = "a3.2 3.2 0 1 0 6.4 0a3.2 3.2 0 1 0 -6.4 0"
     stroke = f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="1.2"'
-    return svg.path(f"M{svg.number(x - 3.2)} {svg.number(y)}{arcs}", stroke)
+    return svg.path(f"M{svg.number(x_px - 3.2)} {svg.number(y_px)}{arcs}", stroke)
 
 
-def _draw_bar(x: float, y: float) -> str:
-    return svg.line(x, y - 7, x, y + 7, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="2.4"')
+def _draw_bar(x_px: float, y_px: float) -> str:
+    return svg.line(
+        x_px, y_px - 7, x_px, y_px + 7, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="2.4"'
+    )
 
 
-def _draw_diamond(x: float, y: float) -> str:
+def _draw_diamond(x_px: float, y_px: float) -> str:
     colour = f'class="accent-line" fill="{svg.ORANGE}" stroke="{svg.ORANGE}"'
-    return svg.path(f"M{svg.number(x - 4.5)} {svg.number(y)}l4.5 -4.5l4.5 4.5l-4.5 4.5Z", colour)
+    return svg.path(f"M{svg.number(x_px - 4.5)} {svg.number(y_px)}l4.5 -4.5l4.5 4.5l-4.5 4.5Z", colour)
 
 
-def _draw_legend(at: float, y: float, entry: Words) -> list[str]:
+def _draw_legend(left_px: float, y_px: float, entry: Words) -> list[str]:
     body = []
     signs = ((entry["person"], _draw_ring), (entry["mean"], _draw_bar), (entry["paper"], _draw_diamond))
     for label, draw in signs:
-        body += [draw(at, y - 4), svg.text(at + 9, y, label)]
-        at += 26 + svg.estimate_width(label)
+        body += [draw(left_px, y_px - 4), svg.text(left_px + 9, y_px, label)]
+        left_px += 26 + svg.estimate_width(label)
     return body
 
 
@@ -135,22 +137,26 @@ COLUMNS, ROWS = 60, 40
 class Frame:
     """Where values fall on the sheet: ``across`` and ``upwards`` are (low, high)."""
 
-    left: float
-    right: float
-    top: float
-    bottom: float
+    left_px: float
+    right_px: float
+    top_px: float
+    bottom_px: float
     across: tuple[float, float]
     upwards: tuple[float, float]
 
     def x(self, value: float) -> float:
         """Give the place of a value, kept inside."""
         low, high = self.across
-        return self.left + (self.right - self.left) * min(max((value - low) / (high - low), 0.0), 1.0)
+        return self.left_px + (self.right_px - self.left_px) * min(
+            max((value - low) / (high - low), 0.0), 1.0
+        )
 
     def y(self, value: float) -> float:
         """Give the place of a value, kept inside."""
         low, high = self.upwards
-        return self.bottom - (self.bottom - self.top) * min(max((value - low) / (high - low), 0.0), 1.0)
+        return self.bottom_px - (self.bottom_px - self.top_px) * min(
+            max((value - low) / (high - low), 0.0), 1.0
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,20 +187,20 @@ class Density:
 
 
 def frame_plot(
-    width: float, height: float, across: tuple[float, float], upwards: tuple[float, float]
+    width_px: float, height_px: float, across: tuple[float, float], upwards: tuple[float, float]
 ) -> Frame:
     """Lay the frame of a drawing of this width."""
-    return Frame(38, width - 8, 24, 24 + height, across, upwards)
+    return Frame(38, width_px - 8, 24, 24 + height_px, across, upwards)
 
 
 def draw_density(key: str, density: Density, frame: Frame, axes: Axes, words: AxisTitles) -> str:
     """Draw shaded cells, the darker the more rows, under lines at the bias and the limits."""
     most = max((count for _, _, count in density.cells), default=1)
-    wide, high = (frame.right - frame.left) / COLUMNS, (frame.bottom - frame.top) / ROWS
+    wide, high = (frame.right_px - frame.left_px) / COLUMNS, (frame.bottom_px - frame.top_px) / ROWS
     cells = [
         svg.rect(
-            frame.left + column * wide,
-            frame.bottom - (row + 1) * high,
+            frame.left_px + column * wide,
+            frame.bottom_px - (row + 1) * high,
             wide + 0.1,
             high + 0.1,
             f'fill="{svg.RAMP[_shade(count, most)]}"',
@@ -206,7 +212,7 @@ def draw_density(key: str, density: Density, frame: Frame, axes: Axes, words: Ax
         *_draw_axes(frame, axes),
         *(part for mark in density.marks for part in _draw_mark(frame, mark)),
     ]
-    return svg.picture(frame.right + 8, frame.bottom + 34, key, words, body)
+    return svg.picture(frame.right_px + 8, frame.bottom_px + 34, key, words, body)
 
 
 def _shade(count: int, most: int) -> int:
@@ -220,22 +226,22 @@ def _draw_mark(frame: Frame, mark: tuple[float, str]) -> list[str]:
     y = frame.y(value)
     stroke = f'class="accent-line" stroke="{svg.ORANGE}" stroke-width="1.2" stroke-dasharray="5 3"'
     length = svg.estimate_width(label)
-    plate = svg.rect(frame.right - length - 4, y - 12, length + 4, 11, f'class="paper" fill="{svg.PAPER}"')
-    words = svg.text(frame.right - 2, y - 3, label, "strong", "end")
-    return [svg.line(frame.left, y, frame.right, y, stroke), plate, words]
+    plate = svg.rect(frame.right_px - length - 4, y - 12, length + 4, 11, f'class="paper" fill="{svg.PAPER}"')
+    words = svg.text(frame.right_px - 2, y - 3, label, "strong", "end")
+    return [svg.line(frame.left_px, y, frame.right_px, y, stroke), plate, words]
 
 
 def draw_lines(key: str, lines: Sequence[Line], frame: Frame, axes: Axes, words: AxisTitles) -> str:
     """Draw curves: the reference wide and light, ours thin and dark upon it."""
     body = _draw_axes(frame, axes)
-    at = frame.left
+    at = frame.left_px
     for line in lines:
         stroke = _choose_stroke(is_reference=line.is_reference)
         body += [_draw_run(run, frame, stroke) for run in line.runs if len(run) > 1]
-        body.append(svg.path(f"M{svg.number(at)} {svg.number(frame.bottom + 29)}l18 0", stroke))
-        body.append(svg.text(at + 23, frame.bottom + 33, line.label))
+        body.append(svg.path(f"M{svg.number(at)} {svg.number(frame.bottom_px + 29)}l18 0", stroke))
+        body.append(svg.text(at + 23, frame.bottom_px + 33, line.label))
         at += 40 + svg.estimate_width(line.label)
-    return svg.picture(frame.right + 8, frame.bottom + 40, key, words, body)
+    return svg.picture(frame.right_px + 8, frame.bottom_px + 40, key, words, body)
 
 
 def _choose_stroke(*, is_reference: bool) -> str:
@@ -254,17 +260,17 @@ def _draw_axes(frame: Frame, axes: Axes) -> list[str]:
     dash = f'{rule} stroke-width="0.6" stroke-dasharray="2 3"'
     body = [
         svg.text(0, 11, axes.upwards),
-        svg.text(frame.right, frame.bottom + 31, axes.across, "soft", "end"),
+        svg.text(frame.right_px, frame.bottom_px + 31, axes.across, "soft", "end"),
     ]
     for value, label in axes.upwards_ticks:
         y = frame.y(value)
         body += [
-            svg.line(frame.left, y, frame.right, y, dash),
-            svg.text(frame.left - 5, y + 3.8, label, "soft", "end"),
+            svg.line(frame.left_px, y, frame.right_px, y, dash),
+            svg.text(frame.left_px - 5, y + 3.8, label, "soft", "end"),
         ]
     for value, label in axes.across_ticks:
         x = frame.x(value)
-        anchor = "end" if x > frame.right - 1 else "middle"
-        body.append(svg.line(x, frame.bottom, x, frame.bottom + 4, rule))
-        body.append(svg.text(x, frame.bottom + 16, label, "soft", anchor))
-    return [*body, svg.line(frame.left, frame.bottom, frame.right, frame.bottom, rule)]
+        anchor = "end" if x > frame.right_px - 1 else "middle"
+        body.append(svg.line(x, frame.bottom_px, x, frame.bottom_px + 4, rule))
+        body.append(svg.text(x, frame.bottom_px + 16, label, "soft", anchor))
+    return [*body, svg.line(frame.left_px, frame.bottom_px, frame.right_px, frame.bottom_px, rule)]

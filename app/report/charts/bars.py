@@ -33,79 +33,83 @@ class PartRow:
 
 @dataclass(frozen=True, slots=True)
 class _Sheet:
-    left: float
-    right: float
-    width: float
-    row_height: float
-    bar_top: float
+    left_px: float
+    right_px: float
+    width_px: float
+    row_height_px: float
+    bar_top_px: float
 
 
 def draw_parts(
-    key: str, rows: Sequence[PartRow], classes: Sequence[str], words: tuple[str, str], width: float
+    key: str, rows: Sequence[PartRow], classes: Sequence[str], words: tuple[str, str], width_px: float
 ) -> str:
     """Draw a stacked bar for each part, all to one scale; at its end the share at or above 60 deg."""
-    sheet = _lay_out(rows, width)
-    own_key = f"{key}{width:.0f}"
-    body = [svg.define_hatch(own_key), svg.text(width, 10, "≥ 60°", "soft", "end")]
+    sheet = _lay_out(rows, width_px)
+    own_key = f"{key}{width_px:.0f}"
+    body = [svg.define_hatch(own_key), svg.text(width_px, 10, "≥ 60°", "soft", "end")]
     for rank, row in enumerate(rows):
-        body += _draw_row(row, 14 + rank * sheet.row_height, sheet, own_key)
-    bottom = len(rows) * sheet.row_height + 30
-    keys, height = _draw_keys(classes, sheet.left, bottom, width)
-    return svg.picture(width, height, own_key, words, [*body, *keys])
+        body += _draw_row(row, 14 + rank * sheet.row_height_px, sheet, own_key)
+    bottom = len(rows) * sheet.row_height_px + 30
+    keys, height = _draw_keys(classes, sheet.left_px, bottom, width_px)
+    return svg.picture(width_px, height, own_key, words, [*body, *keys])
 
 
-def _lay_out(rows: Sequence[PartRow], width: float) -> _Sheet:
+def _lay_out(rows: Sequence[PartRow], width_px: float) -> _Sheet:
     longest = max(svg.estimate_width(row.name) for row in rows)
-    right = width - max(svg.estimate_width(row.label) for row in rows) - 8
-    if longest > width * _LONGEST_SHARE:
-        return _Sheet(0.5, right, width, 36.0, 17.0)
-    return _Sheet(longest + 8, right, width, 18.0, 2.0)
+    right = width_px - max(svg.estimate_width(row.label) for row in rows) - 8
+    if longest > width_px * _LONGEST_SHARE:
+        return _Sheet(0.5, right, width_px, 36.0, 17.0)
+    return _Sheet(longest + 8, right, width_px, 18.0, 2.0)
 
 
-def _draw_row(row: PartRow, y: float, sheet: _Sheet, key: str) -> list[str]:
-    is_above = sheet.left < 1
-    room = sheet.width if is_above else sheet.left
-    top = y + sheet.bar_top
-    body = [svg.text(0, y + 12, svg.shorten(row.name, room))]
+def _draw_row(row: PartRow, y_px: float, sheet: _Sheet, key: str) -> list[str]:
+    is_above = sheet.left_px < 1
+    room = sheet.width_px if is_above else sheet.left_px
+    top = y_px + sheet.bar_top_px
+    body = [svg.text(0, y_px + 12, svg.shorten(row.name, room))]
     body += _hatch(row, top, sheet, key) if row.left_out else _stack_part(row, top, sheet)
-    return [*body, svg.text(sheet.width, top + 10, row.label, "ink", "end")]
+    return [*body, svg.text(sheet.width_px, top + 10, row.label, "ink", "end")]
 
 
-def _stack_part(row: PartRow, y: float, sheet: _Sheet) -> list[str]:
-    body, x = [], sheet.left
+def _stack_part(row: PartRow, y_px: float, sheet: _Sheet) -> list[str]:
+    body, x = [], sheet.left_px
     for rank, percent in enumerate(row.percent):
-        length = (sheet.right - sheet.left) * max(percent, 0.0) / 100
+        length = (sheet.right_px - sheet.left_px) * max(percent, 0.0) / 100
         if length > 0:
-            body.append(svg.rect(x, y, length, 13, f'class="bar" fill="{svg.RAMP[rank]}"'))
+            body.append(svg.rect(x, y_px, length, 13, f'class="bar" fill="{svg.RAMP[rank]}"'))
         x += length
-    return [*body, _frame(y, sheet)]
+    return [*body, _frame(y_px, sheet)]
 
 
-def _hatch(row: PartRow, y: float, sheet: _Sheet, key: str) -> list[str]:
-    middle, length = (sheet.left + sheet.right) / 2, svg.estimate_width(row.left_out) + 8
-    hatch = svg.rect(sheet.left, y, sheet.right - sheet.left, 13, f'fill="url(#{key}-h)" fill-opacity="0.55"')
-    plate = svg.rect(middle - length / 2, y, length, 13, f'class="paper" fill="{svg.PAPER}"')
-    return [hatch, plate, svg.text(middle, y + 10, row.left_out, "ink", "middle"), _frame(y, sheet)]
+def _hatch(row: PartRow, y_px: float, sheet: _Sheet, key: str) -> list[str]:
+    middle, length = (sheet.left_px + sheet.right_px) / 2, svg.estimate_width(row.left_out) + 8
+    hatch = svg.rect(
+        sheet.left_px, y_px, sheet.right_px - sheet.left_px, 13, f'fill="url(#{key}-h)" fill-opacity="0.55"'
+    )
+    plate = svg.rect(middle - length / 2, y_px, length, 13, f'class="paper" fill="{svg.PAPER}"')
+    return [hatch, plate, svg.text(middle, y_px + 10, row.left_out, "ink", "middle"), _frame(y_px, sheet)]
 
 
-def _frame(y: float, sheet: _Sheet) -> str:
+def _frame(y_px: float, sheet: _Sheet) -> str:
     edge = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-width="0.7"'
-    return svg.rect(sheet.left, y, sheet.right - sheet.left, 13, edge)
+    return svg.rect(sheet.left_px, y_px, sheet.right_px - sheet.left_px, 13, edge)
 
 
-def _draw_keys(classes: Sequence[str], left: float, y: float, width: float) -> tuple[list[str], float]:
+def _draw_keys(
+    classes: Sequence[str], left_px: float, y_px: float, width_px: float
+) -> tuple[list[str], float]:
     """Explain the colours under the bars; give the strokes and the height of the whole drawing."""
-    body, x = [], left
-    start = 0.5 if width <= NARROW else left
+    body, x = [], left_px
+    start = 0.5 if width_px <= NARROW else left_px
     x = start
     for rank, name in enumerate(classes):
         length = 14 + svg.estimate_width(name) + 10
-        if x > start and x + length > width:
-            x, y = start, y + 16
+        if x > start and x + length > width_px:
+            x, y_px = start, y_px + 16
         swatch = f'class="edge" fill="{svg.RAMP[rank]}" stroke="{svg.SOFT}" stroke-width="0.8"'
-        body += [svg.rect(x, y - 9, 10, 10, swatch), svg.text(x + 14, y, name)]
+        body += [svg.rect(x, y_px - 9, 10, 10, swatch), svg.text(x + 14, y_px, name)]
         x += length
-    return body, y + 8
+    return body, y_px + 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,20 +125,20 @@ class Slice:
 # ------------------------------------------------------------------ the stacked bar
 
 
-def draw_bar(slices: Sequence[Slice], words: tuple[str, str], width: float) -> str:
+def draw_bar(slices: Sequence[Slice], words: tuple[str, str], width_px: float) -> str:
     """Draw time in elevation classes: one bar, and under it what each class is."""
-    columns = len(slices) if width > NARROW else 1
+    columns = len(slices) if width_px > NARROW else 1
     rows = -(-len(slices) // columns)
-    key = f"bar{width:.0f}"
+    key = f"bar{width_px:.0f}"
     height = 34 + (48 if columns > 1 else rows * 20 + 8)
-    body = [*_stack(slices, width), *_bar_legend(slices, width, columns)]
-    return svg.picture(width, height, key, words, body)
+    body = [*_stack(slices, width_px), *_bar_legend(slices, width_px, columns)]
+    return svg.picture(width_px, height, key, words, body)
 
 
-def _stack(slices: Sequence[Slice], width: float) -> list[str]:
+def _stack(slices: Sequence[Slice], width_px: float) -> list[str]:
     body, x = [], 0.5
     for rank, item in enumerate(slices):
-        length = (width - 1) * item.percent / 100
+        length = (width_px - 1) * item.percent / 100
         colour = svg.RAMP[rank]
         if length > 0:
             body.append(svg.rect(x, 0.5, length, 30, f'class="bar" fill="{colour}"'))
@@ -143,12 +147,12 @@ def _stack(slices: Sequence[Slice], width: float) -> list[str]:
             body.append(svg.text(x + length / 2, 19.5, item.percent_label, kind, "middle"))
         x += length
     outline = f'class="edge" fill="none" stroke="{svg.SOFT}"'
-    return [*body, svg.rect(0.5, 0.5, width - 1, 30, outline)]
+    return [*body, svg.rect(0.5, 0.5, width_px - 1, 30, outline)]
 
 
-def _bar_legend(slices: Sequence[Slice], width: float, columns: int) -> list[str]:
+def _bar_legend(slices: Sequence[Slice], width_px: float, columns: int) -> list[str]:
     body = []
-    step = width / columns
+    step = width_px / columns
     for rank, item in enumerate(slices):
         x, y = (rank * step, 48.0) if columns > 1 else (0.0, 48.0 + rank * 20)
         swatch = f'class="edge" fill="{svg.RAMP[rank]}" stroke="{svg.SOFT}" stroke-width="0.8"'
@@ -158,8 +162,8 @@ def _bar_legend(slices: Sequence[Slice], width: float, columns: int) -> list[str
             body.append(svg.text(x + 16, y + 15, item.percent_label, "ink"))
             body.append(svg.text(x + 16, y + 29, item.duration_label))
         else:
-            body.append(svg.text(width - 100, y, item.percent_label, "ink", "end"))
-            body.append(svg.text(width, y, item.duration_label, "soft", "end"))
+            body.append(svg.text(width_px - 100, y, item.percent_label, "ink", "end"))
+            body.append(svg.text(width_px, y, item.duration_label, "soft", "end"))
     return body
 
 
@@ -181,12 +185,12 @@ class Scale:
     interval: tuple[float, float] | None = None
 
 
-def draw_scale(scale: Scale, width: float = 230.0) -> str:
+def draw_scale(scale: Scale, width_px: float = 230.0) -> str:
     """Draw a horizontal scale: the reference as a tick (or a range), the measured value as a diamond.
 
     The interval of the measured value is a thick line under the diamond.
     """
-    left, right, y = 2.0, width - 2.0, 20.0
+    left, right, y = 2.0, width_px - 2.0, 20.0
 
     def x(value: float) -> float:
         return left + (right - left) * min(max(value / scale.end, 0.0), 1.0)
@@ -200,18 +204,18 @@ def draw_scale(scale: Scale, width: float = 230.0) -> str:
     diamond = f"M{svg.number(at)} {svg.number(y - 5.5)}l5.5 5.5l-5.5 5.5l-5.5 -5.5Z"
     body.append(svg.path(diamond, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'))
     half = svg.estimate_width(scale.measured_label) / 2
-    place = min(max(at, half), width - half)
+    place = min(max(at, half), width_px - half)
     body.append(svg.text(place, y + 17, scale.measured_label, "strong", "middle"))
-    return svg.picture(width, 40, scale.key, scale.words, body)
+    return svg.picture(width_px, 40, scale.key, scale.words, body)
 
 
-def _draw_reference(scale: Scale, x_high: float, y: float, place: Callable[[float], float]) -> list[str]:
+def _draw_reference(scale: Scale, high_px: float, y_px: float, place: Callable[[float], float]) -> list[str]:
     tick = f'class="accent-line" stroke="{svg.ORANGE}" stroke-width="2"'
     half = svg.estimate_width(scale.high_label) / 2
-    body = [svg.line(x_high, y - 7, x_high, y + 7, tick)]
-    centre = x_high
+    body = [svg.line(high_px, y_px - 7, high_px, y_px + 7, tick)]
+    centre = high_px
     if scale.low is not None:
         x_low = place(scale.low)
-        body += [svg.line(x_low, y - 7, x_low, y + 7, tick), svg.line(x_low, y, x_high, y, tick)]
-        centre = (x_low + x_high) / 2
-    return [*body, svg.text(max(centre, half), y - 10, scale.high_label, "accent", "middle")]
+        body += [svg.line(x_low, y_px - 7, x_low, y_px + 7, tick), svg.line(x_low, y_px, high_px, y_px, tick)]
+        centre = (x_low + high_px) / 2
+    return [*body, svg.text(max(centre, half), y_px - 10, scale.high_label, "accent", "middle")]

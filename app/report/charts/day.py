@@ -36,49 +36,49 @@ class DayLabels:
 class _Plot:
     """Where seconds and degrees fall on the sheet."""
 
-    left: float
-    right: float
-    top: float
-    bottom: float
+    left_px: float
+    right_px: float
+    top_px: float
+    bottom_px: float
     duration_s: float
 
-    def x(self, seconds: float) -> float:
-        share = min(max(seconds / self.duration_s, 0.0), 1.0)
-        return self.left + (self.right - self.left) * share
+    def x(self, time_s: float) -> float:
+        share = min(max(time_s / self.duration_s, 0.0), 1.0)
+        return self.left_px + (self.right_px - self.left_px) * share
 
-    def y(self, degrees: float) -> float:
-        return self.bottom - (self.bottom - self.top) * degrees / TOP_DEG
+    def y(self, angle_deg: float) -> float:
+        return self.bottom_px - (self.bottom_px - self.top_px) * angle_deg / TOP_DEG
 
 
-def draw_day(day: Day, labels: DayLabels, width: float) -> str:
+def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
     """Draw elevation through the day: each minute's P10 to P90, its median, and what was not analysed."""
-    key = f"day{width:.0f}"
-    wide = width > NARROW
-    plot = _Plot(32, width - 4, 22, 152 if wide else 190, max(day.duration_s, 1.0))
+    key = f"day{width_px:.0f}"
+    wide = width_px > NARROW
+    plot = _Plot(32, width_px - 4, 22, 152 if wide else 190, max(day.duration_s, 1.0))
     body = [
         svg.define_hatch(key),
         *_draw_panel(day, plot, key),
         *_draw_time_axis(day, plot),
         *_draw_bracket(day, plot, labels.worst),
-        *_draw_day_legend(labels, plot.bottom + 34, key, width),
+        *_draw_day_legend(labels, plot.bottom_px + 34, key, width_px),
     ]
-    height = plot.bottom + (40 if wide else 76)
-    return svg.picture(width, height, key, (labels.title, labels.description), body)
+    height = plot.bottom_px + (40 if wide else 76)
+    return svg.picture(width_px, height, key, (labels.title, labels.description), body)
 
 
-def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width: float) -> str:
+def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px: float) -> str:
     """Draw days one above the other, on one clock; each is named at its top left."""
-    key = f"days{width:.0f}"
-    height = 120.0 if width > NARROW else 130.0
-    body, plot = [svg.define_hatch(key)], _Plot(32, width - 4, 0, 0, 1.0)
+    key = f"days{width_px:.0f}"
+    height = 120.0 if width_px > NARROW else 130.0
+    body, plot = [svg.define_hatch(key)], _Plot(32, width_px - 4, 0, 0, 1.0)
     for rank, (name, day) in enumerate(days):
         top = 18 + rank * (height + 28)
-        plot = _Plot(32, width - 4, top, top + height, max(day.duration_s, 1.0))
+        plot = _Plot(32, width_px - 4, top, top + height, max(day.duration_s, 1.0))
         body += _draw_panel(day, plot, key)
-        body.append(svg.text(plot.left, top - 6, name, "strong"))
-    body += _draw_time_axis(days[-1][1], plot) + _draw_day_legend(labels, plot.bottom + 34, key, width)
-    bottom = plot.bottom + (40 if width > NARROW else 60)
-    return svg.picture(width, bottom, key, (labels.title, labels.description), body)
+        body.append(svg.text(plot.left_px, top - 6, name, "strong"))
+    body += _draw_time_axis(days[-1][1], plot) + _draw_day_legend(labels, plot.bottom_px + 34, key, width_px)
+    bottom = plot.bottom_px + (40 if width_px > NARROW else 60)
+    return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
 
 
 def _draw_panel(day: Day, plot: _Plot, key: str) -> list[str]:
@@ -97,23 +97,23 @@ def _draw_guides(plot: _Plot) -> list[str]:
         if degrees in GUIDES_DEG:
             weight = "1" if degrees == 60 else "0.7"
             dash = f'class="rule" stroke="{svg.SOFT}" stroke-width="{weight}" stroke-dasharray="3 3"'
-            body.append(svg.line(plot.left, y, plot.right, y, dash))
+            body.append(svg.line(plot.left_px, y, plot.right_px, y, dash))
         kind = "strong" if degrees == 60 else "soft"
         if degrees % 60 == 0 or degrees in GUIDES_DEG:
-            body.append(svg.text(plot.left - 5, y + 3.8, f"{degrees}°", kind, "end"))
+            body.append(svg.text(plot.left_px - 5, y + 3.8, f"{degrees}°", kind, "end"))
     frame = f'class="rule" stroke="{svg.SOFT}"'
-    return [*body, svg.line(plot.left, plot.bottom, plot.right, plot.bottom, frame)]
+    return [*body, svg.line(plot.left_px, plot.bottom_px, plot.right_px, plot.bottom_px, frame)]
 
 
 def _draw_mark(mark: Mark, plot: _Plot, key: str) -> list[str]:
     x, end = plot.x(mark.start_s), plot.x(mark.end_s)
-    height = plot.bottom - plot.top
-    ground = svg.rect(x, plot.top, end - x, height, f'class="paper" fill="{svg.PAPER}"')
+    height = plot.bottom_px - plot.top_px
+    ground = svg.rect(x, plot.top_px, end - x, height, f'class="paper" fill="{svg.PAPER}"')
     edge = f'class="rule" stroke="{svg.SOFT}" stroke-width="0.7" stroke-dasharray="1.5 2"'
-    edges = [svg.line(at, plot.top, at, plot.bottom, edge) for at in (x, end)]
+    edges = [svg.line(at, plot.top_px, at, plot.bottom_px, edge) for at in (x, end)]
     if mark.kind == "missing":
         return [ground, *edges]
-    hatch = svg.rect(x, plot.top, end - x, height, f'fill="url(#{key}-h)" fill-opacity="0.55"')
+    hatch = svg.rect(x, plot.top_px, end - x, height, f'fill="url(#{key}-h)" fill-opacity="0.55"')
     return [ground, hatch]
 
 
@@ -121,12 +121,12 @@ def _draw_mark_label(mark: Mark, plot: _Plot) -> list[str]:
     """Write what the stretch is: across where there is room, upwards in a narrow one, else nothing."""
     x, room = (plot.x(mark.start_s) + plot.x(mark.end_s)) / 2, plot.x(mark.end_s) - plot.x(mark.start_s)
     length = svg.estimate_width(mark.label) + 8
-    y = (plot.top + plot.bottom) / 2
+    y = (plot.top_px + plot.bottom_px) / 2
     plate = f'class="paper" fill="{svg.PAPER}"'
     words = svg.text(x, y + 3.8, mark.label, "ink", "middle")
     if room >= length:
         return [svg.rect(x - length / 2, y - 8, length, 16, plate), words]
-    if room < 11.5 or length > plot.bottom - plot.top:
+    if room < 11.5 or length > plot.bottom_px - plot.top_px:
         return []
     turned = f'<g transform="rotate(-90 {svg.number(x)} {svg.number(y)})">'
     return [turned, svg.rect(x - length / 2, y - 5.5, length, 11, plate), words, "</g>"]
@@ -161,16 +161,16 @@ def _step_back(run: tuple[MinuteBand, ...], plot: _Plot) -> str:
 
 def _draw_time_axis(day: Day, plot: _Plot) -> list[str]:
     room = svg.estimate_width("00:00:00") + 10
-    step = _choose_tick_step(day.duration_s, int((plot.right - plot.left) // room))
+    step = _choose_tick_step(day.duration_s, int((plot.right_px - plot.left_px) // room))
     first = day.clock.seconds_to_whole_hour() % step
     body, at = [], first
     while at <= day.duration_s:
         x = plot.x(at)
         label = day.clock.format_tick(at)
         half = svg.estimate_width(label) / 2
-        place = min(max(x, half), plot.right + 4 - half)
-        body.append(svg.line(x, plot.bottom, x, plot.bottom + 4, f'class="rule" stroke="{svg.SOFT}"'))
-        body.append(svg.text(place, plot.bottom + 16, label, "soft", "middle"))
+        place = min(max(x, half), plot.right_px + 4 - half)
+        body.append(svg.line(x, plot.bottom_px, x, plot.bottom_px + 4, f'class="rule" stroke="{svg.SOFT}"'))
+        body.append(svg.text(place, plot.bottom_px + 16, label, "soft", "middle"))
         at += step
     return body
 
@@ -186,17 +186,17 @@ def _draw_bracket(day: Day, plot: _Plot, label: str) -> list[str]:
     if day.worst is None:
         return []
     x, end = (plot.x(seconds) for seconds in day.worst)
-    top = plot.top - 6
+    top = plot.top_px - 6
     commands = (
         f"M{svg.number(x)} {svg.number(top + 6)}V{svg.number(top)}H{svg.number(end)}V{svg.number(top + 6)}"
     )
     bracket = svg.path(commands, f'class="accent-line" fill="none" stroke="{svg.ORANGE}" stroke-width="2"')
     half = svg.estimate_width(label) / 2
-    centre = min(max((x + end) / 2, half), plot.right - half)
+    centre = min(max((x + end) / 2, half), plot.right_px - half)
     return [bracket, svg.text(centre, top - 5, label, "accent", "middle")]
 
 
-def _draw_day_legend(labels: DayLabels, y: float, key: str, width: float) -> list[str]:
+def _draw_day_legend(labels: DayLabels, y_px: float, key: str, width_px: float) -> list[str]:
     keys = [
         (labels.band, f'class="band" fill="{svg.RAMP[1]}"'),
         (labels.median, ""),
@@ -206,14 +206,16 @@ def _draw_day_legend(labels: DayLabels, y: float, key: str, width: float) -> lis
     body, x = [], 0.5
     for words, attributes in keys:
         length = 22 + svg.estimate_width(words, 10.4) + 8
-        if x > 1 and x + length > width:
-            x, y = 0.5, y + 18
-        body += [_draw_key(x, y, attributes), svg.text(x + 20, y, words)]
+        if x > 1 and x + length > width_px:
+            x, y_px = 0.5, y_px + 18
+        body += [_draw_key(x, y_px, attributes), svg.text(x + 20, y_px, words)]
         x += length
     return body
 
 
-def _draw_key(x: float, y: float, attributes: str) -> str:
+def _draw_key(x_px: float, y_px: float, attributes: str) -> str:
     if attributes:
-        return svg.rect(x, y - 9, 15, 10, attributes)
-    return svg.line(x, y - 4, x + 15, y - 4, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="1.8"')
+        return svg.rect(x_px, y_px - 9, 15, 10, attributes)
+    return svg.line(
+        x_px, y_px - 4, x_px + 15, y_px - 4, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="1.8"'
+    )

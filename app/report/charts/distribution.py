@@ -36,47 +36,47 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class _Plot:
-    left: float
-    right: float
-    top: float
-    bottom: float
+    left_px: float
+    right_px: float
+    top_px: float
+    bottom_px: float
 
-    def x(self, degrees: float) -> float:
-        return self.left + (self.right - self.left) * degrees / TOP_DEG
+    def x(self, angle_deg: float) -> float:
+        return self.left_px + (self.right_px - self.left_px) * angle_deg / TOP_DEG
 
     def y(self, percent: float) -> float:
-        return self.bottom - (self.bottom - self.top) * percent / 100
+        return self.bottom_px - (self.bottom_px - self.top_px) * percent / 100
 
 
-def draw_apdf(shown: Distribution, words: tuple[str, str], width: float) -> str:
+def draw_apdf(shown: Distribution, words: tuple[str, str], width_px: float) -> str:
     """Draw the curve with its percentiles; guide lines at 30, 60 and 90 deg."""
-    plot = _Plot(40, width - 8, 22, 200 if width > NARROW else 230)
+    plot = _Plot(40, width_px - 8, 22, 200 if width_px > NARROW else 230)
     body = [
         *_draw_frame(plot, shown.axes),
         _draw_curve(shown.below_percent, plot),
         *(stroke for mark in shown.marks for stroke in _draw_mark(mark, plot)),
     ]
-    return svg.picture(width, plot.bottom + 34, f"apdf{width:.0f}", words, body)
+    return svg.picture(width_px, plot.bottom_px + 34, f"apdf{width_px:.0f}", words, body)
 
 
 def _draw_frame(plot: _Plot, axes: tuple[str, str]) -> list[str]:
     rule = f'class="rule" stroke="{svg.SOFT}"'
     dash = f'{rule} stroke-width="0.7" stroke-dasharray="3 3"'
-    body = [svg.line(plot.x(angle), plot.top, plot.x(angle), plot.bottom, dash) for angle in GUIDES_DEG]
+    body = [svg.line(plot.x(angle), plot.top_px, plot.x(angle), plot.bottom_px, dash) for angle in GUIDES_DEG]
     for percent in (0, 25, 50, 75, 100):
         y = plot.y(percent)
-        body.append(svg.line(plot.left - 4, y, plot.left, y, rule))
-        body.append(svg.text(plot.left - 7, y + 3.8, f"{percent}", "soft", "end"))
+        body.append(svg.line(plot.left_px - 4, y, plot.left_px, y, rule))
+        body.append(svg.text(plot.left_px - 7, y + 3.8, f"{percent}", "soft", "end"))
     for angle in range(0, TOP_DEG + 1, 30):
         kind = "strong" if angle == 60 else "soft"
         anchor = "end" if angle == TOP_DEG else "middle"
-        x = min(plot.x(angle), plot.right + 6) if angle == TOP_DEG else plot.x(angle)
-        body.append(svg.text(x, plot.bottom + 15, f"{angle}°", kind, anchor))
+        x = min(plot.x(angle), plot.right_px + 6) if angle == TOP_DEG else plot.x(angle)
+        body.append(svg.text(x, plot.bottom_px + 15, f"{angle}°", kind, anchor))
     across, upwards = axes
-    body.append(svg.text(plot.right, plot.bottom + 30, across, "soft", "end"))
+    body.append(svg.text(plot.right_px, plot.bottom_px + 30, across, "soft", "end"))
     body.append(svg.text(0, 10, upwards))
-    body.append(svg.line(plot.left, plot.top, plot.left, plot.bottom, rule))
-    return [*body, svg.line(plot.left, plot.bottom, plot.right, plot.bottom, rule)]
+    body.append(svg.line(plot.left_px, plot.top_px, plot.left_px, plot.bottom_px, rule))
+    return [*body, svg.line(plot.left_px, plot.bottom_px, plot.right_px, plot.bottom_px, rule)]
 
 
 def _draw_curve(below_percent: Sequence[float], plot: _Plot) -> str:
@@ -104,11 +104,11 @@ def _draw_mark(mark: MarkedPercentile, plot: _Plot) -> list[str]:
     return [*body, *_label(mark, x if mark.percent > 50 else max(x, end), y, plot)]
 
 
-def _label(mark: MarkedPercentile, x: float, y: float, plot: _Plot) -> list[str]:
+def _label(mark: MarkedPercentile, x_px: float, y_px: float, plot: _Plot) -> list[str]:
     """Write beside a low percentile, below a high one, where the curve is flat; a plate hides the guides."""
     length = svg.estimate_width(mark.label)
-    place = min(x + 8, plot.right - length)
-    baseline = y + (15 if mark.percent > 50 else 3.8)
+    place = min(x_px + 8, plot.right_px - length)
+    baseline = y_px + (15 if mark.percent > 50 else 3.8)
     plate = svg.rect(place - 2, baseline - 9, length, 11, f'class="paper" fill="{svg.PAPER}"')
     return [plate, svg.text(place, baseline, mark.label, "strong")]
 
@@ -133,13 +133,13 @@ class Curve:
 
 
 def draw_two_curves(
-    curves: tuple[Curve, Curve], axes: tuple[str, str], words: tuple[str, str], width: float
+    curves: tuple[Curve, Curve], axes: tuple[str, str], words: tuple[str, str], width_px: float
 ) -> str:
     """Draw both curves to one scale; guide lines at 30, 60 and 90 deg."""
-    left, right, top, bottom = 40.0, width - 8, 40.0, 210.0 if width > NARROW else 240.0
+    left, right, top, bottom = 40.0, width_px - 8, 40.0, 210.0 if width_px > NARROW else 240.0
 
-    def place(degrees: float, percent: float) -> str:
-        x = left + (right - left) * degrees / TOP_DEG
+    def place(angle_deg: float, percent: float) -> str:
+        x = left + (right - left) * angle_deg / TOP_DEG
         return f"{svg.number(x)} {svg.number(bottom - (bottom - top) * percent / 100)}"
 
     body = _draw_curve_frame(left, right, top, bottom, axes)
@@ -147,33 +147,38 @@ def draw_two_curves(
         points = (place(degrees, percent) for degrees, percent in enumerate(curve.below_percent))
         body.append(svg.path("M" + "L".join(points), style))
     body += _draw_curve_names(curves, left)
-    return svg.picture(width, bottom + 34, f"curves{width:.0f}", words, body)
+    return svg.picture(width_px, bottom + 34, f"curves{width_px:.0f}", words, body)
 
 
 def _draw_curve_frame(
-    left: float, right: float, top: float, bottom: float, axes: tuple[str, str]
+    left_px: float, right_px: float, top_px: float, bottom_px: float, axes: tuple[str, str]
 ) -> list[str]:
     rule = f'class="rule" stroke="{svg.SOFT}"'
-    body = [svg.line(left, top, left, bottom, rule), svg.line(left, bottom, right, bottom, rule)]
+    body = [
+        svg.line(left_px, top_px, left_px, bottom_px, rule),
+        svg.line(left_px, bottom_px, right_px, bottom_px, rule),
+    ]
     for percent in (0, 25, 50, 75, 100):
-        y = bottom - (bottom - top) * percent / 100
+        y = bottom_px - (bottom_px - top_px) * percent / 100
         body += [
-            svg.line(left - 4, y, left, y, rule),
-            svg.text(left - 7, y + 3.8, f"{percent}", "soft", "end"),
+            svg.line(left_px - 4, y, left_px, y, rule),
+            svg.text(left_px - 7, y + 3.8, f"{percent}", "soft", "end"),
         ]
     for angle in range(0, TOP_DEG + 1, 30):
-        x = left + (right - left) * angle / TOP_DEG
+        x = left_px + (right_px - left_px) * angle / TOP_DEG
         if angle in GUIDES_DEG:
-            body.append(svg.line(x, top, x, bottom, f'{rule} stroke-width="0.7" stroke-dasharray="3 3"'))
+            body.append(
+                svg.line(x, top_px, x, bottom_px, f'{rule} stroke-width="0.7" stroke-dasharray="3 3"')
+            )
         anchor = "end" if angle == TOP_DEG else "middle"
-        shown = min(x, right + 6) if angle == TOP_DEG else x
-        body.append(svg.text(shown, bottom + 15, f"{angle}°", "strong" if angle == 60 else "soft", anchor))
+        shown = min(x, right_px + 6) if angle == TOP_DEG else x
+        body.append(svg.text(shown, bottom_px + 15, f"{angle}°", "strong" if angle == 60 else "soft", anchor))
     across, upwards = axes
-    return [*body, svg.text(right, bottom + 30, across, "soft", "end"), svg.text(0, 28, upwards)]
+    return [*body, svg.text(right_px, bottom_px + 30, across, "soft", "end"), svg.text(0, 28, upwards)]
 
 
-def _draw_curve_names(curves: tuple[Curve, Curve], left: float) -> list[str]:
-    body, x = [], left
+def _draw_curve_names(curves: tuple[Curve, Curve], left_px: float) -> list[str]:
+    body, x = [], left_px
     for curve, style in zip(curves, _STYLES, strict=True):
         body += [svg.line(x, 6, x + 26, 6, style), svg.text(x + 31, 10, curve.name, "ink")]
         x += 31 + svg.estimate_width(curve.name) + 16
@@ -219,11 +224,11 @@ class _Grid:
     sums: str
 
 
-def draw_eva(shown: HeatMap, words: tuple[str, str], width: float) -> str:
+def draw_eva(shown: HeatMap, words: tuple[str, str], width_px: float) -> str:
     """Draw the map; on a telephone turned, so that its numbers stay as large."""
-    grid = _turn(shown) if width <= NARROW else _keep(shown)
+    grid = _turn(shown) if width_px <= NARROW else _keep(shown)
     left = max(svg.estimate_width(name) for name in (*grid.rows, grid.sums)) + 8
-    cell = (width - left) / (len(grid.columns) + 1)
+    cell = (width_px - left) / (len(grid.columns) + 1)
     body = [svg.text(0, 25, grid.corner), svg.text(left if grid.corner else 0, 10, grid.above)]
     for rank, name in enumerate((*grid.columns, grid.sums)):
         body.append(svg.text(left + (rank + 0.5) * cell, 25, name, "soft", "middle"))
@@ -233,7 +238,7 @@ def draw_eva(shown: HeatMap, words: tuple[str, str], width: float) -> str:
     body.append(svg.text(0, y, grid.sums))
     for rank, told in enumerate(grid.column_sums):
         body.append(svg.text(left + (rank + 0.5) * cell, y, told, "ink", "middle"))
-    return svg.picture(width, y + 6, f"eva{width:.0f}", words, body)
+    return svg.picture(width_px, y + 6, f"eva{width_px:.0f}", words, body)
 
 
 def _keep(shown: HeatMap) -> _Grid:
@@ -265,22 +270,22 @@ def _turn(shown: HeatMap) -> _Grid:
     )
 
 
-def _draw_row(grid: _Grid, rank: int, left: float, cell: float) -> list[str]:
+def _draw_row(grid: _Grid, rank: int, left_px: float, cell_px: float) -> list[str]:
     y = 32 + rank * 22.0
     body = [svg.text(0, y + 15, grid.rows[rank], "ink")]
     for place, (percent, told) in enumerate(zip(grid.percent[rank], grid.told[rank], strict=True)):
-        body += _draw_cell(left + place * cell, y, cell, percent, told)
-    middle = left + (len(grid.columns) + 0.5) * cell
+        body += _draw_cell(left_px + place * cell_px, y, cell_px, percent, told)
+    middle = left_px + (len(grid.columns) + 0.5) * cell_px
     return [*body, svg.text(middle, y + 15, grid.row_sums[rank], "ink", "middle")]
 
 
-def _draw_cell(x: float, y: float, cell: float, percent: float, told: str) -> list[str]:
+def _draw_cell(x_px: float, y_px: float, cell_px: float, percent: float, told: str) -> list[str]:
     shade = sum(percent >= least for least in SHADES_PERCENT) - 1
     ground = 'class="paper" fill="#ffffff"' if shade < 0 else f'class="bar" fill="{svg.RAMP[shade]}"'
     edge = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-width="0.4"'
     kind = "soft" if shade < 0 else "onlight" if shade < 2 else "light"
     return [
-        svg.rect(x, y, cell, 22, ground),
-        svg.rect(x, y, cell, 22, edge),
-        svg.text(x + cell / 2, y + 15, told, kind, "middle"),
+        svg.rect(x_px, y_px, cell_px, 22, ground),
+        svg.rect(x_px, y_px, cell_px, 22, edge),
+        svg.text(x_px + cell_px / 2, y_px + 15, told, kind, "middle"),
     ]

@@ -21,20 +21,20 @@ _WIDE_SIGNS = frozenset("WMmw@%")
 FONT = "Inter, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
 
 
-def number(value: float) -> str:
+def number(length_px: float) -> str:
     """Write a coordinate."""
-    return f"{value:.1f}".rstrip("0").rstrip(".") if value % 1 else str(int(value))
+    return f"{length_px:.1f}".rstrip("0").rstrip(".") if length_px % 1 else str(int(length_px))
 
 
-def rect(x: float, y: float, width: float, height: float, attributes: str) -> str:
+def rect(x_px: float, y_px: float, width_px: float, height_px: float, attributes: str) -> str:
     """Draw a rectangle."""
-    place = f'x="{number(x)}" y="{number(y)}" width="{number(width)}" height="{number(height)}"'
+    place = f'x="{number(x_px)}" y="{number(y_px)}" width="{number(width_px)}" height="{number(height_px)}"'
     return f"<rect {place} {attributes}/>"
 
 
-def line(x1: float, y1: float, x2: float, y2: float, attributes: str) -> str:
+def line(x1_px: float, y1_px: float, x2_px: float, y2_px: float, attributes: str) -> str:
     """Draw a line."""
-    place = f'x1="{number(x1)}" y1="{number(y1)}" x2="{number(x2)}" y2="{number(y2)}"'
+    place = f'x1="{number(x1_px)}" y1="{number(y1_px)}" x2="{number(x2_px)}" y2="{number(y2_px)}"'
     return f"<line {place} {attributes}/>"
 
 
@@ -43,19 +43,19 @@ def path(commands: str, attributes: str) -> str:
     return f'<path d="{commands}" {attributes}/>'
 
 
-def text(x: float, y: float, words: str, kind: str = "soft", anchor: str = "start") -> str:
+def text(x_px: float, y_px: float, words: str, kind: str = "soft", anchor: str = "start") -> str:
     """Write words; ``kind`` is "soft", "ink", "strong", "accent", or "light", "onlight" on colours."""
     fill = {"soft": SOFT, "light": PAPER, "accent": "#a84a00"}.get(kind, INK)
     weight = ' font-weight="600"' if kind in {"strong", "accent"} else ""
-    place = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
+    place = f'x="{number(x_px)}" y="{number(y_px)}" text-anchor="{anchor}"'
     return f'<text class="{kind}" {place} fill="{fill}"{weight}>{escape_text(words)}</text>'
 
 
-def picture(width: float, height: float, key: str, words: tuple[str, str], body: list[str]) -> str:
+def picture(width_px: float, height_px: float, key: str, words: tuple[str, str], body: list[str]) -> str:
     """Frame the strokes as one SVG with a title and a description for those who do not see it."""
     title, description = (escape_text(part) for part in words)
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {number(width)} {number(height)}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {number(width_px)} {number(height_px)}" '
         f'role="img" aria-labelledby="{key}-t {key}-d" font-family="{FONT}" font-size="11">'
         f'<title id="{key}-t">{title}</title><desc id="{key}-d">{description}</desc>'
         + "".join(body)
@@ -63,17 +63,17 @@ def picture(width: float, height: float, key: str, words: tuple[str, str], body:
     )
 
 
-def estimate_width(words: str, size: float = 11) -> float:
+def estimate_width(words: str, size_px: float = 11) -> float:
     """Guess how wide words will be; generous, so that labels never touch."""
-    return size * sum(0.95 if c in _WIDE_SIGNS else 0.72 if c.isupper() else 0.58 for c in words)
+    return size_px * sum(0.95 if c in _WIDE_SIGNS else 0.72 if c.isupper() else 0.58 for c in words)
 
 
-def shorten(words: str, room: float) -> str:
+def shorten(words: str, room_px: float) -> str:
     """Cut words that are wider than their room; the table behind the chart holds more of them."""
-    if estimate_width(words) <= room:
+    if estimate_width(words) <= room_px:
         return words
     kept = words
-    while kept and estimate_width(kept + "…") > room:
+    while kept and estimate_width(kept + "…") > room_px:
         kept = kept[:-1]
     return kept.rstrip() + "…"
 

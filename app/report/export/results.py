@@ -256,14 +256,14 @@ def _propose_periods(flags: Sequence[QualityFlag]) -> list[dict[str, object]]:
     ]
 
 
-def _format_place(seconds: float | None, clock: Clock) -> str | None:
-    if seconds is None or clock.start is not None:
-        return _format_iso(seconds, clock)
-    return f"PT{round(seconds, _DECIMALS):g}S"
+def _format_place(elapsed_s: float | None, clock: Clock) -> str | None:
+    if elapsed_s is None or clock.start is not None:
+        return _format_iso(elapsed_s, clock)
+    return f"PT{round(elapsed_s, _DECIMALS):g}S"
 
 
-def _format_iso(seconds: float | None, clock: Clock) -> str | None:
-    moment = None if seconds is None else clock.at(seconds)
+def _format_iso(elapsed_s: float | None, clock: Clock) -> str | None:
+    moment = None if elapsed_s is None else clock.at(elapsed_s)
     return moment.isoformat() if moment else None
 
 

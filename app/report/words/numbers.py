@@ -49,15 +49,15 @@ def format_plain(value: float, language: Language) -> str:
     return text.replace(".", ",") if language == "fr" else text
 
 
-def format_percent(value: float | None, language: Language) -> str:
+def format_percent(percent: float | None, language: Language) -> str:
     """One decimal, always."""
-    text = format_number(value, 1, language)
+    text = format_number(percent, 1, language)
     return text if text == NONE else f"{text}{NARROW}%"
 
 
-def format_angle(value: float | None, language: Language, decimals: int = 0) -> str:
+def format_angle(angle_deg: float | None, language: Language, decimals: int = 0) -> str:
     """Degrees; the sign follows without a space in both languages."""
-    text = format_number(value, decimals, language)
+    text = format_number(angle_deg, decimals, language)
     return text if text == NONE else f"{text}°"
 
 
@@ -86,29 +86,29 @@ def format_duration_range(interval: "Interval", language: Language) -> str:
     return f"{format_duration(low, language)}–{format_duration(high, language)}"
 
 
-def format_rate(value: float | None, language: Language) -> str:
+def format_rate(rate_per_h: float | None, language: Language) -> str:
     """Per hour: whole from 10 on, one decimal below."""
-    decimals = 0 if value is None or value >= 9.95 else 1
-    return format_number(value, decimals, language)
+    decimals = 0 if rate_per_h is None or rate_per_h >= 9.95 else 1
+    return format_number(rate_per_h, decimals, language)
 
 
-def format_duration(seconds: float | None, language: Language) -> str:
+def format_duration(duration_s: float | None, language: Language) -> str:
     """Write a duration in its two leading units: "6 h 48 min", "31 min", "2 min 59 s", "4.2 s"."""
-    if seconds is None or not math.isfinite(seconds):
+    if duration_s is None or not math.isfinite(duration_s):
         return NONE
-    if round(seconds, 1) < 10:
-        decimals = 0 if round(seconds, 1) % 1 == 0 else 1
-        return f"{format_number(seconds, decimals, language)}{NARROW}s"
-    if round(seconds) < SHORT_S:
-        minutes, rest = divmod(round(seconds), MINUTE_S)
+    if round(duration_s, 1) < 10:
+        decimals = 0 if round(duration_s, 1) % 1 == 0 else 1
+        return f"{format_number(duration_s, decimals, language)}{NARROW}s"
+    if round(duration_s) < SHORT_S:
+        minutes, rest = divmod(round(duration_s), MINUTE_S)
         return _join_units((minutes, "min"), (rest, "s"))
-    hours, minutes = divmod(round(seconds / MINUTE_S), 60)
+    hours, minutes = divmod(round(duration_s / MINUTE_S), 60)
     return _join_units((hours, "h"), (minutes, "min"))
 
 
-def format_long_duration(seconds: float) -> str:
+def format_long_duration(duration_s: float) -> str:
     """Write a duration to the second, whatever its length: "6 h 48 min 12 s"."""
-    hours, rest = divmod(round(seconds), HOUR_S)
+    hours, rest = divmod(round(duration_s), HOUR_S)
     minutes, rest = divmod(rest, MINUTE_S)
     return _join_units((hours, "h"), (minutes, "min"), (rest, "s"))
 
@@ -128,9 +128,9 @@ def format_hour(moment: datetime, language: Language) -> str:
     return format_clock(moment, language)
 
 
-def format_elapsed(seconds: float) -> str:
+def format_elapsed(elapsed_s: float) -> str:
     """Write time since the first sample: "1:02:05"."""
-    hours, rest = divmod(round(seconds), HOUR_S)
+    hours, rest = divmod(round(elapsed_s), HOUR_S)
     return f"{hours}:{rest // MINUTE_S:02d}:{rest % MINUTE_S:02d}"
 
 
@@ -153,29 +153,29 @@ class Clock:
     start: datetime | None
     language: Language = "en"
 
-    def at(self, seconds: float) -> datetime | None:
+    def at(self, elapsed_s: float) -> datetime | None:
         """Give the clock time, in the zone of the recording; None without a clock.
 
         A zone with daylight saving is followed (UTC-stamped files); a device clock counts on.
         """
         if self.start is None:
             return None
-        passed = timedelta(microseconds=round(seconds * 1e6))
+        passed = timedelta(microseconds=round(elapsed_s * 1e6))
         if self.start.tzinfo is None:
             return self.start + passed
         return (self.start.astimezone(UTC) + passed).astimezone(self.start.tzinfo)
 
-    def format(self, seconds: float, *, with_seconds: bool = False) -> str:
+    def format(self, elapsed_s: float, *, with_seconds: bool = False) -> str:
         """Write the time: "10:42", or "2:44:00" since the first sample."""
-        moment = self.at(seconds)
+        moment = self.at(elapsed_s)
         if moment is None:
-            return format_elapsed(seconds)
+            return format_elapsed(elapsed_s)
         return format_clock(moment, self.language, with_seconds=with_seconds)
 
-    def format_tick(self, seconds: float) -> str:
+    def format_tick(self, elapsed_s: float) -> str:
         """Write the time under an axis."""
-        moment = self.at(seconds)
-        return format_elapsed(seconds) if moment is None else format_hour(moment, self.language)
+        moment = self.at(elapsed_s)
+        return format_elapsed(elapsed_s) if moment is None else format_hour(moment, self.language)
 
     def seconds_to_whole_hour(self) -> float:
         """Give the time from the first sample to the first whole hour, s; 0 without a clock."""
