@@ -79,6 +79,27 @@ UNITS = frozenset(
         "points",
     ]
 )
+COUNTED = UNITS | frozenset(
+    [
+        "row",
+        "rows",
+        "sample",
+        "samples",
+        "line",
+        "lines",
+        "byte",
+        "bit",
+        "bits",
+        "px",
+        "pt",
+        "minute",
+        "minutes",
+        "hour",
+        "hours",
+        "ppm",
+    ]
+)
+"""Units, and what is counted: positions and lengths in rows, samples, lines or bytes, places on a sheet."""
 
 
 def main() -> None:
@@ -98,6 +119,9 @@ def main() -> None:
         "Python files with a W-code as a literal": count_caveat_files(trees),
         "numbers with a unit in their name, percent": share_with_unit(trees),
         "of these that are float, percent": share_with_unit(trees, ("float",)),
+        "numbers with a unit or what is counted in their name, percent": share_with_unit(
+            trees, units=COUNTED
+        ),
         f"files touched to add a figure (those that name {FIGURE})": count_figure_files(),
         "words in docs/ outside tables": count_words(),
     }
@@ -188,10 +212,14 @@ def _is_caveat(node: ast.AST) -> bool:
     )
 
 
-def share_with_unit(trees: dict[Path, ast.Module], types: tuple[str, ...] = ("float", "int")) -> int:
+def share_with_unit(
+    trees: dict[Path, ast.Module],
+    types: tuple[str, ...] = ("float", "int"),
+    units: frozenset[str] = UNITS,
+) -> int:
     """Give the percentage of numbers (parameters and fields) whose name ends in, or holds, a unit."""
     names = [name for tree in trees.values() for name in _list_numbers(tree, types)]
-    return round(100 * sum(not UNITS.isdisjoint(name.lower().split("_")) for name in names) / len(names))
+    return round(100 * sum(not units.isdisjoint(name.lower().split("_")) for name in names) / len(names))
 
 
 def _list_numbers(tree: ast.Module, types: tuple[str, ...]) -> Iterator[str]:

@@ -46,7 +46,7 @@ class _Rows:
     time_s: Float64Array
     elevation_deg: Float64Array
     line: IntArray
-    dropped: int = 0
+    dropped_rows: int = 0
     has_commas: bool = False
 
 
@@ -200,11 +200,11 @@ def _to_numbers(column: pa.ChunkedArray) -> Float64Array:
     return np.asarray(column.to_numpy(), np.float64)
 
 
-def _drop_timeless(rows: _Rows, broken: int) -> _Rows:
+def _drop_timeless(rows: _Rows, broken_rows: int) -> _Rows:
     """Leave out rows without a time; refuse the file where more than 5 % cannot be read."""
     timed = np.isfinite(rows.time_s)
-    dropped = broken + int(np.count_nonzero(~timed))
-    if dropped > MOST_UNREADABLE * (len(timed) + broken):
+    dropped = broken_rows + int(np.count_nonzero(~timed))
+    if dropped > MOST_UNREADABLE * (len(timed) + broken_rows):
         line = int(rows.line[~timed][0]) if not timed.all() else 2
         raise UnreadableRows(k=dropped, line=line)
     return _Rows(rows.time_s[timed], rows.elevation_deg[timed], rows.line[timed], dropped)
@@ -290,5 +290,5 @@ def _flag_missing(segments: tuple[ElevationSegment, ...], duration_us: int) -> t
 
 
 def _flag_rows(rows: _Rows) -> tuple[QualityFlag, ...]:
-    dropped = (QualityFlag(Caveat.ROWS_DROPPED, rows.dropped),) if rows.dropped else ()
+    dropped = (QualityFlag(Caveat.ROWS_DROPPED, rows.dropped_rows),) if rows.dropped_rows else ()
     return (*dropped, QualityFlag(Caveat.LOCALE)) if rows.has_commas else dropped

@@ -263,11 +263,11 @@ class RecordingForm:
             raise BadParameter(name=self._name[:60], value=file_name[:60], allowed="1")
         self.file_name, self._in_file = file_name, True
 
-    def _take(self, octets: bytes, start: int, end: int) -> None:
+    def _take(self, octets: bytes, start_byte: int, end_byte: int) -> None:
         if self._in_file:
-            self._piece += octets[start:end]
+            self._piece += octets[start_byte:end_byte]
             return
-        self._word += octets[start:end]
+        self._word += octets[start_byte:end_byte]
         if len(self._word) > MOST_FIELD_BYTES or len(self.words) >= MOST_FIELDS:
             raise BadParameter(name=self._name[:60], value="", allowed=f"≤ {MOST_FIELD_BYTES}")
 

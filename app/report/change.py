@@ -191,9 +191,9 @@ def _format_detectable(change: FigureChange, words: Words, language: Language) -
     return _format_points(change.detectable, change.name, words, language)
 
 
-def _format_points(value: float, name: str, words: Words, language: Language) -> str:
+def _format_points(points: float, name: str, words: Words, language: Language) -> str:
     """Differences of shares are percentage points; in French the plural begins at two."""
     if name.endswith("_percent"):
-        form = "points" if round(abs(value), 1) >= 2 else "points_under_two"
-        return fill(words[form], {"value": format_number(value, 1, language)})
-    return format_figure(value, name, language)
+        form = "points" if round(abs(points), 1) >= 2 else "points_under_two"
+        return fill(words[form], {"value": format_number(points, 1, language)})
+    return format_figure(points, name, language)

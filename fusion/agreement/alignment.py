@@ -132,12 +132,12 @@ def _find_middle_s(runs: Runs) -> float:
     return (runs[0].start_s + runs[-1].end_s) / 2.0
 
 
-def sample_rates(runs: Runs, start_s: float, count: int) -> Float64Array:
+def sample_rates(runs: Runs, start_s: float, sample_count: int) -> Float64Array:
     """Rates of change on an even grid of 10 Hz: the change over one grid step; 0 where there is none."""
-    rates = np.zeros(count)
+    rates = np.zeros(sample_count)
     for run in runs:
         first = max(0, int(np.ceil((run.start_s - start_s) * GRID_HZ)))
-        stop = min(count, int(np.floor((run.end_s - start_s) * GRID_HZ)) + 1)
+        stop = min(sample_count, int(np.floor((run.end_s - start_s) * GRID_HZ)) + 1)
         if stop - first >= 2:
             values = interpolate(run, start_s + np.arange(first, stop) / GRID_HZ)
             rates[first : stop - 1] = np.diff(values) * GRID_HZ
@@ -164,10 +164,12 @@ def find_shift(ours: Runs, reference: Runs) -> Alignment:
     return Alignment(other_start_s - own_start_s + lag_s, 0.0, float(correlation[best]))
 
 
-def _measure_motion_s(own: Float64Array, other: Float64Array, lag: int) -> float:
-    """How long both move in their common time, ``other`` standing ``lag`` steps to the right."""
-    first, stop = max(0, -lag), min(len(own), len(other) - lag)
-    moving = (np.abs(own[first:stop]) > MOVING_DPS) & (np.abs(other[first + lag : stop + lag]) > MOVING_DPS)
+def _measure_motion_s(own: Float64Array, other: Float64Array, lag_samples: int) -> float:
+    """How long both move in their common time, ``other`` standing ``lag_samples`` steps to the right."""
+    first, stop = max(0, -lag_samples), min(len(own), len(other) - lag_samples)
+    moving = (np.abs(own[first:stop]) > MOVING_DPS) & (
+        np.abs(other[first + lag_samples : stop + lag_samples]) > MOVING_DPS
+    )
     return float(np.count_nonzero(moving)) / GRID_HZ
 
 
@@ -247,7 +249,7 @@ def _move_back(reference: Runs, alignment: Alignment) -> Runs:
     )
 
 
-def _place(own: Float64Array, other: Float64Array, reach: int) -> tuple[float, float]:
+def _place(own: Float64Array, other: Float64Array, reach_samples: int) -> tuple[float, float]:
     """Give the lag in grid steps, to a fraction by the parabola through the peak, and its correlation."""
     energy = float(own @ own)
     if energy <= 0:
@@ -262,7 +264,7 @@ def _place(own: Float64Array, other: Float64Array, reach: int) -> tuple[float, f
     before, peak, after = score[best - 1 : best + 2]
     bend = before - 2 * peak + after
     shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
-    return best - reach + float(shift), float(peak)
+    return best - reach_samples + float(shift), float(peak)
 
 
 def refine(ours: Runs, reference: Runs, placed: Alignment) -> Alignment:

@@ -186,11 +186,11 @@ class GyroFit:
 
 
 def cut_windows(
-    segments: Sequence[Segment], cut_off: float = np.inf, most: int = MOST_WINDOWS
+    segments: Sequence[Segment], cut_off_dps: float = np.inf, most: int = MOST_WINDOWS
 ) -> GravityWindows:
     """Windows of 8 s, each half over the one before, spread over the recording.
 
-    Those in which the gyroscope reads ``cut_off`` or more are left out, and those in which a channel stuck:
+    Those in which the gyroscope reads ``cut_off_dps`` or more, or in which a channel stuck, are left out:
     what was cut off, or stood still while the arm turned, passes for a scale or for columns mixed up.
     """
     places = []
@@ -198,8 +198,8 @@ def cut_windows(
         rows = min(round(WINDOW_S * segment.rate_hz), len(segment))
         if rows >= max(8, SHORTEST_S * segment.rate_hz):
             places += [(segment, first, rows) for first in range(0, len(segment) - rows + 1, rows // 2)]
-    if np.isfinite(cut_off):
-        places = [place for place in places if _find_size(*place) < cut_off]
+    if np.isfinite(cut_off_dps):
+        places = [place for place in places if _find_size(*place) < cut_off_dps]
     chosen = places[:: max(1, -(-len(places) // most))]
     stuck = _find_stuck(chosen)
     chosen = [place for place, is_stuck in zip(chosen, stuck, strict=True) if not is_stuck]

@@ -63,27 +63,27 @@ def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest_
 
 
 @njit(cache=True, nogil=True)
-def is_filler(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int, usual: float) -> bool:
+def is_filler(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int, usual_g: float) -> bool:
     """Whether each sensor shows one size on all axes, and the first one that gravity cannot have.
 
-    ``usual``: length of the acceleration as a rule. So reads a sensor that does not answer: 0, or -1 count.
+    ``usual_g``: length of the acceleration as a rule. So reads a sensor that does not answer: 0, or -1 count.
     """
     size = abs(acc[row, 0])
     if (
         abs(acc[row, 1]) != size
         or abs(acc[row, 2]) != size
-        or LEAST_PART * usual <= size <= MOST_TIMES * usual
+        or LEAST_PART * usual_g <= size <= MOST_TIMES * usual_g
     ):
         return False
     return abs(gyr[row, 0]) == abs(gyr[row, 1]) and abs(gyr[row, 1]) == abs(gyr[row, 2])
 
 
 @njit(cache=True, nogil=True)
-def count_filler_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float) -> int:
+def count_filler_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual_g: float) -> int:
     """How many runs of such rows there are."""
     count, was_one = 0, False
     for row in range(len(acc)):
-        is_one = is_filler(acc, gyr, row, usual)
+        is_one = is_filler(acc, gyr, row, usual_g)
         count += int(is_one and not was_one)
         was_one = is_one
     return count
@@ -91,7 +91,7 @@ def count_filler_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual:
 
 @njit(cache=True, nogil=True)
 def find_filler_runs(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float, shortest_rows: int, most_rows: int
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual_g: float, shortest_rows: int, most_rows: int
 ) -> Rows:
     """Runs of such rows, ``shortest_rows`` rows long or more and ``most_rows`` at most, shape (m, 2).
 
@@ -101,9 +101,11 @@ def find_filler_runs(
     found, k = 0, shortest_rows - 1
     while k < len(acc):
         first, stop = k, k
-        while stop < len(acc) and is_filler(acc, gyr, stop, usual):
+        while stop < len(acc) and is_filler(acc, gyr, stop, usual_g):
             stop += 1
-        while stop > k and first > 0 and k - first < shortest_rows and is_filler(acc, gyr, first - 1, usual):
+        while (
+            stop > k and first > 0 and k - first < shortest_rows and is_filler(acc, gyr, first - 1, usual_g)
+        ):
             first -= 1
         if stop - first >= shortest_rows:
             runs[found, 0], runs[found, 1] = first, stop
@@ -124,11 +126,11 @@ def has_equal_sizes(values: NDArray[np.float32], low: float, high: float) -> boo
 
 
 @njit(cache=True, nogil=True)
-def mark_fillers(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual: float) -> NDArray[np.bool_]:
+def mark_fillers(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual_g: float) -> NDArray[np.bool_]:
     """Which rows are such, shape (n,)."""
     marked = np.empty(len(acc), np.bool_)
     for row in range(len(acc)):
-        marked[row] = is_filler(acc, gyr, row, usual)
+        marked[row] = is_filler(acc, gyr, row, usual_g)
     return marked
 
 

@@ -72,7 +72,7 @@ def measure_usual(acc: NDArray[np.float32]) -> float:
     return float(np.median(lengths)) if len(lengths) else 0.0
 
 
-def _find_fillers(segment: Segment, usual: float) -> Rows:
+def _find_fillers(segment: Segment, usual_g: float) -> Rows:
     """Rows of both sensors, however few; of one of them, for a tenth of a second.
 
     A gyroscope of coarse counts rests at zero, or next to it; any other value on all its axes at once it does
@@ -83,12 +83,12 @@ def _find_fillers(segment: Segment, usual: float) -> Rows:
     most = len(segment) // shortest + 1
     blind = find_filler_runs(gyr, gyr, 0.0, shortest, most)
     found = [blind[np.abs(gyr[blind[:, 0], 0]) > COARSE_STEPS * _find_step(gyr)] if len(blind) else blind]
-    if has_equal_sizes(acc, LEAST_PART * usual, MOST_TIMES * usual):
-        count = count_filler_runs(acc, gyr, usual)
+    if has_equal_sizes(acc, LEAST_PART * usual_g, MOST_TIMES * usual_g):
+        count = count_filler_runs(acc, gyr, usual_g)
         if is_too_frequent(count, len(segment)):
             raise UnusableTime(why="irregular")
-        found.append(find_filler_runs(acc, gyr, usual, 1, count))
-        found.append(find_filler_runs(acc, acc, usual, shortest, most))
+        found.append(find_filler_runs(acc, gyr, usual_g, 1, count))
+        found.append(find_filler_runs(acc, acc, usual_g, shortest, most))
     joined = join_ranges(sorted((int(a), int(b)) for runs in found for a, b in runs))
     return np.array(joined, np.int64).reshape(-1, 2)
 

@@ -173,14 +173,15 @@ SUMS = LONGER_S + len(LONG_S)
 class _Limits(NamedTuple):
     """What divides the rows of one segment, for the kernels.
 
-    ``levels_deg``, rising, are the thresholds with each error. Lengths are in rows: gaps under ``merged`` are
-    no gaps, stays under ``shortest`` no stays, and ``longer`` are the limits of :data:`LONG_S`.
+    ``levels_deg``, rising, are the thresholds with each error. Lengths are in rows: gaps under
+    ``merged_rows`` are no gaps, stays under ``shortest_rows`` no stays, and ``longer`` are the limits of
+    :data:`LONG_S`.
     ``stretch_rows`` and ``block_rows`` are the first rows of each stretch and 5-minute block.
     """
 
     levels_deg: Float64Array
-    merged: float
-    shortest: float
+    merged_rows: float
+    shortest_rows: float
     longer: Float64Array
     stretch_rows: IntArray
     block_rows: IntArray
@@ -285,7 +286,7 @@ def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]
         if counted:
             stretch = np.searchsorted(limits.stretch_rows, row, side="right") - 1
             counts.entries[above, stretch] += 1
-        if state[above, 0] < 0 or row - state[above, 1] >= limits.merged:
+        if state[above, 0] < 0 or row - state[above, 1] >= limits.merged_rows:
             _record(above, state, limits, counts)
             state[above, 0] = row
         above += 1
@@ -311,7 +312,7 @@ def _record(level, state, limits, counts):  # type: ignore[no-untyped-def]
     sums, cells, longest_s = counts.sums, counts.cells, counts.longest_s
     first, rows = state[level, 0], state[level, 1] - state[level, 0]
     state[level, 0] = -1
-    if first < 0 or rows < limits.shortest:
+    if first < 0 or rows < limits.shortest_rows:
         return
     seconds = rows / rate_hz
     block = add_rows(first, first + rows, 1.0 / rate_hz, block_rows, sums[level, :, STAY_S])

@@ -110,13 +110,13 @@ def _advance(acc: Any, gyr: Any, state: Any, settings: Any, out: Any) -> None:  
 
 
 @inner
-def _gather(acc: Any, gyr: Any, k: int, state: Any, settings: Any) -> None:  # pragma: no cover
+def _gather(acc: Any, gyr: Any, sample: int, state: Any, settings: Any) -> None:  # pragma: no cover
     """Add a sample to the moment being gathered; when it is full, see whether it was still."""
     for i in range(3):
-        state[ACC_SUM + i] += acc[k, i]
-        state[ACC_SQUARE + i] += float(acc[k, i]) ** 2
-        state[GYR_SUM + i] += gyr[k, i]
-        state[GYR_SQUARE + i] += float(gyr[k, i]) ** 2
+        state[ACC_SUM + i] += acc[sample, i]
+        state[ACC_SQUARE + i] += float(acc[sample, i]) ** 2
+        state[GYR_SUM + i] += gyr[sample, i]
+        state[GYR_SQUARE + i] += float(gyr[sample, i]) ** 2
     state[GATHERED] += 1.0
     if state[GATHERED] >= settings[1][0]:
         _judge(state, settings)

@@ -148,11 +148,11 @@ class SampleColumns:
             open_rows(values, self.rows, rows, added)
         self.rows = total
 
-    def _resize(self, capacity: int) -> None:
+    def _resize(self, capacity_rows: int) -> None:
         # ndarray.resize reallocates in place (mremap on Linux): no second copy of the shift in memory
-        self.acc.resize((capacity, 3), refcheck=False)
-        self.gyr.resize((capacity, 3), refcheck=False)
-        self.stamps.resize(capacity * self._has_stamps, refcheck=False)
+        self.acc.resize((capacity_rows, 3), refcheck=False)
+        self.gyr.resize((capacity_rows, 3), refcheck=False)
+        self.stamps.resize(capacity_rows * self._has_stamps, refcheck=False)
 
 
 def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:

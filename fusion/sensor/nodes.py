@@ -238,17 +238,17 @@ def _multiply(matrix: Any, vector: Any) -> Any:  # pragma: no cover
 
 @inner
 def _walk(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    gyr: Any, row: int, count: int, motion: Any, vertical: Any, shift: int, out: Any
+    gyr: Any, row: int, row_count: int, motion: Any, vertical: Any, shift_rows: int, out: Any
 ) -> None:  # pragma: no cover
     """From the row beside a node outwards: forwards, or where the period is negative backwards in time."""
     (period_s, taps, gain), offset = motion
     step = 1 if period_s > 0.0 else -1
     last, now = _read(gyr, row - step), _read(gyr, row)
     before = _mix(_read(gyr, row - 2 * step), last, now, taps, offset)
-    for _ in range(count):
+    for _ in range(row_count):
         following = _read(gyr, row + step)
         after = _mix(last, now, following, taps, offset)
         turn = _multiply(gain, bend(before, after, period_s))
         vertical = carry(vertical, turn, turn_factors(turn))
-        out[row - shift, 0], out[row - shift, 1], out[row - shift, 2] = vertical
+        out[row - shift_rows, 0], out[row - shift_rows, 1], out[row - shift_rows, 2] = vertical
         last, now, before, row = now, following, after, row + step

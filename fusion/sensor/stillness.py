@@ -56,10 +56,12 @@ class QuietTable:
 
 
 @kernel
-def reduce_to_blocks(samples: Any, per_block: int, moments: Any, extremes: Any) -> None:  # pragma: no cover
+def reduce_to_blocks(
+    samples: Any, rows_per_block: int, moments: Any, extremes: Any
+) -> None:  # pragma: no cover
     """Mean and mean square (m, 6), lowest and highest (6, m) of each block of rows; the last may be short."""
     for block in range(len(moments)):
-        first, stop = block * per_block, (block + 1) * per_block
+        first, stop = block * rows_per_block, (block + 1) * rows_per_block
         stop = stop if stop < len(samples) else len(samples)
         for axis in range(3):
             total, squares = 0.0, 0.0
@@ -99,11 +101,11 @@ def reduce_run(run: SensorRun) -> QuarterSeconds:
     return QuarterSeconds(run.start_s, per_block / run.rate_hz, per_block, acc, gyr, acc_ends, gyr_ends)
 
 
-def _reduce_sensor(samples: FloatArray, per_block: int) -> tuple[Float64Array, Float64Array]:
-    blocks = -(-len(samples) // per_block)
+def _reduce_sensor(samples: FloatArray, rows_per_block: int) -> tuple[Float64Array, Float64Array]:
+    blocks = -(-len(samples) // rows_per_block)
     moments, extremes = np.empty((blocks, 6)), np.empty((6, blocks))
-    reduce_to_blocks(samples, per_block, moments, extremes)
-    return moments[: len(samples) // per_block], extremes
+    reduce_to_blocks(samples, rows_per_block, moments, extremes)
+    return moments[: len(samples) // rows_per_block], extremes
 
 
 def summarise_windows(

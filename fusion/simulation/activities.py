@@ -51,12 +51,19 @@ class Choreography:
         self.wait(duration_s)
 
     def sway(
-        self, channel: Channel, duration_s: float, frequency_hz: float, amplitude: float, phase: float = 0.0
+        self,
+        channel: Channel,
+        duration_s: float,
+        frequency_hz: float,
+        amplitude: float,
+        phase_rad: float = 0.0,
     ) -> None:
         """Begin a wave that swells over a second (or a third of its length) and fades likewise."""
         ramp_s = min(1.0, duration_s / 3)
         start_s = self.time_s
-        self._waves.append((channel, start_s, start_s + duration_s, ramp_s, frequency_hz, amplitude, phase))
+        self._waves.append(
+            (channel, start_s, start_s + duration_s, ramp_s, frequency_hz, amplitude, phase_rad)
+        )
 
     def finish(self) -> Motion:
         """Give the score, in order of time."""

@@ -210,7 +210,7 @@ _Y, _Z = 1, 2
 
 @njit(cache=True, nogil=True)
 def _turn(
-    seen: Float64Array, axis: int, angle: float, rate: float, acceleration: float
+    seen: Float64Array, axis: int, angle_rad: float, rate_rad_s: float, acceleration_rad_s2: float
 ) -> None:  # pragma: no cover - compiled
     """Go over to a frame turned about ``axis``: rows of ``seen`` are what is seen from there.
 
@@ -218,14 +218,14 @@ def _turn(
     dw'/dt = A^T dw/dt + q'' e - q' e x A^T w. Angles in rad.
     """
     a, b = (axis + 1) % 3, (axis + 2) % 3
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
     for row in range(seen.shape[0]):
         u, v = seen[row, a], seen[row, b]
         seen[row, a], seen[row, b] = c * u + s * v, c * v - s * u
-    seen[_ACCELERATION, a] += rate * seen[_RATE, b]
-    seen[_ACCELERATION, b] -= rate * seen[_RATE, a]
-    seen[_ACCELERATION, axis] += acceleration
-    seen[_RATE, axis] += rate
+    seen[_ACCELERATION, a] += rate_rad_s * seen[_RATE, b]
+    seen[_ACCELERATION, b] -= rate_rad_s * seen[_RATE, a]
+    seen[_ACCELERATION, axis] += acceleration_rad_s2
+    seen[_RATE, axis] += rate_rad_s
 
 
 @njit(cache=True, nogil=True)

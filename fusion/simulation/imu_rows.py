@@ -23,9 +23,9 @@ _FIELD_REFRESH = 13
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSeconds:
-    """Whole seconds of rows: ``counts`` (s,) rows in each second from second ``first`` on."""
+    """Whole seconds of rows: ``counts`` (s,) rows in each second from second ``first_s`` on."""
 
-    first: int
+    first_s: int
     counts: NDArray[np.int64]
     rows: Rows
 

@@ -68,7 +68,7 @@ class SampleBlock:
         With the sensor's errors, before rounding and clipping.
     """
 
-    first: int
+    first_sample: int
     time_s: Float64Array
     state: ArmState
     readings: Readings
@@ -142,7 +142,7 @@ class SimulatedShift:
         gyr_dps = np.empty((self.sample_count, 3), np.float32)
         elevation_deg = np.empty(self.sample_count)
         for block in self.blocks():
-            rows = slice(block.first, block.first + len(block.time_s))
+            rows = slice(block.first_sample, block.first_sample + len(block.time_s))
             acc_g[rows], gyr_dps[rows] = self._seen(block.readings)
             elevation_deg[rows] = block.state.elevation_deg
         return ShiftArrays(self.rate_hz, self.start, acc_g, gyr_dps, elevation_deg)

@@ -186,7 +186,7 @@ class ActilifeCsvWriter(OpenFile):
         """Resample each second to 100 rows by ActiLife's rule and write them."""
         values = _resample(seconds) / DIVISORS
         values[:, 3] += TEMPERATURE_AT_ZERO
-        stamps = _write_stamps(self._start + timedelta(seconds=seconds.first), len(seconds.counts))
+        stamps = _write_stamps(self._start + timedelta(seconds=seconds.first_s), len(seconds.counts))
         out = np.empty(values.shape[0] * (32 + 24 * values.shape[1]), np.uint8)
         size = put_stamped_rows(out, stamps, round_to_millionths(values))
         self._file.write(out[:size].tobytes())

@@ -154,7 +154,7 @@ def _count_ticks(unix_s: int) -> int:
     return unix_s * 10_000_000 + 621_355_968_000_000_000
 
 
-def _open_log(start: int, initialised: int) -> bytes:
+def _open_log(start_s: int, initialised_s: int) -> bytes:
     """Give the records before the first sample."""
     zone = {
         "MetadataType": "LocalTimeLog",
@@ -165,12 +165,12 @@ def _open_log(start: int, initialised: int) -> bytes:
     parameters = b"".join(struct.pack("<HHI", *value) for value in _PARAMETER_VALUES)
     return b"".join(
         (
-            frame_record(_EVENT, initialised, b"\x05\x01\x03"),
-            frame_record(_METADATA, initialised, json.dumps(owner, separators=(",", ":")).encode()),
-            frame_record(_METADATA, initialised, json.dumps(zone, separators=(",", ":")).encode()),
-            frame_record(_PARAMETERS, initialised, parameters),
-            frame_record(_EVENT, initialised, b"\x05\x01\x01"),
-            frame_record(_SCHEMA, start, describe_schema()),
+            frame_record(_EVENT, initialised_s, b"\x05\x01\x03"),
+            frame_record(_METADATA, initialised_s, json.dumps(owner, separators=(",", ":")).encode()),
+            frame_record(_METADATA, initialised_s, json.dumps(zone, separators=(",", ":")).encode()),
+            frame_record(_PARAMETERS, initialised_s, parameters),
+            frame_record(_EVENT, initialised_s, b"\x05\x01\x01"),
+            frame_record(_SCHEMA, start_s, describe_schema()),
         )
     )
 

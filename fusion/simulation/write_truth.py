@@ -107,7 +107,7 @@ class TruthWriter:
     def write(self, block: SampleBlock) -> None:
         """Add a block."""
         elevation_deg = block.state.elevation_deg
-        kept = slice(-block.first % self._every, None, self._every)
+        kept = slice(-block.first_sample % self._every, None, self._every)
         self._table.write_table(pa.table([block.time_s[kept], elevation_deg[kept]], schema=_SCHEMA))
         self._in_bins += np.histogram(elevation_deg, EDGES_DEG)[0]
         self._above += [int((elevation_deg >= threshold).sum()) for threshold in THRESHOLDS_DEG]

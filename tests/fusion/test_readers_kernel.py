@@ -150,7 +150,8 @@ def test_pieces_of_lines_are_the_lines_wherever_the_bytes_are_cut(lines: list[st
     pieces = [content[a:b] for a, b in pairwise(edges) if a < len(content)]
 
     read = b"".join(
-        bytes(piece.buffer[piece.first : piece.stop].tobytes()) for piece in read_line_pieces(pieces)
+        bytes(piece.buffer[piece.first_byte : piece.stop_byte].tobytes())
+        for piece in read_line_pieces(pieces)
     )
 
     assert read == content + b"\n"

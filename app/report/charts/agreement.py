@@ -47,15 +47,15 @@ def draw_study(
     shown = [cell for cell in cells if cell.device == device]
     name = load_wording(language)["device"].get(device, device)
     title = fill(entry["title"], {"device": name})
-    told = (title, fill(entry["alternative"], {"device": name}))
+    labels = (title, fill(entry["alternative"], {"device": name}))
     errors_deg = {
         cell.task: [e.agreement.rmse_deg for e in entries if (e.task, e.device) == (cell.task, device)]
         for cell in shown
     }
     rows = _Rows(device, shown, errors_deg)
-    drawn = {width: _draw(rows, width, told, entry, language) for width in (WIDE, NARROW)}
+    drawn = {width: _draw(rows, width, labels, entry, language) for width in (WIDE, NARROW)}
     table = tuple((clean_text(cell.task), *_format_row(cell, language)) for cell in shown)
-    return Chart(*told, drawn[WIDE], drawn[NARROW], Table(title, tuple(entry["columns"]), table))
+    return Chart(*labels, drawn[WIDE], drawn[NARROW], Table(title, tuple(entry["columns"]), table))
 
 
 def _format_row(cell: AgreementCell, language: Language) -> tuple[str, str]:
@@ -66,7 +66,7 @@ def _format_row(cell: AgreementCell, language: Language) -> tuple[str, str]:
     )
 
 
-def _draw(rows: _Rows, width_px: float, told: tuple[str, str], entry: Words, language: Language) -> str:
+def _draw(rows: _Rows, width_px: float, labels: tuple[str, str], entry: Words, language: Language) -> str:
     left = 190.0 if width_px > NARROW else 110.0
     papers = [paper["rmse_deg"] or 0.0 for cell in rows.cells if (paper := find_paper_row(cell))]
     most = max([*papers, *(value for values in rows.errors_deg.values() for value in values), 0.5])
@@ -79,17 +79,17 @@ def _draw(rows: _Rows, width_px: float, told: tuple[str, str], entry: Words, lan
         body.append(svg.text(0, y + 4, svg.shorten(clean_text(cell.task), left - 8), "ink"))
         body += _draw_row(cell, rows.errors_deg[cell.task], (left, y, scale))
     body += _draw_legend(min(left, 60.0), bottom + 36, entry)
-    return svg.picture(width_px, bottom + 44, f"st-{rows.device}-{width_px:.0f}", told, body)
+    return svg.picture(width_px, bottom + 44, f"st-{rows.device}-{width_px:.0f}", labels, body)
 
 
 def _draw_axis(
-    left_px: float, bottom_px: float, scale: float, span: tuple[float, float], language: Language
+    left_px: float, bottom_px: float, px_per_deg: float, span: tuple[float, float], language: Language
 ) -> list[str]:
     step, most = span
     dash = f'class="rule" stroke="{svg.SOFT}" stroke-width="0.6" stroke-dasharray="2 3"'
     body = []
     for k in range(int(most / step) + 1):
-        x, label = left_px + k * step * scale, format_angle(k * step, language, 0 if step >= 1 else 2)
+        x, label = left_px + k * step * px_per_deg, format_angle(k * step, language, 0 if step >= 1 else 2)
         body.append(svg.line(x, TOP - 4, x, bottom_px, dash))
         body.append(svg.text(x, bottom_px + 15, label, "soft", "middle"))
     return body

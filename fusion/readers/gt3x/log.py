@@ -85,17 +85,17 @@ def merge_seconds(seconds: Iterable[int]) -> list[tuple[int, int]]:
     return spans
 
 
-def cut_out(start: int, end: int, covered: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+def cut_out(start_s: int, end_s: int, covered: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
     """What of [start, end) is not covered; ``covered`` in order and without overlap."""
     left: list[tuple[int, int]] = []
     for first, stop in covered:
-        if stop <= start or first >= end:
+        if stop <= start_s or first >= end_s:
             continue
-        if first > start:
-            left.append((start, first))
-        start = max(start, stop)
-    if start < end:
-        left.append((start, end))
+        if first > start_s:
+            left.append((start_s, first))
+        start_s = max(start_s, stop)
+    if start_s < end_s:
+        left.append((start_s, end_s))
     return left
 
 

@@ -246,8 +246,8 @@ class LineForm(NamedTuple):
     """
 
     targets: NDArray[np.int64]
-    delimiter: int
-    decimal: int
+    delimiter_byte: int
+    decimal_byte: int
     stamp_kind: int
     stamp_exponent: int
 
@@ -286,9 +286,9 @@ def take_stamp(
 ) -> tuple[int, int]:
     """Read the stamp column into ``stamps[0]``; return where it ends and what it is."""
     if form.stamp_kind == CALENDAR_TIME:
-        at_byte, stamps[0], kind = take_calendar(buffer, at_byte, form.delimiter)
+        at_byte, stamps[0], kind = take_calendar(buffer, at_byte, form.delimiter_byte)
         return at_byte, kind
-    at_byte, mantissa, exponent, kind = take_number(buffer, at_byte, form.delimiter, form.decimal)
+    at_byte, mantissa, exponent, kind = take_number(buffer, at_byte, form.delimiter_byte, form.decimal_byte)
     stamps[0] = scale_stamp(mantissa, exponent + form.stamp_exponent)
     return at_byte, kind
 
@@ -302,7 +302,7 @@ def take_row(
     stamps: NDArray[np.int64],
 ) -> tuple[int, int]:
     """Read one line into ``fields``, shape (7,), and ``stamps[0]``; return its end and its worst field."""
-    targets, delimiter, decimal = form.targets, form.delimiter, form.decimal
+    targets, delimiter, decimal = form.targets, form.delimiter_byte, form.decimal_byte
     worst = NUMBER
     for column in range(len(targets)):
         if column > 0:

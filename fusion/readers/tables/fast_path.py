@@ -76,8 +76,8 @@ class Piece(NamedTuple):
     """Whole lines, ``buffer[first:stop]``, and room for the ends of fields and of lines."""
 
     buffer: NDArray[np.uint8]
-    first: int
-    stop: int
+    first_byte: int
+    stop_byte: int
     marks: Marks
     ends: Marks
 
@@ -97,12 +97,12 @@ SPARE_MARKS = 16
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def write_marks(marks: Marks, found: int, base: int, word: int) -> None:
+def write_marks(marks: Marks, found: int, base_byte: int, word: int) -> None:
     """Write the places of the bits that are set, eight at a time: what is too much is written over later."""
     at = np.uintp(found)
     while word != ZERO_WORD:
         for k in range(EIGHT_MARKS):
-            marks[at + np.uintp(k)] = base + np.int64(lowest_bit(word))
+            marks[at + np.uintp(k)] = base_byte + np.int64(lowest_bit(word))
             word &= word - ONE
         at += np.uintp(EIGHT_MARKS)
 
@@ -235,10 +235,10 @@ def spread_mark(decimal_byte: int) -> int:
 
 
 @inner_making_arrays
-def count_regular(ends: Marks, n_columns: int, most: int) -> int:
+def count_regular(ends: Marks, n_columns: int, most_lines: int) -> int:
     """How many lines from here on have exactly ``n_columns`` fields."""
     rows = 0
-    while rows < most and ends[rows + 1] - ends[rows] == n_columns:
+    while rows < most_lines and ends[rows + 1] - ends[rows] == n_columns:
         rows += 1
     return rows
 
@@ -387,9 +387,9 @@ def take_plain_stamps(
 ) -> int:
     """Read the stamps of a run of lines by the layout's kind of stamp."""
     if rules.line.stamp_kind == CALENDAR_TIME:
-        return take_calendars(buffer, fields, step, rules.line.delimiter, stamps)
+        return take_calendars(buffer, fields, step, rules.line.delimiter_byte, stamps)
     return take_stamps(
-        buffer, fields, step, (spread_mark(rules.line.decimal), rules.line.stamp_exponent), stamps
+        buffer, fields, step, (spread_mark(rules.line.decimal_byte), rules.line.stamp_exponent), stamps
     )
 
 
@@ -404,7 +404,7 @@ def take_readings(
     row, most = reach
     n_columns = len(rules.line.targets)
     rows = count_regular(lines.ends, n_columns, most)
-    dots = spread_mark(rules.line.decimal)
+    dots = spread_mark(rules.line.decimal_byte)
     for target in range(1, 7):
         column = rules.columns[target]
         step = (n_columns, lines.end_bytes - 1 if column == n_columns - 1 else 0)
@@ -446,7 +446,7 @@ def parse_line(
     """
     tally, stamps = destination.tally, destination.stamps
     is_header = starts_with(buffer, at_byte, rules.header)
-    if is_header or is_blank(buffer, at_byte, rules.line.delimiter):
+    if is_header or is_blank(buffer, at_byte, rules.line.delimiter_byte):
         tally[HEADERS if is_header else BLANKS] += 1
         tally[SAMPLES] += PAUSE
         return next_line(buffer, at_byte), 0
@@ -474,9 +474,11 @@ def has_all_columns(columns: NDArray[np.int64]) -> bool:
 @inner_making_arrays
 def find_lines(piece: Piece, rules: Rules) -> tuple[int, int]:
     """Find the ends of fields and lines where the plain path can be tried; no lines where it cannot."""
-    if rules.line.delimiter == SPACE or not has_all_columns(rules.columns):
+    if rules.line.delimiter_byte == SPACE or not has_all_columns(rules.columns):
         return 0, 0
-    return find_marks(piece.buffer, (piece.first, piece.stop), rules.line.delimiter, piece.marks, piece.ends)
+    return find_marks(
+        piece.buffer, (piece.first_byte, piece.stop_byte), rules.line.delimiter_byte, piece.marks, piece.ends
+    )
 
 
 @kernel_making_arrays
@@ -505,7 +507,7 @@ def parse_plain_lines(piece: Piece, rules: Rules, destination: Destination, row:
     """
     rows, end_bytes = take_plain_readings(piece, rules, destination, row)
     if rows == 0:
-        return row, piece.first
+        return row, piece.first_byte
     tally, stamps = destination.tally, destination.stamps[row : row + rows]
     if rules.line.stamp_kind == COUNTER:
         number = int(tally[SAMPLES])
@@ -514,9 +516,9 @@ def parse_plain_lines(piece: Piece, rules: Rules, destination: Destination, row:
         column, n_columns = int(rules.columns[STAMP]), len(rules.line.targets)
         fields, step = piece.marks[column:], (n_columns, end_bytes - 1 if column == n_columns - 1 else 0)
         if rules.line.stamp_kind == CALENDAR_TIME:
-            rows = take_calendars(piece.buffer, fields, step, rules.line.delimiter, stamps)
+            rows = take_calendars(piece.buffer, fields, step, rules.line.delimiter_byte, stamps)
         else:
-            form = (np.uint64(spread_mark(rules.line.decimal)), rules.line.stamp_exponent)
+            form = (np.uint64(spread_mark(rules.line.decimal_byte)), rules.line.stamp_exponent)
             rows = take_stamps(piece.buffer, fields, step, form, stamps)
     tally[LINES] += rows
     tally[SAMPLES] += rows
@@ -533,10 +535,10 @@ def parse_lines(piece: Piece, rules: Rules, destination: Destination, row: int) 
     """
     buffer, marks, ends, tally = piece.buffer, piece.marks, piece.ends, destination.tally
     n_lines, end_bytes = find_lines(piece, rules)
-    at = piece.first
+    at = piece.first_byte
     line = 0
     run = SHORTEST_RUN
-    while at < piece.stop:
+    while at < piece.stop_byte:
         most = min(run, n_lines - line)
         lines = Lines(marks[ends[line] :], ends[line:], end_bytes)
         rows = take_plain_rows(buffer, lines, rules, destination, (row, most)) if most > 0 else 0

@@ -261,11 +261,11 @@ class LinePiece:
     """Whole lines: ``buffer[first:stop]``, with room before and after as ``text_words`` needs it."""
 
     buffer: NDArray[np.uint8]
-    first: int
-    stop: int
+    first_byte: int
+    stop_byte: int
 
     def __len__(self) -> int:
-        return self.stop - self.first
+        return self.stop_byte - self.first_byte
 
 
 def find_form(head: bytes) -> TextForm:
@@ -347,11 +347,13 @@ def drop_lines(pieces: Iterable[LinePiece], line_count: int) -> Iterator[LinePie
         if line_count == 0:
             yield piece
             continue
-        ends = np.flatnonzero(piece.buffer[piece.first : piece.stop] == NEWLINE) + piece.first + 1
+        ends = (
+            np.flatnonzero(piece.buffer[piece.first_byte : piece.stop_byte] == NEWLINE) + piece.first_byte + 1
+        )
         first = int(ends[min(line_count, len(ends)) - 1])
         line_count -= min(line_count, len(ends))
-        if first < piece.stop:
-            yield LinePiece(piece.buffer, first, piece.stop)
+        if first < piece.stop_byte:
+            yield LinePiece(piece.buffer, first, piece.stop_byte)
 
 
 # The layout by head, middle and tail of a file, and its caveats: encoding, locale, rounding.

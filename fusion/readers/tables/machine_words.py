@@ -125,9 +125,9 @@ def find_dot(word: int, dots: int) -> int:
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def close_gap(word: int, place: int, filling: int) -> int:
-    """Take the byte at ``place`` (in bits) out: what is before it moves up, ``filling`` comes in behind."""
-    below = (ONE << place) - ONE
+def close_gap(word: int, place_bits: int, filling: int) -> int:
+    """Take the byte at ``place_bits`` out: what is before it moves up, ``filling`` comes in behind."""
+    below = (ONE << place_bits) - ONE
     return (word & (~below << EIGHT)) | ((word & below) << EIGHT) | filling
 
 

@@ -207,7 +207,7 @@ def _build(
     columns: SampleColumns,
     chosen: Sequence[Column],
     stamp_kind: pa.DataType | None,
-    absent: int,
+    absent_rows: int,
     rate_hz: float | None,
 ) -> Recording:
     has_time = stamp_kind is not None
@@ -219,8 +219,8 @@ def _build(
     clock = _find_clock(stamp_kind, first_us)
     grid = cut_stamped(columns) if has_time else cut_counted(columns, rate_hz or 0.0)
     flags = (*blank, *changes, *grid.flags)
-    if absent:
-        flags = (QualityFlag(Caveat.NAN, absent), *flags)
+    if absent_rows:
+        flags = (QualityFlag(Caveat.NAN, absent_rows), *flags)
     return Recording(
         device="other",
         sha256="",

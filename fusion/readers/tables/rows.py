@@ -245,10 +245,10 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
             marks, ends = (np.empty(len(piece) + SPARE_MARKS, np.int32) for _ in range(2))
         columns.make_room(len(piece) // row_bytes + 1)
         destination = Destination(columns.acc, columns.gyr, columns.stamps, tally)
-        lines = Piece(piece.buffer, piece.first, piece.stop, marks, ends)
+        lines = Piece(piece.buffer, piece.first_byte, piece.stop_byte, marks, ends)
         columns.rows, at = parse_plain_lines(lines, rules, destination, columns.rows)
-        if at < piece.stop:
-            columns.rows = parse_lines(lines._replace(first=at), rules, destination, columns.rows)
+        if at < piece.stop_byte:
+            columns.rows = parse_lines(lines._replace(first_byte=at), rules, destination, columns.rows)
         done_bytes += len(piece)
         if not has_reserved and done_bytes > FORECAST_BYTES:
             has_reserved = True
@@ -274,8 +274,8 @@ def make_rules(plan: TablePlan) -> Rules:
         header=np.frombuffer((layout.header or "").split("\0")[0].encode(), np.uint8),
         line=LineForm(
             targets=np.array(plan.targets, np.int64),
-            delimiter=ord(layout.delimiter),
-            decimal=ord(layout.decimal),
+            delimiter_byte=ord(layout.delimiter),
+            decimal_byte=ord(layout.decimal),
             stamp_kind=plan.stamp_kind,
             stamp_exponent=plan.stamp_exponent,
         ),

@@ -91,8 +91,8 @@ class FittedRun:
     clock was set before it.
     """
 
-    first: int
-    stop: int
+    first_row: int
+    stop_row: int
     first_us: int
     offset_us: float
     period_us: float
@@ -202,8 +202,8 @@ def place_segments(columns: SampleColumns, holes: Holes, runs: list[FittedRun]) 
     clock_us = runs[0].first_us
     first = 0
     for run in runs:
-        inside = holes.take(run.first, run.stop)
-        stop = first + run.stop - run.first + int(inside.added.sum())
+        inside = holes.take(run.first_row, run.stop_row)
+        stop = first + run.stop_row - run.first_row + int(inside.added.sum())
         reached_us = segments[-1].end_us if segments else 0
         if run.is_set:
             # nothing says how long the break was, so the segment follows at once
@@ -222,13 +222,13 @@ def bridged_ranges(holes: Holes) -> tuple[tuple[int, int], ...]:
     return tuple((stop - k, stop) for stop, k in zip(stops, holes.added.tolist(), strict=True) if k)
 
 
-def flag_time(holes: Holes, replaced: int, jitter_periods: float) -> tuple[QualityFlag, ...]:
+def flag_time(holes: Holes, replaced_rows: int, jitter_periods: float) -> tuple[QualityFlag, ...]:
     """Flag a clock that was set, and jitter.
 
-    ``replaced``: stamps that were put into line; ``jitter_periods``: RMS of the stamps from the even grid.
+    ``replaced_rows``: stamps that were put into line; ``jitter_periods``: their RMS from the even grid.
     """
     found = {
-        Caveat.CLOCK_FWD: replaced + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
+        Caveat.CLOCK_FWD: replaced_rows + int(np.count_nonzero(holes.step_us > LONGEST_GAP_US)),
         Caveat.CLOCK_BACK: int(np.count_nonzero(holes.step_us < 0)),
         Caveat.JITTER: int(jitter_periods > JITTER_PERIODS),
     }

@@ -98,16 +98,16 @@ def find_late_window(stamps: NDArray[np.int64], row: int) -> tuple[int, int]:
 
 @njit(cache=True, nogil=True)
 def is_even(
-    stamps: NDArray[np.int64], order: NDArray[np.int64], window: tuple[int, int], least: float
+    stamps: NDArray[np.int64], order: NDArray[np.int64], window: tuple[int, int], least_us: float
 ) -> bool:
-    """Whether the sorted window and its neighbours are never closer than ``least``."""
+    """Whether the sorted window and its neighbours are never closer than ``least_us``."""
     first, stop = window
-    before = stamps[first - 1] if first > 0 else stamps[first + order[0]] - 2 * np.int64(least) - 1
+    before = stamps[first - 1] if first > 0 else stamps[first + order[0]] - 2 * np.int64(least_us) - 1
     for k in order:
-        if stamps[first + k] - before < least:
+        if stamps[first + k] - before < least_us:
             return False
         before = stamps[first + k]
-    return stop == len(stamps) or stamps[stop] - before >= least
+    return stop == len(stamps) or stamps[stop] - before >= least_us
 
 
 @njit(cache=True, nogil=True)
@@ -199,13 +199,13 @@ def spread_runs(
 
 @njit(cache=True, nogil=True)
 def is_alike(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], one: int, other: int
+    acc: NDArray[np.float32], gyr: NDArray[np.float32], stamps: NDArray[np.int64], row: int, other_row: int
 ) -> bool:
     """Whether two rows have the same stamp and the same readings."""
-    if stamps[one] != stamps[other]:
+    if stamps[row] != stamps[other_row]:
         return False
     for axis in range(3):
-        if acc[one, axis] != acc[other, axis] or gyr[one, axis] != gyr[other, axis]:
+        if acc[row, axis] != acc[other_row, axis] or gyr[row, axis] != gyr[other_row, axis]:
             return False
     return True
 
