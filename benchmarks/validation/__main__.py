@@ -3,8 +3,8 @@
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--broad DIR] [--output FILE]
 
 Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors, slips, real_motion. With ``--only``
-the others stay as they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section
-is deterministic.
+the others stay as they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the
+speed section is deterministic.
 """
 
 import argparse
@@ -41,7 +41,8 @@ TITLE = "# Validation of arm elevation"
 PREFACE = """\
 `python -m benchmarks.validation` writes this document. Every figure is an angle in degrees unless it says
 otherwise, and compares the software with a reference: optical motion capture (BROAD) or the exact angle
-of a simulated arm. No real person with a reference for the upper arm is among the data.
+of a simulated arm, or of recorded motion with a simulated sensor. No sensor worn by a real person with a
+reference for the upper arm is among the data.
 
 `smoothed` is the default for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer,
 Roy, Poitras and Campeau-Lecours, `live` the causal one for feedback.

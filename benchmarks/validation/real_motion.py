@@ -6,6 +6,7 @@ prints the section in Markdown. Right arms (``--arm r``) are to settle on, left 
 """
 
 import argparse
+import sys
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -49,13 +50,14 @@ ALONE_EVERY = 4
 FIGURE_PERCENTS = (10, 50, 90)
 
 PROSE = """\
-Shifts of {minutes:g} min, {shifts} a row (seeds {first} to {last}), from {clips} clips of the CMU Graphics Lab
-(subjects 01 to 03, 11 minutes, {arms} arms; the others are kept to settle rules on). Each clip comes many times,
-plain walking as one stride on end. Order, turns, pauses and poses are made up, the device's errors simulated.
+{shifts} shifts a row, of {minutes:g} min (seeds {first} to {last}), from {clips} clips of CMU Graphics Lab
+(subjects 01 to 03, 11 minutes, {arms} arms; the others are kept to settle rules on). Each clip comes many
+times, plain walking as one stride on end. Order, turns, pauses and poses are made up, the device's errors
+simulated.
 
-Errors are over valid worn rows. *Dropped*: for each shift. *Held*: the window lies in the held pose. *Axis*: its
-error, worst. *In ranges*: time above 30, 60, 90 deg, P10, P50, P90, truth of the same rows (E's ranges hold the
-desk). *Width*: of the range of time above 60 deg, mean. Caveats but W-NPOSE and W-FEW-HOURS."""
+Errors are over valid worn rows. *Dropped*: for each shift. *Held*: the window lies in the held pose. *Axis*:
+its error, worst. *In ranges*: time above 30, 60, 90 deg, P10, P50, P90, truth of the same rows (E's ranges
+hold the desk). *Width*: of the range of time above 60 deg, mean. Caveats but W-NPOSE and W-FEW-HOURS."""
 EXPECTED = frozenset({"W-NPOSE", "W-FEW-HOURS"})
 
 
@@ -141,7 +143,7 @@ def make_shift(library: Library, scenario: Scenario, minutes: float, seed: int) 
     work = [clip for name in sorted(library.work) for clip in library.work[name]]
     pose_s, desk_s = _open(track, scenario, (work, stride))
     no_pause_s = EARLY_S + 60.0 if scenario.opening == "none" else 0.0
-    alone = scenario.skips_walks and seed % ALONE_EVERY == 0
+    alone = scenario.skips_walks and seed % ALONE_EVERY == SEED
     while track.length_s < 60.0 * minutes:
         if alone:
             is_first = track.length_s < 30.0 * minutes
@@ -338,9 +340,9 @@ def compare_on_real_motion(options: Options) -> Section:
     checks = [check_generator(library, device, options.minutes) for device in DEVICES]
     rows = []
     for key in options.only:
+        print(f"{SCENARIOS[key].name} ...", file=sys.stderr, flush=True)
         found = run_scenario(library, SCENARIOS[key], options)
         rows += [_draw(SCENARIOS[key].name, device, scores) for device, scores in found.items()]
-        print(*rows[-len(DEVICES) :], sep="\n", flush=True)
     clips = len(list(options.folder.glob("cmu_*.npz")))
     prose = PROSE.format(
         minutes=options.minutes,
