@@ -118,13 +118,13 @@ class WornShift:
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One analysis against its truth; ``refused`` holds the error's code where there is none."""
+    """One analysis against its truth; ``refused`` holds the error's code where there is none; ``is_held`` None: no pose was held."""
 
     refused: str = ""
     rmse_deg: float = np.nan
     bin_points: float = np.nan
     dropped_s: float = np.nan
-    is_held: bool = False
+    is_held: bool | None = None
     axis_deg: float = np.nan
     within: int = 0
     figures: int = 0
@@ -264,9 +264,9 @@ def score(worn: WornShift, *, is_asked: bool) -> Scored:
     )
 
 
-def _is_held(analysis: Analysis, pose_s: tuple[float, float] | None) -> bool:
+def _is_held(analysis: Analysis, pose_s: tuple[float, float] | None) -> bool | None:
     if analysis.calibration is None or pose_s is None:
-        return False
+        return None
     still = analysis.calibration.still
     starts_in = still.start_s >= pose_s[0] - POSE_SLACK_S
     return starts_in and still.start_s + still.duration_s <= pose_s[1] + POSE_SLACK_S
@@ -386,13 +386,14 @@ def _draw(name: str, device: Device, every: Sequence[Scored]) -> list[str]:
     )
     scores = [one for one in every if not one.refused] or [Scored()]
     rmse_deg = [one.rmse_deg for one in scores]
+    held = [one.is_held for one in scores if one.is_held is not None]
     return [
         name,
         NAMES[device],
         f"{np.median(rmse_deg):.2f} ({max(rmse_deg):.2f})",
         f"{max(one.bin_points for one in scores):.2f}",
         ", ".join(f"{one.dropped_s:.0f}" for one in scores),
-        f"{sum(one.is_held for one in scores)}/{len(every)}",
+        f"{held.count(True)}/{len(held)}" if held else "-",
         f"{max(one.axis_deg for one in scores):.1f}",
         f"{sum(one.within for one in scores)}/{sum(one.figures for one in scores)}",
         f"{np.mean([one.width_points for one in scores]):.1f}",
