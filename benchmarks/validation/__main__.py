@@ -2,9 +2,9 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--broad DIR] [--output FILE]
 
-Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors, slips. With ``--only`` the others
-stay as they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the speed section
-is deterministic.
+Sections: tasks, broad, stress, shifts, speed, invariance, good_sensors, slips, real_motion. With ``--only``
+the others stay as they are in the document. Needs the `bench` extra (vqf, ahrs, imufusion). All but the
+speed section is deterministic.
 """
 
 import argparse
@@ -17,6 +17,7 @@ from app.version import software_revision, software_version
 from benchmarks.validation.document import Section, assemble, find_sections, render_section
 from benchmarks.validation.good_sensors import compare_good_sensors
 from benchmarks.validation.invariance import compare_changes
+from benchmarks.validation.real_motion import Options, compare_on_real_motion
 from benchmarks.validation.recorded import compare_on_broad, stress
 from benchmarks.validation.shifts import compare_on_shifts
 from benchmarks.validation.slips import compare_slips
@@ -25,12 +26,23 @@ from benchmarks.validation.tasks import compare_on_tasks
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
-SECTIONS = ("tasks", "broad", "stress", "shifts", "speed", "invariance", "good_sensors", "slips")
+SECTIONS = (
+    "tasks",
+    "broad",
+    "stress",
+    "shifts",
+    "speed",
+    "invariance",
+    "good_sensors",
+    "slips",
+    "real_motion",
+)
 TITLE = "# Validation of arm elevation"
 PREFACE = """\
 `python -m benchmarks.validation` writes this document. Every figure is an angle in degrees unless it says
 otherwise, and compares the software with a reference: optical motion capture (BROAD) or the exact angle
-of a simulated arm. No real person with a reference for the upper arm is among the data.
+of a simulated arm, or of recorded motion with a simulated sensor. No sensor worn by a real person with a
+reference for the upper arm is among the data.
 
 `smoothed` is the default for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer,
 Roy, Poitras and Campeau-Lecours, `live` the causal one for feedback.
@@ -124,6 +136,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
         "invariance": compare_changes,
         "good_sensors": lambda: compare_good_sensors(arguments.broad.parent),
         "slips": compare_slips,
+        "real_motion": lambda: compare_on_real_motion(Options(arguments.broad.parent / "real_motion")),
     }
 
 

@@ -1,0 +1,217 @@
+"""Upper-arm motion made of recorded clips (CMU Graphics Lab), joined to a shift of any length.
+
+Directions and accelerations within a clip are real, low-passed at 7 Hz. Order and length of the tasks, turns
+between clips, pauses and poses are made up. The sensor sits on a rigid arm: no skin, no muscle.
+World: z up. Arm: z from the elbow to the shoulder, so that it points to the zenith when the arm hangs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BPoly, CubicSpline
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.distance import cdist
+from scipy.spatial.transform import Rotation
+
+from fusion.recording import Float64Array
+from fusion.simulation.body import ArmState
+from fusion.units import STANDARD_GRAVITY
+
+Side = Literal["r", "l"]
+
+CLIP_HZ = 120.0
+LOW_PASS_HZ = 7.0
+LEVER_M = np.array([0.05, 0.0, -0.22])
+SWAY_DEG = 0.3
+SWAY_HZ = (0.15, 0.5)
+TURN_S, STRIDE_TURN_S, HOLD_TURN_S = 0.5, 0.1, 1.0
+TURN_DPS, TURN_MPS2 = 100.0, 3.0
+"""A turn takes as long as it needs at this speed and acceleration."""
+SHORTEST_STRIDE_S = 0.9
+CANDIDATES = 4
+Z_UP = Rotation.from_rotvec([np.pi / 2.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """Motion at 120 Hz: ``turn`` (n,), arm's frame to world, and the shoulder's ``velocity_mps`` (n, 3)."""
+
+    turn: Rotation
+    velocity_mps: Float64Array
+
+    def face(self, turn: Rotation) -> "Clip":
+        """The clip turned about the vertical, so that it begins as near ``turn`` as may be."""
+        between = (turn * self.turn[0].inv()).as_matrix()
+        angle = np.arctan2(between[1, 0] - between[0, 1], between[0, 0] + between[1, 1])
+        heading = Rotation.from_rotvec([0.0, 0.0, angle])
+        return Clip(heading * self.turn, heading.apply(self.velocity_mps))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Library:
+    """What one arm did: ``work`` by subject, ``strides`` that can be walked on end by subject."""
+
+    work: dict[str, list[Clip]]
+    strides: dict[str, list[Clip]]
+
+
+PLAIN_WALKING = ("02_01", "02_02", "03_01", "03_02")
+UNEVEN_GROUND = ("03_03", "03_04")
+
+
+def load_library(folder: Path, side: Side) -> Library:
+    """Read all clips of one arm.
+
+    Raises
+    ------
+    OSError
+        A file that cannot be read.
+    """
+    library = Library({}, {})
+    for path in sorted(folder.glob("cmu_*.npz")):
+        name = path.stem.removeprefix("cmu_")
+        clip = load_clip(path, side)
+        if name in PLAIN_WALKING:
+            library.strides.setdefault(name[:2], []).append(cut_stride(clip))
+        elif name in UNEVEN_GROUND:
+            library.strides.setdefault(name[:2], []).append(clip)
+        else:
+            library.work.setdefault(name[:2], []).append(clip)
+    return library
+
+
+def load_clip(path: Path, side: Side) -> Clip:
+    """Read one arm of a trial: low-passed, z up, the arm's z exactly along elbow to shoulder."""
+    with np.load(path) as trial:
+        shoulder_m, elbow_m = (trial[f"{side}_{part}_m"].astype(np.float64) for part in ("shoulder", "elbow"))
+        quaternion = trial[f"{side}_humerus_quat_xyzw"].astype(np.float64)
+    segment = Rotation.from_quat(_low_pass(_make_continuous(quaternion)))
+    along = Rotation.from_quat(quaternion).inv().apply(shoulder_m - elbow_m).mean(axis=0)
+    to_segment, _ = Rotation.align_vectors(along[None], np.array([[0.0, 0.0, 1.0]]))
+    velocity = np.gradient(_low_pass(Z_UP.apply(shoulder_m)), 1.0 / CLIP_HZ, axis=0)
+    return Clip(Z_UP * segment * to_segment, velocity)
+
+
+def _make_continuous(quaternion: Float64Array) -> Float64Array:
+    """The same rotations, each quaternion on the side of the one before."""
+    flips = np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1))
+    return np.asarray(quaternion * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
+
+
+def _low_pass(values: Float64Array) -> Float64Array:
+    return np.asarray(sosfiltfilt(butter(2, LOW_PASS_HZ, fs=CLIP_HZ, output="sos"), values, axis=0))
+
+
+def cut_stride(clip: Clip) -> Clip:
+    """The stretch of a walk whose end is most like its beginning, so that it can be walked on end."""
+    up = clip.turn.inv().apply([0.0, 0.0, 1.0])
+    rate = np.gradient(up, 1.0 / CLIP_HZ, axis=0)
+    features = np.hstack([up, 0.1 * rate, 0.1 * clip.turn.inv().apply(clip.velocity_mps)])
+    apart = cdist(features, features)
+    apart[np.tril_indices(len(up), round(SHORTEST_STRIDE_S * CLIP_HZ))] = np.inf
+    first, last = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    return Clip(clip.turn[first:last], clip.velocity_mps[first:last])
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """Clips joined one after the other by turns of least jerk."""
+
+    chance: np.random.Generator
+    _clips: list[Clip] = field(default_factory=list)
+    _count: int = 0
+
+    @property
+    def length_s(self) -> float:
+        """How long it lasts so far."""
+        return self._count / CLIP_HZ
+
+    def go_on(self, clip: Clip, least_s: float = TURN_S) -> None:
+        """Turn to the beginning of a clip, and follow it."""
+        if self._clips:
+            clip = clip.face(self._clips[-1].turn[-1])
+            self._add(_bridge(self._clips[-1], clip, least_s))
+        self._add(clip)
+
+    def go_on_with_nearest(self, clips: Sequence[Clip]) -> None:
+        """Follow that one of a few drawn clips which begins most like the posture now."""
+        drawn = [clips[k] for k in self.chance.choice(len(clips), min(CANDIDATES, len(clips)), replace=False)]
+        self.go_on(min(drawn, key=self._find_turn))
+
+    def hold(self, turn: Rotation | None, seconds: float, sway_deg: float = SWAY_DEG) -> tuple[float, float]:
+        """Hold a posture, or the one now, with a little sway; gives its start and end, s."""
+        turn = self._clips[-1].turn[-1] if turn is None else turn
+        count = round(seconds * CLIP_HZ)
+        time_s = np.arange(count) / CLIP_HZ
+        phases, rates_hz = (
+            self.chance.uniform(0.0, 2.0 * np.pi, (2, 3)),
+            self.chance.uniform(*SWAY_HZ, (2, 3)),
+        )
+        waves = np.sin(2.0 * np.pi * rates_hz * time_s[:, None, None] + phases).sum(axis=1)
+        sway = Rotation.from_rotvec(np.radians(sway_deg) / np.sqrt(3.0) * waves)
+        self.go_on(Clip(turn * sway, np.zeros((count, 3))), least_s=HOLD_TURN_S)
+        return self.length_s - seconds, self.length_s
+
+    def join(self) -> Clip:
+        """All of it in one."""
+        turn = Rotation.concatenate([clip.turn for clip in self._clips])
+        return Clip(turn, np.concatenate([clip.velocity_mps for clip in self._clips]))
+
+    def _find_turn(self, clip: Clip) -> float:
+        now = self._clips[-1].turn[-1]
+        return float((now.inv() * clip.face(now).turn[0]).magnitude())
+
+    def _add(self, clip: Clip) -> None:
+        self._clips.append(clip)
+        self._count += len(clip.velocity_mps)
+
+
+def _bridge(before: Clip, after: Clip, least_s: float) -> Clip:
+    """Quintic turn from one clip to the next, with their rates and accelerations at both ends."""
+    last = before.turn[-1]
+    tail = (last.inv() * before.turn[-3:]).as_rotvec()
+    head = (last.inv() * after.turn[:3]).as_rotvec()
+    change_mps = float(np.linalg.norm(after.velocity_mps[0] - before.velocity_mps[-1]))
+    turned_deg = np.degrees(np.linalg.norm(head[0]))
+    length_s = max(least_s, float(turned_deg) / TURN_DPS, change_mps / TURN_MPS2)
+    count = max(2, round(length_s * CLIP_HZ))
+    time_s = np.arange(1, count) / CLIP_HZ
+    ends_s = [0.0, count / CLIP_HZ]
+    turns = BPoly.from_derivatives(ends_s, [_derive(tail[::-1], -1.0), _derive(head, 1.0)])
+    speeds = [_derive(before.velocity_mps[:-4:-1], -1.0)[:2], _derive(after.velocity_mps[:3], 1.0)[:2]]
+    return Clip(last * Rotation.from_rotvec(turns(time_s)), BPoly.from_derivatives(ends_s, speeds)(time_s))
+
+
+def _derive(values: Float64Array, sign: float) -> list[Float64Array]:
+    """Value, rate and acceleration at the first of three samples; ``sign`` -1 where they run backwards."""
+    rate = sign * CLIP_HZ * (-1.5 * values[0] + 2.0 * values[1] - 0.5 * values[2])
+    return [values[0], rate, CLIP_HZ**2 * (values[0] - 2.0 * values[1] + values[2])]
+
+
+def feel(clip: Clip, rate_hz: float) -> ArmState:
+    """What an ideal sensor on the arm reads at ``rate_hz``, and the exact elevation.
+
+    The angular rate is the rotation from half a sample before to half a sample after.
+    """
+    frames_s = np.arange(len(clip.velocity_mps)) / CLIP_HZ
+    turns = CubicSpline(frames_s, _make_continuous(clip.turn.as_quat()))
+    velocity = CubicSpline(frames_s, clip.velocity_mps)
+    time_s = np.arange(int((frames_s[-1] - 1.0 / rate_hz) * rate_hz)) / rate_hz + 0.5 / rate_hz
+    turn = Rotation.from_quat(turns(time_s))
+    edges = Rotation.from_quat(turns(np.append(time_s - 0.5 / rate_hz, time_s[-1] + 0.5 / rate_hz)))
+    rate = (edges[:-1].inv() * edges[1:]).as_rotvec() * rate_hz
+    force = velocity(time_s, 1) + np.array([0.0, 0.0, STANDARD_GRAVITY])
+    lever = np.cross(np.gradient(rate, 1.0 / rate_hz, axis=0), LEVER_M)
+    lever += np.cross(rate, np.cross(rate, LEVER_M))
+    acc_g = (turn.inv().apply(force) + lever) / STANDARD_GRAVITY
+    return ArmState(acc_g, np.degrees(rate), np.zeros_like(acc_g), find_elevation_deg(turn))
+
+
+def find_elevation_deg(turn: Rotation) -> NDArray[np.float64]:
+    """Angle of elbow less shoulder from straight down, (n,), deg."""
+    up = turn.apply([0.0, 0.0, 1.0])
+    return np.asarray(np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])))
