@@ -118,7 +118,10 @@ class WornShift:
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One analysis against its truth; ``refused`` holds the error's code where there is none; ``is_held`` None: no pose was held."""
+    """One analysis against its truth.
+
+    ``refused`` holds the error's code where there is no analysis; ``is_held`` is None where no pose was held.
+    """
 
     refused: str = ""
     rmse_deg: float = np.nan

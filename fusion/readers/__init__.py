@@ -100,11 +100,6 @@ def read_recording(
     Recording
         Segments in g and deg/s, with the caveats of reading and of the checks.
 
-    Returns
-    -------
-    Recording
-        Segments in g and deg/s, and the caveats of reading.
-
     Raises
     ------
     fusion.errors.FusionError

@@ -4,7 +4,6 @@ from html import escape as escape_text
 
 INK = "#1c2833"
 SOFT = "#4a5763"
-RULE = "#c3cad1"
 PAPER = "#ffffff"
 RAMP = ("#deebf7", "#9ecae1", "#2f74aa", "#0b4a8a", "#071f45")
 """Single-hue, light to dark: elevation, low to high."""

@@ -19,7 +19,6 @@ from fusion.readers.source import mark_last
 BLOCK_BYTES = 512
 HEAD_BYTES = 30
 SAMPLE_BYTES = 480
-SIGNATURE = b"AX\xfc\x01"
 BLOCK_HEAD = np.dtype(
     [
         ("signature", "S4"),

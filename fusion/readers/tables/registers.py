@@ -29,7 +29,6 @@ RECORD = np.dtype([("s", "<u4"), ("us", "<u4"), ("gyr", "<i2", 3), ("acc", "<i2"
 MIN_RECORDS = 20
 LONGEST_STEP_S = 3600
 TEXT_TARGETS = (STAMP, 4, 5, 6, 1, 2, 3, IGNORED, IGNORED, IGNORED)
-EPOCH_2000_S, EPOCH_2100_S = 946_684_800, 4_102_444_800
 
 
 def recognise_binary(source: Source) -> bool:
