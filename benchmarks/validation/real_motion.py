@@ -118,10 +118,7 @@ class WornShift:
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One analysis against its truth.
-
-    ``refused`` holds the error's code where there is no analysis; ``is_held`` is None where no pose was held.
-    """
+    """One analysis against its truth; ``refused``: the error's code; ``is_held`` None: no pose is held."""
 
     refused: str = ""
     rmse_deg: float = np.nan

@@ -10,7 +10,7 @@ from app.report.words.wording import Language
 from tests.app.analysis_factory import make_analysis, make_subject
 
 
-@pytest.mark.parametrize(("language", "named"), [("en", "inertial sensors"), ("fr", "des capteurs inertiels")])
+@pytest.mark.parametrize(("language", "named"), [("en", "inertial sensors"), ("fr", "capteurs inertiels")])
 def test_a_device_that_the_words_do_not_know_is_an_inertial_sensor(language: Language, named: str) -> None:
     analysis = make_analysis()
     unknown = replace(analysis, recording=replace(analysis.recording, device="tiny"))
