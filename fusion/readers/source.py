@@ -12,6 +12,10 @@ HEAD_BYTES = 65_536
 CHUNK_BYTES = 4 << 20
 LARGE_PIECE_BYTES = 1 << 18
 """From this size on a piece is hashed in a thread."""
+MAX_DAMAGED_PERCENT = 5.0
+"""A device's binary file of which more is damaged is refused."""
+EARLY_END_S = 60.0
+"""A device that stopped by more than this before its planned end ended early (W-EARLY-END)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ from fusion.readers.cwa.blocks import (
 )
 from fusion.readers.cwa.clock import Blocks, cut_blocks, nominal_hz, order_blocks
 from fusion.readers.samples import SampleColumns
-from fusion.readers.source import Source, read_chunks
+from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source, read_chunks
 from fusion.readers.timebase.clock import datetime_at_us, flag_drift, hash_serial, trust_clock
 from fusion.readers.timebase.grid import Grid
 from fusion.recording import MICROSECONDS, QualityFlag, Recording, flag_counts
@@ -102,8 +102,6 @@ FULL_COUNT = 32_768.0
 WIDEST_G = 16.0
 USUAL_RANGE_CODE = 2
 """2000 deg/s, where a block does not tell the gyroscope's range."""
-MAX_DAMAGED_PERCENT = 5.0
-EARLY_END_S = 60.0
 
 
 def recognise(source: Source) -> bool:

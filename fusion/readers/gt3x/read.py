@@ -39,7 +39,7 @@ from fusion.readers.gt3x.log import (
 )
 from fusion.readers.gt3x.schema import RowDecoder, make_decoder, parse_schema
 from fusion.readers.samples import SampleColumns
-from fusion.readers.source import Source
+from fusion.readers.source import EARLY_END_S, MAX_DAMAGED_PERCENT, Source
 from fusion.readers.timebase.clock import (
     FollowedZone,
     find_zone,
@@ -63,7 +63,6 @@ from fusion.recording import (
 from fusion.still_limits import BOTH_ACCELEROMETERS
 
 WATCHED = (ACTIVITY, BATTERY, EVENT, METADATA, SCHEMA, SENSOR_DATA, ACTIVITY2)
-MAX_DAMAGED_PERCENT = 5.0
 MAX_HELD_RECORDS = 512
 """Samples that come before their schema are kept for it; more of them mean that it is missing, not late."""
 
@@ -492,7 +491,6 @@ def _describe(text: DeviceText, log: DeviceLog, timeline: Timeline) -> dict[str,
 # Caveats that come from the records, from info.txt and from the clock.
 
 
-EARLY_END_S = 60.0
 LOW_BATTERY_MV = 3600
 """A lithium cell under this is about to switch the device off."""
 IMU_RATE_HZ = 100.0
