@@ -18,7 +18,7 @@ from app.report.findings import Kept
 from app.report.model import Chart, Note, Section, Table
 from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
 from app.report.words.subject import clean_text
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from fusion.exposure.types import Exposure, PartExposure
 from fusion.recording import MICROSECONDS
 
@@ -125,7 +125,7 @@ def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, .
     return (
         clean_text(subject.file_name) or unknown,
         findings.recording.sha256[:16] + "…",
-        words["device"].get(findings.recording.device, words["device"]["other"]),
+        find_device_name(words, findings.recording.device),
         f"{format_start(kept, language)}, {clock.format(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
         load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],

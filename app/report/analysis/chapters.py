@@ -29,7 +29,7 @@ from app.report.words.numbers import (
     format_rate,
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill
+from app.report.words.wording import Language, Words, fill, find_device_name
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
 from fusion.exposure.types import Interval, PartExposure
 from fusion.quality.types import TimePart
@@ -443,7 +443,7 @@ def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, 
         Pair(words["label"]["subject"], clean_text(subject.subject) or unknown),
         Pair(entry["file"], clean_text(subject.file_name) or unknown),
         Pair(entry["sha256"], recording.sha256, code=True),
-        Pair(entry["device"], words["device"].get(recording.device, words["device"]["other"])),
+        Pair(entry["device"], find_device_name(words, recording.device)),
         Pair(entry["serial"], recording.serial_hash or unknown, code=bool(recording.serial_hash)),
         Pair(entry["rate"], f"{rate}\u202fHz"),
         Pair(entry["start"], start),

@@ -33,7 +33,7 @@ from app.report.words.numbers import (
     format_rate,
 )
 from app.report.words.subject import ReportSubject, Software, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from fusion.exposure.types import Entries, Episodes, Exposure, Interval
 from fusion.recording import MICROSECONDS
 
@@ -169,7 +169,7 @@ def _build_header(findings: Findings, subject: ReportSubject, clock: Clock, word
         Pair(label["subject"], cut_text(clean_text(subject.subject), LONGEST_CODE) or label["not_given"]),
         Pair(label["date"], _format_date(findings, clock, words)),
         Pair(label["arm"], words["side"][subject.side or "unknown"]),
-        Pair(label["device"], words["device"].get(findings.recording.device, words["device"]["other"])),
+        Pair(label["device"], find_device_name(words, findings.recording.device)),
         Pair(label["analysed"], fill(words["heading"]["of"], {"part": analysed, "whole": recorded})),
     )
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from app.report.words.numbers import HOUR_S, format_number, format_rate
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from app.version import software_revision, software_version
 
 Results = Mapping[str, Any]
@@ -27,10 +27,7 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
 
 def _describe_run(every: Sequence[Results], failed: int, words: Words, language: Language) -> dict[str, str]:
     return {
-        "devices": _join(
-            words["device"].get(name, words["device"]["other"])
-            for name in _count(every, "recording", "device")
-        ),
+        "devices": _join(find_device_name(words, name) for name in _count(every, "recording", "device")),
         "rates": _format_rates(every, language),
         "version": software_version(),
         "revision": software_revision(),
@@ -68,11 +65,6 @@ def _format_rates(every: Iterable[Results], language: Language) -> str:
     rates_hz = sorted({results["recording"]["rate_hz"] for results in every})
     ends = dict.fromkeys(format_rate(rate_hz, language) for rate_hz in (rates_hz[0], rates_hz[-1]))
     return f"{'–'.join(ends)} Hz"
-
-
-def _format_device(name: str, words: Words) -> str:
-    """Name a device; one that no language knows yet is an inertial sensor."""
-    return str(words["device"].get(name, words["device"]["other"]))
 
 
 def _join(parts: Iterable[str]) -> str:

@@ -55,6 +55,11 @@ def _read_language(language: Language) -> dict[str, Any]:
     return tomllib.loads((_FOLDER / f"{language}.toml").read_text(encoding="utf-8"))
 
 
+def find_device_name(words: Words, device: str) -> str:
+    """Give the name of a device; one that the words do not know is another sensor."""
+    return str(words["device"].get(device, words["device"]["other"]))
+
+
 def fill(text: str, facts: Mapping[str, str]) -> str:
     """Put facts in their places: ``"{n} bytes[ in {member}]"``.
 
