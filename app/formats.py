@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from fusion.plugins import find_entry_points, find_version
+
 
 @dataclass(frozen=True, slots=True)
 class Format:
@@ -29,6 +31,11 @@ FORMATS = (
         "named columns: time, acceleration in three axes, angular velocity in three axes",
     ),
     Format("ActiLife IMU CSV", (".csv", ".csv.gz"), "the IMU export of ActiLife, raw samples"),
+    Format(
+        "Two tables in a zip",
+        (".zip",),
+        "one table of the accelerometer and one of the gyroscope, as apps of phones write them",
+    ),
     Format("LSM9DS1 registers, binary", (".bin", ".dat"), "registers of the sensor, with the scale known"),
     Format("LSM9DS1 registers, text", (".csv", ".txt", ".csv.gz"), "registers of the sensor, whole numbers"),
     Format(
@@ -37,6 +44,13 @@ FORMATS = (
         "time, ax, ay, az, gx, gy, gz with their units in the header",
     ),
 )
+
+
+def find_added_formats() -> tuple[Format, ...]:
+    """Name what the readers of other packages add; how their files end only they know."""
+    entries = find_entry_points()
+    return tuple(Format(one.name, (), f"read by a plug-in, version {find_version(one)}") for one in entries)
+
 
 REFERENCES = (".mvnx",)
 """Read too, as a recording of the posture and as the reference of a comparison."""

@@ -26,6 +26,7 @@ from app.api.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
+from app.api.mappings import router as mapping_routes
 from app.api.pairs import router as pair_routes
 from app.api.plain_text import PlainText
 from app.api.problems import Refusal, respond_to_refusal, translate_error
@@ -83,6 +84,7 @@ ROUTES = (
     batch_routes,
     webhook_routes,
     validation_routes,
+    mapping_routes,
     pair_routes,
     about_routes,
     health_routes,

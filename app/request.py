@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
-from fusion.conventions import MethodName, Pose, Side
+from fusion.conventions import ArmAxis, MethodName, Pose, Side
 from fusion.diary import DiaryEntry
 from fusion.task_windows import TaskWindow
 
-Stage = Literal["reading", "checking", "calibrating", "fusing", "counting", "rendering"]
+Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
 Language = Literal["en", "fr"]
 ReportKind = Literal["html", "pdf"]
 Paper = Literal["a4", "letter"]
@@ -27,6 +27,7 @@ _LONGEST_NAME = 200
 LONGEST_SUBJECT = 100
 SUBJECT_HINT = f"<= {LONGEST_SUBJECT} printable characters"
 WINDOW_HINT = "START_S,END_S"
+SLIP_HINT = "SECONDS"
 
 
 def clean_file_name(name: str) -> str:
@@ -64,9 +65,42 @@ def parse_window(text: str) -> tuple[float, float]:
     return start_s, end_s
 
 
-def find_window_counts(pose: Pose) -> tuple[int, ...]:
-    """Say how many calibration windows a pose can be asked with: both of two points, or else one or none."""
-    return (2,) if pose == "two-point" else (0, 1)
+def find_window_hint(pose: Pose, window_count: int, arm_axis: ArmAxis | None) -> str:
+    """Say how many calibration windows may be given, where this many may not; else "".
+
+    An axis takes the place of a pose; two points have both their windows; any other pose may be held again
+    as often as one likes.
+    """
+    if arm_axis is not None:
+        return f"axis: 0 x {WINDOW_HINT}" if window_count else ""
+    return f"two-point: 2 x {WINDOW_HINT}" if pose == "two-point" and window_count != 2 else ""
+
+
+def parse_slip_time(text: str) -> float:
+    """Read when the sensor slipped, in seconds.
+
+    Raises
+    ------
+    ValueError
+    """
+    time_s = float(text)
+    if not 0 <= time_s < math.inf:
+        raise ValueError(SLIP_HINT)
+    return time_s
+
+
+def write_profile(values: Mapping[str, Any]) -> str:
+    """Write a column profile as a request holds it: without its name and what it leaves open.
+
+    So the same columns are the same setting, however they were named.
+    """
+    stated = {
+        name: value for name, value in values.items() if value not in (None, "", (), []) and name != "name"
+    }
+    for name in ("acceleration_factor", "angular_rate_factor", "rate_hz"):
+        if isinstance(stated.get(name), int):
+            stated[name] = float(stated[name])
+    return json.dumps(stated, sort_keys=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +125,9 @@ class ReportRequest:
 
     ``source`` says whether the file holds samples or ready angles; ``profile`` is the JSON of a column
     profile (:class:`fusion.readers.ColumnProfile`), "" for none; ``joined`` are the paths of the other files
-    of the same shift, which only the command line can name. ``version`` counts the reports of one recording
+    of the same shift, which only the command line can name. ``calibration_windows_s``: when the pose was
+    held, once or again; ``arm_axis``: the sensor's axis along the arm, where none was; ``slip_times_s``: when
+    the sensor slipped, as the person says. ``version`` counts the reports of one recording
     and ``changes`` names what is different from the one before (a setting, "input" or "engine");
     ``reason`` is the person's own.
     With a ``reference``, a comparison is asked for instead of a report.
@@ -115,6 +151,8 @@ class ReportRequest:
     changes: tuple[str, ...] = ()
     reason: str = ""
     reference: Reference | None = None
+    arm_axis: ArmAxis | None = None
+    slip_times_s: tuple[float, ...] = ()
 
     def to_json(self) -> str:
         """Give the request as text for a job row or a settings hash."""
@@ -127,7 +165,7 @@ class ReportRequest:
         values = {name: value for name, value in json.loads(text).items() if name in known}
         windows = tuple((float(a), float(b)) for a, b in values.pop("calibration_windows_s", ()))
         diary = tuple(DiaryEntry(**entry) for entry in values.pop("diary", ()))
-        for name in ("languages", "kinds", "joined", "changes"):
+        for name in ("languages", "kinds", "joined", "changes", "slip_times_s"):
             if name in values:
                 values[name] = tuple(values[name])
         reference = _read_reference(values.pop("reference", None))
@@ -155,7 +193,8 @@ class PairRequest:
 
     ``kind``: "pair" sets both arms of one shift on one clock, "compare" one day beside an earlier one.
     ``offset_s``: when the right arm's recording began, seconds after the left arm's; ``trunk_offset_s``:
-    likewise the trunk's. None takes either from the clocks of the devices.
+    likewise the trunk's. None takes either from the clocks of the devices. ``same_subject``: the person says
+    that all are of one person, where a subject code is missing.
     """
 
     kind: PairKind
@@ -164,6 +203,7 @@ class PairRequest:
     languages: tuple[Language, ...] = ("en", "fr")
     kinds: tuple[ReportKind, ...] = ("html", "pdf")
     paper: Paper = "a4"
+    same_subject: bool = False
 
     @property
     def figures_name(self) -> str:

@@ -1,9 +1,12 @@
-"""The software that made a report: its version, and a fingerprint of the code that ran."""
+"""The software that made a report: its version, a fingerprint of the code that ran, and its plug-ins."""
 
 import hashlib
+import json
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from fusion.plugins import find_entry_points, find_version
 
 _ROOT = Path(__file__).resolve().parents[1]
 
@@ -29,6 +32,18 @@ def software_revision() -> str:
         digest.update(path.relative_to(_ROOT).as_posix().encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:12]
+
+
+@cache
+def installed_readers() -> tuple[tuple[str, str], ...]:
+    """Give the name and the version of every reader that another package adds."""
+    return tuple((entry.name, find_version(entry)) for entry in find_entry_points())
+
+
+@cache
+def identify_engine() -> str:
+    """Identify all that may change a figure: version, revision, and the readers of other packages."""
+    return json.dumps([software_version(), software_revision(), *installed_readers()])
 
 
 def _source_files() -> list[Path]:

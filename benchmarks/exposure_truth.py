@@ -15,9 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.validation.worn import at_rows
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure import Exposure, Interval, summarise_exposure
-from fusion.pipeline import POSE_SIGMA_DEG, Analysis, AnalysisSettings, analyse
+from fusion.pipeline import Analysis, AnalysisSettings, analyse
+from fusion.pose.poses import HELD_SIGMA_DEG
 from fusion.recording import Recording, Segment
 from fusion.simulation.sensor import Device
 from fusion.simulation.shift import simulate_shift
@@ -51,7 +53,8 @@ def expose_shift(device: Device, seed: int, hours: float) -> tuple[Analysis, Exp
     recording = Recording(device, "0" * 64, day.start, None, segment.duration_us, (segment,))
     analysis = analyse(recording, AnalysisSettings(calibration_windows_s=(shift.calibration_s,)))
     (fused,) = analysis.elevation.segments
-    exact = ElevationSegment(0, day.rate_hz, day.elevation_deg.astype(np.float32), fused.valid)
+    exact_deg = at_rows(day.elevation_deg, len(fused)).astype(np.float32)
+    exact = ElevationSegment(0, fused.rate_hz, exact_deg, fused.valid)
     return analysis, summarise_exposure(Elevation((exact,), None), day.start)
 
 
@@ -61,13 +64,13 @@ def turn_pose(analysis: Analysis, seed: int) -> Exposure:
     assert analysis.calibration is not None
     axis = analysis.calibration.arm_axis
     aside = np.cross(axis, random.normal(size=3))
-    off = np.radians(POSE_SIGMA_DEG * random.normal())
+    off = np.radians(HELD_SIGMA_DEG * random.normal())
     turned = np.cos(off) * axis + np.sin(off) * aside / np.linalg.norm(aside)
     (fused,) = analysis.elevation.segments
     assert fused.vertical is not None
     angle_deg = np.degrees(np.arccos(np.clip(fused.vertical[0 : len(fused)] @ turned, -1.0, 1.0)))
     segment = replace(fused, elevation_deg=angle_deg.astype(np.float32))
-    sigma_deg = float(np.hypot(POSE_SIGMA_DEG, analysis.elevation.bias_sigma_deg or 0.0))
+    sigma_deg = float(np.hypot(HELD_SIGMA_DEG, analysis.elevation.bias_sigma_deg or 0.0))
     elevation = Elevation((segment,), None)
     return summarise_exposure(elevation, analysis.recording.start, bias_sigma_deg=sigma_deg)
 

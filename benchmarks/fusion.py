@@ -16,6 +16,7 @@ import numpy as np
 import vqf
 from numpy.typing import NDArray
 
+from benchmarks.validation.worn import at_rows
 from fusion.conventions import MethodName
 from fusion.elevation import estimate_elevation, measure_elevation
 from fusion.orientation import estimate_vertical
@@ -141,7 +142,7 @@ def record(
 
 def publish_error_deg(samples: CalibratedSamples, truth: Table, how: PublishedParameters) -> float:
     run = view_segment(samples.recording.segments[0])
-    up = estimate_published(run, samples.calibration.still.gyro_bias_dps, how)
+    up = estimate_published(run, samples.calibration.gyro_bias_dps, how)
     return float(np.sqrt(np.mean((measure_elevation(up, samples.calibration.arm_axis) - truth) ** 2)))
 
 
@@ -152,8 +153,9 @@ def compare_on_shifts(hours: float = 1.0, seeds: Sequence[int] = (1, 2, 3)) -> N
             samples, truth = simulate(device, hours, seed)
             for method in METHODS:
                 found = estimate_elevation(samples, method).segments[0].elevation_deg
-                error = found - truth
-                bins = np.abs(share_bins(found) - share_bins(truth)).max()
+                true_deg = at_rows(truth, len(found))
+                error = found - true_deg
+                bins = np.abs(share_bins(found) - share_bins(true_deg)).max()
                 rmse = float(np.sqrt(np.mean(error**2)))
                 print(f"{device:9s} seed {seed}  {method:10s}{rmse:7.2f}{error.mean():7.2f}{bins:7.2f}")
 

@@ -8,6 +8,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from fusion.angle_files.elevation_parquet import read_elevation as read_elevation
     from fusion.diary import DiaryEntry as DiaryEntry
     from fusion.elevation import Elevation as Elevation
     from fusion.elevation import ElevationSegment as ElevationSegment
@@ -94,6 +95,7 @@ _MODULES = {
     "Velocity": "fusion.exposure.types",
     "analyse": "fusion.pipeline",
     "estimate_vertical": "fusion.orientation",
+    "read_elevation": "fusion.angle_files.elevation_parquet",
     "read_recording": "fusion.readers",
     "read_recordings": "fusion.readers",
     "tabulate_elevation": "fusion.frames",
@@ -141,6 +143,7 @@ __all__ = [
     "Velocity",
     "analyse",
     "estimate_vertical",
+    "read_elevation",
     "read_recording",
     "read_recordings",
     "tabulate_elevation",

@@ -12,7 +12,6 @@ from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import compute as pc
 from pyarrow import csv
 
 from fusion.caveats import Caveat
@@ -26,6 +25,7 @@ from fusion.errors import (
     UnusableTime,
     WrongAngle,
 )
+from fusion.exposure.rows import find_runs
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, QualityFlag, Recording, Segment
 
 COLUMNS = ("time_s", "elevation_deg")
@@ -156,6 +156,8 @@ def _recognise(header: str, start: bytes) -> _Layout:
 
 def _parse(file: BinaryIO, layout: _Layout) -> _Rows:
     """Read the columns as numbers; where one is none, read them as text and count what is unreadable."""
+    from pyarrow import compute as pc  # noqa: PLC0415  slow to load, and only this needs it
+
     try:
         table, broken = _parse_columns(file, layout, pa.float64())
     except pa.ArrowInvalid:
@@ -195,6 +197,8 @@ def _parse_columns(file: BinaryIO, layout: _Layout, kind: pa.DataType) -> tuple[
 
 def _to_numbers(column: pa.ChunkedArray) -> Float64Array:
     if column.type == pa.string():
+        from pyarrow import compute as pc  # noqa: PLC0415  slow to load, and only this needs it
+
         readable = pc.match_substring_regex(column, NUMBER)
         column = pc.if_else(readable, pc.utf8_trim_whitespace(column), None).cast(pa.float64())
     return np.asarray(column.to_numpy(), np.float64)
@@ -264,9 +268,10 @@ def _make_segment(series: AngleRows, rows: slice, period_s: float) -> ElevationS
     rate_hz = round((count - 1) / (time_s[-1] - time_s[0]), 9) if count > 1 else 1.0 / period_s
     valid = np.zeros(count, np.bool_)
     valid[places] = True
+    bridged = tuple((int(first), int(stop)) for first, stop in find_runs(~valid))
     angle = elevation_deg if len(places) == count else np.interp(np.arange(count), places, elevation_deg)
     start_us = round((time_s[0] - series.first_s) * MICROSECONDS)
-    return ElevationSegment(start_us, float(rate_hz), angle.astype(np.float32), valid)
+    return ElevationSegment(start_us, float(rate_hz), angle.astype(np.float32), valid, bridged=bridged)
 
 
 def _count_periods(steps_s: Float64Array, period_s: float) -> IntArray:

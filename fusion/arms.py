@@ -8,15 +8,21 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtri
 
 from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.exposure.bins import CELLS_PER_DEG, THRESHOLDS_DEG
 from fusion.exposure.intervals import DrawnDistribution, sum_below
 from fusion.exposure.metric_filter import MetricAngle, filter_elevation
-from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks, find_interval, name_intervals
-from fusion.exposure.types import Interval
+from fusion.exposure.resampling import (
+    DRAWS,
+    Resampling,
+    draw_blocks,
+    draw_errors,
+    find_interval,
+    name_intervals,
+)
+from fusion.exposure.types import LEAST_RANGED_S, Interval
 from fusion.recording import Float64Array, IntArray
 
 # The ranges of the figures of two arms, made as those of a day (CONTRACT.md §5).
@@ -59,8 +65,7 @@ def draw_pair(
 
 def _draw_other_errors(sigma_deg: float) -> Float64Array:
     """Give the same quantiles as those of the first arm, in an order that knows nothing of them."""
-    quantiles: Float64Array = sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
-    return np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(quantiles)
+    return np.random.Generator(np.random.PCG64(RIGHT_SEED)).permutation(draw_errors(sigma_deg))
 
 
 def _distribute(angle_deg: Float64Array, block_of: IntArray, draws: Resampling) -> DrawnDistribution:
@@ -130,7 +135,8 @@ class PairedArms:
     ratio_above_60: float | None
     ratio_p50: float | None
     intervals: dict[str, Interval] = field(default_factory=dict)
-    """By name (:func:`fusion.arms.draw_pair`); empty where the error of an angle is not known."""
+    """By name (:func:`fusion.arms.draw_pair`); empty where the error of an angle is not known, and
+    under half an hour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +168,8 @@ def pair_arms(
     offset_s
         When the right recording's first sample was taken, seconds after the left's (negative: before).
     sigmas_deg
-        Standard deviation of the constant error of the left and of the right angle; None: no ranges.
+        Standard deviation of the constant error of the left and of the right angle; None: no ranges. None are
+        given for less than half an hour either.
 
     Raises
     ------
@@ -180,7 +187,7 @@ def pair_arms(
         both,
         _divide(right_share.percent_above[60], left_share.percent_above[60]),
         _divide(right_share.percentiles_deg[50], left_share.percentiles_deg[50]),
-        draw_pair(time_s, a, b, sigmas_deg) if sigmas_deg else {},
+        draw_pair(time_s, a, b, sigmas_deg) if sigmas_deg and shared_s >= LEAST_RANGED_S else {},
     )
 
 

@@ -100,6 +100,7 @@ class Caveat(StrEnum):
     LOCALE = "W-LOCALE", NOTE
     HEADER_REPEAT = "W-HEADER-REPEAT", NOTE
     PRECISION = "W-PRECISION", NOTE
+    READER = "W-READER", NOTE, name_facts(reader="name", version="of its package", cause="in English")
     SIDE_ASSUMED = "W-SIDE-ASSUMED", CAUTION
 
     # The device.
@@ -118,14 +119,12 @@ class Caveat(StrEnum):
     DUP = "W-DUP", NOTE
     DUP_CONFLICT = "W-DUP-CONFLICT", CAUTION
     ORDER = "W-ORDER", NOTE
-    PIECES = "W-PIECES", NOTE
-    REVERSED = "W-REVERSED", NOTE
 
     # The clock and the rate.
     CLOCK_BACK = "W-CLOCK-BACK", CAUTION, name_facts(step_s="s")
     CLOCK_FWD = "W-CLOCK-FWD", CAUTION, name_facts(step_s="s")
     CLOCK_UNSET = "W-CLOCK-UNSET", NOTE
-    WRAP = "W-WRAP", CAUTION
+    WRAP = "W-WRAP", NOTE
     SEC_COUNT = "W-SEC-COUNT", NOTE
     JITTER = "W-JITTER", CAUTION
     DRIFT = "W-DRIFT", CAUTION, name_facts(nominal_hz="Hz, stated", rate_hz="Hz, measured")
@@ -154,16 +153,17 @@ class Caveat(StrEnum):
             "what": TERM,
             "evidence": TERM,
             "factor": "times",
-            "factor_x": "times",
-            "factor_y": "times",
-            "factor_z": "times",
             "g": "g at rest, as read",
-            "order": "order of the axes",
             "turned": "axes turned over",
             "unit": "unit named",
             "read_as": "unit read",
             "rate_hz": "Hz, as read",
         },
+    )
+    SCALE_DOUBT = (
+        "W-SCALE-DOUBT",
+        CAUTION,
+        name_facts(sensor=TERM, factor="times, that would fit", g="g at rest, as read"),
     )
     MIXED = "W-MIXED", CAUTION, name_facts(percent="% unexplained", turns="stretches")
     MIXED_PART = "W-MIXED-PART", CAUTION, name_facts(turns="turns unexplained")
@@ -176,16 +176,17 @@ class Caveat(StrEnum):
     UNTRUSTED = "W-UNTRUSTED", NOTE, NO_FACTS, Limit(from_share=0.01)
 
     # The sensor on the arm, and the pose.
-    NO_STILL = "W-NO-STILL", POOR, name_facts(score="fit to the pose, 0 to 1")
+    NO_STILL = "W-NO-STILL", POOR, name_facts(deg="deg (sigma)")
     POSE_SHORT = "W-POSE-SHORT", CAUTION
-    POSE_DOUBT = "W-POSE-DOUBT", POOR
-    POSE_ALONE = "W-POSE-ALONE", CAUTION, name_facts(deg="deg (sigma)"), Limit(above_deg=USELESS_SIGMA_DEG)
-    POSE_APART = (
-        "W-POSE-APART",
+    WHICH_POSE = "W-WHICH-POSE", CAUTION, name_facts(deg="deg (sigma)"), Limit(above_deg=USELESS_SIGMA_DEG)
+    POSE_DOUBT = "W-POSE-DOUBT", POOR, name_facts(apart_deg="deg from walking")
+    POSES_DIFFER = (
+        "W-POSES-DIFFER",
         CAUTION,
-        name_facts(deg="deg (sigma)", apart_deg="deg from walking"),
-        Limit(above_deg=USELESS_SIGMA_DEG),
+        name_facts(apart_deg="deg between two poses"),
+        Limit(from_share=0.5),
     )
+    AXIS = "W-AXIS", CAUTION, name_facts(deg="deg (sigma)")
     LEAN = "W-LEAN", CAUTION
     NPOSE = "W-NPOSE", NOTE, name_facts(reads_low_by_up_to_deg="deg")
     NONWEAR = "W-NONWEAR", CAUTION
@@ -195,13 +196,31 @@ class Caveat(StrEnum):
         name_facts(calibrated="parts with a calibration", left_out="parts without"),
         Limit(from_share=0.5),
     )
-    SLIP_DOUBT = "W-SLIP-DOUBT", CAUTION, name_facts(apart_deg="deg from the rest of the recording")
     UPSIDE = "W-UPSIDE", POOR, name_facts(deg="deg (median)")
 
     # How much was analysed, and how.
     LOWCOVER = "W-LOWCOVER", POOR, name_facts(percent="% analysed")
     SHORT = "W-SHORT", POOR
-    FEW_HOURS = "W-FEW-HOURS", CAUTION, name_facts(hours="h, less than"), Limit(below_s=POOR_H * 3600.0)
+    FEW_HOURS = (
+        "W-FEW-HOURS",
+        CAUTION,
+        name_facts(hours="h, less than", minutes="min, less than: no ranges, no rates per hour"),
+        Limit(below_s=POOR_H * 3600.0),
+    )
     PUBLISHED = "W-PUBLISHED", CAUTION, name_facts(dps="deg/s")
     DIARY = "W-DIARY", CAUTION
     OVERLAP = "W-OVERLAP", NOTE
+
+
+TIME_LOST = frozenset(
+    {
+        Caveat.GAP,
+        Caveat.DOCKED,
+        Caveat.SLEEP,
+        Caveat.CLIP,
+        Caveat.SPIKE,
+        Caveat.STUCK_PART,
+        Caveat.UNTRUSTED,
+    }
+)
+"""Those whose seconds are time that was not analysed for that reason; others tell where, or for how long."""

@@ -8,8 +8,9 @@ Wahlström et al. 2010 (hairdressers, right arm, four days): 2.0 percentage poin
 """
 
 from dataclasses import dataclass, replace
+from datetime import datetime
 from math import sqrt
-from typing import Literal
+from typing import Literal, get_args
 
 from fusion.exposure.types import Exposure  # not from the package: a report must not wait for the compiler
 
@@ -121,8 +122,10 @@ def find_measured(key: str, exposure: Exposure) -> float | None:
 
 
 Verdict = Literal["larger", "not larger", "unknown", "no two days"]
-Difference = Literal["recording", "subject", "method", "pose", "side", "metric filter", "short", "poor"]
-NO_TWO_DAYS: tuple[Difference, ...] = ("recording", "subject", "side")
+Difference = Literal[
+    "recording", "hours", "subject", "order", "method", "pose", "side", "metric filter", "short", "poor"
+]
+NO_TWO_DAYS: tuple[Difference, ...] = ("recording", "hours", "subject", "side")
 """What makes two recordings no two days of one arm of one person, the gravest first: no change is judged."""
 
 SOURCE = "Wahlström et al. 2010"
@@ -143,6 +146,8 @@ class ComparedDay:
         Of the recording; empty where it is not known.
     subject
         Code of the person; empty where none was given.
+    start, duration_s
+        When it began by its clock, None where it has none, and how long it lasted.
     """
 
     exposure: Exposure
@@ -152,6 +157,8 @@ class ComparedDay:
     verdict: str
     sha256: str = ""
     subject: str = ""
+    start: datetime | None = None
+    duration_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +167,7 @@ class FigureChange:
 
     ``verdict`` is a key for the wording: ``larger`` (than the day-to-day variation), ``not larger``, or
     ``unknown`` where no between-day variation was published for the figure; ``no two days`` where the two are
-    one recording, of two people, or two arms: then no change is judged.
+    one recording, of the same hours, of two people, or two arms: then no change is judged.
     """
 
     name: str
@@ -187,7 +194,7 @@ def find_detectable_change(between_day_sd: float, days: int = 1) -> float:
 
 
 def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
-    """Compare one day with another; of one recording, two people or two arms, no change is judged."""
+    """Compare one day with another; what NO_TWO_DAYS names keeps any change from being judged."""
     first, second = _list_figures(before.exposure), _list_figures(after.exposure)
     changes = tuple(_compare(name, first[name], second[name]) for name in first if name in second)
     differences = _find_differences(before, after)
@@ -199,7 +206,11 @@ def compare_days(before: ComparedDay, after: ComparedDay) -> DayComparison:
 def _list_figures(exposure: Exposure) -> dict[str, float]:
     above = {f"time_above_{item.threshold_deg:g}_percent": item.percent for item in exposure.time_above}
     percentiles = {f"elevation_p{p}_deg": exposure.percentiles_deg[p] for p in (10, 50, 90, 99)}
-    entries = {f"entries_above_{item.threshold_deg:g}_per_h": item.per_hour for item in exposure.entries}
+    entries = {
+        f"entries_above_{item.threshold_deg:g}_per_h": item.per_hour
+        for item in exposure.entries
+        if item.per_hour is not None
+    }
     return {**above, **percentiles, **entries}
 
 
@@ -213,9 +224,14 @@ def _compare(name: str, before: float, after: float) -> FigureChange:
 
 
 def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Difference, ...]:
+    later_s = _find_delay_s(before, after)
+    same = before.sha256 == after.sha256 != ""
+    overlaps = later_s is not None and -after.duration_s < later_s < before.duration_s
     unlike: dict[Difference, bool] = {
-        "recording": before.sha256 == after.sha256 != "",
+        "recording": same,
         "subject": "" not in {before.subject, after.subject} and before.subject != after.subject,
+        "hours": overlaps and not same,
+        "order": later_s is not None and later_s < 0.0 and not overlaps,
         "method": before.method != after.method,
         "pose": before.pose != after.pose,
         "side": before.side != after.side,
@@ -223,4 +239,17 @@ def _find_differences(before: ComparedDay, after: ComparedDay) -> tuple[Differen
         "short": min(before.exposure.analysed_s, after.exposure.analysed_s) < WHOLE_DAY_S,
         "poor": "poor" in {before.verdict, after.verdict},
     }
-    return tuple(name for name, differs in unlike.items() if differs)
+    return tuple(name for name in get_args(Difference) if unlike[name])
+
+
+def _find_delay_s(before: ComparedDay, after: ComparedDay) -> float | None:
+    """Give by how much the later day began after the earlier; None where a clock is missing.
+
+    Where only one states its zone, both are taken for clocks of the same place.
+    """
+    first, second = before.start, after.start
+    if first is None or second is None:
+        return None
+    if first.tzinfo is None or second.tzinfo is None:
+        first, second = first.replace(tzinfo=None), second.replace(tzinfo=None)
+    return (second - first).total_seconds()

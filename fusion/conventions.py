@@ -1,14 +1,41 @@
 """How standards and methods cut elevation into classes (EXPOSURE.md A1), as data."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 # What a person may choose. Kept apart from what it does, so that asking costs nothing.
 
 
 MethodName = Literal["smoothed", "published", "live"]
 Pose = Literal["n-pose", "side-lean", "two-point"]
+NPOSE_ERROR_DEG = 15
+"""With the arm along the body as the reference, a raised arm may read too low by so much."""
 Side = Literal["left", "right"]
+ArmAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+"""The sensor's axis that was strapped along the upper arm, towards the shoulder."""
+ARM_AXES: tuple[ArmAxis, ...] = get_args(ArmAxis)
+
+Found = Literal["given", "held", "early", "walking", "moment", "axis"]
+"""How the arm's axis was found: a window or an axis that a person gave; the first still stretch, begun within
+a minute of the start of wear ("held") or later; how the arm hung in walking; the stillest moment.
+"""
+UNHELD: frozenset[Found] = frozenset({"axis", "walking", "moment"})
+"""Where no pose was held."""
+AXIS_HINT = "x, y, z, -x, -y, -z"
+
+
+def parse_arm_axis(text: str) -> ArmAxis:
+    """Read ``y``, ``+y`` or ``-y``; a URL's blank before the letter is the plus sign it stood for.
+
+    Raises
+    ------
+    ValueError
+    """
+    found = text.strip().lower()
+    found = found if found.startswith(("+", "-")) else f"+{found}"
+    if found in ARM_AXES:
+        return found
+    raise ValueError(AXIS_HINT)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,20 +10,18 @@ from numpy.typing import NDArray
 
 from fusion.conventions import MethodName
 from fusion.numba_kernels import njit
+from fusion.orientation.angle_rows import AngleRows, lay_rows, read_rows
 from fusion.orientation.live import LiveParameters, LiveVertical
-from fusion.orientation.on_demand import VerticalOnDemand
+from fusion.orientation.on_demand import Vertical, VerticalOnDemand
 from fusion.orientation.published import PublishedParameters, estimate_published
 from fusion.orientation.smoothed import SmoothedParameters, UncertaintySettings, estimate_sigma, smooth_nodes
 from fusion.pose.calibrate import CalibratedSamples
-from fusion.pose.doubts import DoubtedPart
 from fusion.pose.wear import AxisPart
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, Segment
 from fusion.sensor.accelerometer import AccelerometerSettings
 from fusion.sensor.gyroscope import BiasSettings, GyroScaleSettings
 from fusion.sensor.model import view_segment
 from fusion.sensor.stillness import StillRules
-
-Vertical = NDArray[np.float32] | VerticalOnDemand
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,17 +48,21 @@ class ElevationSegment:
     Attributes
     ----------
     start_us, rate_hz
-        As in :class:`fusion.recording.Segment`.
+        Of the first row, microseconds from the recording's first sample; rows per second, about 100 at most
+        where the angle was fused from samples (:mod:`fusion.orientation.angle_rows`).
     elevation_deg
         Shape (n,), float32. 0 hanging, 90 level, 180 overhead. Before the metric filter.
     valid
-        Shape (n,). Fused and trusted, whatever the diary says (breaks stay valid).
+        Shape (n,). Every sample of the row is fused and trusted, whatever the diary says (breaks stay valid).
     vertical
         Shape (n, 3), float32, read by slices of rows: unit vector to the zenith in the sensor frame; None for
-        a ready angle series.
+        a ready angle series. Worked out again when it is read, but kept where a row is made of several
+        samples (:mod:`fusion.orientation.on_demand`).
     sigma_deg
         Shape (seconds,), float32: standard deviation of the angle in each second of the segment, the pose
         left out (:mod:`fusion.orientation.smoothed`); None where the method has no measure of it.
+    bridged
+        As in :class:`fusion.recording.Segment`: row ranges [first, stop) without a sample of their own.
     """
 
     start_us: int
@@ -69,17 +71,18 @@ class ElevationSegment:
     valid: BoolArray
     vertical: Vertical | None = None
     sigma_deg: NDArray[np.float32] | None = None
+    bridged: tuple[tuple[int, int], ...] = ()
 
     def __len__(self) -> int:
         return len(self.elevation_deg)
 
     def __repr__(self) -> str:
         start_s = self.start_us / MICROSECONDS
-        return f"ElevationSegment({len(self)} samples at {self.rate_hz:g} Hz from {start_s:g} s)"
+        return f"ElevationSegment({len(self)} rows at {self.rate_hz:g} Hz from {start_s:g} s)"
 
     @property
     def period_us(self) -> float:
-        """How long one sample lasts."""
+        """How long one row lasts."""
         return MICROSECONDS / self.rate_hz
 
 
@@ -92,7 +95,7 @@ class Elevation:
     segments
         In time order.
     method
-        The estimator; None for a ready angle series.
+        The estimator; None for a ready angle series and for one that was read from ``elevation.parquet``.
     bias_sigma_deg
         Standard deviation of the angle over the whole recording, the pose left out: for `smoothed` the root
         mean square of that of each second; with the uncertainty of the axis where the sensor turned. None for
@@ -111,16 +114,18 @@ class Elevation:
 
 DEGREES = 180.0 / pi
 STRETCH = 512
+SAMPLES_AT_ONCE = 16_384
+"""So many vectors are still in the processor's cache when their angle is computed."""
 UNCERTAIN_DEG = 5.0
 SHORTEST_SEGMENT_S = 1.0
-VERSION = "4"
+VERSION = "5"
 
 TYPICAL_SIGMA_DEG = {"published": 4.2, "live": 1.3}
 """Methods without a measure of their own: RMSE on simulated arm tasks and shifts (docs/validation.md)."""
 
 
 def estimate_elevation(samples: CalibratedSamples, method: MethodName = "smoothed") -> Elevation:
-    """Fuse each segment and take the angle between the arm axis and the vertical.
+    """Fuse each segment and take the angle between the arm axis and the vertical, at most 100 times a second.
 
     Not valid are rows that bridge a hole, segments under 1 s, and (`smoothed`) seconds that are uncertain by
     more than 5 deg: by their sigma, or by half the angle between the estimates from past and future.
@@ -144,11 +149,11 @@ def _summarise_sigma(segments: tuple[ElevationSegment, ...]) -> float:
 
 
 def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment, ...]) -> float:
-    """Variance of the arm axis in parts that turned, or may have, deg^2, as a mean over all valid rows."""
+    """Variance of the arm axis in parts that turned, deg^2, as a mean over all valid rows."""
     squares = rows = 0.0
     for segment in segments:
         rows += np.count_nonzero(segment.valid)
-        for part in samples.uncertain_parts:
+        for part in samples.axis_parts:
             first, stop = _find_rows(part, segment)
             squares += part.sigma_deg**2 * np.count_nonzero(segment.valid[first:stop])
     return squares / rows if rows else 0.0
@@ -232,61 +237,34 @@ def _turn_to_degrees(across: Any, along: Any, out: Any) -> None:  # pragma: no c
 
 
 def _fuse_smoothed(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    calibrated = samples.run_of(segment)
+    calibrated, rows = samples.run_of(segment), lay_rows(segment)
     nodes = calibrated.nodes
     smoothed = smooth_nodes(nodes)
     sigma_deg = estimate_sigma(smoothed, samples.accelerometer)
-    rows = smoothed.nodes_per_value * nodes.rows_per_node
-    valid = _start_valid(segment)
-    for value in np.flatnonzero(np.maximum(sigma_deg, smoothed.disagreement_deg) > UNCERTAIN_DEG):
-        valid[value * rows : (value + 1) * rows] = False
+    per_value = smoothed.nodes_per_value * nodes.rows_per_node
+    valid = _start_valid(samples, segment, rows)
+    for value in np.flatnonzero(np.maximum(sigma_deg, smoothed.disagreement_deg) > UNCERTAIN_DEG).tolist():
+        valid[rows.hold(value * per_value, (value + 1) * per_value)] = False
     vertical = VerticalOnDemand(calibrated.run.gyr_dps, segment.rate_hz, nodes, smoothed.up)
-    elevation_deg = _measure_on_demand(vertical, samples.calibration.arm_axis)
-    _measure_anew(samples, segment, vertical, elevation_deg, valid)
-    by_second = _by_second(sigma_deg, rows, segment)
-    return ElevationSegment(segment.start_us, segment.rate_hz, elevation_deg, valid, vertical, by_second)
+    by_second = _by_second(sigma_deg, per_value, segment)
+    return _measure_segment(samples, segment, rows, vertical, valid, by_second)
 
 
-def _measure_on_demand(vertical: VerticalOnDemand, arm_axis: Float64Array) -> NDArray[np.float32]:
-    elevation_deg = np.empty(len(vertical), dtype=np.float32)
-    axis = np.asarray(arm_axis, dtype=np.float64)
-    for first, block in vertical.blocks():
-        _measure_angles(block, axis, elevation_deg[first : first + len(block)])
-    return elevation_deg
-
-
-def _find_rows(part: AxisPart | DoubtedPart, segment: Segment | ElevationSegment) -> tuple[int, int]:
-    """First row of a segment that lies in a part, and the first behind it."""
-    start_s = segment.start_us / MICROSECONDS
+def _find_rows(part: AxisPart, run: AngleRows | Segment | ElevationSegment) -> tuple[int, int]:
+    """First row of a run that lies in a part, and the first behind it."""
+    start_s = run.start_us / MICROSECONDS
     first, stop = (
-        int(np.clip((edge_s - start_s) * segment.rate_hz, 0, len(segment)))
-        for edge_s in (part.start_s, part.end_s)
+        int(np.clip((edge_s - start_s) * run.rate_hz, 0, len(run))) for edge_s in (part.start_s, part.end_s)
     )
     return first, stop
 
 
-def _measure_anew(
-    samples: CalibratedSamples,
-    segment: Segment,
-    vertical: Vertical,
-    elevation_deg: NDArray[np.float32],
-    valid: BoolArray,
-) -> None:
-    """Take the rows of a remounted sensor from that part's own axis, or do not trust them."""
-    for part in samples.remounts:
-        first, stop = _find_rows(part, segment)
-        if part.arm_axis is None:
-            valid[first:stop] = False
-        elif stop > first:
-            elevation_deg[first:stop] = measure_elevation(vertical[first:stop], part.arm_axis)
-
-
 def _widen_remounted(samples: CalibratedSamples, segment: ElevationSegment) -> None:
-    """Add, second by second, what is not known of the axis in the parts where it turned, or may have."""
+    """Add, second by second, what is not known of the axis in the parts where it turned."""
     if segment.sigma_deg is None:
         return
     seconds = segment.start_us / MICROSECONDS + np.arange(len(segment.sigma_deg))
-    for part in samples.uncertain_parts:
+    for part in samples.axis_parts:
         inside = (seconds >= part.start_s) & (seconds < part.end_s)
         segment.sigma_deg[inside] = np.hypot(segment.sigma_deg[inside], part.sigma_deg)
 
@@ -299,32 +277,62 @@ def _by_second(values: Float64Array, rows_per_value: int, segment: Segment) -> N
 
 
 def _fuse_published(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    bias_dps = samples.calibration.still.gyro_bias_dps
+    bias_dps, rows = samples.calibration.gyro_bias_dps, lay_rows(segment)
     up = estimate_published(view_segment(segment), bias_dps, dtype=np.float32)
-    return _measure_segment(samples, segment, up, _start_valid(segment))
+    return _measure_segment(samples, segment, rows, up, _start_valid(samples, segment, rows))
 
 
 def _fuse_live(samples: CalibratedSamples, segment: Segment) -> ElevationSegment:
-    live = LiveVertical(segment.rate_hz, samples.calibration.still.gyro_bias_dps)
-    valid = _start_valid(segment)
-    valid[: round(LiveParameters().time_constant_s * segment.rate_hz)] = False
-    return _measure_segment(samples, segment, live.update(segment.acc_g, segment.gyr_dps), valid)
+    live, rows = LiveVertical(segment.rate_hz, samples.calibration.gyro_bias_dps), lay_rows(segment)
+    valid = _start_valid(samples, segment, rows)
+    valid[rows.hold(0, round(LiveParameters().time_constant_s * segment.rate_hz))] = False
+    return _measure_segment(samples, segment, rows, live.update(segment.acc_g, segment.gyr_dps), valid)
 
 
-def _start_valid(segment: Segment) -> BoolArray:
-    valid = np.full(len(segment), len(segment) / segment.rate_hz >= SHORTEST_SEGMENT_S)
-    for first, stop in segment.bridged:
-        valid[first:stop] = False
+def _start_valid(samples: CalibratedSamples, segment: Segment, rows: AngleRows) -> BoolArray:
+    """Rows without a bridged sample, of a segment that is long enough, while the axis of the arm is known."""
+    valid = np.full(len(rows), len(segment) / segment.rate_hz >= SHORTEST_SEGMENT_S)
+    turned = (_find_rows(part, segment) for part in samples.axis_parts if part.arm_axis is None)
+    for first, stop in (*segment.bridged, *turned):
+        valid[rows.hold(first, stop)] = False
     return valid
 
 
-def _measure_segment(
+def _measure_segment(  # noqa: PLR0913, PLR0917
     samples: CalibratedSamples,
     segment: Segment,
-    up: NDArray[np.float32] | Float64Array,
+    rows: AngleRows,
+    vertical: Vertical,
     valid: BoolArray,
+    sigma_deg: NDArray[np.float32] | None = None,
 ) -> ElevationSegment:
-    elevation_deg = measure_elevation(up, samples.calibration.arm_axis)
-    vertical = np.asarray(up, dtype=np.float32)
-    _measure_anew(samples, segment, vertical, elevation_deg, valid)
-    return ElevationSegment(segment.start_us, segment.rate_hz, elevation_deg, valid, vertical)
+    """Make rows of the vertical and take their angle, a block at a time."""
+    is_kept = rows.per_row > 1 or (isinstance(vertical, np.ndarray) and vertical.dtype != np.float32)
+    up = np.empty((len(rows) if is_kept else 0, 3), dtype=np.float32)
+    elevation_deg = np.empty(len(rows), dtype=np.float32)
+    axis = np.asarray(samples.calibration.arm_axis, dtype=np.float64)
+    at_once = max(1, SAMPLES_AT_ONCE // rows.per_row)
+    for first in range(0, len(rows), at_once):
+        stop = min(first + at_once, len(rows))
+        block = read_rows(vertical, rows, first, stop)
+        _measure_angles(block, axis, elevation_deg[first:stop])
+        if is_kept:
+            up[first:stop] = block
+    known = up if is_kept else vertical
+    _measure_anew(samples, rows, known, elevation_deg)
+    held = (rows.hold(first, stop) for first, stop in segment.bridged)
+    bridged = tuple((each.start, each.stop) for each in held)
+    return ElevationSegment(rows.start_us, rows.rate_hz, elevation_deg, valid, known, sigma_deg, bridged)
+
+
+def _measure_anew(
+    samples: CalibratedSamples,
+    rows: AngleRows,
+    up: Vertical,
+    elevation_deg: NDArray[np.float32],
+) -> None:
+    """Take the rows of a remounted sensor from that part's own axis."""
+    for part in samples.axis_parts:
+        first, stop = _find_rows(part, rows)
+        if part.arm_axis is not None and stop > first:
+            elevation_deg[first:stop] = measure_elevation(up[first:stop], part.arm_axis)

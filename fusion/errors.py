@@ -18,7 +18,12 @@ from typing import ClassVar
 from fusion.caveats import TERM, name_facts
 
 Fact = str | int | float
-PLACE = name_facts(line="line of the file", byte="byte of the file", clock="time in the recording")
+PLACE = name_facts(
+    line="line of the file",
+    byte="byte of the file",
+    clock="time in the recording",
+    header="identity of the header of a table",
+)
 """Where in the file it is, of any refusal that knows it."""
 
 
@@ -43,6 +48,13 @@ class UnreadableFile(FusionError):
     """The bytes do not give samples."""
 
     code = "E-UNREADABLE"
+
+
+class FailedReader(UnreadableFile):
+    """A reader of another package cannot be loaded, or fails."""
+
+    code = "E-READER"
+    fact_meanings = name_facts(reader="name", version="of its package", cause="what went wrong, in English")
 
 
 class UnknownFormat(UnreadableFile):
@@ -80,6 +92,19 @@ class NoGyroscope(UnknownFormat):
     fact_meanings = name_facts(cure="device")
 
 
+class NoGravity(UnknownFormat):
+    """Gravity was taken out of the acceleration: nothing is left to measure an angle against."""
+
+    code = "E-NO-GRAVITY"
+
+
+class SeveralSensors(UnknownFormat):
+    """A table of several sensors, and nobody said which one is on the arm, or none has that name."""
+
+    code = "E-SENSORS"
+    fact_meanings = name_facts(n="sensors", list="names of the sensors", wanted="name that none has")
+
+
 class EpochFile(UnknownFormat):
     """Counts or epochs instead of raw samples."""
 
@@ -91,7 +116,9 @@ class UnknownColumns(UnknownFormat):
     """A table whose columns are not recognised."""
 
     code = "E-COLS"
-    fact_meanings = name_facts(list="names of the columns")
+    fact_meanings = name_facts(
+        list="the header line, or names of columns", missing="of ax ay az gx gy gz", why=TERM
+    )
 
 
 class AmbiguousDecimal(UnknownFormat):
@@ -156,6 +183,12 @@ class MissingSegment(UnreadableFile):
     fact_meanings = name_facts(segment="name of the body segment")
 
 
+class NoSamples(DamagedFile):
+    """A header, and no sample after it."""
+
+    code = "E-NO-SAMPLES"
+
+
 class UnreadableRows(DamagedFile):
     """More than 5 % of the lines cannot be read."""
 
@@ -204,11 +237,24 @@ class WrongScale(UnusableRecording):
     )
 
 
+class UnknownUnit(UnusableRecording):
+    """Neither the header nor rest and motion settle the unit of a sensor."""
+
+    code = "E-UNIT"
+    fact_meanings = name_facts(sensor=TERM)
+
+
 class MixedColumns(UnusableRecording):
     """Gravity does not turn as the gyroscope says."""
 
     code = "E-MIXED"
-    fact_meanings = name_facts(percent="% unexplained", turns="stretches", lag_ms="ms")
+    fact_meanings = name_facts(
+        percent="% unexplained",
+        turns="stretches",
+        order="order of the axes that would fit",
+        factor="times, that would fit",
+        lag_ms="ms",
+    )
 
 
 class ExchangedSensors(UnusableRecording):

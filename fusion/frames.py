@@ -7,25 +7,27 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fusion.elevation import Elevation
 from fusion.exposure import Exposure
 from fusion.pipeline import Analysis
 from fusion.recording import MICROSECONDS
 
 
-def tabulate_elevation(analysis: Analysis) -> pd.DataFrame:
+def tabulate_elevation(source: Analysis | Elevation) -> pd.DataFrame:
     """Give the angle series as a table.
 
     Parameters
     ----------
-    analysis
-        Of a recording or of ready angles.
+    source
+        An analysis of a recording or of ready angles, or what :func:`fusion.read_elevation` read.
 
     Returns
     -------
     pandas.DataFrame
-        ``time_s`` (from the first sample), ``elevation_deg``, ``valid``: a row for every sample of the
-        device, before the metric filter; a hole has no rows. The index counts rows.
+        ``time_s`` (from the first sample), ``elevation_deg``, ``valid``: at most about 100
+        rows a second, before the metric filter; a hole has no rows. The index counts rows.
     """
+    elevation = source if isinstance(source, Elevation) else source.elevation
     parts = [
         pd.DataFrame(
             {
@@ -34,7 +36,7 @@ def tabulate_elevation(analysis: Analysis) -> pd.DataFrame:
                 "valid": segment.valid,
             }
         )
-        for segment in analysis.elevation.segments
+        for segment in elevation.segments
     ]
     return pd.concat(parts, ignore_index=True)
 

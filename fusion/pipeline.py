@@ -8,12 +8,15 @@ from typing import BinaryIO, Literal
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
-from fusion.conventions import MethodName, Pose
-from fusion.diary import DiaryEntry, Placed, divide_day, find_left_out, place_diary
+from fusion.conventions import ArmAxis, MethodName, Pose
+from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.errors import UnknownAxis
-from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure
+from fusion.exposure import DayDivision, Exposure, snap_periods, summarise_exposure, withhold_short
+from fusion.exposure.periods import Placed, divide_day, find_left_out, place_diary
 from fusion.pose.calibrate import CalibratedSamples, Calibration, calibrate
+from fusion.pose.wear import AxisPart
+from fusion.pose.windows import reduce_recording
 from fusion.quality import (
     Quality,
     TimeAccount,
@@ -38,12 +41,6 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span
 
 Step = Literal["checking", "calibrating", "fusing", "counting"]
 
-POSE_SIGMA_DEG = 3.0
-"""How well a held pose ties the sensor to the arm, one standard deviation."""
-UNHELD_SIGMA_DEG = 6.0
-"""The same where no pose was held for 5 s (W-NO-STILL). Ours, for want of a study: twice the figure above."""
-HELD_S = 5.0
-
 UNKNOWN_SIGMA_DEG = 0.0
 """Of ready angles, whose error is unknown: their intervals show the sampling of the day alone."""
 
@@ -59,16 +56,23 @@ class AnalysisSettings:
     pose
         How the arm was held for the calibration: one of :data:`fusion.conventions.Pose`.
     calibration_windows_s
-        (start, end) from the first sample; empty: a window is proposed. Two for the two-point pose, hanging
-        and then level.
+        (start, end) from the first sample, when the pose was held, once or again; empty: the first still
+        stretch is taken. Two for the two-point pose, hanging and then level.
     diary
         What the day consisted of; breaks, time not worn and outside the shift are not analysed.
+    arm_axis
+        Where no pose was held: the sensor's axis that was strapped along the arm, towards the shoulder.
+    slip_times_s
+        When the sensor slipped on the arm, as the person says, from the first sample; times after the last
+        have no effect.
     """
 
     method: MethodName = "smoothed"
     pose: Pose = "n-pose"
     calibration_windows_s: tuple[tuple[float, float], ...] = ()
     diary: tuple[DiaryEntry, ...] = ()
+    arm_axis: ArmAxis | None = None
+    slip_times_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +88,7 @@ class Analysis:
     calibration
         The pose; None for a ready angle series.
     elevation
-        The angle at every sample; valid in breaks too.
+        The angle, at most about 100 rows a second; valid in breaks too.
     exclusions
         All that left the analysed time, the diary's breaks among them.
     time
@@ -93,6 +97,8 @@ class Analysis:
         The figures.
     quality
         The verdict and all caveats.
+    axis_parts
+        The stretches that the first pose does not read.
     """
 
     recording: Recording
@@ -103,6 +109,7 @@ class Analysis:
     time: TimeAccount
     exposure: Exposure
     quality: Quality
+    axis_parts: tuple[AxisPart, ...] = ()
 
     def __repr__(self) -> str:
         start = f" from {self.recording.start:%Y-%m-%d %H:%M}" if self.recording.start else ""
@@ -172,13 +179,15 @@ def analyse(
     samples, elevation = found.samples, found.elevation
     on_step("counting")
     day = _divide(recording, elevation, found.exclusions, placed)
-    exposure = summarise_exposure(
-        day.counted,
-        recording.start,
-        recording,
-        samples.calibration.still.gyro_bias_dps,
-        math.hypot(_estimate_pose_sigma_deg(samples), elevation.bias_sigma_deg or 0.0),
-        division=day.division,
+    exposure = withhold_short(
+        summarise_exposure(
+            day.counted,
+            recording.start,
+            recording,
+            samples.calibration.gyro_bias_dps,
+            math.hypot(samples.calibration.sigma_deg, elevation.bias_sigma_deg or 0.0),
+            division=day.division,
+        )
     )
     time = _divide_time(recording, day, exposure)
     flags = (
@@ -190,29 +199,23 @@ def analyse(
     )
     quality = assess_quality(recording, samples.calibration, time, day.exclusions, flags)
     return Analysis(
-        recording, settings, samples.calibration, elevation, day.exclusions, time, exposure, quality
+        recording,
+        settings,
+        samples.calibration,
+        elevation,
+        day.exclusions,
+        time,
+        exposure,
+        quality,
+        samples.axis_parts,
     )
-
-
-def _estimate_pose_sigma_deg(samples: CalibratedSamples) -> float:
-    """Estimate the standard deviation of the pose, deg.
-
-    It grows as a window falls short of 5 s, up to that of a pose that nobody held, and where little or
-    nothing confirms the pose.
-    """
-    calibration = samples.calibration
-    held_s = min(still.duration_s for still in calibration.windows)
-    held_deg = min(UNHELD_SIGMA_DEG, POSE_SIGMA_DEG * math.sqrt(max(1.0, HELD_S / held_s)))
-    if any(flag.code == Caveat.NO_STILL for flag in samples.flags):
-        held_deg = UNHELD_SIGMA_DEG
-    return max(held_deg, calibration.sigma_deg)
 
 
 def _flag_calibration(
     samples: CalibratedSamples, fused: Elevation, method: MethodName
 ) -> tuple[QualityFlag, ...]:
     """Flag doubts about what all angles rest on: the calibration, the gyroscope's offset, the method."""
-    static_dps = samples.calibration.still.gyro_bias_dps
+    static_dps = samples.calibration.gyro_bias_dps
     return (
         *flag_untrusted_pose(samples.calibration, fused),
         *(flag_published(samples.bias, static_dps) if method == "published" else ()),
@@ -230,9 +233,18 @@ def fuse_recording(
     fusion.errors.UnusableRecording
         No usable calibration.
     """
-    exclusions = find_exclusions(recording)
+    blocks = reduce_recording(recording)
+    exclusions = find_exclusions(recording, blocks)
     on_step("calibrating")
-    samples = calibrate(recording, settings.pose, settings.calibration_windows_s)
+    samples = calibrate(
+        recording,
+        settings.pose,
+        settings.calibration_windows_s,
+        arm_axis=settings.arm_axis,
+        slip_times_s=settings.slip_times_s,
+        blocks=blocks,
+    )
+    del blocks  # two per cent of the samples' room, while the angle needs room
     on_step("fusing")
     fused = estimate_elevation(samples, settings.method)
     return FusedRecording(samples, fused, leave_out(fused, exclusions), exclusions)
@@ -315,8 +327,10 @@ def _count_ready(
     placed = place_diary(diary, recording.start, recording.duration_us)
     on_step("counting")
     day = _divide(recording, elevation, (), placed)
-    exposure = summarise_exposure(
-        day.counted, recording.start, bias_sigma_deg=UNKNOWN_SIGMA_DEG, division=day.division
+    exposure = withhold_short(
+        summarise_exposure(
+            day.counted, recording.start, bias_sigma_deg=UNKNOWN_SIGMA_DEG, division=day.division
+        )
     )
     time = _divide_time(recording, day, exposure)
     flags = (*placed.flags, *flag_upside_down(exposure))

@@ -127,7 +127,7 @@ class Recording:
     Attributes
     ----------
     device
-        "gt9x", "ax6", "lsm9ds1", "mvn", "dot", "angles" or "other".
+        One of :data:`fusion.devices.KNOWN_DEVICES`, "angles", "other", or what a plug-in calls its own.
     sha256
         Of the file's bytes, hexadecimal.
     start
@@ -149,6 +149,8 @@ class Recording:
         Hash of the device's serial number; None where the file does not tell.
     acc_range_g, gyr_range_dps
         Full scale, for the clipping check; None where the file does not tell.
+    reader
+        Name and version of the plug-in that read the file; None where one of our own did.
     """
 
     device: str
@@ -163,6 +165,7 @@ class Recording:
     serial_hash: str | None = None
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None
+    reader: tuple[str, str] | None = None
 
     def __repr__(self) -> str:
         start = f" from {self.start:%Y-%m-%d %H:%M}" if self.start else ""

@@ -20,9 +20,6 @@ class StillLimit:
     gyro_sd_dps: float = inf
 
 
-REST = StillLimit(0.5, 0.015, 3.0)
-"""For the check of scales (:mod:`fusion.checks`): short, as gravity must read 1 g in many directions."""
-
 BOTH_ACCELEROMETERS = StillLimit(1.0, 0.02)
 """For holding the two accelerometers of a GT9X Link against each other: the seconds of its log."""
 
@@ -31,9 +28,10 @@ MOMENT = StillLimit(1.5, 0.02, 1.4)
 matter how the sensor is strapped on. The gyroscope's limit keeps slow turns out of its offset.
 """
 
-POSE = StillLimit(5.0, 0.01, 3.0)
+POSE = StillLimit(5.0, 0.01, 5.0)
 """For the pose, the strictest of the accelerometer (EXPOSURE.md A15). The gyroscope's limit is ours: it keeps
-out a turn about the vertical, which the accelerometer cannot see.
+out a turn about the vertical, which the accelerometer cannot see. The two worn upper arms among the project's
+recordings stand still at 2.8 deg/s about one axis, and 0.005 g.
 """
 
 OFF_THE_ARM = StillLimit(10.0, 0.013)

@@ -4,7 +4,7 @@ import math
 
 STANDARD_GRAVITY = 9.80665
 DEG_PER_RAD = math.degrees(1.0)
-METRE_WORDS = ("m/s2", "ms2", "mps2", "m/s/s", "mss", "m/sec2", "ms-2", "m.s-2")
+METRE_WORDS = ("m/s2", "ms2", "mps2", "m/s/s", "mss", "m/sec2", "ms-2", "m.s-2", "meters/s2")
 ACC_UNITS_G = {
     **dict.fromkeys(("g", "gs", "gn"), 1.0),
     "mg": 1e-3,
@@ -13,7 +13,7 @@ ACC_UNITS_G = {
     "mm/s2": 1e-3 / STANDARD_GRAVITY,
 }
 DEGREE_WORDS = (
-    *("dps", "deg/s", "degs", "deg/sec", "degrees/s", "degrees/sec", "degps", "degs-1"),
+    *("dps", "deg/s", "degs", "deg/sec", "degrees/s", "degrees/sec", "degps", "degs-1", "degpersec"),
     *("deg.s-1", "degres/s", "degre/s", "degres/sec"),
 )
 GYR_UNITS_DPS = {
@@ -21,6 +21,17 @@ GYR_UNITS_DPS = {
     **dict.fromkeys(("mdps", "mdeg/s"), 1e-3),
     **dict.fromkeys(("rad/s", "rads", "rps", "rad/sec", "radps", "rads-1"), DEG_PER_RAD),
 }
+
+
+LEFT_GYR_FACTOR = "left_gyr_factor"
+"""The reader's word for what to multiply the rates by where the frame proves left-handed."""
+
+
+def name_unit_source(acc_unit: str | None, gyr_unit: str | None, *, is_known: bool = False) -> str:
+    """Give "header" where a known device states both units, "stated" where names or a person do, else ""."""
+    if not (acc_scale_g(acc_unit) and gyr_scale_dps(gyr_unit)):
+        return ""
+    return "header" if is_known else "stated"
 
 
 def acc_scale_g(unit: str | None) -> float | None:

@@ -3,21 +3,28 @@
 import html
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import HTMLResponse
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
 from app.errors import NotHere, list_refusals
-from app.formats import FORMATS
+from app.formats import FORMATS, find_added_formats
 from app.report.export.columns import describe_dictionary
 from app.report.words.messages import find_flag_codes
 from app.services import UsedLanguage
-from app.version import software_revision, software_version
+from app.version import installed_readers, software_revision, software_version
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES, tags=["about"])
+
+
+class ReaderView(BaseModel):
+    """A reader of another package."""
+
+    name: str
+    version: str
 
 
 class VersionView(BaseModel):
@@ -26,6 +33,7 @@ class VersionView(BaseModel):
     name: str
     version: str
     revision: str
+    readers: Annotated[list[ReaderView], Field(description="Readers that other packages add.")]
 
 
 class FormatView(BaseModel):
@@ -60,8 +68,8 @@ class Dictionary(BaseModel):
 
 @router.get("/formats")
 def list_formats() -> FormatList:
-    """Say which kinds of file are taken."""
-    return FormatList(items=[FormatView(**asdict(kind)) for kind in FORMATS])
+    """Say which kinds of file are taken, those of the plug-ins that are installed last."""
+    return FormatList(items=[FormatView(**asdict(kind)) for kind in (*FORMATS, *find_added_formats())])
 
 
 @router.get("/dictionary")
@@ -88,7 +96,10 @@ def get_problem(code: str, language: UsedLanguage) -> ProblemView:
 @router.get("/version")
 def get_version() -> VersionView:
     """Say which software answers."""
-    return VersionView(name="acromion", version=software_version(), revision=software_revision())
+    readers = [ReaderView(name=name, version=version) for name, version in installed_readers()]
+    return VersionView(
+        name="acromion", version=software_version(), revision=software_revision(), readers=readers
+    )
 
 
 @router.get("/docs", include_in_schema=False)

@@ -31,7 +31,7 @@ from app.api.files import serve_bytes, serve_file
 from app.api.intake import receive_recording
 from app.api.problems import PROBLEM_RESPONSES
 from app.api.recording_models import cut_page, read_cursor
-from app.batch.inputs import encode_settings
+from app.batch.settings_file import encode_settings
 from app.errors import Busy
 from app.jobs.job import Job, JobState
 from app.jobs.queue import WayIn
@@ -43,7 +43,7 @@ from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
 from app.report.words.wording import Language
-from app.request import Paper, ReportRequest
+from app.request import Paper, ReportRequest, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from app.storage.day_file import DAY_NAME
 from app.storage.store import StoredRecording
@@ -219,7 +219,8 @@ def build_request(
     if settings.periods is not None:
         diary = read_periods(settings.periods)
         check_periods(diary, row.inspection)
-    profile = json.dumps(settings.profile, sort_keys=True) if settings.profile else ""
+    columns = (settings.profile or {}) | ({"sensor": settings.sensor} if settings.sensor else {})
+    profile = write_profile(columns) if columns else ""
     return replace(request, diary=diary, source=settings.source, profile=profile, reason=settings.reason)
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     RootModel,
@@ -32,11 +33,13 @@ from app.request import (
     ReportRequest,
     check_subject,
     clean_file_name,
-    find_window_counts,
+    find_window_hint,
     parse_window,
+    write_profile,
 )
-from fusion.conventions import MethodName, Pose
-from fusion.diary import DiaryEntry, place_diary, read_diary
+from fusion.conventions import AXIS_HINT, ArmAxis, MethodName, Pose, parse_arm_axis
+from fusion.diary import DiaryEntry, read_diary
+from fusion.exposure.periods import place_diary
 from fusion.recording import MICROSECONDS
 
 T = TypeVar("T")
@@ -122,6 +125,7 @@ def check_periods(diary: Sequence[DiaryEntry], found: Mapping[str, Any] | None) 
 
 # What may be asked with a recording.
 
+MOST_WINDOWS = 100
 CLOCK_HINT = "2026-03-02, 2026-03-02T07:58"
 
 
@@ -147,6 +151,10 @@ def _read_device_clock(text: str) -> str:
     if moment.tzinfo is not None:
         raise ValueError
     return moment.isoformat()
+
+
+def _read_axis(text: str | None) -> ArmAxis | None:
+    return _parse(parse_arm_axis, text, AXIS_HINT) if text else None
 
 
 def _check_window(text: str) -> str:
@@ -178,19 +186,31 @@ class AnalysisOptions(BaseModel):
     paper: Annotated[Paper | None, Field(description="Paper of the PDF; else the server's.")] = None
     calibration: Annotated[
         list[Annotated[str, AfterValidator(_check_window)]],
-        Field(max_length=2, description="START_S,END_S; twice for two-point: hanging, level."),
+        Field(
+            max_length=MOST_WINDOWS,
+            description="START_S,END_S: when the pose was held, once or again; two-point: hanging, level.",
+        ),
+    ] = []
+    axis: Annotated[
+        ArmAxis | None,
+        BeforeValidator(_read_axis),
+        Field(description="No pose: the sensor's axis along the arm, towards the shoulder."),
+    ] = None
+    slip_at: Annotated[
+        list[Annotated[float, Field(ge=0, le=1e8)]],
+        Field(max_length=MOST_WINDOWS, description="When the sensor slipped, seconds."),
     ] = []
     rate_hz: Annotated[float | None, Field(ge=1, le=10_000, description="For logs without time.")] = None
+    sensor: Annotated[
+        str, Field(max_length=200, description="Which sensor of a table of several is on the arm.")
+    ] = ""
 
     @model_validator(mode="after")
     def _count_windows(self) -> Self:
-        allowed = find_window_counts(self.pose)
-        if len(self.calibration) not in allowed:
-            raise BadParameter(
-                name="calibration",
-                value=str(len(self.calibration)),
-                allowed=f"{self.pose}: {'|'.join(map(str, allowed))} x {WINDOW_HINT}",
-            )
+        count = len(self.calibration)
+        hint = find_window_hint(self.pose, count, self.axis)
+        if hint:
+            raise BadParameter(name="calibration", value=str(count), allowed=hint)
         return self
 
     def build_request(self, file_name: str, language: Language, paper: Paper) -> ReportRequest:
@@ -206,7 +226,10 @@ class AnalysisOptions(BaseModel):
             method=self.method,
             pose=self.pose,
             calibration_windows_s=tuple(parse_window(text) for text in self.calibration),
+            arm_axis=self.axis,
+            slip_times_s=tuple(self.slip_at),
             rate_hz=self.rate_hz,
+            profile=write_profile({"sensor": self.sensor}) if self.sensor else "",
             languages=(first, "en" if first == "fr" else "fr"),
             paper=self.paper or paper,
         )
@@ -357,6 +380,17 @@ def describe_links(job: Job) -> Mapping[str, str]:
 
 def view_settings(request: ReportRequest) -> dict[str, Any]:
     """Show what was asked."""
-    names = ("subject", "side", "method", "pose", "calibration_windows_s", "rate_hz", "source", "paper")
+    names = (
+        "subject",
+        "side",
+        "method",
+        "pose",
+        "calibration_windows_s",
+        "arm_axis",
+        "slip_times_s",
+        "rate_hz",
+        "source",
+        "paper",
+    )
     periods = [period.model_dump() for period in view_periods(request.diary)]
     return {name: getattr(request, name) for name in names} | {"periods": periods}

@@ -11,6 +11,7 @@ from app.api.files import MEDIA_TYPES, build_file_headers, format_ascii, is_know
 from app.api.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
 from app.jobs.children.pairs import PairedJobs
+from app.report.pairs import OnePerson
 from app.report.words.wording import Language
 from app.request import LONGEST_OFFSET_S, PairRequest, Paper
 from app.services import Services, UsedLanguage, UsedServices
@@ -19,6 +20,14 @@ router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 
 Side = Literal["left", "right"]
 Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
+SameSubject = Annotated[bool, Field(description="All are of one person, though a subject code is missing.")]
+OnePersonView = Annotated[
+    OnePerson,
+    Field(
+        description="Whether all are of one person: the subject codes say so, the person who asks does "
+        "(`same_subject`), unknown (a warning: a code is missing), or no."
+    ),
+]
 PaperChoice = Annotated[Paper | None, Field(description="Paper of the PDF; else that of the first analysis.")]
 
 
@@ -41,6 +50,7 @@ class ComparisonView(BaseModel):
     figures: list[FigureView]
     differences: list[str]
     settings: dict[str, list[Any]]
+    one_person: OnePersonView
     source: str
 
 
@@ -104,6 +114,7 @@ class PairView(BaseModel):
     layout: Annotated[Literal["acromion.pair/1"], Field(alias="schema")]
     left: SourceView
     right: SourceView
+    one_person: OnePersonView
     clock: ClockView
     trunk_clock: ClockView | None
     shared_s: float
@@ -122,6 +133,7 @@ class ChangeView(BaseModel):
     layout: Annotated[Literal["acromion.comparison/1"], Field(alias="schema")]
     before: SourceView
     after: SourceView
+    one_person: OnePersonView
     figures: list[FigureView]
     differences: list[str]
     source: str
@@ -133,6 +145,7 @@ class ComparisonQuery(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     analysis: Annotated[list[str], Field(min_length=2, max_length=2, description="Twice: before, after.")]
+    same_subject: SameSubject = False
     lang: Language | None = None
 
 
@@ -149,7 +162,8 @@ class ChangeQuery(ComparisonQuery):
         NotHere
         """
         before, after = (services.store.get(analysis_id) for analysis_id in self.analysis)
-        request = PairRequest("compare", paper=self.paper or before.request.paper)
+        paper = self.paper or before.request.paper
+        request = PairRequest("compare", paper=paper, same_subject=self.same_subject)
         return PairedJobs(before, after, None, request)
 
 
@@ -166,6 +180,7 @@ class PairQuery(BaseModel):
         Field(description="When the right recording began, seconds after the left; else by the clocks."),
     ] = None
     trunk_offset_s: Annotated[Offset, Field(description="Likewise the trunk's, after the left.")] = None
+    same_subject: SameSubject = False
     paper: PaperChoice = None
     lang: Language | None = None
 
@@ -185,9 +200,9 @@ class PairQuery(BaseModel):
         left, right = services.store.get(self.left), services.store.get(self.right)
         trunk = services.store.get(self.trunk) if self.trunk else None
         paper = self.paper or left.request.paper
-        return PairedJobs(
-            left, right, trunk, PairRequest("pair", self.offset_s, self.trunk_offset_s, paper=paper)
-        )
+        offsets_s = (self.offset_s, self.trunk_offset_s)
+        request = PairRequest("pair", *offsets_s, paper=paper, same_subject=self.same_subject)
+        return PairedJobs(left, right, trunk, request)
 
 
 PairChoice = Annotated[PairQuery, Query()]
@@ -206,7 +221,9 @@ def compare_analyses(services: UsedServices, asked: Annotated[ComparisonQuery, Q
     compared = services.inspector.compare(*findings)
     first, second = view_settings(before.request), view_settings(after.request)
     differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
-    figures = {name: compared[name] for name in ("figures", "differences", "source")}
+    figures = {name: compared[name] for name in ("figures", "differences", "one_person", "source")}
+    if asked.same_subject and figures["one_person"] == "unknown":
+        figures["one_person"] = "person"
     return ComparisonView(before=before.id, after=after.id, settings=differing, **figures)
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from app.batch.plan import MARKER, Task, identify_place
 from app.request import Language, Paper, ReportRequest, compare_settings
 from app.storage.store import hash_file
-from app.version import software_revision, software_version
+from app.version import identify_engine
 
 if sys.platform != "win32":
     import fcntl
@@ -53,7 +53,7 @@ class Marker:
 def make_marker(task: Task) -> Marker:
     """Build the marker of a task: the same input, settings and software give the same figures."""
     digest, settings = _hash_files(task), _write_settings(task)
-    parts = [digest, task.request.file_name, settings, software_version(), software_revision()]
+    parts = [digest, task.request.file_name, settings, identify_engine()]
     fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
     language, paper = task.request.languages[0], task.request.paper
     place = identify_place(task.log)

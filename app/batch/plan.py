@@ -44,6 +44,8 @@ TABLES = (
 )
 """Files next to the recordings' folders."""
 
+PROFILES = "profiles"
+"""Folder of the column profiles that were used, beside the recordings' folders; no recording's own."""
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
 Known = Callable[[Path], Mapping[str, str]]
@@ -74,7 +76,7 @@ def format_folder_name(log: Path) -> str:
     """Give the file's stem, as a name that can only be a folder directly below the results."""
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
-    return safe[:120] or "recording"
+    return f"{safe}_" if safe == PROFILES else safe[:120] or "recording"
 
 
 def _find_names(log: Path, out: Path) -> Iterator[Path]:

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-import psutil
-
 from app.batch.folder import (
     Marker,
     find_changes,
@@ -40,8 +38,7 @@ from app.jobs.children.attempt import (
     run_attempt,
 )
 from app.request import ReportRequest
-from app.settings import Settings
-from app.storage.decoded import KnownLogs
+from app.storage.known import KnownLogs
 from fusion.errors import Fact
 
 # How many recordings this machine analyses at once.
@@ -61,6 +58,8 @@ class Capacity:
 
 def measure_capacity() -> Capacity:
     """Ask the system; the cores are those this process may run on."""
+    import psutil  # noqa: PLC0415  of no use to a run of one recording
+
     allowed = getattr(os, "sched_getaffinity", None)
     cores = len(allowed(0)) if allowed else os.cpu_count() or 1
     return Capacity(cores, psutil.virtual_memory().available)
@@ -206,6 +205,8 @@ def _attempt(
     make: MakeReport,
     go_on: Callable[[str | None, float], bool],
 ) -> Outcome:
+    from app.settings import Settings  # noqa: PLC0415  with pydantic, while the science is loaded elsewhere
+
     limits = choose_limits(Settings(), task.log.stat().st_size)
     outcome = run_attempt(Attempt(task.log, request, staging, make, limits), go_on)
     if isinstance(outcome, Refused):

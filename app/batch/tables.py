@@ -9,8 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from app.batch.inputs import encode_settings
 from app.batch.run import Outcome
+from app.batch.settings_file import encode_settings
 from app.report.export.columns import (
     PERIOD_COLUMNS,
     describe_periods,

@@ -12,9 +12,9 @@ from app.errors import AppError, BackupRefused, DatabaseAway
 from app.logs import escape_controls, start_logging
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, load_wording
-from app.settings import Settings
 
 if TYPE_CHECKING:
+    from app.settings import Settings
     from app.upkeep.backup import Copied
     from app.upkeep.verify import Fault
 
@@ -38,6 +38,7 @@ def serve(
 ) -> None:
     """Serve the page and the API, with the workers that do the analyses."""
     from app.main import serve as serve_app  # noqa: PLC0415
+    from app.settings import Settings  # noqa: PLC0415
 
     try:
         settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
@@ -55,6 +56,7 @@ def worker(
     """Do queued analyses until stopped; any number may run beside the server."""
     from app.jobs.database.connect import check_whole, translate_start_errors  # noqa: PLC0415
     from app.jobs.worker import run_by_settings  # noqa: PLC0415
+    from app.settings import Settings  # noqa: PLC0415
 
     settings = Settings(data_dir=data)
     try:
@@ -187,7 +189,9 @@ def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
         _print_sentence(language, "verify", fault.finding, name=fault.name)
 
 
-def _find_settings(data: Path | None) -> Settings:
+def _find_settings(data: Path | None) -> "Settings":
+    from app.settings import Settings  # noqa: PLC0415
+
     return Settings() if data is None else Settings(data_dir=data)
 
 
@@ -197,7 +201,7 @@ def _print_sentence(language: Language, command: str, sentence: str, /, **facts:
 
 
 @contextmanager
-def _refusals_printed(language: Language, settings: Settings) -> Iterator[None]:
+def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
     """Print a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 

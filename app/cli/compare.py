@@ -1,5 +1,6 @@
 """The commands that compare: both arms of one shift, one day beside another, a recording and a reference."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,11 +25,15 @@ from app.cli.options import (
 )
 from app.cli.output import Exit, choose_exit, print_problem, report_progress
 from app.errors import UNREADABLE_PATH, AppError, find_outcome
+from app.report.words.wording import load_wording
 from app.request import Language, PairRequest, Reference, ReportRequest
 from fusion.conventions import MethodName, Pose, Side
 from fusion.errors import FusionError
 
 _INPUT_HELP = "a folder that acromion run made, or a recording, which is analysed first."
+SameSubjectOption = Annotated[
+    bool, typer.Option("--same-subject", help="All are of one person, though a subject code is missing.")
+]
 KindsOption = Annotated[str, typer.Option("--report", help="What to write: html, pdf or html,pdf.")]
 
 
@@ -44,6 +49,7 @@ def pair(
         float | None, typer.Option(help="When the trunk's recording began, seconds after the left arm's.")
     ] = None,
     subject: SubjectOption = "",
+    same_subject: SameSubjectOption = False,
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
@@ -54,7 +60,7 @@ def pair(
     first = _finish_first(left, out / "left", replace(asked, side="left"))
     second = _finish_first(right, out / "right", replace(asked, side="right"))
     body = (_finish_first(trunk, out / "trunk", asked),) if trunk else ()
-    request = PairRequest("pair", offset_s, trunk_offset_s, (lang,), kinds, paper)
+    request = PairRequest("pair", offset_s, trunk_offset_s, (lang,), kinds, paper, same_subject)
     _write_pair(out / "both-arms", (first, second, *body), request)
 
 
@@ -64,6 +70,7 @@ def compare(
     out: Out,
     side: Annotated[Side | None, typer.Option(help="Which arm, for recordings.")] = None,
     subject: SubjectOption = "",
+    same_subject: SameSubjectOption = False,
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
@@ -73,7 +80,7 @@ def compare(
     asked = ReportRequest("", parse_subject(subject), side, languages=(lang,), paper=paper)
     first = _finish_first(before, out / "before", asked)
     second = _finish_first(after, out / "after", asked)
-    request = PairRequest("compare", languages=(lang,), kinds=kinds, paper=paper)
+    request = PairRequest("compare", languages=(lang,), kinds=kinds, paper=paper, same_subject=same_subject)
     _write_pair(out / "before-after", (first, second), request)
 
 
@@ -104,6 +111,8 @@ def _write_pair(folder: Path, sources: tuple[Path, ...], request: PairRequest) -
     typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
     for line in (folder / "answer.txt").read_text("utf-8").splitlines():
         typer.echo(f"  {line}")
+    if json.loads((folder / request.figures_name).read_bytes())["one_person"] == "unknown":
+        typer.echo(load_wording(language, "pairs")["one_person"]["ask"], err=True)
 
 
 def validate(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.options import LanguageOption, ProfileOption, read_profile_file
+from app.cli.options import LanguageOption, ProfileOption, SensorOption, name_sensor, read_profile_file
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH
 from app.version import software_revision, software_version
@@ -18,6 +18,7 @@ def inspect(
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
     rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000)] = None,
     profile: ProfileOption = None,
+    sensor: SensorOption = "",
     lang: LanguageOption = "en",
 ) -> None:
     """Say what the file is: device, columns, units, rate, clock, gaps, warnings. Analyses nothing."""
@@ -25,7 +26,7 @@ def inspect(
     from app.roads.inspect import inspect_file  # noqa: PLC0415
 
     try:
-        facts = inspect_file(path, rate_hz, read_profile_file(profile, lang))
+        facts = inspect_file(path, rate_hz, name_sensor(read_profile_file(profile, lang), sensor))
     except FusionError as refusal:
         if as_json:
             typer.echo(_write_refusal(path.name, refusal))

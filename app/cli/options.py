@@ -1,17 +1,20 @@
 """Options that commands share, and how they are parsed."""
 
+import json
 import sys
 from collections.abc import Callable, Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
-from app.batch.inputs import Participant, read_participants, read_settings
-from app.batch.plan import read_list
+from app.batch.inputs import Participant, read_participants
+from app.batch.plan import PROFILES, read_list
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, UnusableList
 from app.request import (
+    SLIP_HINT,
     SUBJECT_HINT,
     WINDOW_HINT,
     Language,
@@ -19,10 +22,12 @@ from app.request import (
     ReportKind,
     ReportRequest,
     check_subject,
-    find_window_counts,
+    find_window_hint,
+    parse_slip_time,
     parse_window,
+    write_profile,
 )
-from fusion.conventions import Side
+from fusion.conventions import AXIS_HINT, ArmAxis, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import FusionError
 from fusion.task_windows import TaskWindow, read_tasks
@@ -39,8 +44,13 @@ DiaryOption = Annotated[
 ProfileOption = Annotated[
     Path | None,
     typer.Option(
-        "--profile", metavar="FILE.json", help="What the columns of a table mean (docs/formats.md)."
+        "--profile",
+        metavar="FILE.json|NAME",
+        help="What the columns of a table mean (docs/formats.md); a NAME is in profiles/ of the results.",
     ),
+]
+SensorOption = Annotated[
+    str, typer.Option("--sensor", metavar="NAME", help="Which sensor of a table of several is on the arm.")
 ]
 PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
 LanguageOption = Annotated[Language, typer.Option("--lang", help="Language of the report.")]
@@ -51,13 +61,40 @@ def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, 
     return _read_option_file(path, language, (), lambda file: read_diary(file.read_bytes()))
 
 
+def find_profile(path: Path | None, out: Path) -> Path | None:
+    """Find the column profile: a file or, where there is none, a name in ``profiles/`` of the results."""
+    if path is None or path.exists():
+        return path
+    kept = out / PROFILES / f"{path.name.removesuffix('.json')}.json"
+    return kept if kept.exists() and len(path.parts) == 1 else path
+
+
 def read_profile_file(path: Path | None, language: Language) -> str:
     """Read the column profile before any recording, so that a mistake in it is reported at once."""
     return _read_option_file(path, language, "", _parse_profile)
 
 
+def name_sensor(profile: str, sensor: str) -> str:
+    """Add the sensor on the arm to a column profile as a request holds it; "" adds none."""
+    return write_profile(json.loads(profile or "{}") | {"sensor": sensor}) if sensor else profile
+
+
+def keep_profile(path: Path | None, out: Path) -> None:
+    """Copy a profile that was used to ``profiles/`` of the results, where its name alone finds it again."""
+    if path is not None:
+        kept = out / PROFILES / f"{path.stem}.json"
+        content = path.read_bytes()
+        if not kept.exists() or kept.read_bytes() != content:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            kept.write_bytes(content)
+
+
 def read_settings_file(path: Path | None, language: Language) -> dict[str, Any]:
     """Read the settings of a study: fields of a request and their values."""
+    if path is None:
+        return {}
+    from app.batch.settings_file import read_settings  # noqa: PLC0415  YAML, and only this needs it
+
     return _read_option_file(path, language, {}, lambda file: read_settings(file.read_bytes()))
 
 
@@ -85,7 +122,7 @@ def read_tasks_file(path: Path | None, language: Language) -> tuple[TaskWindow, 
 def _parse_profile(file: Path) -> str:
     from fusion.readers import parse_profile  # noqa: PLC0415  heavy, and only this needs it
 
-    return parse_profile(file.read_text("utf-8", errors="replace")).to_json()
+    return write_profile(asdict(parse_profile(file.read_text("utf-8", errors="replace"))))
 
 
 def _read_option_file(path: Path | None, language: Language, nothing: T, read: Callable[[Path], T]) -> T:
@@ -119,13 +156,29 @@ def parse_windows(texts: list[str] | None) -> tuple[tuple[float, float], ...]:
         raise typer.BadParameter(f"write {WINDOW_HINT}, e.g. 5,15", param_hint="--calibration") from None
 
 
+def parse_axis(text: str | None) -> ArmAxis | None:
+    """Read the sensor's axis that was strapped along the arm."""
+    try:
+        return parse_arm_axis(text) if text is not None else None
+    except ValueError:
+        raise typer.BadParameter(f"write {AXIS_HINT}", param_hint="--axis") from None
+
+
+def parse_slip_times(texts: list[str] | None) -> tuple[float, ...]:
+    """Read when the sensor slipped."""
+    try:
+        return tuple(parse_slip_time(text) for text in texts or ())
+    except ValueError:
+        raise typer.BadParameter(f"write {SLIP_HINT}, e.g. 14400", param_hint="--slip-at") from None
+
+
 def check_windows(requests: Iterable[ReportRequest]) -> None:
-    """Refuse before any analysis a number of windows that does not fit the pose."""
+    """Refuse before any analysis a number of windows that fits neither the pose nor the axis."""
     for request in requests:
-        allowed = find_window_counts(request.pose)
-        if len(request.calibration_windows_s) not in allowed:
-            needed = " or ".join(map(str, allowed))
-            problem = f"{request.file_name}: {request.pose} takes {needed} windows"
+        count = len(request.calibration_windows_s)
+        hint = find_window_hint(request.pose, count, request.arm_axis)
+        if hint:
+            problem = f"{request.file_name}: {count} windows; {hint}"
             raise typer.BadParameter(problem, param_hint="--calibration")
 
 

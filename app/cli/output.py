@@ -1,14 +1,17 @@
 """Output of the command line: a line for each outcome and each problem, and the exit code."""
 
+import importlib
 import json
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +19,16 @@ import typer
 
 from app.batch.plan import Task, format_path
 from app.batch.run import Outcome, find_done, run_tasks
-from app.batch.tables import write_tables
 from app.errors import UNREADABLE_PATH, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
 from app.report.words.messages import describe_problem
-from app.report.words.numbers import format_duration
+from app.report.words.numbers import Clock, format_duration, format_number
 from app.report.words.wording import fill, load_wording
 from app.request import Language, ReportRequest
+
+_TABLES = "app.batch.tables"
+"""What only the end of a run needs; it is loaded while the first recording is analysed."""
 
 
 class Exit(IntEnum):
@@ -62,6 +67,7 @@ def report_progress(
     try:
         with _handling_signals(signal.default_int_handler, signal.SIGTERM):
             warm_up()
+            threading.Thread(target=importlib.import_module, args=(_TABLES,), daemon=True).start()
             for outcome in run_tasks(
                 tasks, workers, _print_stage if on_outcome is print_outcome else _ignore_stage
             ):
@@ -105,11 +111,20 @@ def _ignore_stage(_task: Task, _stage: str | None, _fraction: float) -> None:
 
 
 def _print_stage(task: Task, stage: str | None, fraction: float) -> None:
-    """Keep one line on a terminal up to date; a log file gets none of it."""
+    """Keep one line on a terminal up to date; a log file gets of it that the first run prepares."""
+    language = task.request.languages[0]
     if sys.stderr.isatty():
-        typer.echo(
-            f"\r\x1b[K{escape_controls(task.name)}: {stage or 'waiting'} {fraction:.0%}", nl=False, err=True
-        )
+        word = load_wording(language, "page")["stage"][stage or "starting"]
+        line = f"{task.name}: {word}, {format_number(100.0 * fraction, 0, language)} %"
+        typer.echo(f"\r\x1b[K{escape_controls(line)}", nl=False, err=True)
+    elif stage == "preparing":
+        _note_preparing(language)
+
+
+@cache
+def _note_preparing(language: Language) -> None:
+    """Say once in a run that the first one takes longer."""
+    typer.echo(load_wording(language, "page")["stage"]["preparing"], err=True)
 
 
 def print_outcome(outcome: Outcome, progress: Progress) -> None:
@@ -186,14 +201,41 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
             with _handling_signals(
                 signal.SIG_IGN, signal.SIGINT, signal.SIGTERM
             ):  # the tables are a second's work
-                write_tables(out, outcomes, request, datetime.now(UTC))
+                importlib.import_module(_TABLES).write_tables(out, outcomes, request, datetime.now(UTC))
         except OSError as error:
             print_problem(str(out), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
             is_any_good = any(outcome.code is None for outcome in outcomes)
             raise typer.Exit(Exit.SOME_FAILED if is_any_good else Exit.NOTHING_DONE) from None
+    for outcome in outcomes:
+        for line in format_question(outcome):
+            typer.echo(escape_controls(line), err=True)
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
         typer.echo(_format_total(outcomes, language), err=True)
     raise typer.Exit(choose_exit(outcomes))
+
+
+def format_question(outcome: Outcome) -> list[str]:
+    """Ask which still stretch was the pose, where several may be it; each with the option that names it."""
+    if outcome.code:
+        return []
+    language = outcome.task.request.languages[0]
+    results = json.loads((outcome.task.folder / "results.json").read_text("utf-8"))
+    proposals = (results["calibration"] or {}).get("proposals", ())
+    if not proposals:
+        return []
+    words, start = load_wording(language, "run")["outcome"], results["recording"]["start"]
+    clock = Clock(datetime.fromisoformat(start) if start else None, language)
+    lines = [fill(words["which"], {"name": outcome.task.name})]
+    for still in proposals:
+        start_s, end_s = still["start_s"], still["start_s"] + still["duration_s"]
+        is_used = start_s == results["calibration"]["start_s"]
+        facts = {
+            "time": clock.format(start_s, with_seconds=True),
+            "used": words["which_used"] if is_used else "",
+            "window": f"{start_s:.2f},{end_s:.2f}",
+        }
+        lines.append(f"  {fill(words['which_choice'], facts)}")
+    return lines
 
 
 def _format_total(outcomes: Sequence[Outcome], language: Language) -> str:

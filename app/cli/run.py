@@ -8,18 +8,24 @@ from typing import Annotated, Any
 import typer
 
 from app.batch.folder import is_up_to_date
-from app.batch.inputs import Participant, apply_settings, assign_participants
+from app.batch.inputs import Participant, assign_participants
 from app.batch.plan import Task, find_recordings, format_path, plan_joined, plan_tasks
-from app.batch.run import Capacity, choose_workers, measure_capacity
+from app.batch.run import choose_workers, measure_capacity
 from app.cli.options import (
     DiaryOption,
     LanguageOption,
     Out,
     ProfileOption,
+    SensorOption,
     SideOption,
     SubjectOption,
     check_windows,
+    find_profile,
+    keep_profile,
+    name_sensor,
+    parse_axis,
     parse_kinds,
+    parse_slip_times,
     parse_subject,
     parse_windows,
     read_diary_file,
@@ -52,7 +58,8 @@ def run(
         Path | None, typer.Option("--list", metavar="FILE", help="A list of paths; - for standard input.")
     ] = None,
     participants: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="file,subject,side,pose,calibration,diary.")
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="file,subject,side,pose,calibration,axis,slip_at,diary."),
     ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.yaml", help="Settings of a study, as settings.yaml.")
@@ -68,13 +75,24 @@ def run(
     calibration: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="START_S,END_S", help="Calibration window; twice for two-point: hanging, level."
+            metavar="START_S,END_S",
+            help="When the pose was held; again each time it was. Two-point: hanging, then level.",
         ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(
+            metavar="x|-x|y|-y|z|-z", help="No pose: the sensor's axis along the arm, towards the shoulder."
+        ),
+    ] = None,
+    slip_at: Annotated[
+        list[str] | None, typer.Option("--slip-at", metavar="SECONDS", help="When the sensor slipped.")
     ] = None,
     diary: DiaryOption = None,
     lang: Annotated[Language | None, typer.Option(help="Language of the report  \\[default: en]")] = None,
     rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000, help="For logs without time.")] = None,
     profile: ProfileOption = None,
+    sensor: SensorOption = "",
     report: Annotated[
         str | None, typer.Option(help="What to write: html, pdf or html,pdf  \\[default: html,pdf]")
     ] = None,
@@ -101,17 +119,19 @@ def run(
         "method": method,
         "pose": pose,
         "calibration_windows_s": parse_windows(calibration),
+        "arm_axis": parse_axis(axis),
+        "slip_times_s": parse_slip_times(slip_at),
         "rate_hz": rate_hz,
         "kinds": parse_kinds(report),
         "paper": paper,
     }
     request = _gather_request(config, lang, given)
-    language = request.languages[0]
+    language, profile = request.languages[0], find_profile(profile, out)
     request = replace(
         request,
         subject=parse_subject(subject),
         diary=read_diary_file(diary, language) or request.diary,
-        profile=read_profile_file(profile, language) or request.profile,
+        profile=name_sensor(read_profile_file(profile, language) or request.profile, sensor),
     )
     inputs = [path for path in (list_, participants, config, diary, profile) if path]
     tasks = _plan(
@@ -124,7 +144,8 @@ def run(
         _print_plan(tasks, language)
         raise typer.Exit
     on_outcome = print_json if json_log else print_failure if quiet else print_outcome
-    count = workers or _choose_workers(tasks, measure_capacity(), language)
+    keep_profile(profile, out)
+    count = workers or _choose_workers(tasks, language)
     finish(report_progress(tasks, count, on_outcome), out, request)
 
 
@@ -150,7 +171,7 @@ def _gather_request(config: Path | None, lang: Language | None, given: dict[str,
     settings = read_settings_file(config, lang or "en")
     typed = {name: value for name, value in given.items() if value}
     languages = (lang,) if lang else settings.get("languages", ("en",))
-    return apply_settings(ReportRequest(""), {**settings, **typed, "languages": languages})
+    return replace(ReportRequest(""), **{**settings, **typed, "languages": languages})
 
 
 def _plan(
@@ -172,11 +193,13 @@ def _plan(
     return (plan_joined if join else plan_tasks)(found.logs, out, request, found.format_place, force=force)
 
 
-def _choose_workers(tasks: Sequence[Task], capacity: Capacity, language: Language) -> int:
+def _choose_workers(tasks: Sequence[Task], language: Language) -> int:
+    if len(tasks) == 1:
+        return 1
+    capacity = measure_capacity()
     count = choose_workers(len(tasks), capacity)
-    if len(tasks) > 1:
-        memory = str(round(capacity.free_bytes / (1 << 30), 1))
-        _note("workers", language, n=str(count), cores=str(capacity.cores), memory=memory)
+    memory = str(round(capacity.free_bytes / (1 << 30), 1))
+    _note("workers", language, n=str(count), cores=str(capacity.cores), memory=memory)
     return count
 
 

@@ -16,7 +16,7 @@ from app.jobs.database.tables import analyses, recordings
 from app.jobs.job import JobState
 from app.jobs.queries import select_jobs
 from app.request import ReportRequest, compare_settings
-from app.version import software_revision, software_version
+from app.version import identify_engine
 
 KEYS_PER_QUERY = 500
 _COUNTED = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
@@ -28,7 +28,7 @@ Item = tuple[str, str, ReportRequest]
 def identify_work(sha256: str, request: ReportRequest) -> str:
     """Hash input, settings and engine: the same three give the same report, whichever version it is."""
     plain = replace(request, version=1, changes=(), reason="")
-    parts = (sha256, plain.to_json(), software_version(), software_revision())
+    parts = (sha256, plain.to_json(), identify_engine())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

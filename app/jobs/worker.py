@@ -34,13 +34,15 @@ from app.jobs.database.connect import translate_database_errors, translate_start
 from app.jobs.figures import HeadlineFigures, read_headline
 from app.jobs.job import Job
 from app.jobs.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
+from app.jobs.mappings import MappingStore
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.report.words.messages import describe_problem
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.decoded import DecodedCache, KnownLogs
+from app.storage.decoded import DecodedCache
+from app.storage.known import KnownLogs
 from app.storage.open import load_extra, open_storage
 from app.storage.store import Storage, borrow_recording, borrow_result, check_folder
 
@@ -234,7 +236,21 @@ def _attempt(bench: Bench, job: Job, token: str, heartbeat: ClaimHeartbeat) -> O
     with own as log, _borrow_reference(bench, job) as request:
         limits = choose_limits(bench.settings, job.size_bytes)
         attempt = Attempt(log, request, out, _choose_road(bench, job), limits, gives_way=True)
-        return run_attempt(attempt, partial(_report_unless_stopping, bench, heartbeat))
+        on_progress = partial(_report_unless_stopping, bench, heartbeat)
+        outcome = run_attempt(attempt, on_progress)
+        asked = _adopt_columns(bench, job, token, outcome)
+        if asked is None:
+            return outcome
+        named = replace(asked, reference=request.reference)
+        return run_attempt(replace(attempt, request=named), on_progress)
+
+
+def _adopt_columns(bench: Bench, job: Job, token: str, outcome: Outcome) -> ReportRequest | None:
+    """Give the request with the columns confirmed for the header of a table that was refused, if any are."""
+    if not isinstance(outcome, Refused) or job.request.profile or "header" not in outcome.facts:
+        return None
+    mappings = MappingStore(bench.store.engine, bench.store.reader)
+    return mappings.adopt(job.id, token, str(outcome.facts["header"]))
 
 
 def _report_unless_stopping(

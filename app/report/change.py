@@ -11,8 +11,8 @@ from typing import Any
 
 from app.report.export.results import round_all
 from app.report.figures import format_figure
-from app.report.findings import Kept
-from app.report.model import Pair, Report, Section, Table, VerdictLine
+from app.report.findings import Findings, Kept
+from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
     PairSide,
     build_curves,
@@ -23,9 +23,12 @@ from app.report.pairs import (
     describe_source,
     find_end,
     format_cautions,
+    format_person,
     format_start,
     identify,
+    judge_person,
     load_pair_words,
+    share_whole,
 )
 from app.report.render.write import format_signature
 from app.report.words.numbers import NONE, format_number
@@ -39,20 +42,25 @@ from fusion.comparison import (
     FigureChange,
     compare_days,
 )
+from fusion.recording import MICROSECONDS
 
 SCHEMA = "acromion.comparison/1"
 _ABOVE_60, _MEDIAN = "time_above_60_percent", "elevation_p50_deg"
 _LONGEST_CODE = 16
 
 
-def describe_comparison(before: Kept, after: Kept) -> dict[str, Any]:
-    """Give the changes, the verdicts and what the two differ in besides the work, for JSON."""
+def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False) -> dict[str, Any]:
+    """Give the changes, the verdicts and what the two differ in besides the work, for JSON.
+
+    ``same_subject``: somebody says that both are of one person, where a code is missing.
+    """
     compared = _compare(before, after)
     document: dict[str, Any] = round_all(
         {
             "schema": SCHEMA,
             "before": describe_source(before),
             "after": describe_source(after),
+            "one_person": judge_person((before, after), is_stated=same_subject),
             "figures": [asdict(change) for change in compared.changes],
             "differences": list(compared.differences),
             "source": SOURCE,
@@ -61,11 +69,16 @@ def describe_comparison(before: Kept, after: Kept) -> dict[str, Any]:
     return document
 
 
-def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
+def build_comparison(before: Kept, after: Kept, language: Language, *, same_subject: bool = False) -> Report:
     """Turn two analyses into a report on the change between them."""
     words, compared = load_pair_words(language)["compare"], _compare(before, after)
     sides = (PairSide(words["before"], before), PairSide(words["after"], after))
-    report_id = identify(describe_comparison(before, after))
+    report_id = identify(describe_comparison(before, after, same_subject=same_subject))
+    cautions = (
+        format_person(judge_person((before, after), is_stated=same_subject), language),
+        fill(words["caution"], {"source": SOURCE}),
+        format_cautions(sides, language),
+    )
     limits, use = build_limits(sides, language)
     header = _build_header(sides, language)
     footer = fill(words["footer"], {"version": after.subject.software.version, "id": report_id})
@@ -76,11 +89,9 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
         header=header,
         verdict=_build_verdict(compared, words),
         sentences=_format_changes(compared, words, language),
-        pose_caution=" ".join(
-            filter(None, (fill(words["caution"], {"source": SOURCE}), format_cautions(sides, language)))
-        ),
+        pose_caution=" ".join(filter(None, cautions)),
         range_note="",
-        figures=(build_two_bars(sides, language),)
+        figures=(_build_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
         references=(),
         limits=limits,
@@ -95,22 +106,36 @@ def build_comparison(before: Kept, after: Kept, language: Language) -> Report:
     )
 
 
+def _build_bars(sides: tuple[PairSide, PairSide], language: Language) -> Chart:
+    shares = (share_whole(sides[0]), share_whole(sides[1]))
+    return build_two_bars(shares, load_pair_words(language)["bars"]["note"], language)
+
+
 def _compare(before: Kept, after: Kept) -> DayComparison:
     return compare_days(_build_day(before), _build_day(after))
 
 
 def _build_day(kept: Kept) -> ComparedDay:
     findings = kept.findings
-    method, calibration = findings.method, findings.calibration
+    method = findings.method
     return ComparedDay(
         exposure=findings.exposure,
         method=f"{method.name} {method.version}" if method else "",
-        pose=calibration.pose if calibration else "",
+        pose=_find_pose(findings),
         side=kept.subject.side,
         verdict=findings.quality.verdict,
         sha256=findings.recording.sha256,
         subject=clean_text(kept.subject.subject).strip(),
+        start=findings.recording.start,
+        duration_s=findings.recording.duration_us / MICROSECONDS,
     )
+
+
+def _find_pose(findings: Findings) -> str:
+    """Name what the angle rests on; a day without a pose is not like one with."""
+    if findings.calibration is None:
+        return ""
+    return "axis" if findings.settings.arm_axis else findings.calibration.pose
 
 
 def _build_header(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Pair, ...]:

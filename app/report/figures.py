@@ -37,8 +37,10 @@ _UNITS = (
     ("_per_h", "1/h"),
     ("_dps", "deg/s"),
     ("_deg", "deg"),
+    ("_cdeg", "0.01 deg"),
     ("_hz", "Hz"),
     ("_s", "s"),
+    ("_us", "us"),
 )
 
 
@@ -206,6 +208,7 @@ _FACTS = (
         ),
     ),
     Group("time", tuple(Figure(key, key) for key in ("recorded_s", "analysed_s", "missing_s", "excluded_s"))),
+    Group("calibration", (Figure("found", "pose_found"), Figure("sigma_deg", "pose_sigma_deg"))),
     Group("quality", (Figure("verdict", "verdict"),)),
     Group("origin", (Figure("path", "path"), Figure("folder", "folder"))),
 )
@@ -334,7 +337,8 @@ SUMMARY: tuple[Column, ...] = (
         )
         for end in ("low", "high")
     ),
-    *(Column(name, kind="text") for name in ("path", "folder")),
+    *(Column(name, kind="text") for name in ("path", "folder", "pose_found")),
+    Column("pose_sigma_deg"),
 )
 """The columns of ``summary.csv``, for each recording one row. A new one follows all others."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import types
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -18,7 +18,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from app.report.words.subject import ReportSubject
-from fusion.conventions import MethodName, Pose
+from fusion.conventions import ArmAxis, Found, MethodName, Pose
 from fusion.diary import DiaryEntry
 from fusion.exposure.types import Exposure
 from fusion.quality.types import Quality, TimeAccount
@@ -27,6 +27,7 @@ from fusion.recording import Span
 if TYPE_CHECKING:
     from fusion.pipeline import Analysis
     from fusion.pose.calibrate import Calibration
+    from fusion.pose.wear import AxisPart
     from fusion.pose.windows import StillPeriod
 
 
@@ -113,6 +114,7 @@ class RecordingFacts:
     duration_us: int
     rate_hz: float
     serial_hash: str | None = None
+    reader: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,8 @@ class SettingsFacts:
     pose: Pose = "n-pose"
     calibration_windows_s: tuple[tuple[float, float], ...] = ()
     diary: tuple[DiaryEntry, ...] = ()
+    arm_axis: ArmAxis | None = None
+    slip_times_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,15 +137,50 @@ class StillFacts:
     duration_s: float
     score: float
     gyro_bias_dps: tuple[float, ...]
+    apart_deg: float | None = None
+    """From the first pose, where it was held again."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartFacts:
+    """A stretch that the first pose does not read.
+
+    ``pose_index``: the given pose that does, counted from 0 in order of time; None where a pose that the
+    software found in it does, or (``is_valid``) none. ``apart_deg``: between the poses on both sides of it.
+    """
+
+    start_s: float
+    end_s: float
+    is_valid: bool
+    pose_index: int | None
+    apart_deg: float
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFacts:
-    """The pose and where it was found."""
+    """The pose and how it was found; as in :class:`fusion.pose.calibrate.Calibration`.
+
+    ``still`` is the first window; ``second`` the level one of the two-point pose, ``repeats`` those in which
+    the same pose was held again. Findings of earlier versions know no more than these, and not how it was
+    ``found``.
+    """
 
     pose: Pose
-    still: StillFacts
+    still: StillFacts | None
     second: StillFacts | None = None
+    repeats: tuple[StillFacts, ...] = ()
+    found: Found | None = None
+    sigma_deg: float | None = None
+    gyro_bias_dps: tuple[float, ...] = ()
+    walking_deg: float | None = None
+    repeat_deg: float | None = None
+    proposals: tuple[StillFacts, ...] = ()
+    parts: tuple[PartFacts, ...] = ()
+
+    @property
+    def bias_dps(self) -> tuple[float, ...]:
+        """Gyroscope offset; earlier versions kept it with the window."""
+        return self.gyro_bias_dps or (self.still.gyro_bias_dps if self.still else ())
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +220,14 @@ def take_findings(analysis: Analysis) -> Findings:
     return Findings(
         recording=_take_recording(analysis),
         settings=SettingsFacts(
-            settings.method, settings.pose, settings.calibration_windows_s, settings.diary
+            settings.method,
+            settings.pose,
+            settings.calibration_windows_s,
+            settings.diary,
+            settings.arm_axis,
+            settings.slip_times_s,
         ),
-        calibration=_take_calibration(analysis.calibration),
+        calibration=_take_calibration(analysis),
         method=MethodFacts(method.name, method.version, dict(method.parameters)) if method else None,
         exclusions=analysis.exclusions,
         time=analysis.time,
@@ -222,6 +266,7 @@ def _take_recording(analysis: Analysis) -> RecordingFacts:
         duration_us=recording.duration_us,
         rate_hz=_find_rate_hz(analysis),
         serial_hash=recording.serial_hash,
+        reader=recording.reader,
     )
 
 
@@ -232,11 +277,45 @@ def _find_rate_hz(analysis: Analysis) -> float:
     return max(analysis.elevation.segments, key=len).rate_hz
 
 
-def _take_calibration(calibration: Calibration | None) -> CalibrationFacts | None:
+def _take_calibration(analysis: Analysis) -> CalibrationFacts | None:
+    calibration = analysis.calibration
     if calibration is None:
         return None
-    second = _take_still(calibration.second) if calibration.second else None
-    return CalibrationFacts(calibration.pose, _take_still(calibration.still), second)
+    windows: tuple[StillFacts | None, ...] = tuple(map(_take_still, calibration.windows)) or (None,)
+    first, *others = windows
+    is_pair = calibration.pose == "two-point" and len(others) > 0
+    return CalibrationFacts(
+        calibration.pose,
+        first,
+        others[0] if is_pair else None,
+        () if is_pair else _take_repeats(calibration),
+        calibration.found,
+        calibration.sigma_deg,
+        tuple(calibration.gyro_bias_dps.tolist()),
+        calibration.walking_deg,
+        calibration.repeat_deg,
+        tuple(_take_still(still) for still in calibration.proposals),
+        tuple(_take_part(part, calibration) for part in analysis.axis_parts),
+    )
+
+
+def _take_repeats(calibration: Calibration) -> tuple[StillFacts, ...]:
+    """Take the poses held again; one that the software found is never repeated."""
+    again = zip(calibration.windows[1:], calibration.apart_deg, strict=True)
+    return tuple(replace(_take_still(still), apart_deg=apart_deg) for still, apart_deg in again)
+
+
+def _take_part(part: AxisPart, calibration: Calibration) -> PartFacts:
+    inside = (
+        index
+        for index, still in enumerate(calibration.windows)
+        if part.start_s <= still.start_s <= part.end_s
+    )
+    pose_index = None
+    if part.arm_axis is not None:
+        is_first = np.array_equal(part.arm_axis, calibration.arm_axis)
+        pose_index = 0 if is_first else next(inside, None)
+    return PartFacts(part.start_s, part.end_s, part.arm_axis is not None, pose_index, part.apart_deg)
 
 
 def _take_still(still: StillPeriod) -> StillFacts:

@@ -7,13 +7,13 @@ from typing import Any
 from app.report.words.messages import describe_flag, format_facts
 from app.report.words.numbers import format_exact, format_long_duration, format_number
 from app.report.words.subject import clean_text
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 from fusion.caveats import Caveat
 from fusion.recording import QualityFlag
 
 _MOST_LINES = 10
 _CORRECTION = Caveat.UNITS
-_TOLD_ABOVE = frozenset({"jitter_us", "time_exponent"})
+_TOLD_ABOVE = frozenset({"jitter_us", "time_exponent", "left_gyr_factor"})
 """Facts that the reader found and another line gives already."""
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 _NUMBERS = frozenset(
@@ -25,7 +25,7 @@ def describe_inspection(facts: Mapping[str, Any], language: Language) -> str:
     """Write the facts as lines for people."""
     words = load_wording(language, "run")["inspection"]
     rows = [
-        (words["device"], load_wording(language)["device"].get(facts["device"], facts["device"])),
+        (words["device"], find_device_name(load_wording(language), facts["device"])),
         (words["start"], facts["start"] or words["no_clock"]),
         (words["rate"], f"{format_number(facts['rate_hz'], 3, language)} Hz"),
         (words["recorded"], format_long_duration(facts["recorded_s"])),
@@ -106,10 +106,11 @@ def _format_warning(warning: Mapping[str, Any], language: Language) -> str:
     return f"{flag.code} {describe_flag(flag, language).title} ({format_exact(flag.count, language)})"
 
 
-def _format_proposal(proposal: Mapping[str, float], words: Words, language: Language) -> str:
+def _format_proposal(proposal: Mapping[str, Any], words: Words, language: Language) -> str:
     facts = {
         "start": format_number(proposal["start_s"], 1, language),
         "end": format_number(proposal["start_s"] + proposal["duration_s"], 1, language),
         "score": format_number(proposal["score"], 2, language),
+        "again": words["again"] if proposal["kind"] == "repeat" else "",
     }
     return fill(words["proposal"], facts)

@@ -90,6 +90,69 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
+class Tile:
+    """A main figure: its value, how long, its range, and a scale with the published value, which is named.
+
+    ``pose`` says how far the error of the calibration pose may raise it; may be empty, as all but name and
+    value may.
+    """
+
+    name: str
+    value: str
+    duration: str
+    range: str
+    pose: str
+    published: str
+    scale: str
+    alternative: str
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A drawing with its title, its text alternative and where its values come from.
+
+    Without a drawing the note says why.
+    """
+
+    title: str
+    alternative: str
+    svg: str
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """The first page, the Arm Elevation Profile (docs/profile.md).
+
+    Attributes
+    ----------
+    quality
+        What limits the data, by name.
+    tiles
+        Time above 30, 60 and 90 deg, rises above 60 deg an hour.
+    strip
+        The day with its tasks.
+    tasks
+        The tasks, or the quarter hours, with the most time above 60 deg; None without any.
+    sure
+        The doubts about the time above 60 deg.
+    next_title, next_steps
+        What to do next, each by a stated rule.
+    not_a_diagnosis
+        What the page is not.
+    """
+
+    quality: str
+    tiles: tuple[Tile, ...]
+    strip: Chart
+    tasks: Table | None
+    sure: Drawing
+    next_title: str
+    next_steps: tuple[str, ...]
+    not_a_diagnosis: str
+
+
+@dataclass(frozen=True, slots=True)
 class Report:
     """All that a template may use.
 
@@ -98,7 +161,7 @@ class Report:
     sentences
         The answer in three sentences.
     figures, references
-        Of the first page; a report may have no references.
+        Beside the sentences; a report may have no references.
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
     range_note
@@ -111,6 +174,10 @@ class Report:
         Which version this is and why, where it replaces an earlier one; else empty.
     words
         The fixed words of the templates (headings, labels).
+    pose_note
+        Which stretch was the pose, where that is open, and what walking says of a pose that was given.
+    profile
+        The first page, behind which the rest then stands; None in a report of two recordings.
     """
 
     language: Language
@@ -132,6 +199,8 @@ class Report:
     made_of: datetime | None
     amendment: str
     words: Mapping[str, str]
+    pose_note: str = ""
+    profile: Profile | None = None
 
 
 @dataclass(frozen=True, slots=True)

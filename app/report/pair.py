@@ -17,6 +17,8 @@ from app.report.export.results import round_all
 from app.report.findings import Kept
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
+    BarShares,
+    OnePerson,
     PairSide,
     build_curves,
     build_limits,
@@ -26,6 +28,7 @@ from app.report.pairs import (
     describe_source,
     find_end,
     format_cautions,
+    format_person,
     format_start,
     identify,
     load_pair_words,
@@ -43,6 +46,7 @@ from app.report.words.numbers import (
 )
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
+from fusion.exposure.types import LEAST_RANGED_S
 from fusion.recording import MICROSECONDS
 
 if TYPE_CHECKING:
@@ -51,8 +55,6 @@ if TYPE_CHECKING:
 SCHEMA = "acromion.pair/1"
 _LEVELS = ("good", "caution", "poor")
 _LONGEST_CODE = 24
-SHORTEST_DRAWN_S = 1800.0
-"""Fewer than six 5-minute blocks, resampled, say little of a day."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +71,7 @@ class ArmPair:
 
     ``offset_s``: when the right recording's first sample was taken, seconds after the left's; ``offset_from``
     says whether by the devices' clocks or by a person. ``trunk``: each arm relative to the trunk, whose clock
-    is ``trunk_clock``, None without one.
+    is ``trunk_clock``, None without one. ``one_person``: whether all of them are of one person.
     """
 
     left: Kept
@@ -79,6 +81,7 @@ class ArmPair:
     shared: PairedArms
     trunk: tuple[TrunkRelative, TrunkRelative]
     trunk_clock: TrunkClock | None = None
+    one_person: OnePerson = "codes"
 
 
 def describe_pair(pair: ArmPair) -> dict[str, Any]:
@@ -89,6 +92,7 @@ def describe_pair(pair: ArmPair) -> dict[str, Any]:
             "schema": SCHEMA,
             "left": describe_source(pair.left),
             "right": describe_source(pair.right),
+            "one_person": pair.one_person,
             "clock": {"offset_s": pair.offset_s, "from": pair.offset_from},
             "trunk_clock": _describe_clock(pair.trunk_clock),
             "shared_s": shared.shared_s,
@@ -132,6 +136,11 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
     limits, use = build_limits(sides, language)
     if any(trunk.percentiles_deg for trunk in pair.trunk):
         limits = replace(limits, paragraphs=(words["limits_with_trunk"], *limits.paragraphs[1:]))
+    cautions = (
+        format_person(pair.one_person, language),
+        _format_clock(pair, words, language),
+        format_cautions(sides, language),
+    )
     header = _build_header(pair, words, language)
     footer = fill(words["footer"], {"version": pair.left.subject.software.version, "id": report_id})
     return Report(
@@ -141,16 +150,16 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         header=header,
         verdict=_build_verdict(sides, words, language),
         sentences=_format_answers(pair, words, language),
-        pose_caution=f"{_format_clock(pair, words, language)} {format_cautions(sides, language)}".strip(),
-        range_note=_format_ranges_note(pair, words, language),
-        figures=(build_two_bars(sides, language), _build_days(pair, sides, language)),
+        pose_caution=" ".join(filter(None, cautions)),
+        range_note=_format_ranges_note(pair, words),
+        figures=(_build_bars(pair, words, language), _build_days(pair, sides, language)),
         references=(),
         limits=limits,
         intended_use=use,
         sections=(
             _build_figures(pair, words, language),
             _build_trunk(pair, words, language),
-            *_build_spread(sides, language),
+            *_build_spread(sides, words, language),
             build_sources(sides, language),
         ),
         report_id=report_id,
@@ -197,6 +206,8 @@ def _format_answers(pair: ArmPair, words: Words, language: Language) -> tuple[st
         "left": ("left_time_above_60_percent", format_percent(shared.left.percent_above[60], language)),
         "right": ("right_time_above_60_percent", format_percent(shared.right.percent_above[60], language)),
         "both": ("both_above_60_percent", format_percent(shared.both_above_60_percent, language)),
+        "left_90": ("left_time_above_90_percent", format_percent(shared.left.percent_above[90], language)),
+        "right_90": ("right_time_above_90_percent", format_percent(shared.right.percent_above[90], language)),
         "left_p50": ("left_elevation_p50_deg", format_angle(shared.left.percentiles_deg[50], language)),
         "right_p50": ("right_elevation_p50_deg", format_angle(shared.right.percentiles_deg[50], language)),
         "ratio": ("right_to_left_time_above_60", "" if ratio == NONE else ratio),
@@ -227,13 +238,11 @@ def _format_interval(pair: ArmPair, name: str, language: Language) -> str:
     return "–".join(format_number(end, 2, language) for end in (interval.low, interval.high))
 
 
-def _format_ranges_note(pair: ArmPair, words: Words, language: Language) -> str:
+def _format_ranges_note(pair: ArmPair, words: Words) -> str:
     """State what the ranges hold, or that there are none."""
-    if not pair.shared.intervals:
-        return str(words["ranges"]["none"])
-    if pair.shared.shared_s < SHORTEST_DRAWN_S:
-        return str(load_wording(language)["ranges"]["short"])
-    return str(words["ranges"]["known"])
+    if pair.shared.shared_s < LEAST_RANGED_S:
+        return str(words["ranges"]["short"])
+    return str(words["ranges"]["known" if pair.shared.intervals else "none"])
 
 
 def _format_clock(pair: ArmPair, words: Words, language: Language) -> str:
@@ -242,6 +251,16 @@ def _format_clock(pair: ArmPair, words: Words, language: Language) -> str:
     order = "later" if pair.offset_s > 0 else "earlier" if pair.offset_s < 0 else "together"
     facts = {"offset": format_duration(abs(pair.offset_s), language)}
     return f"{fill(entry[order], facts)} {entry[pair.offset_from]}"
+
+
+def _build_bars(pair: ArmPair, words: Words, language: Language) -> Chart:
+    """Build the bars over the shared time, so that the page has one value for each arm."""
+    shared = pair.shared
+    left, right = (
+        BarShares(words[side], shared.shared_s, arm.percent_above)
+        for side, arm in (("left", shared.left), ("right", shared.right))
+    )
+    return build_two_bars((left, right), words["bars_note"], language)
 
 
 def _build_days(pair: ArmPair, sides: tuple[PairSide, PairSide], language: Language) -> Chart:
@@ -309,7 +328,8 @@ def _build_ranges(pair: ArmPair, name: str, ratio: str, language: Language) -> l
 
 
 def _find_ranges_label(language: Language) -> str:
-    return str(load_wording(language)["measure"]["percentiles"]["range"])
+    name = str(load_wording(language)["ranges"]["name"]["known"])
+    return name[0].upper() + name[1:]
 
 
 def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
@@ -334,8 +354,9 @@ def _build_trunk(pair: ArmPair, words: Words, language: Language) -> Section:
     return Section("trunk", entry["title"], (entry["limit"],), tables=(table,))
 
 
-def _build_spread(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Section, ...]:
+def _build_spread(sides: tuple[PairSide, PairSide], words: Words, language: Language) -> tuple[Section, ...]:
     if not can_draw_curves(sides):
         return ()
     title = load_wording(language)["section"]["spread"]
-    return (Section("spread", title, figures=(build_curves(sides, language),)),)
+    curves = replace(build_curves(sides, language), note=words["curves_note"])
+    return (Section("spread", title, figures=(curves,)),)

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, Literal
 
-from app.report.analysis.chapters import format_accuracy
+from app.report.analysis.chapters import format_accuracy, format_found, format_pose_caution
 from app.report.analysis.charts import build_parts, share_below
 from app.report.charts.distribution import Curve, draw_two_curves
 from app.report.charts.svg import NARROW, WIDE
 from app.report.export.results import identify_report
-from app.report.findings import Kept
+from app.report.findings import Findings, Kept
 from app.report.model import Chart, Note, Section, Table
 from app.report.words.numbers import NONE, Clock, format_date, format_duration, format_number
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
-from fusion.exposure.types import Exposure, PartExposure
+from fusion.conventions import UNHELD
+from fusion.exposure.types import PartExposure
 from fusion.recording import MICROSECONDS
 
 
@@ -31,22 +32,54 @@ class PairSide:
     kept: Kept
 
 
+OnePerson = Literal["codes", "person", "unknown", "no"]
+"""Whether the recordings are of one person: their codes say so, the person who asks does, nobody does, or the
+codes are of two people."""
+
+
+def judge_person(every: Sequence[Kept], *, is_stated: bool) -> OnePerson:
+    """Tell whether all recordings are of one person; what a person states counts where a code is missing."""
+    codes = {clean_text(kept.subject.subject).strip() for kept in every}
+    if len(codes - {""}) > 1:
+        return "no"
+    if "" not in codes:
+        return "codes"
+    return "person" if is_stated else "unknown"
+
+
+def format_person(one_person: OnePerson, language: Language) -> str:
+    """Say that it is not known whether both are of one person, or who says so; else empty."""
+    return str(load_pair_words(language)["one_person"].get(one_person, ""))
+
+
 def load_pair_words(language: Language) -> Words:
     """Read the words of both reports."""
     return load_wording(language, "pairs")
 
 
-def build_two_bars(sides: tuple[PairSide, PairSide], language: Language) -> Chart:
-    """Build one stacked bar for each, to one scale."""
-    entry = load_pair_words(language)
-    parts = [(side.name, _summarise_whole(side.kept.findings.exposure)) for side in sides]
-    return replace(build_parts("bars", parts, entry, language), note=entry["bars"]["note"])
+@dataclass(frozen=True, slots=True)
+class BarShares:
+    """What the bar of one of the two shows: analysed time, s, and its share above each threshold, percent."""
+
+    name: str
+    analysed_s: float
+    percent_above: dict[int, float]
 
 
-def _summarise_whole(exposure: Exposure) -> PartExposure:
+def build_two_bars(shares: tuple[BarShares, BarShares], note: str, language: Language) -> Chart:
+    """Build one stacked bar for each, to one scale; ``note`` says which time they cover."""
+    parts = [
+        (share.name, PartExposure("", 0.0, 0.0, share.analysed_s, {}, share.percent_above, None))
+        for share in shares
+    ]
+    return replace(build_parts("bars", parts, load_pair_words(language), language), note=note)
+
+
+def share_whole(side: PairSide) -> BarShares:
+    """Give the shares of all analysed time of a recording."""
+    exposure = side.kept.findings.exposure
     above = {int(item.threshold_deg): item.percent for item in exposure.time_above}
-    entries = next((e.per_hour for e in exposure.entries if e.threshold_deg == 60), None)
-    return PartExposure("", 0.0, 0.0, exposure.analysed_s, exposure.percentiles_deg, above, entries)
+    return BarShares(side.name, exposure.analysed_s, above)
 
 
 def build_curves(sides: tuple[PairSide, PairSide], language: Language) -> Chart:
@@ -93,9 +126,9 @@ def _read_wall_clock(moment: datetime) -> datetime:
 
 def format_cautions(sides: tuple[PairSide, PairSide], language: Language) -> str:
     """Give the known one-sided errors of the poses the figures were calibrated in; each once."""
-    cautions = load_wording(language)["pose_caution"]
-    poses = (s.kept.findings.calibration.pose for s in sides if s.kept.findings.calibration)
-    return " ".join(dict.fromkeys(cautions[pose] for pose in poses if pose in cautions))
+    words = load_wording(language)
+    told = (format_pose_caution(side.kept.findings, words) for side in sides)
+    return " ".join(filter(None, dict.fromkeys(told)))
 
 
 def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Note, Note]:
@@ -130,10 +163,17 @@ def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, .
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
         load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],
         f"{method.name} {method.version}" if method else NONE,
-        words["pose"].get(findings.calibration.pose, NONE) if findings.calibration else NONE,
+        _format_pose(findings, words),
         f"Acromion {subject.software.version}",
         identify_report(findings, subject),
     )
+
+
+def _format_pose(findings: Findings, words: Words) -> str:
+    calibration = findings.calibration
+    if calibration is None:
+        return NONE
+    return format_found(findings, words) if calibration.found in UNHELD else words["pose"][calibration.pose]
 
 
 def describe_source(kept: Kept) -> dict[str, object]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from app.errors import BadParameter
 from app.report.export.all import export_results
 from app.report.export.fhir import encode_fhir
 from app.report.export.parquet import encode_elevation_csv, write_elevation
@@ -18,13 +19,14 @@ from app.report.words.subject import ReportSubject, Software
 from app.request import OnStage, ReportRequest, Stage
 from app.roads.reading import Logs
 from app.storage.day_file import DAY_NAME, DaySegment, write_day
-from app.storage.decoded import NOTHING_KNOWN, KnownLogs
+from app.storage.known import NOTHING_KNOWN, KnownLogs
 from app.storage.store import sync_file
 from app.version import software_revision, software_version
 from fusion.angle_files import AngleFile, AngleFileOptions, holds_samples, read_angle_file, recognise_layout
 from fusion.elevation import ElevationSegment
 from fusion.pipeline import Analysis, AnalysisSettings, analyse, analyse_angle_file, analyse_angles
-from fusion.pose.windows import propose_still_periods
+from fusion.pose.poses import find_nearest_axis, propose_poses
+from fusion.pose.windows import StillPeriod
 from fusion.quality import propose_nonwear
 from fusion.readers import holds_device_format
 from fusion.recording import MICROSECONDS, Segment, Span
@@ -58,17 +60,32 @@ def _reduce(segment: Segment | None, run: ElevationSegment) -> tuple[float, np.n
 def _describe_facts(analysis: Analysis) -> dict[str, Any]:
     recording = analysis.recording
     has_samples = analysis.calibration is not None
-    still = propose_still_periods(recording) if has_samples else ()
+    proposed = propose_poses(recording, analysis.settings.slip_times_s) if has_samples else ()
     not_worn = propose_nonwear(recording, analysis.exclusions) if has_samples else ()
     return {
         "device": recording.device,
         "start": recording.start.isoformat() if recording.start else None,
         "duration_us": recording.duration_us,
-        "still": [[p.start_s, p.start_s + p.duration_s, p.score] for p in still],
+        "still": [[p.still.start_s, p.still.end_s, p.still.score, p.kind] for p in proposed],
         "not_worn": [_bound(span) for span in not_worn],
         "left_out": [[*_bound(span), span.reason] for span in analysis.exclusions],
         "calibration": [list(window) for window in _find_windows(analysis)],
+        "asked": [[still.start_s, still.end_s] for still in _find_proposals(analysis)],
+        "nearest_axis": _find_nearest_axis(analysis),
     }
+
+
+def _find_proposals(analysis: Analysis) -> tuple[StillPeriod, ...]:
+    """Give the stretches of which nobody said which was the pose."""
+    return analysis.calibration.proposals if analysis.calibration else ()
+
+
+def _find_nearest_axis(analysis: Analysis) -> list[str | float] | None:
+    """Give the sensor's axis that lies nearest to the arm's as it was found, and how far apart they are."""
+    if analysis.calibration is None:
+        return None
+    axis, apart_deg = find_nearest_axis(analysis.calibration.arm_axis)
+    return [axis, apart_deg]
 
 
 def _bound(span: Span) -> list[float]:
@@ -78,9 +95,8 @@ def _bound(span: Span) -> list[float]:
 def _find_windows(analysis: Analysis) -> Iterator[tuple[float, float, float]]:
     """Give start, end and score of the windows that were used."""
     calibration = analysis.calibration
-    for still in (calibration.still, calibration.second) if calibration else ():
-        if still is not None:
-            yield still.start_s, still.start_s + still.duration_s, still.score
+    for still in calibration.windows if calibration else ():
+        yield still.start_s, still.end_s, still.score
 
 
 FHIR = "fhir.json"
@@ -190,6 +206,7 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
         version=request.version,
         changes=request.changes,
         reason=request.reason,
+        columns=request.profile,
     )
 
 
@@ -203,9 +220,22 @@ def _analyse_file(logs: Logs, begin: Callable[[Stage], None]) -> Analysis:
     if captured is not None:
         return analyse_angle_file(captured, begin, request.select_diary(), request.calibration_windows_s)
     settings = AnalysisSettings(
-        request.method, request.pose, request.calibration_windows_s, request.select_diary()
+        request.method,
+        request.pose,
+        request.calibration_windows_s,
+        request.select_diary(),
+        request.arm_axis,
+        request.slip_times_s,
     )
-    return analyse(logs.read(), settings, begin)
+    recording = logs.read()
+    _refuse_slips_outside(recording.duration_us / MICROSECONDS, request.slip_times_s)
+    return analyse(recording, settings, begin)
+
+
+def _refuse_slips_outside(duration_s: float, slip_times_s: tuple[float, ...]) -> None:
+    for time_s in slip_times_s:
+        if time_s > duration_s:
+            raise BadParameter(name="slip_at", value=f"{time_s:g}", allowed=f"0 … {duration_s:g}")
 
 
 def _read_capture(log: Path, request: ReportRequest) -> AngleFile | None:

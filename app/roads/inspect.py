@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from app.request import OnStage, ReportRequest
+from app.roads.reading import read_file
 from app.storage.incoming import TAIL_SUFFIX
 from fusion.angle_files import AngleFile, read_angle_file, recognise_layout, resample_file
-from fusion.pose.windows import propose_still_periods
+from fusion.pose.poses import propose_poses
 from fusion.quality import find_exclusions, propose_nonwear
-from fusion.readers import parse_profile, read_recording
+from fusion.readers import identify_header
 from fusion.readers.archives import unpack
 from fusion.readers.preview import MAX_GAPS, inspect_recording, preview_head
 from fusion.readers.source import open_source
@@ -38,15 +39,15 @@ def inspect_file(
     with path.open("rb") as file:
         if recognise_layout(file, name) == "mvnx":
             return {"file": name} | _inspect_capture(read_angle_file(file, name))
-        columns = parse_profile(profile) if profile else None
-        recording = read_recording(file, file_name=name, rate_hz=rate_hz, profile=columns)
+    recording = read_file(path, ReportRequest(name, rate_hz=rate_hz, profile=profile))
     proposals = [
         {
-            "start_s": round(p.start_s, 3),
-            "duration_s": round(p.duration_s, 3),
-            "score": round(p.score, 3),
+            "start_s": round(p.still.start_s, 3),
+            "duration_s": round(p.still.duration_s, 3),
+            "score": round(p.still.score, 3),
+            "kind": p.kind,
         }
-        for p in propose_still_periods(recording)
+        for p in propose_poses(recording)
     ]
     understood: dict[str, Any] = inspect_recording(recording, find_exclusions(recording))
     nonwear = [
@@ -103,7 +104,7 @@ def write_preview(log: Path, request: ReportRequest, out: Path, on_stage: OnStag
 
 
 def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
-    """Write ``columns.json``: what a table's columns are called, its first rows, and what they may be.
+    """Write ``columns.json``: a table's header and its identity, its first rows, and what they may be.
 
     Raises
     ------
@@ -113,4 +114,6 @@ def write_column_proposal(log: Path, request: ReportRequest, out: Path, on_stage
     on_stage("reading", 0.0)
     with log.open("rb") as file:
         head = unpack(open_source(file, request.file_name, is_hashed=False)).head
-    (out / "columns.json").write_text(json.dumps(asdict(propose_profile(head))), "utf-8")
+        header = identify_header(file)
+    proposal = asdict(propose_profile(head)) | {"header": header}
+    (out / "columns.json").write_text(json.dumps(proposal), "utf-8")

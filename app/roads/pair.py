@@ -6,30 +6,24 @@ all take it.
 
 import json
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import pyarrow.parquet as pq
 
 from app.errors import CannotPair
 from app.report.change import build_comparison, describe_comparison
 from app.report.findings import Kept, decode_findings
 from app.report.model import Report
 from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
-from app.report.pairs import encode_document
+from app.report.pairs import encode_document, judge_person
 from app.report.render.write import read_kept, write_report
 from app.request import OnStage, PairRequest, ReportRequest
+from fusion.angle_files.elevation_parquet import read_elevation
 from fusion.arms import PairedArms, TrunkRelative, pair_arms, relate_to_trunk
-from fusion.elevation import Elevation, ElevationSegment
+from fusion.elevation import Elevation
 from fusion.errors import TooShort
 from fusion.quality import leave_out
-from fusion.recording import MICROSECONDS
 
 ELEVATION = "elevation.parquet"
-HOLE_PERIODS = 1.5
-"""A step longer than so many sample periods ends a run."""
 
 
 def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path) -> None:
@@ -51,8 +45,11 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
         _write(reports, describe_pair(pair), request, out)
     else:
         before, after = map(_read, folders)
-        reports = [build_comparison(before, after, language) for language in request.languages]
-        _write(reports, describe_comparison(before, after), request, out)
+        same = request.same_subject
+        reports = [
+            build_comparison(before, after, language, same_subject=same) for language in request.languages
+        ]
+        _write(reports, describe_comparison(before, after, same_subject=same), request, out)
 
 
 def write_comparison(log: Path, _request: ReportRequest, out: Path, on_stage: OnStage) -> None:
@@ -64,6 +61,7 @@ def write_comparison(log: Path, _request: ReportRequest, out: Path, on_stage: On
 
 def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest) -> ArmPair:
     left, right = map(_read, arms)
+    body = _read(trunk) if trunk else None
     _refuse_strangers(left, right)
     offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
     angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
@@ -73,7 +71,8 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
         offset_s,
         "clocks" if request.offset_s is None else "person",
         _share(*angles, offset_s, _find_sigmas(left, right)),
-        *_relate(angles, (trunk, request.trunk_offset_s), (left, right), offset_s),
+        *_relate(angles, (trunk, body, request.trunk_offset_s), (left, right), offset_s),
+        judge_person((left, right, *((body,) if body else ())), is_stated=request.same_subject),
     )
 
 
@@ -97,32 +96,7 @@ def find_offset_s(left: Kept, right: Kept) -> float:
 
 def read_analysed(folder: Path, kept: Kept) -> Elevation:
     """Read the angle series of a finished analysis; what its report leaves out is not valid."""
-    table = pq.read_table(folder / ELEVATION)
-    columns = (table[name].to_numpy() for name in ("time_s", "elevation_deg", "valid"))
-    return leave_out(Elevation(tuple(_split_runs(*columns)), None), kept.findings.exclusions)
-
-
-def _split_runs(
-    time_s: np.ndarray[Any, Any], angle_deg: np.ndarray[Any, Any], valid: np.ndarray[Any, Any]
-) -> list[ElevationSegment]:
-    """Cut the series where a step is longer than a sample and a half."""
-    steps_s = np.diff(time_s)
-    period_s = float(np.median(steps_s)) if len(steps_s) else 1.0
-    cuts = [0, *(np.flatnonzero(steps_s > HOLE_PERIODS * period_s) + 1).tolist(), len(time_s)]
-    return [
-        ElevationSegment(
-            start_us=round(float(time_s[a]) * MICROSECONDS),
-            rate_hz=_fit_rate_hz(time_s[a:b], period_s),
-            elevation_deg=angle_deg[a:b],
-            valid=valid[a:b],
-        )
-        for a, b in pairwise(cuts)
-        if b > a
-    ]
-
-
-def _fit_rate_hz(time_s: np.ndarray[Any, Any], period_s: float) -> float:
-    return (len(time_s) - 1) / float(time_s[-1] - time_s[0]) if len(time_s) > 1 else 1 / period_s
+    return leave_out(read_elevation(folder / ELEVATION), kept.findings.exclusions)
 
 
 def _read(folder: Path) -> Kept:
@@ -140,8 +114,14 @@ def _refuse_strangers(left: Kept, right: Kept) -> None:
     CannotPair
     """
     _refuse_same(left, right)
+    _refuse_two_people(left, right)
     if left.subject.side == "right" or right.subject.side == "left":
         raise CannotPair(why="side")
+
+
+def _refuse_two_people(*ones: Kept) -> None:
+    if len({kept.subject.subject for kept in ones} - {""}) > 1:
+        raise CannotPair(why="subjects")
 
 
 def _refuse_same(one: Kept, other: Kept) -> None:
@@ -166,20 +146,21 @@ def _share(
 
 def _relate(
     angles: tuple[Elevation, Elevation],
-    trunk: tuple[Path | None, float | None],
+    trunk: tuple[Path | None, Kept | None, float | None],
     arms: tuple[Kept, Kept],
     offset_s: float,
 ) -> tuple[tuple[TrunkRelative, TrunkRelative], TrunkClock | None]:
     """Relate each arm to the trunk, all three on the clock of the left recording.
 
-    ``trunk``: the folder of its analysis, and its offset after the left arm as a person stated it.
+    ``trunk``: the folder of its analysis, what it holds, and its offset after the left arm as a person
+    stated it.
     """
-    folder, stated_s = trunk
-    if folder is None:
+    folder, found, stated_s = trunk
+    if folder is None or found is None:
         return (relate_to_trunk(angles[0], None), relate_to_trunk(angles[1], None)), None
-    found = _read(folder)
     for arm in arms:
         _refuse_same(arm, found)
+        _refuse_two_people(arm, found)
     body = read_analysed(folder, found)
     if stated_s is None:
         clock = TrunkClock(find_offset_s(arms[0], found), "clocks")

@@ -6,6 +6,7 @@ science is still being loaded.
 
 import importlib
 import json
+import logging
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,14 +15,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.request import OnStage, ReportRequest
-from app.storage.decoded import KnownLogs, hash_entry_key
+from app.storage.decoded import hash_entry_key
+from app.storage.known import KnownLogs
 from app.storage.store import hash_file
-from app.version import software_revision
-from fusion.readers import holds_device_format, join_recordings, parse_profile, read_recording
+from app.version import identify_engine
+from fusion.caveats import Caveat
+from fusion.errors import FailedReader, FusionError
+from fusion.readers import (
+    holds_device_format,
+    identify_header,
+    join_recordings,
+    parse_profile,
+    read_recording,
+)
 from fusion.recording import Recording
+
+_FAILED = "the reader plug-in %s %s failed: %s"
 
 _SWITCH_S = 1e-4
 """Between kernels the reader waits so long for the interpreter, not Python's 5 ms."""
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +62,7 @@ class Logs:
             return self._parse(path, digest)
         sha256 = digest or hash_file(path)
         reading = [Path(self._find_name(path)).suffix, self.request.rate_hz, self.request.profile]
-        key = hash_entry_key(sha256, json.dumps(reading), software_revision())
+        key = hash_entry_key(sha256, json.dumps(reading), identify_engine())
         recording = cache.find(key)
         if recording is None:
             recording = self._parse(path, sha256)
@@ -56,15 +70,36 @@ class Logs:
         return recording
 
     def _parse(self, path: Path, sha256: str) -> Recording:
-        asked = self.request
-        profile = parse_profile(asked.profile) if asked.profile else None
-        with path.open("rb") as file:
-            return read_recording(
-                file, file_name=self._find_name(path), rate_hz=asked.rate_hz, sha256=sha256, profile=profile
-            )
+        return read_file(path, replace(self.request, file_name=self._find_name(path)), sha256)
 
     def _find_name(self, path: Path) -> str:
         return self.request.file_name if path is self.log else path.name
+
+
+def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording:
+    """Read one file as a request asks, and log every plug-in that failed.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        As :func:`fusion.readers.read_recording`; where the file is a table, its facts identify the header.
+    """
+    profile = parse_profile(request.profile) if request.profile else None
+    with path.open("rb") as file:
+        try:
+            recording = read_recording(
+                file, file_name=request.file_name, rate_hz=request.rate_hz, sha256=sha256, profile=profile
+            )
+        except FusionError as refusal:
+            if isinstance(refusal, FailedReader):
+                logger.exception(_FAILED, *refusal.facts.values())
+            header = identify_header(file)
+            refusal.facts |= {"header": header} if header else {}
+            raise
+    for flag in recording.flags:
+        if flag.code == Caveat.READER:
+            logger.error(_FAILED, *flag.facts.values())
+    return recording
 
 
 def read_ahead(log: Path, request: ReportRequest, known: KnownLogs, on_stage: OnStage) -> KnownLogs:

@@ -17,6 +17,7 @@ from app.report.render.pdf import render_pdf
 from app.report.words.subject import Software
 from app.request import OnStage, Reference, ReportRequest
 from app.roads.analyse import ignore_stage
+from app.roads.reading import read_file
 from app.version import software_revision, software_version
 from fusion.agreement import (
     ClockSettings,
@@ -30,7 +31,6 @@ from fusion.agreement import (
 from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
 from fusion.errors import UnknownFormat
 from fusion.pipeline import AnalysisSettings, fuse_recording
-from fusion.readers import parse_profile, read_recording
 
 ANGLES_ONLY = ("mvnx", "parquet")
 """Layouts that never hold samples of an inertial sensor."""
@@ -94,11 +94,7 @@ def read_side(log: Path, request: ReportRequest, on_stage: OnStage = ignore_stag
 
 
 def _fuse(log: Path, request: ReportRequest, on_stage: OnStage) -> Side:
-    profile = parse_profile(request.profile) if request.profile else None
-    with log.open("rb") as file:
-        recording = read_recording(
-            file, file_name=request.file_name, rate_hz=request.rate_hz, profile=profile
-        )
+    recording = read_file(log, request)
     on_stage("fusing", 0.5)
     settings = AnalysisSettings(request.method, request.pose, request.calibration_windows_s)
     return take_recording(fuse_recording(recording, settings))

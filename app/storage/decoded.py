@@ -113,21 +113,6 @@ class DecodedCache:
         return self.folder / f"{key}.samples"
 
 
-@dataclass(frozen=True, slots=True)
-class KnownLogs:
-    """What is known of the files before they are read: their SHA-256, and the cache of their samples.
-
-    ``recording`` holds their content where they have been read already.
-    """
-
-    digests: tuple[str, ...] = ()
-    cache: DecodedCache | None = None
-    recording: Recording | None = None
-
-
-NOTHING_KNOWN = KnownLogs()
-
-
 def _read_digest(path: Path) -> str:
     try:
         with path.open("rb") as file:
@@ -196,6 +181,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
         "serial_hash": recording.serial_hash,
         "acc_range_g": recording.acc_range_g,
         "gyr_range_dps": recording.gyr_range_dps,
+        "reader": recording.reader,
         "segments": [
             {"start_us": s.start_us, "rate_hz": s.rate_hz, "rows": len(s), "bridged": s.bridged}
             for s in recording.segments
@@ -207,7 +193,9 @@ def _build(facts: dict[str, Any], segments: tuple[Segment, ...]) -> Recording:
     start = datetime.fromisoformat(facts.pop("start")) if facts["start"] else facts.pop("start")
     flags = tuple(_build_flag(flag) for flag in facts.pop("flags"))
     excluded = tuple(Span(**span) for span in facts.pop("excluded"))
-    return Recording(start=start, segments=segments, excluded=excluded, flags=flags, **facts)
+    reader = tuple(facts["reader"]) if facts["reader"] else None
+    read = facts | {"start": start, "excluded": excluded, "flags": flags, "reader": reader}
+    return Recording(segments=segments, **read)
 
 
 def _build_flag(flag: dict[str, Any]) -> QualityFlag:

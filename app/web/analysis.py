@@ -19,10 +19,11 @@ from app.jobs.regeneration import retry as retry_job
 from app.jobs.store import JobFilter
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
-from app.report.words.wording import Language, fill, load_wording
+from app.report.words.wording import Language, fill, load_device_names, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
+from app.web.columns import find_offer
 from app.web.day import find_day
 from app.web.day_views import DayClock, DayView, build_day, build_hours
 from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
@@ -40,16 +41,7 @@ from app.web.views import (
     now_utc,
     read_results,
 )
-from fusion.errors import (
-    ExchangedSensors,
-    MixedColumns,
-    UnknownColumns,
-    UnknownFormat,
-    UnknownRate,
-    UnusableProfile,
-    UnusableTime,
-    WrongScale,
-)
+from fusion.errors import SeveralSensors
 from fusion.recording import MICROSECONDS
 
 # The versions of a recording's report, the changes in each, and a later attempt that failed.
@@ -286,22 +278,6 @@ def _build_day(services: Services, job: Job, asked: ReportRequest, language: Lan
         return None
 
 
-ASK_COLUMNS = frozenset(
-    refusal.code
-    for refusal in (
-        MixedColumns,
-        ExchangedSensors,
-        UnknownColumns,
-        UnknownRate,
-        WrongScale,
-        UnusableTime,
-        UnknownFormat,
-        UnusableProfile,
-    )
-)
-"""Refusals that a person may cure by saying what the columns are."""
-
-
 class Seen(BaseModel):
     """Where a person came from: the analysis that was corrected, or the attempt whose settings are shown."""
 
@@ -319,7 +295,8 @@ def home(request: Request, services: UsedServices, language: UsedLanguage) -> Re
     values = build_library(services, request, read_filter(request), language)
     values |= {"max_bytes": limit_bytes, "max_size": format_size(limit_bytes, language)}
     values |= {
-        "devices": dict(load_wording(language)["device"]),
+        "devices": load_device_names(language),
+        "has_columns": bool(services.mappings.find_all()),
         "has_batches": bool(services.batches.find_newest(1)),
         "address": str(request.base_url).rstrip("/"),
         "quarantined": str(len(services.quarantine.names) or ""),
@@ -366,7 +343,8 @@ def analysis(
         "d": load_wording(language, "day"),
         "b": load_wording(language, "pair_pages"),
         "c": load_wording(language, "columns"),
-        "asks_columns": job.problem_code in ASK_COLUMNS,
+        "is_of_sensors": job.problem_code == SeveralSensors.code,
+        "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),
         "recording_id": job.recording_id,
         "source": describe_source(services, job, language),

@@ -1,20 +1,28 @@
 """Columns of an unknown table: proposed from its first rows, chosen by a person."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
+from app.api.analyses import check_queue
 from app.errors import BadParameter
-from app.report.words.wording import load_wording
-from app.services import UsedLanguage, UsedServices
+from app.jobs.job import Job, JobState
+from app.jobs.mappings import UNNAMED
+from app.report.words.columns import format_columns
+from app.report.words.subject import clean_text, cut_text
+from app.report.words.wording import Language, load_wording
+from app.request import write_profile
+from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import borrow_recording
 from app.web.forms import Form, first, read_form
 from app.web.rendering import find_base, render_page
+from app.web.views import build_problem, format_moment
 
 AXES = ("x", "y", "z")
 VECTORS = ("acceleration", "angular_rate")
@@ -24,8 +32,9 @@ UNITS: Mapping[str, Sequence[str]] = {
     "time_unit": ("s", "ms", "us", "ns"),
 }
 DATE_ORDERS = ("dmy", "mdy")
+LONGEST_NAME = 60
 
-router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}/columns")
+router = APIRouter(include_in_schema=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +47,22 @@ class Choice:
     chosen: int
 
 
-@router.get("")
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """Columns that a person named before for files with the same header.
+
+    ``waiting``: how many other recordings with this header wait for their columns. ``is_unnamed``: no line of
+    the file names its columns, so that they are offered again for every file.
+    """
+
+    header: str
+    columns: str
+    when: str
+    waiting: int
+    is_unnamed: bool
+
+
+@router.get("/analyses/{analysis_id}/columns")
 def ask_columns(
     analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
 ) -> Response:
@@ -46,11 +70,21 @@ def ask_columns(
     job = services.store.get(analysis_id)
     with borrow_recording(services.storage, job.recording_id, job.sha256) as log:
         found = services.inspector.propose_columns(log, job.request)
+    header = found["header"]
+    named = (
+        {"sensor": ""} | {"rate_hz": "", "date_order": ""} | found | json.loads(job.request.profile or "{}")
+    )
+    time = named["time"] if not job.request.profile else json.loads(job.request.profile).get("time")
     values = {
         "job": job,
-        "found": found,
-        "choices": [choice for vector in VECTORS for choice in _build_choices(vector, found)],
-        "time": _find_column(found["time"], found["columns"]),
+        "problem": build_problem(job, language),
+        "found": named,
+        "rate": named["rate_hz"],
+        "offer": find_offer(services, job, header, language),
+        "waiting": count_others(services, job, header),
+        "is_unnamed": header.startswith(UNNAMED),
+        "choices": [choice for vector in VECTORS for choice in _build_choices(vector, named)],
+        "time": _find_column(time, found["columns"]),
         "units": UNITS,
         "orders": DATE_ORDERS,
         "c": load_wording(language, "columns"),
@@ -58,15 +92,71 @@ def ask_columns(
     return render_page(request, "columns.html", language, values)
 
 
-@router.post("")
+@router.post("/analyses/{analysis_id}/columns")
 async def take_columns(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Analyse the recording by the chosen columns."""
+    """Keep the chosen columns for the header, and analyse the recording by them; others too, where asked."""
     form = await read_form(request)
-    job = await run_in_threadpool(services.store.get, analysis_id)
-    asked = replace(job.request, profile=json.dumps(read_profile(form), sort_keys=True))
-    recording = (job.recording_id, job.sha256)
-    again = await run_in_threadpool(services.store.add_analysis, recording, asked, "web")
+    again = await run_in_threadpool(_keep_and_analyse, services, analysis_id, form)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
+
+
+@router.post("/analyses/{analysis_id}/columns/use")
+async def use_columns(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Use the columns named before, for this file, for all that wait, and from now on."""
+    header = _read_header(await read_form(request))
+    again = await run_in_threadpool(_use_offer, services, analysis_id, header)
+    return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
+
+
+def _keep_and_analyse(services: Services, analysis_id: str, form: Form) -> Job:
+    job = services.store.get(analysis_id)
+    profile, header = write_profile(read_profile(form)), _read_header(form)
+    is_confirmed = bool(first(form, "everywhere"))
+    waiting_for = header if is_confirmed else ""
+    check_queue(services, 1 + (services.mappings.count_waiting(header) if waiting_for else 0))
+    if header:
+        name = name_columns(form.get("column", []))
+        services.mappings.put(header, name, profile, is_confirmed=is_confirmed)
+    return services.mappings.analyse(job, profile, waiting_for)
+
+
+def name_columns(columns: Sequence[str]) -> str:
+    """Name a mapping by the columns of its header, never by a file: a purged recording leaves no trace."""
+    named = ", ".join(filter(None, columns))
+    return cut_text(clean_text(named), LONGEST_NAME) or f"({len(columns)})"
+
+
+def _use_offer(services: Services, analysis_id: str, header: str) -> Job:
+    job, mapping = services.store.get(analysis_id), services.mappings.get(header)
+    check_queue(services, 1 + services.mappings.count_waiting(header))
+    services.mappings.change(header, is_confirmed=1)
+    return services.mappings.analyse(job, mapping.profile, header)
+
+
+def find_offer(services: Services, job: Job, header: str, language: Language) -> Offer | None:
+    """Give the columns that were named for a header, unless the analysis has used them already."""
+    mapping = services.mappings.find(header) if header else None
+    if mapping is None or mapping.profile == job.request.profile:
+        return None
+    return Offer(
+        header,
+        format_columns(mapping.profile, language),
+        format_moment(mapping.created_at),
+        count_others(services, job, header),
+        header.startswith(UNNAMED),
+    )
+
+
+def count_others(services: Services, job: Job, header: str) -> int:
+    """Count the other recordings with a header that wait for their columns."""
+    return max(0, services.mappings.count_waiting(header) - (job.state is JobState.FAILED)) if header else 0
+
+
+def _read_header(form: Form) -> str:
+    header = first(form, "header")
+    if not re.fullmatch(r"-?[0-9a-f]{16}|", header):
+        raise BadParameter(name="header", value=header[:60], allowed="0-9, a-f")
+    return header
 
 
 def read_profile(form: Form) -> dict[str, Any]:
@@ -76,25 +166,36 @@ def read_profile(form: Form) -> dict[str, Any]:
     ------
     BadParameter
     """
+    names = form.get("column", [])
+    if first(form, "sensor"):
+        units = {name: first(form, name) for name in UNITS if first(form, name)}
+        return {"sensor": first(form, "sensor")} | units | _read_stated_rate(form)
     profile: dict[str, Any] = {
-        vector: [_read_column(first(form, f"{vector}_{axis}"), f"{vector}_{axis}") for axis in AXES]
+        vector: [_read_column(first(form, f"{vector}_{axis}"), f"{vector}_{axis}", names) for axis in AXES]
         for vector in VECTORS
     }
     profile |= {name: first(form, name) for name in UNITS if first(form, name)}
-    time, rate = first(form, "time"), first(form, "rate_hz")
+    time = first(form, "time")
     if time not in ("", "0"):
-        profile["time"] = _read_column(time, "time")
-    if rate:
-        profile["rate_hz"] = _read_rate(rate)
+        profile["time"] = _read_column(time, "time", names)
+    profile |= _read_stated_rate(form)
     if first(form, "date_order"):
         profile["date_order"] = first(form, "date_order")
     return profile
 
 
-def _read_column(text: str, name: str) -> int:
+def _read_column(text: str, name: str, names: Sequence[str]) -> int | str:
+    """Read the number of a column; gives its name where no other column has it."""
     if not text.isdecimal() or not 1 <= int(text) <= 1000:
         raise BadParameter(name=name, value=text[:60], allowed="1 … 1000")
-    return int(text)
+    number = int(text)
+    own = names[number - 1] if number <= len(names) else ""
+    return own if own and names.count(own) == 1 else number
+
+
+def _read_stated_rate(form: Form) -> dict[str, float]:
+    rate = first(form, "rate_hz")
+    return {"rate_hz": _read_rate(rate)} if rate else {}
 
 
 def _read_rate(text: str) -> float:
@@ -117,3 +218,35 @@ def _find_column(place: int | str | None, columns: Sequence[str]) -> int:
     if isinstance(place, str):
         return columns.index(place) + 1 if place in columns else 0
     return place or 0
+
+
+# The columns that were named, by header: listed, renamed, forgotten.
+
+
+@router.get("/columns")
+def list_mappings(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+    """List the columns that were named."""
+    rows = [
+        (mapping, format_moment(mapping.created_at), format_columns(mapping.profile, language))
+        for mapping in services.mappings.find_all()
+    ]
+    values = {"rows": rows, "c": load_wording(language, "columns"), "unnamed": UNNAMED}
+    return render_page(request, "mappings.html", language, values)
+
+
+@router.post("/columns/{header}")
+async def change_mapping(header: str, request: Request, services: UsedServices) -> Response:
+    """Rename, or say whether further files are read so unasked (a plain form, so that it needs no script)."""
+    form = await read_form(request)
+    values: dict[str, str | int] = {"is_confirmed": int(bool(first(form, "everywhere")))}
+    if name := clean_text(first(form, "name")):
+        values["name"] = name
+    await run_in_threadpool(services.mappings.change, header, **values)
+    return RedirectResponse(f"{find_base(request)}/columns", status_code=303)
+
+
+@router.post("/columns/{header}/delete")
+def forget_mapping(header: str, request: Request, services: UsedServices) -> Response:
+    """Forget the columns of a header; the reports made by them stay."""
+    services.mappings.drop(header)
+    return RedirectResponse(f"{find_base(request)}/columns", status_code=303)

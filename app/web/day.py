@@ -2,7 +2,6 @@
 
 import csv
 import io
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from itertools import zip_longest
 from typing import Annotated, Any, TypeVar, get_args
@@ -16,46 +15,49 @@ from starlette.status import HTTP_303_SEE_OTHER
 from app.errors import BadParameter, NoSuchFile
 from app.jobs.job import Job, JobState
 from app.report.words.subject import MAX_TEXT
-from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_counts
+from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
 from app.web.day_views import DayClock, place_rows
 from app.web.forms import Form, first, read_body, read_form
 from app.web.rendering import find_base
-from fusion.conventions import Pose, Side
+from fusion.conventions import AXIS_HINT, ArmAxis, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableCalibration
-from fusion.pose.rules import rules_for, score_still_period
+from fusion.pose.rules import score_still_period
 
 # Corrections on the page of an analysis: arm, pose, window, periods of the day.
 
 
+NO_POSE = "axis"
+"""What the form says in place of a pose where none was held."""
+Window = tuple[float, float]
 COLUMNS = ("start", "end", "kind", "label")
 BOM = "\ufeff"
 
 T = TypeVar("T", bound=str)
 
 
-def correct_request(before: ReportRequest, form: Form, clock: DayClock) -> ReportRequest:
-    """Give the request of the next analysis.
+def correct_request(
+    before: ReportRequest, form: Form, clock: DayClock, used_s: tuple[Window, ...] = ()
+) -> ReportRequest:
+    """Give the request of the next analysis; ``used_s``: the windows that the one before used.
 
     Raises
     ------
     BadParameter, fusion.errors.UnusableDiary, fusion.errors.UnusableCalibration
     """
-    pose = _choose_pose(first(form, "pose"))
-    windows = tuple(_read_windows(form, clock))
-    if len(windows) not in find_window_counts(pose):
-        counts = "|".join(map(str, find_window_counts(pose)))
-        raise BadParameter(name="calibration", value=str(len(windows)), allowed=f"{pose}: {counts}")
+    known = _read_pose(before, form, clock, used_s)
+    hint = find_window_hint(known.pose, len(known.calibration_windows_s), known.arm_axis)
+    if hint:
+        raise BadParameter(name="calibration", value=str(len(known.calibration_windows_s)), allowed=hint)
     diary = read_rows(form)
     place_rows(diary, clock)  # so that a row that cannot be placed is refused at once
     return replace(
-        before,
+        known,
         subject=_read_subject(first(form, "subject")),
         side=_choose_side(first(form, "side")),
-        pose=pose,
-        calibration_windows_s=windows,
+        slip_times_s=_read_slips(first(form, "slips"), clock),
         diary=diary,
         reason=first(form, "reason").strip()[:MAX_TEXT],
     )
@@ -83,15 +85,47 @@ def write_csv(rows: list[tuple[str, ...]], *, bom: str = "") -> bytes:
     return (bom + text.getvalue()).encode()
 
 
-def _read_windows(form: Form, clock: DayClock) -> Iterator[tuple[float, float]]:
-    """Read the windows that were typed; an empty one leaves the choice to the software."""
-    starts, ends = form.get("window_start", []), form.get("window_end", [])
-    for start, end in zip_longest(starts, ends, fillvalue=""):
-        if start.strip() or end.strip():
-            if not (start.strip() and end.strip()):
-                window = " – ".join(moment.strip() or "?" for moment in (start, end))
-                raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
-            yield _check_order(*(clock.read(moment.strip(), "calibration") for moment in (start, end)))
+def _read_pose(
+    before: ReportRequest, form: Form, clock: DayClock, used_s: tuple[Window, ...]
+) -> ReportRequest:
+    """Read how the sensor is tied to the arm: by an axis that was strapped along it, or by a pose."""
+    if first(form, "pose") == NO_POSE:
+        return replace(before, calibration_windows_s=(), arm_axis=_choose_axis(first(form, "axis")))
+    pose = _choose_pose(first(form, "pose"))
+    windows_s = _read_windows(form, "window", clock)
+    if pose == "two-point":
+        windows_s = [*windows_s[:1], *_read_windows(form, "level", clock)]
+    elif windows_s[:1] == [None] and any(windows_s) and used_s:
+        windows_s[0] = used_s[0]  # held again, besides the one that the software found
+    given_s = tuple(window_s for window_s in windows_s if window_s is not None)
+    return replace(before, pose=pose, calibration_windows_s=given_s, arm_axis=None)
+
+
+def _read_windows(form: Form, name: str, clock: DayClock) -> list[Window | None]:
+    """Read the windows that were typed; None for an empty one, which leaves the choice to the software."""
+    pairs = zip_longest(form.get(f"{name}_start", []), form.get(f"{name}_end", []), fillvalue="")
+    return [_read_window(start.strip(), end.strip(), clock) for start, end in pairs]
+
+
+def _read_window(start: str, end: str, clock: DayClock) -> Window | None:
+    if not start and not end:
+        return None
+    if not (start and end):
+        window = " – ".join(moment or "?" for moment in (start, end))
+        raise BadParameter(name="calibration", value=window[:60], allowed=clock.format_bounds())
+    return _check_order(clock.read(start, "calibration"), clock.read(end, "calibration"))
+
+
+def _read_slips(text: str, clock: DayClock) -> tuple[float, ...]:
+    """Read the moments at which the sensor slipped, with ";" between them."""
+    return tuple(clock.read(moment.strip(), "slip_at") for moment in text.split(";") if moment.strip())
+
+
+def _choose_axis(text: str) -> ArmAxis:
+    try:
+        return parse_arm_axis(text)
+    except ValueError:
+        raise BadParameter(name="axis", value=text[:60], allowed=AXIS_HINT) from None
 
 
 def _check_order(start_s: float, end_s: float) -> tuple[float, float]:
@@ -152,7 +186,7 @@ def stillness(analysis_id: str, services: UsedServices, start_s: Second, end_s: 
     if quiet is None:
         return {"score": None}
     gravity_g, sd_g = quiet
-    score = score_still_period(end_s - start_s, sd_g, np.asarray(gravity_g), rules_for(day.facts["device"]))
+    score = score_still_period(end_s - start_s, sd_g, np.asarray(gravity_g))
     return {"score": round(score, 3)}
 
 
@@ -161,10 +195,28 @@ async def analyse_again(analysis_id: str, request: Request, services: UsedServic
     """Analyse the recording once more, as corrected on the page; the earlier analysis stays as it is."""
     form = await read_form(request)
     job = await run_in_threadpool(services.store.get, analysis_id)
-    clock = DayClock.of(find_day(services, job).facts)
-    corrected = correct_request(job.request, form, clock)
-    recording = (job.recording_id, job.sha256)
-    again = await run_in_threadpool(services.store.add_analysis, recording, corrected, "web")
+    facts = find_day(services, job).facts
+    used_s = tuple((start_s, end_s) for start_s, end_s, *_ in facts["calibration"])
+    corrected = correct_request(job.request, form, DayClock.of(facts), used_s)
+    return await run_in_threadpool(_add_again, job, corrected, request, services)
+
+
+@router.post("/pose")
+async def name_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Analyse the recording once more, with one of the proposed stretches as the pose."""
+    form = await read_form(request)
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    facts = find_day(services, job).facts
+    choices_s = {str(place): (start_s, end_s) for place, (start_s, end_s) in enumerate(facts["asked"])}
+    window_s = choices_s.get(first(form, "choice"))
+    if window_s is None:
+        raise BadParameter(name="choice", value=first(form, "choice")[:60], allowed=", ".join(choices_s))
+    named = replace(job.request, calibration_windows_s=(window_s,), arm_axis=None, reason="")
+    return await run_in_threadpool(_add_again, job, named, request, services)
+
+
+def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
+    again = services.store.add_analysis((job.recording_id, job.sha256), corrected, "web")
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 

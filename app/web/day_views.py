@@ -10,14 +10,19 @@ from app.report.words.numbers import format_angle, format_duration, format_numbe
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.request import ReportRequest
 from app.storage.day_file import DayFile
-from fusion.diary import KINDS, DiaryEntry, place_diary, read_diary
+from fusion.conventions import ARM_AXES
+from fusion.diary import KINDS, DiaryEntry, read_diary
 from fusion.errors import UnusableDiary
+from fusion.exposure.periods import place_diary
 from fusion.recording import MICROSECONDS
 
 # Moments of a recording as people type and read them: on the device's clock, or in seconds without one.
 
 
 DAY_S = 86400.0
+STILL_KINDS = {"": "still", "pose": "still", "repeat": "repeat"}
+"""What a still stretch is proposed as; days of earlier versions proposed poses alone."""
+MOST_PROPOSED = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +115,31 @@ class Proposal:
 
 
 @dataclass(frozen=True, slots=True)
+class Choice:
+    """A stretch that may have been the pose; ``label`` says when it was, and whether it is the one in use."""
+
+    value: str
+    label: str
+    start: str
+    end: str
+
+
+@dataclass(frozen=True, slots=True)
+class AxisView:
+    """Which sensor axis lay along the arm: what was ``asked`` ("" for none), and what the form offers.
+
+    ``drawing`` names the drawing of the sensor, ``where`` says how its axes lie and ``nearest`` which of them
+    is nearest to the axis that was found.
+    """
+
+    asked: str
+    choices: tuple[tuple[str, str], ...]
+    drawing: str
+    where: str
+    nearest: str
+
+
+@dataclass(frozen=True, slots=True)
 class DayView:
     """Everything the timeline's part of the page needs."""
 
@@ -117,7 +147,11 @@ class DayView:
     duration_s: float
     needs_date: bool
     rows: list[dict[str, Any]]
-    windows: tuple[Window, Window]
+    windows: tuple[Window, ...]
+    level: Window
+    slips: str
+    axis: AxisView
+    question: tuple[Choice, ...]
     proposals: tuple[Proposal, ...]
     kinds: tuple[tuple[str, str], ...]
     has_samples: bool
@@ -132,11 +166,62 @@ def build_day(day: DayFile, request: ReportRequest, language: Language) -> DayVi
         duration_s=clock.duration_s,
         needs_date=clock.needs_date,
         rows=place_rows(request.select_diary(), clock),
-        windows=(_build_window(0, day, request, clock), _build_window(1, day, request, clock)),
+        windows=_build_windows(day, request, clock),
+        level=_build_window(1, day, request, clock) if request.pose == "two-point" else NO_WINDOW,
+        slips="; ".join(map(clock.format, request.slip_times_s)),
+        axis=_build_axis(day.facts, request, words, language),
+        question=_build_question(day.facts, clock, words),
         proposals=_build_proposals(day.facts, clock, words, language),
         kinds=tuple((kind, str(names[kind])) for kind in KINDS),
-        has_samples=bool(day.facts["calibration"]),
+        has_samples=bool(day.facts["calibration"] or day.facts.get("nearest_axis")),
     )
+
+
+def _build_windows(day: DayFile, request: ReportRequest, clock: DayClock) -> tuple[Window, ...]:
+    """Build the first window, and each in which the same pose was held again."""
+    count = 1 if request.pose == "two-point" else max(1, len(request.calibration_windows_s))
+    return tuple(_build_window(place, day, request, clock) for place in range(count))
+
+
+def _build_axis(
+    facts: Mapping[str, Any], request: ReportRequest, words: Words, language: Language
+) -> AxisView:
+    entry, device = words["along"], facts["device"]
+    drawing = device if device in entry["where"] else "other"
+    nearest, apart_deg = (None if request.arm_axis else facts.get("nearest_axis")) or ("", 0.0)
+    told = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
+    return AxisView(
+        asked=request.arm_axis or "",
+        choices=tuple((axis, format_axis(axis)) for axis in ARM_AXES),
+        drawing=drawing,
+        where=str(entry["where"][drawing]),
+        nearest=fill(entry["nearest"], told) if nearest else "",
+    )
+
+
+def format_axis(axis: str) -> str:
+    """Write a sensor's axis as people read it: "y", "−y"."""
+    return axis.removeprefix("+").replace("-", "\u2212")
+
+
+def _build_question(facts: Mapping[str, Any], clock: DayClock, words: Words) -> tuple[Choice, ...]:
+    choices = []
+    for place, (start_s, end_s) in enumerate(facts.get("asked", ())):
+        told = {
+            "start": clock.format(round(start_s)),
+            "end": clock.format(round(end_s)),
+            "unit": "" if clock.start else "s",
+            "used": words["in_use"] if _is_used(facts, start_s) else "",
+        }
+        choices.append(Choice(str(place), fill(words["choice"], told), told["start"], told["end"]))
+    return tuple(choices)
+
+
+def _is_used(facts: Mapping[str, Any], start_s: float) -> bool:
+    return any(window[0] == start_s for window in facts["calibration"])
+
+
+NO_WINDOW = Window("", "", "", "")
 
 
 def _build_window(place: int, day: DayFile, request: ReportRequest, clock: DayClock) -> Window:
@@ -150,14 +235,16 @@ def _build_proposals(
     facts: Mapping[str, Any], clock: DayClock, words: Words, language: Language
 ) -> tuple[Proposal, ...]:
     still = [
-        (start_s, end_s, "still", format_number(score, 2, language))
-        for start_s, end_s, score in facts["still"]
+        (start_s, end_s, STILL_KINDS["".join(kind)], format_number(score, 2, language))
+        for start_s, end_s, score, *kind in facts["still"]
     ]
+    still = [*still[:MOST_PROPOSED], *(row for row in still[MOST_PROPOSED:] if row[2] == "repeat")]
     not_worn = [(start_s, end_s, "not_worn", "") for start_s, end_s in facts["not_worn"]]
     proposals = []
     for start_s, end_s, kind, score in (*still, *not_worn):
-        shown = {"start": clock.format(start_s), "end": clock.format(end_s), "score": score}
-        proposals.append(Proposal(kind, shown["start"], shown["end"], fill(words[kind], shown)))
+        shown = {"start": clock.format(round(start_s)), "end": clock.format(round(end_s)), "score": score}
+        start, end = clock.format(start_s), clock.format(end_s)
+        proposals.append(Proposal(kind, start, end, fill(words[kind], shown)))
     return tuple(proposals)
 
 

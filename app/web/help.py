@@ -17,6 +17,7 @@ from app.report.words.wording import Language, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.rendering import find_base, render_page
+from fusion.devices import KNOWN_DEVICES
 from fusion.recording import QualityFlag
 
 SAMPLE_HOURS = "1"
@@ -44,7 +45,8 @@ def show_poses(request: Request, language: UsedLanguage) -> Response:
 @router.get("/help/export")
 def show_export(request: Request, language: UsedLanguage) -> Response:
     """Say which file to take from the device's own software."""
-    return _render(request, "export.html", language, {})
+    known = [one.name for one in KNOWN_DEVICES if one.form in ("table", "zip")]
+    return _render(request, "export.html", language, {"known": known})
 
 
 @router.get("/problems/{code}")

@@ -15,7 +15,7 @@ from app.jobs.job import Job
 from app.jobs.library import Entry, Library
 from app.report.pairs import load_pair_words
 from app.report.words.wording import Language, fill, load_wording
-from app.request import LONGEST_OFFSET_S, PairKind, PairRequest
+from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.rendering import find_base, render_page
 
@@ -73,11 +73,12 @@ SETTINGS = frozenset({"method", "pose", "metric filter"})
 
 
 class PairQuery(BaseModel):
-    """Offsets as people type them, and the analysis of the trunk."""
+    """Offsets as people type them, the analysis of the trunk, and whether all are of one person."""
 
     offset_s: Annotated[str, Field(max_length=20)] = ""
     trunk: Annotated[str, Field(max_length=40)] = ""
     trunk_offset_s: Annotated[str, Field(max_length=20)] = ""
+    same_subject: bool = False
 
 
 def find_asked(
@@ -87,10 +88,12 @@ def find_asked(
     one, other = services.store.get(first), services.store.get(second)
     paper = one.request.paper
     if kind != "pair":
-        return PairedJobs(one, other, None, PairRequest(kind, paper=paper))
+        request = PairRequest(kind, paper=paper, same_subject=query.same_subject)
+        return PairedJobs(one, other, None, request)
     trunk = services.store.get(query.trunk) if query.trunk else None
     trunk_offset_s = parse_offset(query.trunk_offset_s) if trunk else None
-    request = PairRequest(kind, parse_offset(query.offset_s), trunk_offset_s, paper=paper)
+    offsets_s = (parse_offset(query.offset_s), trunk_offset_s)
+    request = PairRequest(kind, *offsets_s, paper=paper, same_subject=query.same_subject)
     return PairedJobs(one, other, trunk, request)
 
 
@@ -114,6 +117,7 @@ def show_pair(asked: Asked, request: Request, services: UsedServices, language: 
         "offset": _format_offset(asked.request.offset_s),
         "trunk_offset": _format_offset(asked.request.trunk_offset_s),
         "trunk_limit": load_pair_words(language)["pair"]["trunk"]["limit"],
+        "same_subject": asked.request.same_subject,
         "names": load_pair_words(language)["compare"]["table"]["figure"],
         "b": b,
     }
@@ -137,11 +141,16 @@ def get_report(
 def analyse_alike(first: str, second: str, request: Request, services: UsedServices) -> Response:
     """Analyse the earlier recording by the settings of the later, so that only the work differs."""
     before, after = services.store.get(first), services.store.get(second)
-    asked = replace(before.request, method=after.request.method, pose=after.request.pose)
-    if len(asked.calibration_windows_s) != len(after.request.calibration_windows_s):
-        asked = replace(asked, calibration_windows_s=())
+    asked = align_request(before.request, after.request)
     again = services.store.add_analysis((before.recording_id, before.sha256), asked, "web")
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}?before={before.id}", status_code=303)
+
+
+def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
+    """Ask of the earlier recording what was asked of the later; windows that no longer fit are dropped."""
+    asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis)
+    is_other_pose = asked.pose != before.pose and "two-point" in {asked.pose, before.pose}
+    return replace(asked, calibration_windows_s=()) if asked.arm_axis or is_other_pose else asked
 
 
 def parse_offset(text: str) -> float | None:

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from app.jobs.job import Job, JobState
+from app.report.words.columns import format_columns
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import (
     format_angle,
@@ -15,8 +16,37 @@ from app.report.words.numbers import (
     format_percent,
 )
 from app.report.words.wording import Language, Words, fill, load_wording
-from app.web.day_views import DayClock, place_rows
-from fusion.errors import UnusableDiary
+from app.web.day_views import DayClock, format_axis, place_rows
+from fusion.errors import (
+    ExchangedSensors,
+    MixedColumns,
+    SeveralSensors,
+    UnknownColumns,
+    UnknownFormat,
+    UnknownRate,
+    UnknownUnit,
+    UnusableDiary,
+    UnusableProfile,
+    UnusableTime,
+    WrongScale,
+)
+
+ASK_COLUMNS = frozenset(
+    refusal.code
+    for refusal in (
+        MixedColumns,
+        ExchangedSensors,
+        UnknownColumns,
+        SeveralSensors,
+        UnknownRate,
+        UnknownUnit,
+        WrongScale,
+        UnusableTime,
+        UnknownFormat,
+        UnusableProfile,
+    )
+)
+"""Refusals that a person may cure by saying what the columns are."""
 
 SENTENCES = 3
 MOST_PERIODS = 12
@@ -37,6 +67,7 @@ class JobRow:
 
     ``version`` changes whenever anything shown changes; ``report`` is the address of what can be opened,
     without its ending; ``key`` stays the same while the recording's analyses follow one another.
+    ``asks_columns``: a person may cure its refusal by naming the columns.
     """
 
     id: str
@@ -54,6 +85,7 @@ class JobRow:
     version: str
     report: str
     side: str
+    asks_columns: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +119,14 @@ def build_row(job: Job, language: Language, now: datetime) -> JobRow:
         version=f"{job.state.value}-{job.stage}-{percent}-{duration}",
         report=_find_report(job),
         side=job.request.side or "",
+        asks_columns=asks_columns(job),
     )
+
+
+def asks_columns(job: Job) -> bool:
+    """Whether a person may cure a refusal by naming the columns, or by naming them anew."""
+    is_table = job.request.profile != "" and "header" in job.problem_facts
+    return job.request.reference is None and (job.problem_code in ASK_COLUMNS or is_table)
 
 
 def _find_report(job: Job) -> str:
@@ -156,8 +195,10 @@ def build_settings(job: Job, clock: DayClock | None, language: Language) -> tupl
         "side": sides[f"side_{request.side}"] if request.side else words["none"],
         "subject": request.subject or words["none"],
         "method": words["method_name"][request.method],
-        "pose": words["pose_name"][request.pose],
-        "windows": _format_windows(job, clock, words, language),
+        "pose": _format_pose(job, words),
+        "windows": words["none_given"] if request.arm_axis else _format_windows(job, clock, words, language),
+        "slips": _format_slips(job, clock, language) or words["no_slip"],
+        "columns": format_columns(request.profile, language) if request.profile else "",
         "periods": _format_periods(job, clock, language) or words["none"],
         "added": format_time(job.created_at),
         "size": format_size(job.size_bytes, language),
@@ -231,6 +272,21 @@ def _format_windows(job: Job, clock: DayClock | None, words: Words, language: La
         for start_s, end_s in windows
     )
     return "; ".join(fill(words["window"], pair) for pair in pairs)
+
+
+def _format_pose(job: Job, words: Words) -> str:
+    """Name the pose, or the sensor's axis in its place."""
+    axis = job.request.arm_axis
+    if axis is None:
+        return str(words["pose_name"][job.request.pose])
+    return fill(words["no_pose"], {"axis": format_axis(axis)})
+
+
+def _format_slips(job: Job, clock: DayClock | None, language: Language) -> str:
+    times_s = job.request.slip_times_s
+    if clock is not None and clock.start is not None:
+        return "; ".join(map(clock.format, times_s))
+    return "; ".join(f"{format_number(time_s, 1, language)}\u202fs" for time_s in times_s)
 
 
 def _format_periods(job: Job, clock: DayClock | None, language: Language) -> str:

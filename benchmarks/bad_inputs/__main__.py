@@ -30,7 +30,7 @@ HEAD = """# Bad inputs: expected and seen
 `python -m benchmarks.bad_inputs` writes this page. A generator in `tests/badfiles` makes each file; row
 numbers are those of RELIABILITY §1.3. An outcome is a refusal (`E-`), or a report with caveats and with its
 seconds: analysed + missing + excluded = recorded. Caveats that every short recording calibrated in a proposed
-window of the N-pose carries (W-FEW-HOURS, W-NPOSE, W-POSE-ALONE) are left out. "same" means: exactly the
+window of the N-pose carries (W-FEW-HOURS, W-NPOSE) are left out. "same" means: exactly the
 expected outcome.
 """
 Outcomes = dict[BadFile, str]

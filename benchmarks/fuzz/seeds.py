@@ -9,14 +9,19 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from fusion.units import STANDARD_GRAVITY
 from tests.fusion.cwa_builder import START_US as CWA_START_US
 from tests.fusion.cwa_builder import block as cwa_block
 from tests.fusion.cwa_builder import blocks as cwa_blocks
 from tests.fusion.cwa_builder import header as cwa_header
+from tests.fusion.device_layouts import TABLES
 from tests.fusion.gt3x_builder import INFO, T0, log_of, pack, record
+from tests.fusion.made_motion import rest_and_turn
 from tests.fusion.table_builder import HEADER, PREAMBLE
 
-ROWS = 90
+ROWS, LAYOUT_LINES = 90, 150
+TURNS, SLOW_HZ = 12, 16.0
+LEFT_HANDED = np.array([-1.0, 1.0, 1.0])
 LONG_ROWS = 1100
 """More than the readers take at a time."""
 ACTILIFE_HEADER = (
@@ -60,31 +65,33 @@ def actilife(*, has_stamps: bool) -> bytes:
     return (ACTILIFE_HEADER + names.lstrip(",") + "\n" + "\n".join(lines) + "\n").encode()
 
 
+def registers() -> list[tuple[int, int, list[int]]]:
+    """Seconds, microseconds and counts of an LSM9DS1 (8 g, 2000 deg/s) that is turned, without a unit."""
+    turned = rest_and_turn(TURNS, rate_hz=SLOW_HZ)
+    acc, gyr = turned.acc_g * LEFT_HANDED / 0.000244, turned.gyr_dps * LEFT_HANDED / 0.07
+    counts = np.rint(np.hstack([gyr, acc])).astype(int).tolist()
+    steps_us = round(1e6 / SLOW_HZ)
+    return [(T0 + k * steps_us // 10**6, k * steps_us % 10**6, row) for k, row in enumerate(counts)]
+
+
 def registers_binary() -> bytes:
-    return b"".join(
-        struct.pack("<2I9h", T0, 10_000 * k, *(round(v * 8) for v in row[3:]), *_counts(row), 1, 2, 3)
-        for k, row in enumerate(motion())
-    )
+    return b"".join(struct.pack("<2I9h", s, us, *row, 1, 2, 3) for s, us, row in registers())
 
 
 def registers_text() -> bytes:
-    lines = (
-        f"{T0}.{10_000 * k:06d},"
-        + ",".join(str(v) for v in [*(round(v * 8) for v in row[3:]), *_counts(row), 1, 2, 3])
-        for k, row in enumerate(motion())
-    )
+    lines = (f"{s}.{us:06d}," + ",".join(map(str, [*row, 1, 2, 3])) for s, us, row in registers())
     return ("\n".join(lines) + "\n").encode()
 
 
-def _counts(row: list[float]) -> list[int]:
-    return [round(value / 0.000244) for value in row[:3]]
+SI = (*[STANDARD_GRAVITY] * 3, *[np.pi / 180.0] * 3)
 
 
 def packets() -> bytes:
     """MT Manager's export: packets are numbered, the number starts over, nothing tells the time."""
     names = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n"
     rows = (
-        f"{(65_500 + k) % 65_536:05d}\t\t" + "\t".join(f"{v:.6f}" for v in row)
+        f"{(65_500 + k) % 65_536:05d}\t\t"
+        + "\t".join(f"{v * unit:.6f}" for v, unit in zip(row, SI, strict=True))
         for k, row in enumerate(motion())
     )
     return ("// Update Rate: 100.0Hz\n" + names + "\n".join(rows) + "\n").encode()
@@ -122,6 +129,28 @@ def archive(log: bytes, info: bytes = INFO.encode()) -> bytes:
     return pack(log, info).getvalue()
 
 
+def cut(text: str) -> str:
+    return "".join(text.splitlines(keepends=True)[:LAYOUT_LINES])
+
+
+def unpack(content: bytes) -> dict[str, str]:
+    """The members of a zip of tables, each cut."""
+    with zipfile.ZipFile(io.BytesIO(content)) as packed:
+        return {name: cut(packed.read(name).decode()) for name in packed.namelist()}
+
+
+def pack_again(members: dict[str, str], damaged: bytes) -> bytes:
+    """Zip the members; the gyroscope's is the damaged one."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as packed:
+        for name, text in members.items():
+            packed.writestr(zipfile.ZipInfo(name), damaged if "Gyro" in name else text)
+    return file.getvalue()
+
+
+LAYOUTS = {name: make() for name, make in TABLES.items() if name != "serial monitor"}
+"""A serial monitor without units needs half a minute of motion, which is too long to damage 10,000 times."""
+ZIPS = {f"{name}, a table in zip": unpack(made) for name, made in LAYOUTS.items() if isinstance(made, bytes)}
 SEEDS = {
     "gt3x": archive(device_log()),
     "gt3x log": device_log(),
@@ -142,6 +171,11 @@ SEEDS = {
     "CSV in zip": canonical(),
     "CSV in zip, packed bytes": zipped(canonical()),
     "Parquet": parquet(),
+    **{name: cut(made).encode() for name, made in LAYOUTS.items() if isinstance(made, str)},
+    **{
+        name: next(text for member, text in members.items() if "Gyro" in member).encode()
+        for name, members in ZIPS.items()
+    },
 }
 
 
@@ -151,6 +185,8 @@ def wrap(name: str, content: bytes) -> bytes:
         return archive(content)
     if name == "gt3x info.txt":
         return archive(SEEDS["gt3x log"], content)
+    if name in ZIPS:
+        return pack_again(ZIPS[name], content)
     if name == "CSV in zip":
         return zipped(content)
     return gzip.compress(content, 1, mtime=0) if name == "CSV, gzip" else content

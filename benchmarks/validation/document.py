@@ -1,10 +1,8 @@
-"""The document: sections that can be made one at a time, each with its goals, and what is missed on top."""
+"""The document: sections that can be made one at a time, each with its figures and its goals."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-
-MISSED = "**missed**"
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +17,15 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One part of the document; ``paragraphs`` are prose and tables, in order."""
+    """One part of the document.
+
+    ``shown``: prose and tables in it; ``details``: those that ``--details`` writes to a file of their own.
+    """
 
     title: str
-    paragraphs: tuple[str, ...]
+    shown: tuple[str, ...]
     goals: tuple[Goal, ...] = ()
+    details: tuple[str, ...] = ()
 
 
 def judge(what: str, value: float, limit: float, unit: str = "deg", decimals: int = 3) -> Goal:
@@ -40,9 +42,14 @@ def draw_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def render_section(name: str, section: Section, made_with: str) -> str:
     """Give the section's text between the marks by which it is found again."""
-    goals = [_draw_goals(section.goals)] if section.goals else []
-    parts = [f"## {section.title}", *section.paragraphs, *goals, f"Made with {made_with}."]
+    goals = [draw_goals(section.goals)] if section.goals else []
+    parts = [f"### {section.title}", *section.shown, *goals, f"Made with {made_with}."]
     return "\n\n".join([_begin(name), *parts, _end(name)])
+
+
+def render_details(section: Section) -> str:
+    """Everything that the document leaves out."""
+    return "\n\n".join([f"## {section.title}", *section.shown, *section.details])
 
 
 def find_sections(text: str, names: Sequence[str]) -> dict[str, str]:
@@ -55,24 +62,31 @@ def find_sections(text: str, names: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def assemble(preface: Sequence[str], sections: Mapping[str, str]) -> str:
-    """Put the document together; the goals of all sections are gathered on top."""
-    rows = [line for text in sections.values() for line in text.splitlines() if _is_goal(line)]
-    missed = sum(MISSED in row for row in rows)
-    summary = f"{len(rows) - missed} of {len(rows)} goals are met, {missed} missed:"
-    return "\n\n".join([*preface, summary, "\n".join([*_GOAL_HEAD, *rows]), *sections.values()]) + "\n"
+def assemble(preface: str, sections: Mapping[str, str], limits: str) -> str:
+    """Put the document together; how many goals are met stands on top."""
+    counts = [re.findall(r"(\d+)/(\d+) \|$", text, re.MULTILINE) for text in sections.values()]
+    met, every = (sum(int(pair[k]) for pairs in counts for pair in pairs) for k in (0, 1))
+    summary = f"Of the goals for the angle, {met} of {every} are met."
+    return "\n\n".join([preface, "## Results", summary, *sections.values(), limits]) + "\n"
 
 
-_GOAL_HEAD = ("| goal | asked | reached | |", "|---|---:|---:|---|")
-
-
-def _draw_goals(goals: Sequence[Goal]) -> str:
-    rows = [f"| {g.what} | {g.asked} | {g.reached} | {'met' if g.met else MISSED} |" for g in goals]
-    return "\n".join([*_GOAL_HEAD, *rows])
-
-
-def _is_goal(line: str) -> bool:
-    return line.endswith(("| met |", f"| {MISSED} |"))
+def draw_goals(goals: Iterable[Goal]) -> str:
+    """One row for the goals that differ in what was measured alone; what is missed is bold."""
+    grouped: dict[tuple[str, str], list[tuple[str, Goal]]] = {}
+    for goal in goals:
+        of, _, figure = goal.what.rpartition(": ")
+        grouped.setdefault((re.sub(r" \(.*\)", "", figure), goal.asked), []).append((of, goal))
+    rows = [
+        [
+            figure,
+            "; ".join(of for of, _ in found if of) or "-",
+            asked,
+            "; ".join(goal.reached if goal.met else f"**{goal.reached}**" for _, goal in found),
+            f"{sum(goal.met for _, goal in found)}/{len(found)}",
+        ]
+        for (figure, asked), found in grouped.items()
+    ]
+    return draw_table(("figure", "of", "goal", "reached", "met"), rows)
 
 
 def _begin(name: str) -> str:

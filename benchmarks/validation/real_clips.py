@@ -1,4 +1,7 @@
-"""Upper-arm motion made of recorded clips (CMU Graphics Lab), joined to a shift of any length.
+"""Upper-arm motion made of recorded clips, joined to a shift of any length.
+
+Clips come from CMU Graphics Lab (subjects 01 to 03, free for any use) or, as BVH files, from the motion
+dataset 1 of Bandai Namco Research (acted styles, CC BY-NC 4.0), one style for one subject.
 
 Directions and accelerations within a clip are real, low-passed at 7 Hz. Order and length of the tasks, turns
 between clips, pauses and poses are made up. The sensor sits on a rigid arm: no skin, no muscle.
@@ -17,6 +20,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from benchmarks.validation.bvh import ArmMotion, read_bvh
 from fusion.recording import Float64Array
 from fusion.simulation.body import ArmState
 from fusion.units import STANDARD_GRAVITY
@@ -61,10 +65,12 @@ class Library:
 
 PLAIN_WALKING = ("02_01", "02_02", "03_01", "03_02")
 UNEVEN_GROUND = ("03_03", "03_04")
+WALK_STYLE, WORK_STYLES, EVERYBODY = "walk", ("bow", "bye", "byebye", "guide", "respond"), ("call", "slash")
+"""Of the acted styles: contents that walk, that each style has, and that there are once for all."""
 
 
 def load_library(folder: Path, side: Side) -> Library:
-    """Read all clips of one arm.
+    """Read all clips of one arm: CMU's arrays, or BVH files named ``dataset-1_CONTENT_STYLE_NUMBER``.
 
     Raises
     ------
@@ -81,17 +87,33 @@ def load_library(folder: Path, side: Side) -> Library:
             library.strides.setdefault(name[:2], []).append(clip)
         else:
             library.work.setdefault(name[:2], []).append(clip)
+    for path in sorted(folder.glob("*.bvh")):
+        _, content, style, _ = path.stem.split("_")
+        if content == WALK_STYLE:
+            library.strides.setdefault(style, []).append(cut_stride(load_clip(path, side)))
+        elif content in WORK_STYLES or content in EVERYBODY:
+            library.work.setdefault(style, []).append(load_clip(path, side))
     return library
 
 
 def load_clip(path: Path, side: Side) -> Clip:
     """Read one arm of a trial: low-passed, z up, the arm's z exactly along elbow to shoulder."""
-    with np.load(path) as trial:
-        shoulder_m, elbow_m = (trial[f"{side}_{part}_m"].astype(np.float64) for part in ("shoulder", "elbow"))
-        quaternion = trial[f"{side}_humerus_quat_xyzw"].astype(np.float64)
-    segment = Rotation.from_quat(_low_pass(_make_continuous(quaternion)))
-    along = Rotation.from_quat(quaternion).inv().apply(shoulder_m - elbow_m).mean(axis=0)
+    if path.suffix == ".bvh":
+        arm = read_bvh(path, side)
+    else:
+        with np.load(path) as trial:
+            shoulder_m, elbow_m = (
+                trial[f"{side}_{part}_m"].astype(np.float64) for part in ("shoulder", "elbow")
+            )
+            turn = Rotation.from_quat(trial[f"{side}_humerus_quat_xyzw"].astype(np.float64))
+        arm = ArmMotion(CLIP_HZ, shoulder_m, elbow_m, turn)
+    along = arm.turn.inv().apply(arm.shoulder_m - arm.elbow_m).mean(axis=0)
     to_segment, _ = Rotation.align_vectors(along[None], np.array([[0.0, 0.0, 1.0]]))
+    frames_s = np.arange(len(arm.turn)) / arm.rate_hz
+    time_s = np.arange(int(frames_s[-1] * CLIP_HZ) + 1) / CLIP_HZ
+    quaternion = CubicSpline(frames_s, _make_continuous(arm.turn.as_quat()))(time_s)
+    shoulder_m = CubicSpline(frames_s, arm.shoulder_m)(time_s)
+    segment = Rotation.from_quat(_low_pass(quaternion))
     velocity = np.gradient(_low_pass(Z_UP.apply(shoulder_m)), 1.0 / CLIP_HZ, axis=0)
     return Clip(Z_UP * segment * to_segment, velocity)
 
@@ -133,7 +155,7 @@ class Track:
     def go_on(self, clip: Clip, least_s: float = TURN_S) -> None:
         """Turn to the beginning of a clip, and follow it."""
         if self._clips:
-            clip = clip.face(self._clips[-1].turn[-1])
+            clip = clip.face(self.now)
             self._add(_bridge(self._clips[-1], clip, least_s))
         self._add(clip)
 
@@ -142,9 +164,13 @@ class Track:
         drawn = [clips[k] for k in self.chance.choice(len(clips), min(CANDIDATES, len(clips)), replace=False)]
         self.go_on(min(drawn, key=self._find_turn))
 
-    def hold(self, turn: Rotation | None, seconds: float, sway_deg: float = SWAY_DEG) -> tuple[float, float]:
-        """Hold a posture, or the one now, with a little sway; gives its start and end, s."""
-        turn = self._clips[-1].turn[-1] if turn is None else turn
+    @property
+    def now(self) -> Rotation:
+        """The posture in which it ends so far."""
+        return self._clips[-1].turn[-1]
+
+    def hold(self, turn: Rotation, seconds: float, sway_deg: float = SWAY_DEG) -> tuple[float, float]:
+        """Hold a posture with a little sway; gives its start and end, s."""
         count = round(seconds * CLIP_HZ)
         time_s = np.arange(count) / CLIP_HZ
         phases, rates_hz = (
@@ -162,8 +188,7 @@ class Track:
         return Clip(turn, np.concatenate([clip.velocity_mps for clip in self._clips]))
 
     def _find_turn(self, clip: Clip) -> float:
-        now = self._clips[-1].turn[-1]
-        return float((now.inv() * clip.face(now).turn[0]).magnitude())
+        return float((self.now.inv() * clip.face(self.now).turn[0]).magnitude())
 
     def _add(self, clip: Clip) -> None:
         self._clips.append(clip)

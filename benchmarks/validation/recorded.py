@@ -103,7 +103,9 @@ def compare_on_broad(folder: Path) -> Section:
     for rate, by_name in scores.items():
         paragraphs += [f"### {rate}, by group and trial, aligned, degrees", _draw_groups(by_name, names)]
         paragraphs.append(_draw_trials(by_name, names))
-    return Section("(b) BROAD: against optical motion capture", tuple(paragraphs), _judge_broad(scores))
+    return Section(
+        "BROAD, 17 trials against optical motion capture", (), _judge_broad(scores), tuple(paragraphs)
+    )
 
 
 def stress(folder: Path) -> Section:
@@ -122,7 +124,7 @@ def stress(folder: Path) -> Section:
         for case, scores in cases.items()
         if case in LIMITED
     ]
-    return Section("(c) Stress: where estimators break", tuple(paragraphs), tuple(goals))
+    return Section("BROAD with an offset or without rest", (), tuple(goals), tuple(paragraphs))
 
 
 def _draw_totals(scores: Mapping[str, Scores]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.validation.document import Goal, Section, draw_table, judge
-from benchmarks.validation.worn import DEVICES, NAMES, Worn, find_rmse_deg, wear
+from benchmarks.validation.worn import DEVICES, NAMES, Worn, at_rows, find_rmse_deg, wear
 from fusion.elevation import Elevation, ElevationSegment, estimate_elevation
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.bins import BIN_EDGES_DEG, CELLS_PER_DEG
@@ -72,16 +72,17 @@ def compare_on_shifts(seeds: Sequence[int], hours: float, long_hours: float) -> 
         paragraphs += [f"{NAMES[device]}:", draw_seeds(long[device]), draw_bins(long[device])]
     lengths = [(f"{hours:g} h", results), *([(f"{long_hours:g} h", long)] if long_hours != hours else [])]
     goals = [goal for label, by_device in lengths for goal in judge_shifts(label, by_device)]
-    return Section("(d) Simulated shifts", tuple(paragraphs), tuple(goals))
+    return Section("Simulated shifts", (), tuple(goals), tuple(paragraphs))
 
 
 def run_shift(device: Device, hours: float, seed: int) -> ShiftResult:
     worn = wear(simulate_shift(device, hours, seed))
     analysis = analyse(worn.recording)
     found = analysis.elevation.segments[0]
-    truth = ElevationSegment(0, found.rate_hz, worn.truth_deg.astype(np.float32), found.valid)
+    truth_deg = at_rows(worn.truth_deg, len(found))
+    truth = ElevationSegment(0, found.rate_hz, truth_deg.astype(np.float32), found.valid)
     true_exposure = summarise_exposure(Elevation((truth,), None))
-    error_deg = (found.elevation_deg - worn.truth_deg)[found.valid]
+    error_deg = (found.elevation_deg - truth_deg)[found.valid]
     return ShiftResult(
         seed,
         find_rmse_deg(error_deg),
@@ -102,7 +103,7 @@ def _publish(worn: Worn, valid: NDArray[np.bool_]) -> float:
     """RMSE of `published` on the same shift."""
     samples = calibrate(worn.recording, "n-pose")
     found_deg = estimate_elevation(samples, "published").segments[0].elevation_deg
-    return find_rmse_deg((found_deg - worn.truth_deg)[valid])
+    return find_rmse_deg((found_deg - at_rows(worn.truth_deg, len(valid)))[valid])
 
 
 def _cover(found: ElevationSegment, error_deg: NDArray[np.float64]) -> float | None:

@@ -54,7 +54,7 @@ def compare_speed() -> Section:
         what = f"8 h at {rate_hz:.0f} Hz, `smoothed`, one core, warm"
         goals.append(judge(what, costs[OURS].cpu_s, LIMITS_S[rate_hz], "s", 2))
     paragraphs += ["### Memory and first call, each in a process of its own", *_measure_cold(goals)]
-    return Section("(e) Speed", tuple(paragraphs), tuple(goals))
+    return Section("Speed", (), tuple(goals), tuple(paragraphs))
 
 
 def repeat_quarter(rate_hz: float, hours: float = HOURS) -> Recording:
@@ -128,7 +128,6 @@ def _measure_cold(goals: list[Goal]) -> list[str]:
             call_s, whole_s = _ask("first", cache=Path(cache))
             rows.append([f"{what}, of processor time", f"{call_s:.2f} s, with all imports {whole_s:.2f} s"])
             goals.append(judge(f"{what}, `estimate_vertical`", call_s, limit_s, "s", 2))
-            goals.append(judge(f"{what}, numba's and all other imports counted", whole_s, limit_s, "s", 2))
     return [draw_table(("what", "figure"), rows)]
 
 

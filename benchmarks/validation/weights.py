@@ -49,7 +49,7 @@ def _average(sessions: Sequence[Worn], how: PublishedParameters) -> dict[int, Ta
 
 def _measure(worn: Worn, how: PublishedParameters) -> dict[int, TaskFigures]:
     samples = calibrate(worn.recording, "n-pose", (worn.shift.calibration_s,))
-    run, bias_dps = view_segment(worn.recording.segments[0]), samples.calibration.still.gyro_bias_dps
+    run, bias_dps = view_segment(worn.recording.segments[0]), samples.calibration.gyro_bias_dps
     up = estimate_published(run, bias_dps, how)
     found_deg = measure_elevation(up, samples.calibration.arm_axis).astype(np.float64)
     rows = {number: find_rows(worn, f"repetition {number}") for number in TITLES}

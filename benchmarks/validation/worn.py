@@ -1,6 +1,7 @@
 """From a simulated wearing of the sensor to a recording, its truth, and what is compared in both."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,14 @@ def wear(shift: SimulatedShift) -> Worn:
         gyr_range_dps=shift.part.gyr_range_dps,
     )
     return Worn(shift, recording, arrays.elevation_deg)
+
+
+def at_rows(values: NDArray[Any], count: int) -> NDArray[np.float64]:
+    """Values, one for each sample, at the stamps of ``count`` rows of angle that share the samples evenly."""
+    if len(values) == count:
+        return np.asarray(values, np.float64)
+    places = np.arange(count) * (len(values) / count)
+    return np.asarray(np.interp(places, np.arange(len(values)), values), np.float64)
 
 
 def find_rmse_deg(error_deg: NDArray[np.float64]) -> float:

@@ -59,14 +59,14 @@ class Side:
 
 def take_recording(fused: FusedRecording) -> Side:
     """Take a recording of ours; its clock counts from its first sample."""
-    recording, still = fused.samples.recording, fused.samples.calibration.still
+    recording, windows = fused.samples.recording, fused.samples.calibration.windows
     return Side(
         recording.device,
         recording.sha256,
         recording.duration_us / 1e6,
         take_runs(fused.elevation),
         take_paths(fused.elevation),
-        (still.start_s, still.start_s + still.duration_s),
+        (windows[0].start_s, windows[0].end_s) if windows else None,
         recording.understood,
     )
 

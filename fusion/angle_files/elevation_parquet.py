@@ -1,21 +1,80 @@
-"""Our own ``elevation.parquet`` (``time_s``, ``elevation_deg``, ``valid``), and ``truth.parquet`` without
-``valid``.
+"""Our own ``elevation.parquet``, both versions, and ``truth.parquet``, which has no ``valid``.
+
+``acromion.elevation/2`` holds whole numbers: ``time_us`` from the first sample, ``elevation_cdeg`` (0.01 deg,
+so that an angle is at most 0.005 deg off; null where no angle was measured) and ``valid``. Version 1 held
+``time_s``, ``elevation_deg`` and ``valid``.
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from fusion.angle_files.named_csv import check_times, keep_angles
 from fusion.angle_files.types import AngleFile, AngleFileOptions
+from fusion.angle_series import HOLE_PERIODS
+from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import UnknownColumns, UnreadableFile
+from fusion.readers import RecordingFile
 from fusion.readers.samples import check_rows
-from fusion.readers.source import Source, hash_source
+from fusion.readers.source import Source, hash_source, open_source
 from fusion.readers.tables.parquet import check_pages
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array
 
-COLUMNS = ("time_s", "elevation_deg")
-LEAST_ANGLE_BYTES = 1.0
-"""What a row takes of the file at least; one of a week of work takes 2.5."""
+SCHEMA = "acromion.elevation/2"
+STEPS_PER_DEG = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """How a version writes time and angle: its columns, and how many of their units make 1 s and 1 deg."""
+
+    time: str
+    angle: str
+    per_second: int
+    per_deg: int
+
+
+FORMS = (
+    Form("time_us", "elevation_cdeg", MICROSECONDS, STEPS_PER_DEG),
+    Form("time_s", "elevation_deg", 1, 1),
+)
+UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
+"""What Parquet's own reader raises over a damaged file; the last where a name is no text."""
+LEAST_ANGLE_BYTES = 0.1
+"""What a row takes of the file at least, beyond two days of them; one of a worn arm takes 0.5 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElevationRows:
+    """The rows of a file.
+
+    Attributes
+    ----------
+    time_s
+        Shape (n,), from the first sample.
+    elevation_deg
+        Shape (n,), float32: NaN where none was measured.
+    valid
+        Shape (n,). Fused and trusted.
+    column
+        What the file calls the angle.
+    """
+
+    time_s: Float64Array
+    elevation_deg: NDArray[np.float32]
+    valid: BoolArray
+    column: str
+
+    def __len__(self) -> int:
+        return len(self.time_s)
 
 
 def recognise(source: Source) -> bool:
@@ -23,8 +82,8 @@ def recognise(source: Source) -> bool:
     if not source.head.startswith(b"PAR1"):
         return False
     try:
-        return set(COLUMNS) <= set(pq.read_schema(source.file).names)
-    except (pa.ArrowException, OSError):
+        return _find_form(pq.read_schema(source.file).names) is not None
+    except UNREADABLE:
         return False
 
 
@@ -33,23 +92,109 @@ def read(source: Source, _options: AngleFileOptions) -> AngleFile:
 
     Raises
     ------
+    fusion.errors.FusionError
+        As :func:`read_rows`; times that do not rise, an angle that cannot be.
+    """
+    rows = _read_source(source)
+    elevation_deg = np.where(rows.valid, rows.elevation_deg, np.nan).astype(np.float64)
+    understood = {"layout": "Parquet", "source": rows.column}
+    return keep_angles(check_times(rows.time_s), elevation_deg, hash_source(source), understood)
+
+
+def read_elevation(file: RecordingFile) -> Elevation:
+    """Read the angle series that an analysis left as ``elevation.parquet``, of whatever version.
+
+    Parameters
+    ----------
+    file
+        A path, or a binary file that can be rewound.
+
+    Returns
+    -------
+    Elevation
+        Runs of even rows, a new one after each hole; NaN where a row has no angle. The file holds neither
+        method nor uncertainty.
+
+    Raises
+    ------
+    fusion.errors.FusionError
+        As :func:`read_rows`; times that do not rise.
+    OSError
+        A path that cannot be opened.
+    """
+    return Elevation(tuple(_split_runs(read_rows(file))), None)
+
+
+def read_rows(file: RecordingFile) -> ElevationRows:
+    """Read the rows of an angle series as they stand in the file.
+
+    Raises
+    ------
     UnknownColumns, UnreadableFile
     fusion.errors.UnsafeArchive, fusion.errors.TooLong
         More is packed in it than any angle series holds.
+    OSError
+        A path that cannot be opened.
     """
+    if isinstance(file, str | PathLike):
+        with Path(file).open("rb") as opened:
+            return read_rows(opened)
+    return _read_source(open_source(file, is_hashed=False))
+
+
+def _read_source(source: Source) -> ElevationRows:
     source.file.seek(0)
     try:
         file = pq.ParquetFile(source.file)
-        names = [name for name in (*COLUMNS, "valid") if name in file.schema_arrow.names]
-        check_pages(file.metadata, names)
+        names = file.schema_arrow.names
+        form = _find_form(names)
+        if form is None:
+            raise UnknownColumns(list=", ".join(names)[:200])
+        check_pages(file.metadata, source.size_bytes)
         check_rows(file.metadata.num_rows, source.size_bytes, source.size_bytes, LEAST_ANGLE_BYTES)
-        table = file.read(names)
-    except (pa.ArrowException, OSError) as error:
+        table = file.read([name for name in (form.time, form.angle, "valid") if name in names])
+    except UNREADABLE as error:
         raise UnreadableFile from error
-    if not set(COLUMNS) <= set(table.column_names):
-        raise UnknownColumns(list=", ".join(file.schema_arrow.names)[:200])
-    time_s, elevation_deg = (np.asarray(table[name].to_numpy(), np.float64) for name in COLUMNS)
-    if "valid" in table.column_names:
-        elevation_deg = np.where(table["valid"].to_numpy(), elevation_deg, np.nan)
-    understood = {"layout": "Parquet", "source": "elevation_deg"}
-    return keep_angles(check_times(time_s), elevation_deg, hash_source(source), understood)
+    return _take_rows(table, form)
+
+
+def _find_form(names: Sequence[str]) -> Form | None:
+    return next((form for form in FORMS if {form.time, form.angle} <= set(names)), None)
+
+
+def _take_rows(table: pa.Table, form: Form) -> ElevationRows:
+    time, angle = (table[name].to_numpy() for name in (form.time, form.angle))
+    has_valid = "valid" in table.column_names
+    return ElevationRows(
+        time_s=np.asarray(_scale(time, form.per_second, np.float64), np.float64),
+        elevation_deg=_scale(angle, form.per_deg, np.float32),
+        valid=table["valid"].to_numpy().astype(np.bool_) if has_valid else np.ones(len(time), np.bool_),
+        column=form.angle,
+    )
+
+
+def _scale(values: NDArray[Any], per_unit: int, kind: type[np.floating[Any]]) -> NDArray[Any]:
+    return values.astype(kind, copy=False) if per_unit == 1 else np.divide(values, kind(per_unit), dtype=kind)
+
+
+def _split_runs(rows: ElevationRows) -> list[ElevationSegment]:
+    """Cut the series where a step is longer than a sample and a half."""
+    if len(rows) > 1:
+        check_times(rows.time_s)
+    steps_s = np.diff(rows.time_s)
+    period_s = float(np.median(steps_s)) if len(steps_s) else 1.0
+    cuts = [0, *(np.flatnonzero(steps_s > HOLE_PERIODS * period_s) + 1).tolist(), len(rows)]
+    return [
+        ElevationSegment(
+            start_us=round(float(rows.time_s[a]) * MICROSECONDS),
+            rate_hz=_fit_rate_hz(rows.time_s[a:b], period_s),
+            elevation_deg=rows.elevation_deg[a:b],
+            valid=rows.valid[a:b],
+        )
+        for a, b in pairwise(cuts)
+        if b > a
+    ]
+
+
+def _fit_rate_hz(time_s: Float64Array, period_s: float) -> float:
+    return (len(time_s) - 1) / float(time_s[-1] - time_s[0]) if len(time_s) > 1 else 1 / period_s

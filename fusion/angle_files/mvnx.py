@@ -20,7 +20,6 @@ from xml.sax.handler import ContentHandler, feature_external_ges, feature_extern
 
 import numpy as np
 from defusedxml.common import DefusedXmlException
-from defusedxml.expatreader import create_parser
 
 from fusion.angle_files.types import AngleFile, AngleFileOptions
 from fusion.angle_files.vertical import Up, measure_from_up, take_up_of_quaternion, take_up_of_row
@@ -200,6 +199,8 @@ def _to_numbers(words: list[str]) -> list[float]:
 
 def _parse(source: Source, frames: _Frames) -> None:
     """Feed the parser piece by piece; it expands nothing and follows nothing."""
+    from defusedxml.expatreader import create_parser  # noqa: PLC0415  slow to load, and only this needs it
+
     parser = create_parser(forbid_dtd=True, forbid_entities=True, forbid_external=True)
     parser.setFeature(feature_external_ges, False)  # noqa: FBT003  the standard library's own signature
     parser.setFeature(feature_external_pes, False)  # noqa: FBT003

@@ -9,9 +9,9 @@ from fusion.angle_files.types import AngleFile
 from fusion.angle_files.vertical import measure_from_up
 from fusion.angle_series import AngleRows, resample_angles
 from fusion.caveats import Caveat
+from fusion.conventions import NPOSE_ERROR_DEG
 from fusion.elevation import Elevation
 from fusion.errors import UnknownAxis
-from fusion.pose.rules import NPOSE_ERROR_DEG
 from fusion.recording import FloatArray, QualityFlag, Recording
 
 STILL_S, STILL_DEG, LEAST_ROWS = 2.0, 3.0, 10

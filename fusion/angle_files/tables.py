@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import compute as pc
 from pyarrow import csv
 
 from fusion.angle_files.vertical import Up, take_up_of_euler, take_up_of_quaternion, take_up_of_row
@@ -103,6 +102,8 @@ NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
 def _to_numbers(column: pa.Array, decimal: str) -> Float64Array:
+    from pyarrow import compute as pc  # noqa: PLC0415  slow to load, and only this needs it
+
     text = pc.utf8_trim_whitespace(column)
     if decimal == ",":
         text = pc.replace_substring(text, ",", ".")

@@ -11,7 +11,7 @@ angles. Odds are in nats: the logarithm of how much likelier one arrangement mak
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,10 @@ from fusion.checks.gravity_windows import (
     WINDOW_S,
     GravityWindows,
     GyroModel,
+    find_plain,
     fit_model,
     measure_miss,
+    measure_speed_dps,
     pick_windows,
 )
 from fusion.recording import Float64Array, QualityFlag, flag_stretches
@@ -178,9 +180,15 @@ RIVAL_NATS = 4.0
 SAME_SHARE = 0.02
 """Two arrangements under which the turns differ by so little (squared) give the same angles."""
 SCALES = (0.25, 0.5, 0.7, 1.4, 2.0, 4.0)
-SCALE_TOLERANCE, AXIS_TOLERANCE = 0.05, 0.10
+SCALE_TOLERANCE, SCALE_ERRORS = 0.05, 6.0
 """Parts are up to 3 % off, which the fusion finds and corrects by itself (fusion.sensor)."""
-SCALE_ERRORS = 6.0
+SLOW_DPS = 45.0
+"""Windows up to this rate (root mean square) judge the scale: an arm of 0.3 m then feels 0.02 g outwards. On
+fast movement that force imitates a scale: right gyroscopes seemed to need factors of 0.77 to 1.14.
+"""
+FEWEST_SLOW = 6
+FAST_DPS = 135.0
+"""Over this, a window turns three times round: an error of 1 % of scale has grown to 10 deg."""
 MOST_SEARCHED, MOST_REFINED = 50, 16
 OFFSET = np.eye(15)[:, 9:]
 """Shape of a fit of nothing but the offsets."""
@@ -218,40 +226,44 @@ class Arrangement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scale:
-    """What is left to multiply the rates by: on all axes alike, and on each (3,), with standard errors.
+    """What is left to multiply the rates by, on all axes alike, with its standard error.
 
-    ``model``: that of the axes, from readings to true rates.
+    ``halves``: the same from the first and from the second half of the movement.
     """
 
     overall: float
     error: float
-    axes: Float64Array
-    axes_errors: Float64Array
-    model: GyroModel
+    halves: tuple[float, float]
 
     @property
-    def is_overall_off(self) -> bool:
+    def is_off(self) -> bool:
         """Surely by more than parts are."""
         return abs(self.overall - 1.0) > max(SCALE_TOLERANCE, SCALE_ERRORS * self.error)
 
     @property
-    def is_axis_off(self) -> bool:
-        """Whether one axis surely has a scale of its own."""
-        away = np.abs(self.axes / np.median(self.axes) - 1.0)
-        return bool(np.any(away > np.maximum(AXIS_TOLERANCE, SCALE_ERRORS * self.axes_errors)))
+    def is_confirmed(self) -> bool:
+        """Whether both halves say the same."""
+        return abs(self.halves[0] / self.halves[1] - 1.0) < SCALE_TOLERANCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameEvidence:
     """What the motion says: how it is as read, what fits best, and whether that is beyond doubt.
 
-    ``lively``: windows that tell something. ``chosen`` is ``as_read`` where there is nothing to correct.
+    ``lively``: windows that tell something; ``plain``: how many of them turn slowly and keep the length of
+    gravity, and ``plain_score``: how much is left of these. Only there does it speak against the columns: not
+    in a car, and not in a fast spin.
+    ``chosen`` is another than ``as_read`` where a unit or a left-handed frame surely is to be put right;
+    ``better`` is what surely fits but is not put right: columns in another order, single signs.
     ``has_better``: something else fits far better, and it is not sure what.
     """
 
     lively: int
+    plain: int
+    plain_score: float
     as_read: Arrangement
     chosen: Arrangement
+    better: Arrangement | None = None
     has_better: bool = False
 
     @property
@@ -259,8 +271,7 @@ class FrameEvidence:
         """As read it does not fit, and nothing that could be put right was found."""
         if self.chosen is not self.as_read:
             return False
-        miss_g = float(np.sqrt(np.mean(np.minimum(self.as_read.miss_g, 2.0) ** 2)))
-        return self.has_better or (self.as_read.score > BAD_SCORE and miss_g > BAD_MISS_G)
+        return self.has_better or _is_unexplained(self.as_read.miss_g, self.as_read.score)
 
     @property
     def is_settled(self) -> bool:
@@ -270,7 +281,9 @@ class FrameEvidence:
     @property
     def is_wrong(self) -> bool:
         """The same, on evidence enough to refuse."""
-        return self.is_doubtful and self.lively >= BAD_WINDOWS
+        if self.has_better:
+            return self.lively >= BAD_WINDOWS
+        return self.is_doubtful and self.plain >= BAD_WINDOWS and self.plain_score > BAD_SCORE
 
 
 def judge_frame(
@@ -286,31 +299,62 @@ def judge_frame(
         return None
     as_read = search.refine(search.try_out(factors[0], TURNS[0]), OFFSET)
     if as_read.score <= GOOD_SCORE and search.stays(as_read):
-        return FrameEvidence(search.lively, as_read, as_read)
-    return _choose(search, as_read, search.rank())
+        return FrameEvidence(search.lively, search.lively, as_read.score, as_read, as_read)
+    is_slow = measure_speed_dps(windows) * factors[0] < FAST_DPS
+    plain = search.is_lively & is_slow & find_plain(windows)
+    seen = FrameEvidence(
+        search.lively, int(plain.sum()), search.score(as_read.miss_g, plain), as_read, as_read
+    )
+    return _choose(search, seen, search.rank())
 
 
-def _choose(search: "_Search", as_read: Arrangement, ranked: list[Arrangement]) -> FrameEvidence:
+def _is_unexplained(miss_g: Float64Array, score: float) -> bool:
+    """Whether so much is left that it is no good recording."""
+    return score > BAD_SCORE and float(np.sqrt(np.mean(np.minimum(miss_g, 2.0) ** 2))) > BAD_MISS_G
+
+
+def _choose(search: "_Search", seen: FrameEvidence, ranked: list[Arrangement]) -> FrameEvidence:
+    as_read = seen.as_read
     best = min([as_read, *ranked], key=lambda one: (round(one.score, 3), search.doubt(one)))
     nats = search.weigh(as_read, best, best)
     is_better = nats > CLEAR_NATS and best.score < CLEAR_RATIO * as_read.score
     is_unit = best.is_known and nats > UNIT_NATS and best.score < CLEAR_RATIO * as_read.score
     is_sure = best.is_known and nats > CERTAIN_NATS and best.score < KNOWN_RATIO * as_read.score
+    has_better = is_better and not search.is_same(as_read, best)
     if is_sure or ((is_better or is_unit) and best.score < GOOD_SCORE):
         rivals = (one for one in ranked if search.weigh(one, best, best) < RIVAL_NATS)
-        if all(search.is_same(one, best) for one in rivals):
-            return FrameEvidence(search.lively, as_read, best)
-    has_better = is_better and not search.is_same(as_read, best)
-    return FrameEvidence(search.lively, as_read, as_read, has_better=has_better)
+        if search.holds_in_halves(as_read, best) and all(search.is_same(one, best) for one in rivals):
+            if best.is_known:
+                return replace(seen, chosen=best)
+            return replace(seen, better=best, has_better=has_better)
+    return replace(seen, has_better=has_better)
 
 
-def measure_scale(windows: GravityWindows, chosen: Arrangement, factor: float) -> Scale:
-    """What is left of the scale once the axes are arranged and a unit factor applied."""
+def measure_scale(windows: GravityWindows, chosen: Arrangement, factor: float) -> Scale | None:
+    """What is left of the scale once the axes are arranged and a unit factor applied; None where too few slow
+    windows tell.
+    """
     start = GyroModel(factor * chosen.turn, chosen.model.drift_dps, chosen.model.offset_g)
-    overall = fit_model(windows, start, make_scale_basis(chosen.turn), factor)
-    each = fit_model(windows, start, make_axes_basis(chosen.turn), factor)
-    size, error = 1.0 + float(overall.values[0]), float(overall.errors[0])
-    return Scale(size, error, 1.0 + each.values[:3], each.errors[:3], each.model)
+    blind = GyroModel(np.zeros((3, 3)), np.zeros(3), np.zeros(3))
+    tells = (measure_miss(windows, blind) > LIVELY_G) & (
+        measure_speed_dps(windows) * chosen.factor < SLOW_DPS
+    )
+    slow = np.flatnonzero(tells)
+    if len(slow) < FEWEST_SLOW:
+        return None
+    basis = make_scale_basis(chosen.turn)
+    fits = [
+        fit_model(pick_windows(windows, some), start, basis, factor)
+        for some in (slow, *np.array_split(slow, 2))
+    ]
+    whole, first, second = (1.0 + float(fit.values[0]) for fit in fits)
+    return Scale(whole, float(fits[0].errors[0]), (first, second))
+
+
+def fit_arrangement(windows: GravityWindows, chosen: Arrangement, factor: float) -> GyroModel:
+    """The model from readings to true rates that the windows give, one factor on all axes."""
+    start = GyroModel(factor * chosen.turn, chosen.model.drift_dps, chosen.model.offset_g)
+    return fit_model(windows, start, make_scale_basis(chosen.turn), factor).model
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,8 +367,18 @@ class _Search:
     blind_g: Float64Array
 
     @property
+    def is_lively(self) -> NDArray[np.bool_]:
+        return np.asarray(self.blind_g > LIVELY_G)
+
+    @property
     def lively(self) -> int:
-        return int((self.blind_g > LIVELY_G).sum())
+        return int(self.is_lively.sum())
+
+    def holds_in_halves(self, as_read: Arrangement, best: Arrangement) -> bool:
+        """Whether both halves of the movement bear out what fits better."""
+        left_g = [np.minimum(one.miss_g, self.blind_g) for one in (best, as_read)]
+        halves = np.array_split(np.flatnonzero(self.is_lively), 2)
+        return all(left_g[0][half].sum() < KNOWN_RATIO * left_g[1][half].sum() for half in halves)
 
     @property
     def fastest_dps(self) -> float:
@@ -340,8 +394,12 @@ class _Search:
 
     def measure(self, turn: Float64Array, model: GyroModel) -> Arrangement:
         miss_g = measure_miss(self.windows, model)
-        score = float(np.minimum(miss_g, self.blind_g).sum() / max(self.blind_g.sum(), 1e-9))
-        return Arrangement(turn, model, miss_g, score)
+        return Arrangement(turn, model, miss_g, self.score(miss_g, np.ones(len(miss_g), np.bool_)))
+
+    def score(self, miss_g: Float64Array, chosen: NDArray[np.bool_]) -> float:
+        """What some windows leave unexplained: 0 nothing, 1 all."""
+        left_g = np.minimum(miss_g, self.blind_g)[chosen].sum()
+        return float(left_g / max(self.blind_g[chosen].sum(), 1e-9))
 
     def refine(self, one: Arrangement, basis: Float64Array) -> Arrangement:
         """Fit the offset, or more, and keep it only if better."""
@@ -374,7 +432,7 @@ class _Search:
 
     def rank(self) -> list[Arrangement]:
         """Arrangements by their score on some of the windows; the best ones with scale and offset fitted."""
-        lively = np.flatnonzero(self.blind_g > LIVELY_G)
+        lively = np.flatnonzero(self.is_lively)
         few = lively[:: max(1, -(-len(lively) // MOST_SEARCHED))]
         small = _Search(pick_windows(self.windows, few), self.offset_dps, self.factors, self.blind_g[few])
         possible = [factor for factor in self.factors if factor * self.fastest_dps < MOST_DPS]
@@ -398,13 +456,4 @@ def make_scale_basis(turn: Float64Array) -> Float64Array:
     basis = np.zeros((15, 7))
     basis[:9, 0] = turn.ravel()
     basis[9:, 1:] = np.eye(6)
-    return basis
-
-
-def make_axes_basis(turn: Float64Array) -> Float64Array:
-    """A factor on each of the axes as they are arranged, and the offsets, shape (15, 9)."""
-    basis = np.zeros((15, 9))
-    for axis in range(3):
-        basis[3 * axis : 3 * axis + 3, axis] = turn[axis]
-    basis[9:, 3:] = np.eye(6)
     return basis

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.checks.summary import SensorSummary, list_rows, summarise_sensor
+
 RANGE_SHARE = 0.999
 """A sample is cut off from this share of a full scale or of the extreme on: the two ends of a signed range
 differ by one count.
@@ -25,30 +27,36 @@ under these it may.
 """
 
 
-def find_flat_range(pieces: Sequence[NDArray[np.float32]], least: float = 0.0) -> float | None:
+def find_flat_range(
+    pieces: Sequence[NDArray[np.float32]], least: float = 0.0, known: Sequence[SensorSummary] = ()
+) -> float | None:
     """Give the size at which samples (n, 3) are cut off, or None where nothing is.
 
     It holds for all axes: an axis cut off below what another reads is not found.
     """
-    filled = [piece for piece in pieces if len(piece)]
-    extreme = max((float(max(piece.max(), -piece.min())) for piece in filled), default=0.0)
+    seen = known or [summarise_sensor(piece) for piece in pieces]
+    extreme = max((sensor.find_extreme() for sensor in seen), default=0.0)
     if not least <= extreme < np.inf:
         return None
     limit = np.float32(RANGE_SHARE * extreme)
-    tops = sum(_count_tops(piece, sign, limit) for piece in filled for sign in (1, -1))
+    tops = sum(_count_tops(*pair, limit) for pair in zip(pieces, seen, strict=True))
     return extreme if tops >= FEWEST_TOPS else None
 
 
-def _count_tops(samples: NDArray[np.float32], sign: int, limit: np.float32) -> int:
+def _count_tops(samples: NDArray[np.float32], seen: SensorSummary, limit: np.float32) -> int:
     """How often an axis rests at one value past the limit for three rows or more."""
-    flat = np.ascontiguousarray(samples).ravel()
-    places = np.flatnonzero(flat >= limit if sign > 0 else flat <= -limit)
-    return sum(_count_runs(places[places % 3 == axis] // 3, samples[:, axis]) for axis in range(3))
+    count = 0
+    for axis in range(3):
+        for sign, ends in ((1, seen.high), (-1, -seen.low)):
+            rows = list_rows(np.flatnonzero(ends[axis] >= limit), len(samples))
+            values = sign * samples[rows, axis]
+            count += _count_runs(rows[values >= limit], values[values >= limit])
+    return count
 
 
-def _count_runs(rows: NDArray[np.intp], samples: NDArray[np.float32]) -> int:
+def _count_runs(rows: NDArray[np.intp], values: NDArray[np.float32]) -> int:
     if len(rows) < FLAT_ROWS:
         return 0
-    is_held = (np.diff(rows) == 1) & (np.diff(samples[rows]) == 0.0)
+    is_held = (np.diff(rows) == 1) & (np.diff(values) == 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_held, [False]]).astype(np.int8)))
     return int(np.count_nonzero(edges[1::2] - edges[::2] >= FLAT_ROWS - 1))

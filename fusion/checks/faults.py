@@ -7,9 +7,9 @@ sensor included, gives a false alarm.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.checks.stopped import (
@@ -17,19 +17,17 @@ from fusion.checks.stopped import (
     MOVED_G,
     Ranges,
     Rows,
-    Stop,
     Values,
     cut_rows,
     find_held_runs,
-    find_stops,
+    find_stopping,
     join_ranges,
     place_rows,
 )
-from fusion.checks.unmeasured import bridge_rows, is_too_frequent
+from fusion.checks.summary import BLOCK_ROWS, SegmentSummary, SensorSummary, Summaries, summarise
 from fusion.errors import DeadSensor
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import (
-    LONGEST_BRIDGE_US,
     MICROSECONDS,
     QualityFlag,
     Recording,
@@ -39,10 +37,6 @@ from fusion.recording import (
 )
 
 # Stretches in which a channel, or a whole sensor, stuck: found, and taken out of the analysed time.
-
-
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
 
 
 SENSORS = ("accelerometer", "gyroscope")
@@ -59,30 +53,28 @@ MOVING_G, MOVING_DPS = 0.15, 30.0
 Pair = tuple[int, int]
 
 
-def exclude_stuck(recording: Recording) -> Recording:
+def exclude_stuck(recording: Recording, known: Summaries = ()) -> Recording:
     """Exclude the stretches in which a channel stuck from the analysed time, and flag them (W-STUCK-PART).
 
-    Up to 50 ms of one channel are bridged for the filters, in place; a longer stretch ends the segment. The
-    search may be repeated once the units are known.
+    Each ends the segment. The search may be repeated once the units are known.
 
     Raises
     ------
     DeadSensor
-        A channel stops at one row in ten.
+        An axis stops again and again while the others show movement.
     """
     segments = recording.segments
-    stops = find_stops(segments)
-    _refuse_frequent(segments, stops)
-    found = zip(segments, find_stuck_rows(segments), stops, strict=True)
-    pairs = [(segment, _part_rows(segment, rows, some)) for segment, rows, some in found]
+    seen = summarise(segments, known)
+    stopping = find_stopping(segments, seen)
+    if stopping is not None:
+        raise DeadSensor(sensor=SENSORS[stopping // 3], axis="xyz"[stopping % 3])
+    pairs = list(zip(segments, find_stuck_rows(seen), strict=True))
     stuck = [
-        place_rows(segment, *rows, "stuck")
-        for segment, (bridged, cut) in pairs
-        for rows in _leave_holes(segment, [*bridged, *cut])
+        place_rows(segment, *rows, "stuck") for segment, some in pairs for rows in _leave_holes(segment, some)
     ]
     if not stuck:
         return recording
-    kept = tuple(piece for segment, (_, cut) in pairs for piece in cut_rows(segment, cut))
+    kept = tuple(piece for segment, some in pairs for piece in cut_rows(segment, some))
     excluded = (*recording.excluded, *stuck)
     others = (flag for flag in recording.flags if not _is_stuck_flag(flag))
     return replace(
@@ -93,20 +85,14 @@ def exclude_stuck(recording: Recording) -> Recording:
     )
 
 
-def _refuse_frequent(segments: Sequence[Segment], stops: Sequence[Sequence[Stop]]) -> None:
-    rows = sum(len(segment) for segment in segments)
-    counts = np.bincount([channel for some in stops for channel, _, _ in some], minlength=6)
-    worst = int(counts.argmax())
-    if is_too_frequent(int(counts[worst]), rows):
-        raise DeadSensor(sensor=SENSORS[worst // 3], axis="xyz"[worst % 3])
-
-
 def _leave_holes(segment: Segment, stuck: Ranges) -> list[Pair]:
     """Rows of ``stuck`` without the holes that were bridged before: those stay missing time."""
+    if not stuck:
+        return []
     is_stuck = np.zeros(len(segment) + 1, np.bool_)
     for first, stop in stuck:
         is_stuck[first:stop] = True
-    for first, stop in segment.bridged if stuck else ():
+    for first, stop in segment.bridged:
         is_stuck[first:stop] = False
     edges = np.flatnonzero(np.diff(is_stuck.view(np.int8), prepend=np.int8(0)))
     return [(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
@@ -121,33 +107,17 @@ def _flag_stuck(excluded: tuple[Span, ...]) -> tuple[QualityFlag, ...]:
     return flag_spans(Caveat.STUCK_PART, spans, filled="stuck")
 
 
-def _part_rows(segment: Segment, stuck: Ranges, stops: Sequence[Stop]) -> tuple[list[Pair], list[Pair]]:
-    """Rows that were bridged, and rows to cut out."""
-    most = int(LONGEST_BRIDGE_US * segment.rate_hz / MICROSECONDS + 1e-3)
-
-    def is_short(first_row: int, stop_row: int) -> bool:
-        return stop_row - first_row <= most and first_row > 0 and stop_row < len(segment)
-
-    for channel, first, stop in stops:
-        if is_short(first, stop):
-            axis = channel % 3
-            values = (segment.acc_g, segment.gyr_dps)[channel // 3]
-            bridge_rows(values[:, axis : axis + 1], first, stop)
-    ranges = join_ranges(sorted([*stuck, *((first, stop) for _, first, stop in stops)]))
-    return [pair for pair in ranges if is_short(*pair)], [pair for pair in ranges if not is_short(*pair)]
-
-
-def find_stuck_rows(segments: Sequence[Segment]) -> list[list[Pair]]:
+def find_stuck_rows(seen: Summaries) -> list[list[Pair]]:
     """For each segment, row ranges, apart and in order, in which a channel, or a whole sensor, stuck."""
-    found: list[list[Pair]] = [[] for _ in segments]
+    found: list[list[Pair]] = [[] for _ in seen]
     for sensor in range(2):
-        samples = [_read(segment, sensor) for segment in segments]
+        samples = [_read(one.segment, sensor) for one in seen]
         for axes in ((0,), (1,), (2,), (0, 1, 2)):
-            runs = [_find_flat(segment, sensor, axes) for segment in segments]
+            runs = [_find_flat(one, sensor, axes) for one in seen]
             if not any(map(len, runs)) or any(is_coarse(samples, axis, runs) for axis in axes):
                 continue
-            for one, segment, some in zip(found, segments, runs, strict=True):
-                one += [(a, b) for a, b in some.tolist() if _is_stuck(segment, sensor, axes, (a, b))]
+            for rows, one, some in zip(found, seen, runs, strict=True):
+                rows += [(a, b) for a, b in some.tolist() if _is_stuck(one.segment, sensor, axes, (a, b))]
     return [join_ranges(sorted(some)) for some in found]
 
 
@@ -155,12 +125,14 @@ def _read(segment: Segment, sensor: int) -> Values:
     return segment.gyr_dps if sensor else segment.acc_g
 
 
-def _find_flat(segment: Segment, sensor: int, axes: tuple[int, ...]) -> Rows:
+def _find_flat(one: SegmentSummary, sensor: int, axes: tuple[int, ...]) -> Rows:
     """Runs of one value on one axis, or on all three."""
-    values = _read(segment, sensor)
+    seen, rate_hz = one.gyr if sensor else one.acc, one.segment.rate_hz
     if len(axes) == 1:
-        return find_flat_runs(values, axes[0], max(round(STUCK_S * segment.rate_hz), STUCK_ROWS))
-    return find_held_runs(values, values, max(round(SILENT_S * segment.rate_hz), 2))
+        shortest = max(round(STUCK_S * rate_hz), STUCK_ROWS)
+    else:
+        shortest = max(round(SILENT_S * rate_hz), 2)
+    return find_held_runs(seen, seen, shortest, (axes[0], axes[-1] + 1))
 
 
 def _is_stuck(segment: Segment, sensor: int, axes: tuple[int, ...], rows: Pair) -> bool:
@@ -185,42 +157,11 @@ def is_coarse(samples: Sequence[Values], axis: int, runs: Sequence[Rows]) -> boo
     """Whether a channel repeats its value so often elsewhere too that flat stretches prove nothing."""
     inside = sum(int((some[:, 1] - some[:, 0] - 1).sum()) for some in runs)
     elsewhere = sum(len(values) - 1 for values in samples) - inside
-    return sum(count_repeats(values, axis) for values in samples) - inside > COARSE_PART * elsewhere
+    repeats = sum(int(np.count_nonzero(values[1:, axis] == values[:-1, axis])) for values in samples)
+    return repeats - inside > COARSE_PART * elsewhere
 
 
-@njit(cache=True, nogil=True)
-def count_repeats(values: Values, axis: int) -> int:
-    """Rows whose reading is that of the row before."""
-    count = 0
-    for k in range(1, len(values)):
-        if values[k, axis] == values[k - 1, axis]:
-            count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def find_flat_runs(values: Values, axis: int, shortest_rows: int) -> Rows:
-    """Runs of one value, at least ``shortest_rows`` rows long, shape (m, 2): first row and first row after.
-
-    Such a run covers one of any ``shortest_rows`` rows that follow each other: the search looks there only.
-    """
-    runs = np.empty((len(values) // max(shortest_rows, 1) + 1, 2), np.int64)
-    found, k = 0, max(shortest_rows, 1) - 1
-    while k < len(values):
-        first, stop = k, k + 1
-        while first > 0 and k - first < shortest_rows and values[first - 1, axis] == values[k, axis]:
-            first -= 1
-        while stop < len(values) and values[stop, axis] == values[k, axis]:
-            stop += 1
-        if stop - first >= shortest_rows:
-            runs[found, 0], runs[found, 1] = first, stop
-            found += 1
-        k = stop - 1 + max(shortest_rows, 1)
-    return runs[:found]
-
-
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
+# Channels with one value throughout, and readings far outside of their neighbours.
 
 
 DEAD_US = 10 * MICROSECONDS
@@ -228,10 +169,9 @@ SPIKE_RATIO = 20.0
 """A spike stands out of the steps around it by this factor: hard taps on a sensor reach 10."""
 LEAST_SPIKE_G, LEAST_SPIKE_DPS = 1.0, 150.0
 AROUND_ROWS = 5
-SCANNED_ROWS = 512
 
 
-def refuse_dead(recording: Recording) -> Recording:
+def refuse_dead(recording: Recording, known: Summaries = ()) -> Recording:
     """Give the recording back unless a channel has one value throughout.
 
     Raises
@@ -240,102 +180,81 @@ def refuse_dead(recording: Recording) -> Recording:
     """
     if sum(segment.duration_us for segment in recording.segments) < DEAD_US:
         return recording
-    for sensor in range(2):
-        pieces = [(segment.acc_g, segment.gyr_dps)[sensor] for segment in recording.segments]
-        only = pieces[0][0]
-        dead = "".join(
-            name
-            for axis, name in enumerate("xyz")
-            if all(has_only(piece, axis, only[axis]) for piece in pieces)
-        )
+    seen = summarise(recording.segments, known)
+    for name, sensors in zip(SENSORS, ([one.acc for one in seen], [one.gyr for one in seen]), strict=True):
+        dead = "".join("xyz"[axis] for axis in range(3) if _has_only(sensors, axis))
         if dead == "xyz":
-            raise DeadSensor(sensor=SENSORS[sensor])
+            raise DeadSensor(sensor=name)
         if dead:
-            raise DeadSensor(sensor=SENSORS[sensor], axis=", ".join(dead))
+            raise DeadSensor(sensor=name, axis=", ".join(dead))
     return recording
 
 
-@njit(cache=True, nogil=True)
-def has_only(values: NDArray[np.float32], axis: int, value: float) -> bool:
-    """Whether a channel has one value throughout; a live channel shows it in its first rows."""
-    for k in range(len(values)):  # noqa: SIM110 (numba compiles no generator expressions)
-        if values[k, axis] != value:
-            return False
-    return True
+def _has_only(sensors: Sequence[SensorSummary], axis: int) -> bool:
+    """Whether an axis has one value throughout."""
+    ends = np.concatenate([end[axis] for sensor in sensors for end in (sensor.low, sensor.high)])
+    return bool((ends == ends[0]).all())
 
 
-def exclude_faults(recording: Recording, searched: Recording | None = None) -> Recording:
+def exclude_faults(
+    recording: Recording, searched: Recording | None = None, known: Summaries = ()
+) -> Recording:
     """Exclude spikes, and stretches in which a channel stuck, from the analysed time, and flag them.
 
     Spikes are replaced by the mean of their neighbours, for the filters only, in place. ``searched``: the
     recording as the last search for stuck channels left it; it is not searched again without a new flag.
     """
-    spikes = [span for segment in recording.segments for span in _mend_spikes(segment)]
+    mended = [_mend_spikes(one) for one in summarise(recording.segments, known)]
+    spikes = [span for _, spans in mended for span in spans]
     if spikes:
+        segments = tuple(segment for segment, _ in mended)
         flags = (*recording.flags, *flag_spans(Caveat.SPIKE, spikes))
-        recording = replace(recording, excluded=(*recording.excluded, *spikes), flags=flags)
+        excluded = (*recording.excluded, *spikes)
+        recording = replace(recording, segments=segments, excluded=excluded, flags=flags)
     is_same = searched is not None and _find_notes(recording) == _find_notes(searched)
-    return recording if is_same else exclude_stuck(recording)
+    return recording if is_same else exclude_stuck(recording, known)
 
 
 def _find_notes(recording: Recording) -> tuple[object, object]:
     return recording.flags, recording.understood
 
 
-def _mend_spikes(segment: Segment) -> list[Span]:
-    marked = np.zeros(len(segment), np.bool_)
-    found = mend_spikes(segment.acc_g, LEAST_SPIKE_G, marked)
-    found += mend_spikes(segment.gyr_dps, LEAST_SPIKE_DPS, marked)
-    rows = np.flatnonzero(marked).tolist() if found else []
-    return [place_rows(segment, row, row + 1, "spikes") for row in rows]
+def _mend_spikes(seen: SegmentSummary) -> tuple[Segment, list[Span]]:
+    """The segment, another object where samples changed, and where spikes were."""
+    segment, rows = seen.segment, set[int]()
+    for sensor, least in ((seen.acc, LEAST_SPIKE_G), (seen.gyr, LEAST_SPIKE_DPS)):
+        blocks = np.flatnonzero((sensor.step >= least).any(axis=0))
+        if len(blocks):
+            marked = np.zeros(len(segment), np.bool_)
+            _mend_blocks(sensor.samples, least, blocks, marked)
+            rows.update(np.flatnonzero(marked).tolist())
+    spikes = [place_rows(segment, row, row + 1, "spikes") for row in sorted(rows)]
+    return (replace(segment) if spikes else segment), spikes
 
 
-@njit(cache=True, nogil=True)
-def mend_spikes(values: NDArray[np.float32], least: float, marked: NDArray[np.bool_]) -> int:
-    """Replace single readings far outside of their neighbours; mark their rows; return how many there were.
+@kernel
+def _mend_blocks(values: Any, least: float, blocks: Any, marked: Any) -> None:  # pragma: no cover
+    """Replace single readings far outside of their neighbours, in the blocks with such a step; mark the rows.
 
     Compared to Hampel's filter (median and MAD of a window): the reading must leave both neighbours the same
     way, they must agree, and every step of the five rows on either side must be far smaller.
     """
-    found = 0
     last = len(values) - AROUND_ROWS - 1
-    for first in range(AROUND_ROWS + 1, last, SCANNED_ROWS):
-        stop = min(first + SCANNED_ROWS, last)
-        if has_step(values[first - 1 : stop], least):
-            for k in range(first, stop):
-                found += mend_row(values, k, least, marked)
-    return found
+    for block in blocks:
+        for row in range(max(block * BLOCK_ROWS, AROUND_ROWS + 1), min((block + 1) * BLOCK_ROWS, last)):
+            for axis in range(3):
+                up = values[row, axis] - values[row - 1, axis]
+                down = values[row, axis] - values[row + 1, axis]
+                height = min(abs(up), abs(down))
+                if height < least or up * down <= 0.0:
+                    continue
+                if _measure_step(values, row, axis) * SPIKE_RATIO < height:
+                    values[row, axis] = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
+                    marked[row] = True
 
 
-@njit(cache=True, nogil=True)
-def has_step(values: NDArray[np.float32], least: float) -> bool:
-    """Whether any reading is ``least`` or more from the one before; few stretches of a shift have such."""
-    steps = 0
-    for k in range(1, len(values)):
-        for axis in range(3):
-            steps |= int(abs(values[k, axis] - values[k - 1, axis]) >= least)
-    return steps > 0
-
-
-@njit(cache=True, nogil=True)
-def mend_row(values: NDArray[np.float32], row: int, least: float, marked: NDArray[np.bool_]) -> int:
-    """Mend what is a spike in one row; return how many readings were."""
-    found = 0
-    for axis in range(3):
-        up = values[row, axis] - values[row - 1, axis]
-        down = values[row, axis] - values[row + 1, axis]
-        height = min(abs(up), abs(down))
-        if height < least or up * down <= 0.0:
-            continue
-        if largest_step(values, row, axis) * SPIKE_RATIO < height:
-            values[row, axis] = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
-            marked[row] = True
-            found += 1
-    return found
-
-
-@njit(cache=True, nogil=True)
-def largest_step(values: NDArray[np.float32], row: int, axis: int) -> float:
+@inner
+def _measure_step(values: Any, row: int, axis: int) -> Any:  # pragma: no cover
     """The largest step among the five rows on either side, and from the one side to the other."""
     largest = abs(values[row + 1, axis] - values[row - 1, axis])
     for k in range(1, AROUND_ROWS + 1):

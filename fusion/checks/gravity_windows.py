@@ -8,107 +8,162 @@ still, whole windows are not drawn to the turning points of a swing, where the a
 pass for a scale error of 10 %.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from math import cos, sin, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import kernel, njit
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import Float64Array, Segment
-from fusion.still_limits import REST
 
-# Short looks, spread over a recording: how still it is, and what its sensors read then.
+# Short looks, spread over a recording: where nothing moves, and what the sensors read then.
 
 
 PROBED_BLOCKS = 150
-BLOCK_S = 8.0
-MEAN_S = 0.05
-RESTING_PART = 0.02
-"""The gyroscope rests where it scatters by less than this part of its liveliest stretch."""
+BLOCK_S, MEAN_S = 8.0, 0.05
+REST_S, FEWEST_RESTS = 1.0, 2
+REST_PART = 0.015
+"""At rest the acceleration scatters by less than this part of its length."""
+RESTING_PART, ROUGH = 0.02, 0.3
+"""The gyroscope rests where it scatters by less than this part of its liveliest stretch, or where each
+reading is nearly independent of the one before: noise is, movement is not.
+"""
+STEADY_PART, SAME_DEG = 0.04, 10.0
+"""The middle half of all rests in one direction read lengths within this part of each other: on a boat they
+do not.
+"""
 
 
 def probe_blocks(segments: Sequence[Segment]) -> list[tuple[Segment, int, int]]:
     """Blocks of 8 s spread over the recording: all of a short one, 150 of a long one."""
     blocks = []
     for segment in segments:
-        n = max(8, round(BLOCK_S * segment.rate_hz))
-        blocks += [(segment, first, min(first + n, len(segment))) for first in range(0, len(segment), n)]
+        n, rows = max(8, round(BLOCK_S * segment.rate_hz)), len(segment)
+        blocks += [(segment, first, min(first + n, rows)) for first in range(0, rows, n)]
     stride = max(1, -(-len(blocks) // PROBED_BLOCKS))
     return blocks[::stride]
 
 
-def moving_mean(segment: Segment, first_row: int, stop_row: int) -> tuple[Float64Array, Float64Array]:
-    """Mean acceleration over 50 ms (3 rows at least) from each row on, shape (m, 3), and its scatter (m,)."""
-    width = max(3, round(MEAN_S * segment.rate_hz))
-    if stop_row - first_row <= width:
-        return np.empty((0, 3)), np.empty(0)
-    return slide_mean(segment.acc_g[first_row:stop_row], width)
+@dataclass(frozen=True, slots=True, eq=False)
+class Rests:
+    """Mean readings, (n, 3) each, of seconds in which nothing moves, in whatever unit they are read.
+
+    None (n = 0) is a state of its own: nothing follows for gravity from a recording without rest.
+    """
+
+    acc: Float64Array
+    gyr: Float64Array
+
+    def __len__(self) -> int:
+        return len(self.acc)
+
+    @property
+    def length(self) -> float:
+        """Median length of the acceleration."""
+        return float(np.median(np.linalg.norm(self.acc, axis=1)))
 
 
-@njit(cache=True, nogil=True)
-def slide_mean(acc_g: NDArray[np.float32], width_rows: int) -> tuple[Float64Array, Float64Array]:
-    """Mean over ``width_rows`` rows from each row on, and the largest of its three standard deviations."""
-    n = len(acc_g) - width_rows + 1
-    means, scatter = np.empty((n, 3)), np.zeros(n)
-    for axis in range(3):
-        total = squares = 0.0
-        for k in range(len(acc_g)):
-            total += acc_g[k, axis]
-            squares += np.float64(acc_g[k, axis]) ** 2
-            first = k - width_rows + 1
-            if first < 0:
-                continue
-            means[first, axis] = total / width_rows
-            variance = squares / width_rows - means[first, axis] ** 2
-            scatter[first] = max(scatter[first], variance)
-            total -= acc_g[first, axis]
-            squares -= np.float64(acc_g[first, axis]) ** 2
-    return means, np.sqrt(scatter)
-
-
-def measure_rests_g(segments: Sequence[Segment]) -> Float64Array:
-    """Mean acceleration of each half second in which neither sensor moves, shape (n, 3).
+def find_rests(segments: Sequence[Segment]) -> Rests:
+    """Find the seconds in which neither sensor shows movement; none where fewer than two do, or where they
+    differ in length as they do on a boat.
 
     A channel that keeps one value measures nothing (a hole filled with zeros, an axis that stuck), unless
     most of the rests look so: then the readings are that coarse.
     """
-    rests, flat = [np.zeros((0, 3))], [np.zeros(0, np.bool_)]
+    looks = [_look(*some) for some in _place_stretches(segments, REST_S, 8)]
+    if not looks:
+        return Rests(np.zeros((0, 3)), np.zeros((0, 3)))
+    acc, acc_sd, gyr, gyr_sd, rough, flat = (np.concatenate(column) for column in zip(*looks, strict=True))
+    length = np.linalg.norm(acc, axis=1)
+    is_resting = (acc_sd <= REST_PART * length) & ((gyr_sd <= _find_quiet(segments)) | (rough > ROUGH))
+    is_flat = is_resting & (flat > 0.0)
+    if 2 * is_flat.sum() <= is_resting.sum():
+        is_resting &= ~is_flat
+    rests = Rests(acc[is_resting], gyr[is_resting])
+    return rests if len(rests) >= FEWEST_RESTS and _is_steady(rests) else Rests(acc[:0], gyr[:0])
+
+
+def _is_steady(rests: Rests) -> bool:
+    """Whether the middle half of the rests reads one length wherever it reads one direction."""
+    length = np.linalg.norm(rests.acc, axis=1)
+    place = number_directions(rests.acc / np.maximum(length, 1e-12)[:, None], SAME_DEG)
+    usual = np.array([np.median(length[place == k]) for k in range(place.max() + 1)])
+    low, high = np.quantile(length - usual[place], [0.25, 0.75]).tolist()
+    return bool(high - low <= STEADY_PART * rests.length)
+
+
+def _place_stretches(
+    segments: Sequence[Segment], length_s: float, fewest_rows: int
+) -> Iterator[tuple[Segment, NDArray[np.int64], int]]:
+    """Cut the blocks of each segment into stretches: their first rows (m,), and how many rows each has."""
+    for _, some in groupby(probe_blocks(segments), key=lambda block: id(block[0])):
+        blocks = list(some)
+        segment = blocks[0][0]
+        width = max(fewest_rows, round(length_s * segment.rate_hz))
+        yield (
+            segment,
+            np.concatenate([np.arange(first, stop - width + 1, width) for _, first, stop in blocks]),
+            width,
+        )
+
+
+def _look(segment: Segment, firsts: NDArray[np.int64], width_rows: int) -> tuple[Float64Array, ...]:
+    """Of each stretch: means (m, 3) and scatter (m,) of both sensors, roughness, stuck channels."""
+    acc, acc_sd, _ = _measure_stretches(segment.acc_g, firsts, width_rows)
+    gyr, gyr_sd, steps = _measure_stretches(segment.gyr_dps, firsts, width_rows)
+    rough = steps.mean(axis=1) / np.maximum(2.0 * np.square(gyr_sd).mean(axis=1), 1e-12)
+    flat = (acc_sd == 0.0).any(axis=1) | (gyr_sd == 0.0).any(axis=1)
+    return acc, acc_sd.max(axis=1), gyr, gyr_sd.max(axis=1), rough, flat.astype(np.float64)
+
+
+def _find_quiet(segments: Sequence[Segment]) -> float:
+    """Up to which scatter the gyroscope rests, in its own unit."""
+    liveliest = 0.0
     for segment, first, stop in probe_blocks(segments):
-        width = max(5, round(REST.window_s * segment.rate_hz))
-        acc_g, acc_sd, acc_flat = _measure_stretches(segment.acc_g[first:stop], width)
-        _, gyr_sd, gyr_flat = _measure_stretches(segment.gyr_dps[first:stop], width)
-        is_still = (acc_sd < REST.acc_sd_g) & (gyr_sd < REST.gyro_sd_dps)
-        rests.append(acc_g[is_still])
-        flat.append((acc_flat | gyr_flat)[is_still])
-    found, is_flat = np.concatenate(rests), np.concatenate(flat)
-    return found if 2 * is_flat.sum() > len(found) else found[~is_flat]
+        _, scatter, _ = _measure_stretches(segment.gyr_dps, np.array([first]), stop - first)
+        liveliest = max(liveliest, float(scatter.max()))
+    return RESTING_PART * liveliest
 
 
 def _measure_stretches(
-    samples: NDArray[np.float32], width_rows: int
-) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:
-    """Mean (m, 3) of ``width_rows`` rows each, their largest standard deviation; whether one is 0 (m,)."""
-    count = len(samples) // width_rows
-    means, scatter = np.zeros((count, 3)), np.zeros((count, 3))
-    reduce_stretches(samples, width_rows, means, scatter)
-    return means, scatter.max(axis=1, initial=0.0), (scatter == 0.0).any(axis=1)
+    samples: NDArray[np.float32], firsts: NDArray[np.int64], width_rows: int
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Mean, standard deviation and mean square step, (m, 3) each, of stretches of ``width_rows`` rows."""
+    means, scatter, steps = (np.empty((len(firsts), 3)) for _ in range(3))
+    _reduce_stretches(samples, firsts, width_rows, means, scatter, steps)
+    return means, scatter, steps
 
 
-@njit(cache=True, nogil=True)
-def reduce_stretches(samples, width, means, scatter):  # type: ignore[no-untyped-def]
-    """Fill in mean and standard deviation of each ``width`` rows."""
-    for k in range(len(means)):
+@kernel
+def _reduce_stretches(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
+    samples: Any, firsts: Any, width: int, means: Any, scatter: Any, steps: Any
+) -> None:  # pragma: no cover
+    for k in range(len(firsts)):
+        start, stop = firsts[k], firsts[k] + width
         for axis in range(3):
-            first = samples[k * width, axis]  # deviations from it are exactly 0 where nothing changes
-            for row in range(k * width, (k + 1) * width):
-                means[k, axis] += (samples[row, axis] - first) / width
-            for row in range(k * width, (k + 1) * width):
-                scatter[k, axis] += (samples[row, axis] - first - means[k, axis]) ** 2 / width
-            scatter[k, axis] = np.sqrt(scatter[k, axis])
-            means[k, axis] += first
+            first = samples[start, axis]  # deviations from it are exactly 0 where nothing changes
+            mean, square, step, last = 0.0, 0.0, 0.0, float(first)
+            for row in range(start, stop):
+                mean += (samples[row, axis] - first) / width
+            for row in range(start, stop):
+                away, value = samples[row, axis] - first - mean, float(samples[row, axis])
+                square += away * away / width
+                step += (value - last) * (value - last)
+                last = value
+            means[k, axis], scatter[k, axis], steps[k, axis] = first + mean, sqrt(square), step / (width - 1)
+
+
+def measure_lengths(segments: Sequence[Segment], *, is_rate: bool = False) -> Float64Array:
+    """Lengths, (n,), of means over 50 ms (3 rows at least): of the acceleration, or of the angular rate."""
+    lengths = [np.zeros(0)]
+    for segment, firsts, width in _place_stretches(segments, MEAN_S, 3):
+        means, _, _ = _measure_stretches(segment.gyr_dps if is_rate else segment.acc_g, firsts, width)
+        lengths.append(np.linalg.norm(means, axis=1))
+    return np.concatenate(lengths)
 
 
 def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
@@ -123,24 +178,11 @@ def number_directions(unit: Float64Array, near_deg: float) -> NDArray[np.intp]:
     return number
 
 
-def find_gyro_offset_dps(segments: Sequence[Segment]) -> Float64Array:
-    """What the gyroscope reads at rest, shape (3,), in its own unit; zeros where it never rests."""
-    means = list[Float64Array]()
-    scatters, spread = list[float](), list[float]()
-    for segment, first, stop in probe_blocks(segments):
-        rows = segment.gyr_dps[first:stop]
-        mean, scatter, _ = _measure_stretches(rows, max(5, round(REST.window_s * segment.rate_hz)))
-        means.extend(mean)
-        scatters.extend(scatter)
-        spread.append(_measure_stretches(rows, len(rows))[1].max())
-    is_still = np.array(scatters) <= RESTING_PART * max(spread, default=0.0)
-    return np.median(np.array(means)[is_still], axis=0) if is_still.any() else np.zeros(3)
-
-
 WINDOW_S = 8.0
 SHORTEST_S = 0.8
 """Of a segment shorter than a window, the whole is one if it lasts so long."""
 ROW_S = 0.02
+PLAIN_G = 0.05
 MOST_WINDOWS = 150
 LIKELY_GAIN, LIKELY_DRIFT_DPS, LIKELY_OFFSET_G = 1.0, 15.0, 0.04
 """How far a fit may stray from where it began (a gain, as a share of it), one standard deviation."""
@@ -229,22 +271,37 @@ def _find_stuck(places: Sequence[tuple[Segment, int, int]]) -> NDArray[np.bool_]
 
 def _find_flat(segment: Segment, first_row: int, rows: int) -> NDArray[np.bool_]:
     sensors = (segment.acc_g[first_row : first_row + rows], segment.gyr_dps[first_row : first_row + rows])
-    return np.concatenate([(values == values[0]).all(axis=0) for values in sensors])
+    return np.concatenate([_keeps_value(values) for values in sensors])
+
+
+def _keeps_value(values: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which axes keep one value, (3,); most do not even at first."""
+    is_flat = (values[:8] == values[0]).all(axis=0)
+    return np.asarray((values == values[0]).all(axis=0) if is_flat.any() else is_flat)
 
 
 def _cut_window(segment: Segment, first_row: int, rows: int) -> tuple[Float64Array, Float64Array, float]:
     """Means of 20 ms; the rate between two rows is a straight line."""
     width = max(1, round(ROW_S * segment.rate_hz))
-    count = rows // width // 2 * 2
-    sensors = (segment.acc_g, segment.gyr_dps)
-    acc_g, gyr_dps = (
-        samples[first_row : first_row + count * width].reshape(count, width, 3).mean(axis=1, dtype=np.float64)
-        for samples in sensors
-    )
+    means = np.empty((2, rows // width // 2 * 2, 3))
+    _average(segment.acc_g[first_row:], width, means[0])
+    _average(segment.gyr_dps[first_row:], width, means[1])
+    acc_g, gyr_dps = means
     period_s = width / segment.rate_hz
     turn = np.zeros_like(gyr_dps)
     turn[:-1] = (gyr_dps[:-1] + gyr_dps[1:]) * (0.5 * period_s * RADIANS)
     return acc_g, turn, period_s
+
+
+@kernel
+def _average(samples: Any, width: int, means: Any) -> None:  # pragma: no cover
+    """Mean of each ``width`` rows."""
+    for k in range(len(means)):
+        for axis in range(3):
+            total = 0.0
+            for row in range(k * width, (k + 1) * width):
+                total += samples[row, axis]
+            means[k, axis] = total / width
 
 
 def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> GravityWindows:
@@ -256,6 +313,24 @@ def pick_windows(windows: GravityWindows, numbers: NDArray[np.int64]) -> Gravity
     first = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     periods_s, start_s = windows.period_s[numbers], windows.start_s[numbers]
     return GravityWindows(windows.acc_g[rows], windows.turn[rows], first, periods_s, start_s)
+
+
+def measure_speed_dps(windows: GravityWindows) -> Float64Array:
+    """Root mean square of the angular rate in each window, deg/s if it reads deg/s, shape (n,)."""
+    if len(windows) == 0:
+        return np.zeros(0)
+    square = np.add.reduceat((windows.turn**2).sum(axis=1), windows.first[:-1])
+    return np.asarray(np.sqrt(square / np.diff(windows.first)) / (windows.period_s * RADIANS))
+
+
+def find_plain(windows: GravityWindows) -> NDArray[np.bool_]:
+    """In which windows the acceleration keeps the length of gravity in both halves, shape (n,)."""
+    if len(windows) == 0:
+        return np.zeros(0, np.bool_)
+    length_g = np.linalg.norm(windows.acc_g, axis=1)
+    edges = np.sort(np.concatenate([windows.first[:-1], (windows.first[:-1] + windows.first[1:]) // 2]))
+    halves_g = np.add.reduceat(length_g, edges) / np.diff(np.append(edges, len(length_g)))
+    return np.asarray((np.abs(halves_g - 1.0) < PLAIN_G).reshape(-1, 2).all(axis=1))
 
 
 def measure_miss(windows: GravityWindows, model: GyroModel) -> Float64Array:
@@ -353,7 +428,7 @@ def _carry_windows(  # noqa: C901, PLR0913, PLR0917 (a kernel takes plain arrays
             _turn_frame(frame, lean, turn[row], gain, drift, period[w], len(slope) > 0)
 
 
-@kernel
+@inner
 def _turn_frame(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     frame: Any, lean: Any, turn: Any, gain: Any, drift: Any, period_s: float, has_slope: Any
 ) -> None:  # pragma: no cover

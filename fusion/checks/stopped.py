@@ -1,137 +1,104 @@
-"""Single axes that stop for a moment: stuck at one value, or at zero, while the sensor is turned.
+"""Rows that hold no reading, and single axes that stop again and again while the sensor is turned.
 
 An axis of a part with noise does not keep one value and then leap by many counts to where the movement has
 gone meanwhile. Three signs are asked for: the same reading in several rows; a leap at one end that neither
 the rows outside of it nor the sensor's other axes share; and either the same leap back at the other end, or
 movement in between that other channels show. In the recordings in hand, taps and vibration included, no
-reading that was measured shows them.
+reading that was measured shows them. Such a part is faulty and refused; nothing is put in its place.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.checks.clipping import FLAT_TOP_SHARE
-from fusion.numba_kernels import njit
+from fusion.checks.summary import BLOCK_ROWS, SensorSummary, Summaries, summarise
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import MICROSECONDS, Segment, Span
 
 # Ranges of rows: found where all channels rest, joined, and taken out of a segment.
 
 
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
-
-
 LEAST_PART, MOST_TIMES = 0.1, 3.0
 """An axis reads 0.58 of gravity where all read alike."""
 Rows = NDArray[np.int64]
+Values = NDArray[np.float32]
 Ranges = Sequence[tuple[int, int]]
 """First row and first row after, in order."""
 
 
-@njit(cache=True, nogil=True)
-def is_repeat(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int) -> bool:
-    """Whether a row equals the one before on all channels."""
-    for axis in range(3):
-        if acc[row, axis] != acc[row - 1, axis] or gyr[row, axis] != gyr[row - 1, axis]:
-            return False
-    return True
+def find_held_runs(
+    acc: SensorSummary, gyr: SensorSummary, shortest_rows: int, axes: tuple[int, int] = (0, 3)
+) -> Rows:
+    """Runs in which some axes (first, first after) of both sensors keep their values, shape (m, 2)."""
+    if not all(sensor.keeps(axis, shortest_rows) for sensor in (acc, gyr) for axis in range(*axes)):
+        return np.empty((0, 2), np.int64)
+    runs = np.empty((len(acc.samples) // max(shortest_rows - 1, 1) + 1, 2), np.int64)
+    return runs[: _find_held(acc.samples, gyr.samples, shortest_rows, axes, runs)]
 
 
-@njit(cache=True, nogil=True)
-def find_held_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], shortest_rows: int) -> Rows:
-    """Runs in which all six channels keep their values, shape (m, 2).
-
-    Such a run holds one of any ``shortest - 1`` repeats that follow each other: only there is looked around.
-    """
+@kernel
+def _find_held(acc: Any, gyr: Any, shortest_rows: int, axes: Any, runs: Any) -> int:  # pragma: no cover
+    """Such a run holds one of any ``shortest - 1`` repeats that follow each other: look around these only."""
     stride = max(shortest_rows - 1, 1)
-    runs = np.empty((len(acc) // stride + 1, 2), np.int64)
     found, k = 0, stride
     while k < len(acc):
         first, stop = k, k
-        while first > 0 and k - first < shortest_rows and is_repeat(acc, gyr, first):
+        while first > 0 and k - first < shortest_rows and _is_repeat(acc, gyr, first, axes):
             first -= 1
-        while first < k and stop < len(acc) and is_repeat(acc, gyr, stop):
+        while first < k and stop < len(acc) and _is_repeat(acc, gyr, stop, axes):
             stop += 1
         if stop - first >= shortest_rows:
             runs[found, 0], runs[found, 1] = first, stop
             found += 1
         k = max(k, stop - 1) + stride
-    return runs[:found]
+    return found
 
 
-@njit(cache=True, nogil=True)
-def is_filler(acc: NDArray[np.float32], gyr: NDArray[np.float32], row: int, usual_g: float) -> bool:
-    """Whether each sensor shows one size on all axes, and the first one that gravity cannot have.
+@inner
+def _is_repeat(acc: Any, gyr: Any, row: int, axes: Any) -> bool:  # pragma: no cover
+    """Whether a row equals the one before on some axes of both sensors."""
+    for axis in range(axes[0], axes[1]):
+        if acc[row, axis] != acc[row - 1, axis] or gyr[row, axis] != gyr[row - 1, axis]:
+            return False
+    return True
+
+
+def mark_fillers(acc: Values, gyr: Values, usual_g: float) -> NDArray[np.bool_]:
+    """Which rows show one size on all axes of each sensor, and the first one that gravity cannot have, (n,).
 
     ``usual_g``: length of the acceleration as a rule. So reads a sensor that does not answer: 0, or -1 count.
     """
-    size = abs(acc[row, 0])
-    if (
-        abs(acc[row, 1]) != size
-        or abs(acc[row, 2]) != size
-        or LEAST_PART * usual_g <= size <= MOST_TIMES * usual_g
-    ):
-        return False
-    return abs(gyr[row, 0]) == abs(gyr[row, 1]) and abs(gyr[row, 1]) == abs(gyr[row, 2])
+    marked = mark_equal(acc, LEAST_PART * usual_g, MOST_TIMES * usual_g)
+    if marked.any():  # few files have such
+        marked &= mark_equal(gyr, np.inf, np.inf)
+    return marked
 
 
-@njit(cache=True, nogil=True)
-def count_filler_runs(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual_g: float) -> int:
-    """How many runs of such rows there are."""
-    count, was_one = 0, False
-    for row in range(len(acc)):
-        is_one = is_filler(acc, gyr, row, usual_g)
-        count += int(is_one and not was_one)
-        was_one = is_one
-    return count
+def mark_equal(values: Values, low: float, high: float) -> NDArray[np.bool_]:
+    """Which rows show one size on all axes, under ``low`` or over ``high``, shape (n,)."""
+    marked = np.empty(len(values), np.bool_)
+    _mark_equal(values, low, high, marked)
+    return marked
 
 
-@njit(cache=True, nogil=True)
-def find_filler_runs(
-    acc: NDArray[np.float32], gyr: NDArray[np.float32], usual_g: float, shortest_rows: int, most_rows: int
-) -> Rows:
-    """Runs of such rows, ``shortest_rows`` rows long or more and ``most_rows`` at most, shape (m, 2).
-
-    Such a run covers one of any ``shortest_rows`` rows that follow each other: the search looks there only.
-    """
-    runs = np.empty((most_rows, 2), np.int64)
-    found, k = 0, shortest_rows - 1
-    while k < len(acc):
-        first, stop = k, k
-        while stop < len(acc) and is_filler(acc, gyr, stop, usual_g):
-            stop += 1
-        while (
-            stop > k and first > 0 and k - first < shortest_rows and is_filler(acc, gyr, first - 1, usual_g)
-        ):
-            first -= 1
-        if stop - first >= shortest_rows:
-            runs[found, 0], runs[found, 1] = first, stop
-            found += 1
-        k = max(k, stop - 1) + shortest_rows
-    return runs[:found]
-
-
-@njit(cache=True, nogil=True)
-def has_equal_sizes(values: NDArray[np.float32], low: float, high: float) -> bool:
-    """Whether any row shows one size on all axes, under ``low`` or over ``high``; few files have such."""
-    found = 0
+@kernel
+def _mark_equal(values: Any, low: float, high: float, marked: Any) -> None:  # pragma: no cover
     for row in range(len(values)):
         size = abs(values[row, 0])
-        is_equal = int(size == abs(values[row, 1])) & int(size == abs(values[row, 2]))
-        found += is_equal & (int(size < low) | int(size > high))
-    return found > 0
+        is_equal = size == abs(values[row, 1]) and size == abs(values[row, 2])
+        marked[row] = is_equal and (size < low or size > high)
 
 
-@njit(cache=True, nogil=True)
-def mark_fillers(acc: NDArray[np.float32], gyr: NDArray[np.float32], usual_g: float) -> NDArray[np.bool_]:
-    """Which rows are such, shape (n,)."""
-    marked = np.empty(len(acc), np.bool_)
-    for row in range(len(acc)):
-        marked[row] = is_filler(acc, gyr, row, usual_g)
-    return marked
+def find_runs(marked: NDArray[np.bool_], shortest_rows: int = 1) -> Rows:
+    """Runs of marked rows, so long at least, shape (m, 2): first row and first row after."""
+    rows = np.flatnonzero(marked)
+    is_first = np.diff(rows, prepend=-2) > 1
+    runs = np.stack([rows[is_first], rows[np.roll(is_first, -1)] + 1], axis=1)
+    return runs[runs[:, 1] - runs[:, 0] >= shortest_rows]
 
 
 def place_rows(segment: Segment, first_row: int, stop_row: int, reason: str = "") -> Span:
@@ -175,199 +142,108 @@ def _take_rows(segment: Segment, first_row: int, stop_row: int) -> Segment:
     return replace(piece, start_us=piece.start_us - max(0, piece.end_us - segment.end_us))
 
 
-# mypy: disable-error-code="assignment, return-value, arg-type, no-any-return"
-# (numba infers the machine types of the kernels; numpy's scalars are not Python's int to mypy)
-
-
 LEAP_G, LEAP_DPS = 0.1, 5.0
 """A leap by less, at the rates at which an arm moves, costs a fraction of a degree."""
 MOVED_G, MOVED_DPS = 0.05, 5.0
-LEAP_COUNTS, LEAP_STEPS = 10.0, 8.0
-"""The size of a leap of coarse readings, in counts and in usual steps."""
+LEAP_COUNTS = 10.0
+"""The size of a leap of coarse readings, in counts."""
 SMOOTH_PART = 0.5
 """The steps around a leap are smaller than this part of it: a knock rings."""
 FEWEST_ROWS, FEWEST_BETWEEN_LEAPS = 5, 3
-PROVEN_STOPS = 3
+PROVEN_STOPS = 5
 SAMPLED_ROWS = 20_000
-BLOCK_ROWS = 64
-
-Values = NDArray[np.float32]
-Stop = tuple[int, int, int]
-"""Channel (0 to 2 accelerometer, 3 to 5 gyroscope), first row and first row after."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Signs:
-    """What a channel must show.
+def find_stopping(segments: Sequence[Segment], known: Summaries = ()) -> int | None:
+    """Find the channel (0 to 2 acceleration, 3 to 5 rate) that stops most: once a minute, five times.
 
-    ``leaps``: next to a run, and next to one or two rows of zero; ``moved``: its own sensor's other axes, or
-    the other sensor; ``extreme``: from which size on a run is the end of the range.
+    A sensor that holds most of its readings for several rows is slower than the table: it does not stop.
     """
-
-    leaps: tuple[float, float]
-    moved: tuple[float, float]
-    extreme: float
-
-
-def find_stops(segments: Sequence[Segment]) -> list[list[Stop]]:
-    """Find them in each segment.
-
-    Where one channel stops often, always at one value, each rest at that value during movement is a stop.
-    """
-    found: list[list[Stop]] = [[] for _ in segments]
-    for channel in range(6):
-        signs = _choose_signs(segments, channel)
-        stops = [_scan(segment, channel, signs) for segment in segments]
-        value = _find_value(segments, channel, stops)
-        if value is not None:
-            stops = [_scan(segment, channel, signs, value) for segment in segments]
-        for one, rows in zip(found, stops, strict=True):
-            one += [(channel, first, stop) for first, stop in rows.tolist()]
-    return found
+    seen = summarise(segments, known)
+    held = [_is_held([one.acc for one in seen]), _is_held([one.gyr for one in seen])]
+    counts = [0 if held[channel // 3] else _count(seen, channel) for channel in range(6)]
+    worst = int(np.argmax(counts))
+    minutes = sum(segment.duration_us for segment in segments) / MICROSECONDS / 60.0
+    return worst if counts[worst] >= max(PROVEN_STOPS, minutes) else None
 
 
-def _sense(segment: Segment, channel: int) -> tuple[Values, Values]:
-    """The channel's own sensor and the other one."""
-    return (segment.acc_g, segment.gyr_dps) if channel < 3 else (segment.gyr_dps, segment.acc_g)
+def _is_held(sensors: Sequence[SensorSummary]) -> bool:
+    """Whether a sensor gives most of its readings, all three axes at once, in two rows or more."""
+    return 2 * sum(sensor.held for sensor in sensors) > sum(sensor.readings for sensor in sensors)
 
 
-def _choose_signs(segments: Sequence[Segment], channel: int) -> _Signs:
-    """A leap is at least ten of the channel's small steps; next to a zero or two, eight of its usual ones."""
-    axis, is_acc = channel % 3, channel < 3
-    own, _ = _sense(max(segments, key=len), channel)
+def _count(seen: Summaries, channel: int) -> int:
+    """How often a channel stops; a leap is at least ten of its small steps."""
+    axis, is_rate = channel % 3, channel >= 3
+    sensors = [one.gyr if is_rate else one.acc for one in seen]
+    own = max((sensor.samples for sensor in sensors), key=len)
     stride = max(2, len(own) // SAMPLED_ROWS)
     steps = np.abs(own[1::stride, axis] - own[: len(own) - 1 : stride, axis])
-    small, usual = np.quantile(steps[steps > 0.0], [0.1, 0.5]).tolist() if steps.any() else (0.0, 0.0)
-    leap = max(LEAP_G if is_acc else LEAP_DPS, LEAP_COUNTS * small)
-    moved = (MOVED_G, MOVED_DPS) if is_acc else (MOVED_DPS, MOVED_G)
-    columns = [_sense(segment, channel)[0][:, axis] for segment in segments]
-    extreme = max(max(one.max(initial=0.0), -one.min(initial=0.0)) for one in columns)
-    return _Signs((leap, max(leap, LEAP_STEPS * usual)), moved, FLAT_TOP_SHARE * float(extreme))
-
-
-def _find_value(segments: Sequence[Segment], channel: int, stops: Sequence[Rows]) -> float | None:
-    """The value at which a channel stops again and again, if it is mostly one."""
-    pairs = list(zip(segments, stops, strict=True))
-    values = np.concatenate([_sense(segment, channel)[0][rows[:, 0], channel % 3] for segment, rows in pairs])
-    if len(values) < PROVEN_STOPS:
-        return None
-    named, counts = np.unique(values, return_counts=True)
-    return float(named[counts.argmax()]) if 2 * counts.max() > len(values) else None
-
-
-def _scan(segment: Segment, channel: int, signs: _Signs, value: float = np.nan) -> Rows:
-    own, other = _sense(segment, channel)
-
-    def scan(room: Rows) -> int:
-        return scan_axis(own, other, channel % 3, signs.leaps, signs.moved, signs.extreme, value, room)
-
-    found = np.empty((scan(np.empty((0, 2), np.int64)), 2), np.int64)
-    if len(found):
-        scan(found)
+    small = float(np.quantile(steps[steps > 0.0], 0.1)) if steps.any() else 0.0
+    leap = max(LEAP_DPS if is_rate else LEAP_G, LEAP_COUNTS * small)
+    moved = (MOVED_DPS, MOVED_G) if is_rate else (MOVED_G, MOVED_DPS)
+    extreme = FLAT_TOP_SHARE * max(sensor.find_extreme(axis) for sensor in sensors)
+    found = 0
+    for one, sensor in zip(seen, sensors, strict=True):
+        blocks = _find_leaps(sensor, axis, leap)
+        if len(blocks):
+            other = one.acc if is_rate else one.gyr
+            found += _count_stops(sensor.samples, other.samples, (axis, leap, moved, extreme), blocks)
     return found
 
 
-@njit(cache=True, nogil=True)
-def scan_axis(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    own: Values,
-    other: Values,
-    axis: int,
-    leaps: tuple[float, float],
-    moved: tuple[float, float],
-    extreme: float,
-    value: float,
-    found: Rows,
-) -> int:
-    """Fill in the stops of one axis, as many as there is room for; return how many there are.
+def _find_leaps(sensor: SensorSummary, axis: int, leap: float) -> NDArray[np.intp]:
+    """Blocks with a leap, and a value that is kept for three rows on either side of it."""
+    is_kept = np.pad(sensor.kept[axis] >= FEWEST_BETWEEN_LEAPS - 1, 1)
+    is_near = is_kept[:-2] | is_kept[1:-1] | is_kept[2:]
+    return np.flatnonzero(is_near & (sensor.step[axis] >= np.float64(leap)))
 
-    Most rows stand in blocks without a leap, and are passed over: unless a value is given, no stop is there.
-    """
-    count, row, seen, is_passed = 0, 0, 0, False
-    while row < len(own):
-        if row >= seen:
-            seen = min(row + BLOCK_ROWS, len(own))
-            if np.isnan(value) and not has_leap(own, axis, row, seen, leaps[0]):
-                row, is_passed = seen, True
+
+@kernel
+def _count_stops(own: Any, other: Any, rules: Any, blocks: Any) -> int:  # pragma: no cover
+    """How many runs of one value that begin or end with a leap in some blocks are stops."""
+    axis, leap, count = rules[0], rules[1], 0
+    for block in blocks:
+        for row in range(max(block * BLOCK_ROWS, 1), min((block + 1) * BLOCK_ROWS, len(own))):
+            if abs(own[row, axis] - own[row - 1, axis]) < leap:
                 continue
-        first = row - 1 if is_passed else row
-        while is_passed and first > 0 and own[first - 1, axis] == own[first, axis]:
-            first -= 1
-        row, is_passed = find_end(own, axis, first), False
-        if is_stop(own, other, axis, (first, row), leaps, moved, extreme, value):
-            if count < len(found):
-                found[count, 0], found[count, 1] = first, row
-            count += 1
+            stop, first = row + 1, row - 1
+            while stop < len(own) and own[stop, axis] == own[row, axis]:
+                stop += 1
+            count += _is_stop(own, other, rules, row, stop)
+            while first > 0 and own[first - 1, axis] == own[row - 1, axis]:
+                first -= 1
+            if first == 0 or abs(own[first, axis] - own[first - 1, axis]) < leap:  # else it is counted there
+                count += _is_stop(own, other, rules, first, row)
     return count
 
 
-@njit(cache=True, nogil=True)
-def has_leap(own: Values, axis: int, first_row: int, stop_row: int, least: float) -> bool:
-    """Whether a reading is so far from the one before."""
-    for row in range(max(first_row, 1), stop_row):
-        if abs(own[row, axis] - own[row - 1, axis]) >= least:
-            return True
-    return False
+@inner
+def _is_stop(own: Any, other: Any, rules: Any, first: int, stop: int) -> int:  # pragma: no cover
+    """1 for a run with leaps at both ends that agree, or one and movement between; else 0."""
+    axis, leap, moved, extreme = rules
+    if stop - first < FEWEST_BETWEEN_LEAPS or abs(own[first, axis]) >= extreme:
+        return 0
+    before, after = _measure_leap(own, axis, first, stop, -1), _measure_leap(own, axis, first, stop, 1)
+    low, high = min(abs(before), abs(after)), max(abs(before), abs(after))
+    if before * after > 0.0 and low >= leap:
+        return int(high - low < SMOOTH_PART * high)
+    if stop - first < FEWEST_ROWS or high < leap:
+        return 0
+    for k in range(3):
+        if k != axis and _measure_range(own, k, first, stop) > moved[0]:
+            return 1
+        if _measure_range(other, k, first, stop) > moved[1]:
+            return 1
+    return 0
 
 
-@njit(cache=True, nogil=True)
-def find_end(values: Values, axis: int, first_row: int) -> int:
-    """The first row after a run of one value."""
-    stop = first_row + 1
-    while stop < len(values) and values[stop, axis] == values[first_row, axis]:
-        stop += 1
-    return stop
-
-
-@njit(cache=True, nogil=True)
-def is_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    own: Values,
-    other: Values,
-    axis: int,
-    run: tuple[int, int],
-    leaps: tuple[float, float],
-    moved: tuple[float, float],
-    extreme: float,
-    value: float,
-) -> bool:
-    """Whether a run of one value shows the signs, or rests at the given value while other channels move."""
-    first, stop = run
-    held, is_long = own[first, axis], stop - first >= FEWEST_BETWEEN_LEAPS
-    if not (is_long or held == 0.0) or abs(held) >= extreme:
-        return False
-    if is_plain_stop(own, other, axis, first, stop, leaps[0 if is_long else 1], moved):
-        return True
-    return held == value and stop - first >= FEWEST_ROWS and has_moved(own, other, axis, first, stop, moved)
-
-
-@njit(cache=True, nogil=True)
-def is_plain_stop(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    own: Values,
-    other: Values,
-    axis: int,
-    first_row: int,
-    stop_row: int,
-    leap: float,
-    moved: tuple[float, float],
-) -> bool:
-    """Whether a run of one value is a stop: leaps at both ends that agree, or one and movement between."""
-    if keeps_all(own, first_row, stop_row) and keeps_all(other, first_row, stop_row):
-        return False
-    before = measure_leap(own, axis, (first_row, stop_row), -1)
-    after = measure_leap(own, axis, (first_row, stop_row), 1)
-    if before * after > 0.0 and min(abs(before), abs(after)) >= leap:
-        return abs(before - after) < SMOOTH_PART * max(abs(before), abs(after))
-    if stop_row - first_row < FEWEST_ROWS or max(abs(before), abs(after)) < leap:
-        return False
-    return has_moved(own, other, axis, first_row, stop_row, moved)
-
-
-@njit(cache=True, nogil=True)
-def measure_leap(own: Values, axis: int, run: tuple[int, int], way: int) -> float:
+@inner
+def _measure_leap(own: Any, axis: int, first: int, stop: int, way: int) -> Any:  # pragma: no cover
     """How far the reading before a run (way -1), or after it (1), is from it.
 
     0 where the rows beyond leap too, or an axis that did not stop with it.
     """
-    first, stop = run
     row = first if way < 0 else stop - 1
     out = row + way
     if out + 2 * way < 0 or out + 2 * way >= len(own):
@@ -378,50 +254,17 @@ def measure_leap(own: Values, axis: int, run: tuple[int, int], way: int) -> floa
         if abs(own[out + (k + 1) * way, axis] - own[out + k * way, axis]) > most:
             return 0.0
     for k in range(3):
-        if abs(own[out, k] - own[row, k]) > most and k != axis and not keeps(own, k, first, stop):
+        is_far = k != axis and abs(own[out, k] - own[row, k]) > most
+        if is_far and _measure_range(own, k, first, stop) > 0.0:
             return 0.0
     return leap
 
 
-@njit(cache=True, nogil=True)
-def keeps(values: Values, axis: int, first_row: int, stop_row: int) -> bool:
-    """Whether an axis shows one value in all rows."""
-    for row in range(first_row + 1, stop_row):  # noqa: SIM110 (numba compiles no generator expressions)
-        if values[row, axis] != values[first_row, axis]:
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def keeps_all(values: Values, first_row: int, stop_row: int) -> bool:
-    """Whether a sensor shows one reading in all rows of two or more."""
-    if stop_row - first_row < 2:
-        return False
-    return (
-        keeps(values, 0, first_row, stop_row)
-        and keeps(values, 1, first_row, stop_row)
-        and keeps(values, 2, first_row, stop_row)
-    )
-
-
-@njit(cache=True, nogil=True)
-def has_moved(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
-    own: Values, other: Values, axis: int, first_row: int, stop_row: int, moved: tuple[float, float]
-) -> bool:
-    """Whether another channel changed by more than noise between the first row and the last."""
-    for k in range(3):
-        if k != axis and measure_range(own, k, first_row, stop_row) > moved[0]:
-            return True
-        if measure_range(other, k, first_row, stop_row) > moved[1]:
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def measure_range(values: Values, axis: int, first_row: int, stop_row: int) -> float:
+@inner
+def _measure_range(values: Any, axis: int, first: int, stop: int) -> Any:  # pragma: no cover
     """Largest less smallest reading."""
-    low = high = values[first_row, axis]
-    for row in range(first_row + 1, stop_row):
+    low = high = values[first, axis]
+    for row in range(first + 1, stop):
         low = min(low, values[row, axis])
         high = max(high, values[row, axis])
     return high - low

@@ -7,7 +7,7 @@ a program wrote. Their time is missing: up to 50 ms it is bridged for the filter
 the segment ends (CONTRACT §5).
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +18,14 @@ from fusion.checks.stopped import (
     LEAST_PART,
     MOST_TIMES,
     Rows,
-    count_filler_runs,
     cut_rows,
-    find_filler_runs,
     find_held_runs,
-    has_equal_sizes,
+    find_runs,
     join_ranges,
+    mark_equal,
     place_rows,
 )
+from fusion.checks.summary import SegmentSummary, Summaries, summarise
 from fusion.errors import UnusableTime
 from fusion.recording import (
     LONGEST_BRIDGE_US,
@@ -57,12 +57,14 @@ def leave_out_zeros(recording: Recording) -> Recording:
         One row in ten begins such a hole.
     """
     usual = max(measure_usual(segment.acc_g) for segment in recording.segments)
-    return _leave_out(recording, lambda segment: _find_fillers(segment, usual), "zeros")
+    found = [_find_fillers(segment, usual) for segment in recording.segments]
+    return _leave_out(recording, found, "zeros")
 
 
-def leave_out_held(recording: Recording) -> Recording:
+def leave_out_held(recording: Recording, known: Summaries = ()) -> Recording:
     """Take rows that only repeat the last measured one, for long, for missing (W-STUCK-PART)."""
-    return _leave_out(recording, _find_held, "held")
+    found = [_find_held(one) for one in summarise(recording.segments, known)]
+    return _leave_out(recording, found, "held")
 
 
 def measure_usual(acc: NDArray[np.float32]) -> float:
@@ -80,15 +82,14 @@ def _find_fillers(segment: Segment, usual_g: float) -> Rows:
     """
     acc, gyr = segment.acc_g, segment.gyr_dps
     shortest = max(BLIND_ROWS, round(BLIND_S * segment.rate_hz))
-    most = len(segment) // shortest + 1
-    blind = find_filler_runs(gyr, gyr, 0.0, shortest, most)
+    blind = find_runs(mark_equal(gyr, 0.0, 0.0), shortest)
     found = [blind[np.abs(gyr[blind[:, 0], 0]) > COARSE_STEPS * _find_step(gyr)] if len(blind) else blind]
-    if has_equal_sizes(acc, LEAST_PART * usual_g, MOST_TIMES * usual_g):
-        count = count_filler_runs(acc, gyr, usual_g)
-        if is_too_frequent(count, len(segment)):
+    is_blind = mark_equal(acc, LEAST_PART * usual_g, MOST_TIMES * usual_g)
+    if is_blind.any():
+        fillers = find_runs(is_blind & mark_equal(gyr, np.inf, np.inf))
+        if is_too_frequent(len(fillers), len(segment)):
             raise UnusableTime(why="irregular")
-        found.append(find_filler_runs(acc, gyr, usual_g, 1, count))
-        found.append(find_filler_runs(acc, acc, usual_g, shortest, most))
+        found += [fillers, find_runs(is_blind, shortest)]
     joined = join_ranges(sorted((int(a), int(b)) for runs in found for a, b in runs))
     return np.array(joined, np.int64).reshape(-1, 2)
 
@@ -99,16 +100,15 @@ def _find_step(values: NDArray[np.float32]) -> float:
     return float(np.min(sizes, where=sizes > 0.0, initial=np.inf))
 
 
-def _find_held(segment: Segment) -> Rows:
+def _find_held(seen: SegmentSummary) -> Rows:
     """Runs of repeats; the row that they repeat was measured."""
-    shortest = max(HELD_ROWS, round(HELD_S * segment.rate_hz))
-    runs = find_held_runs(segment.acc_g, segment.gyr_dps, shortest)
+    shortest = max(HELD_ROWS, round(HELD_S * seen.segment.rate_hz))
+    runs = find_held_runs(seen.acc, seen.gyr, shortest)
     runs[:, 0] += 1
     return runs
 
 
-def _leave_out(recording: Recording, find: Callable[[Segment], Rows], filled: str) -> Recording:
-    found = [find(segment) for segment in recording.segments]
+def _leave_out(recording: Recording, found: Sequence[Rows], filled: str) -> Recording:
     lost = sum(int((runs[:, 1] - runs[:, 0]).sum()) for runs in found)
     rows = sum(len(segment) for segment in recording.segments)
     if lost == 0 or rows - lost <= len(recording.segments):

@@ -30,11 +30,13 @@ if TYPE_CHECKING:
     from fusion.exposure.parts import DayDivision as DayDivision
     from fusion.exposure.parts import snap_periods as snap_periods
     from fusion.exposure.summary import summarise_exposure as summarise_exposure
+    from fusion.exposure.summary import withhold_short as withhold_short
 
 _HOMES = {
     "DayDivision": "fusion.exposure.parts",
     "snap_periods": "fusion.exposure.parts",
     "summarise_exposure": "fusion.exposure.summary",
+    "withhold_short": "fusion.exposure.summary",
 }
 
 __all__ = [
@@ -57,6 +59,7 @@ __all__ = [
     "Velocity",
     "snap_periods",
     "summarise_exposure",
+    "withhold_short",
 ]
 
 

@@ -14,7 +14,7 @@ from fusion.conventions import Convention
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.rows import add_time, find_first_rows, find_touched_parts
 from fusion.exposure.types import ElevationBin, TimeAbove
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import kernel, kernel_making_arrays
 from fusion.recording import MICROSECONDS, IntArray
 
 BIN_EDGES_DEG = (0, 20, 30, 45, 60, 80, 90, 120, 150, 180)
@@ -44,7 +44,7 @@ class PartHistograms:
         add_time(counts, angle.rate_hz, self.cell_us[parts])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_cells(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
     """Count the valid rows of each part in each cell; 180 deg belongs to the last cell.
 
@@ -117,7 +117,7 @@ def find_percentiles(cell_us: IntArray, percents: tuple[int, ...] = PERCENTS) ->
     return {p: float(place) / CELLS_PER_DEG for p, place in zip(percents, places, strict=True)}
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def find_percentile_cells(weights, percents):  # type: ignore[no-untyped-def]
     """Give each row's percentiles in cells, shape (rows, percents): 3.5 is the middle of the fourth cell.
 

@@ -9,7 +9,7 @@ from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_ranges
 from fusion.exposure.rows import find_part_rows
 from fusion.exposure.types import Cycles, Interval
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import inner, kernel, kernel_making_arrays
 from fusion.recording import Float64Array, IntArray
 
 HYSTERESIS_DEG = 5.0
@@ -89,7 +89,7 @@ def find_turning_points(angle: MetricAngle, hysteresis_deg: float) -> tuple[Floa
     return points_deg[:count], places[:count, 0], places[:count, 1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _scan_turning_points(angle_deg, valid, hysteresis_deg, points_deg, places):  # type: ignore[no-untyped-def]
     """Write as many turning points as there is room for; return how many there are.
 
@@ -119,7 +119,7 @@ def _scan_turning_points(angle_deg, valid, hysteresis_deg, points_deg, places): 
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _write_point(points_deg, places, count, point_deg, place):  # type: ignore[no-untyped-def]
     if count < len(points_deg):
         points_deg[count] = point_deg
@@ -127,7 +127,7 @@ def _write_point(points_deg, places, count, point_deg, place):  # type: ignore[n
     return count + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def count_rainflow(points, runs):  # type: ignore[no-untyped-def]
     """Give the ranges, their counts (1 or 0.5) and the point that ends each; every run by itself.
 

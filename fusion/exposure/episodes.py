@@ -16,7 +16,7 @@ from fusion.exposure.parts import BLOCK_MINUTES, Stretches, sum_groups
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
 from fusion.exposure.rows import add_rows, find_part_rows
 from fusion.exposure.types import Entries, Episodes, Interval
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
 
 HALF_HYSTERESIS_DEG = 5.0
@@ -66,7 +66,7 @@ def _find_crossings(angle: MetricAngle, threshold_deg: float) -> IntArray:
     return stays[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def scan_stays(angle_deg, valid, enter_deg, leave_deg, stays):  # type: ignore[no-untyped-def]
     """Run the trigger; write as many stays as there is room for; return how many there are.
 
@@ -77,7 +77,9 @@ def scan_stays(angle_deg, valid, enter_deg, leave_deg, stays):  # type: ignore[n
         valid_row = i < len(angle_deg) and valid[i]
         if start >= 0 and (not valid_row or angle_deg[i] < leave_deg):
             if count < len(stays):
-                stays[count] = (start, i, counted, 0 if valid_row else 1, run)
+                stays[count, START], stays[count, STOP] = start, i
+                stays[count, COUNTED], stays[count, CENSORED] = counted, 0 if valid_row else 1
+                stays[count, RUN] = run
             count, start = count + 1, -1
         elif start < 0 and valid_row and angle_deg[i] > enter_deg:
             start, counted = i, 1 if inside else 0
@@ -133,8 +135,11 @@ def find_analysed_minutes(minutes: PartHistograms) -> Float64Array:
 
 
 def is_busy(counts: IntArray | Float64Array, analysed_min: Float64Array) -> BoolArray:
-    """Find the minutes with two entries or more per minute of analysed time; the last axis is minutes."""
-    return np.asarray(counts >= BUSY_PER_MINUTE * analysed_min - 1e-9)
+    """Find the minutes with two entries or more per minute of analysed time; the last axis is minutes.
+
+    Rows do not begin with minutes: one may hold a row more than 60 s, and asks for no third entry.
+    """
+    return np.asarray(counts >= BUSY_PER_MINUTE * np.minimum(analysed_min, 1.0) - 1e-9)
 
 
 def summarise_episodes(threshold_deg: float, stays: list[Stays], analysed_s: float | None = None) -> Episodes:
@@ -227,7 +232,8 @@ class ShiftedStays:
             angle.rate_hz,
         )
         counts = _Counts(self.entries, self.sums, self.cells, self.longest_s)
-        scan_levels(angle.elevation_deg, angle.valid, limits, counts)
+        state = np.full((len(self.levels_deg), 2), -1)
+        scan_levels(angle.elevation_deg, angle.valid, limits, state, counts)
 
     def pick(self, array: Float64Array | NDArray[np.int32], threshold_deg: int) -> Float64Array:
         """Give the rows of one threshold in the order of the errors, shape (11, ...)."""
@@ -254,14 +260,13 @@ def start_shifted_stays(errors_deg: Float64Array, stretches: Stretches) -> Shift
     )
 
 
-@njit(cache=True, nogil=True)
-def scan_levels(angle_deg, valid, limits, counts):  # type: ignore[no-untyped-def]
+@kernel
+def scan_levels(angle_deg, valid, limits, state, counts):  # type: ignore[no-untyped-def]
     """Run the triggers of all levels; ``above`` is how many of them, from the lowest, are up.
 
     ``state``, shape (t, 2), holds the first row and the row after the last of each level's last stay.
     """
     levels = limits.levels_deg
-    state = np.full((len(levels), 2), -1)
     above, inside, enter, leave = 0, False, levels[0] + HALF_HYSTERESIS_DEG, -np.inf
     for i in range(len(angle_deg) + 1):
         if i == len(angle_deg) or not valid[i]:
@@ -277,7 +282,7 @@ def scan_levels(angle_deg, valid, limits, counts):  # type: ignore[no-untyped-de
         inside = True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
     """Let levels go up or down to the angle ``x``; at the first row of a run (``above`` -1) uncounted."""
     levels = limits.levels_deg
@@ -296,7 +301,7 @@ def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]
     return above
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _close_all(above, row, state, limits, counts):  # type: ignore[no-untyped-def]
     """End all stays where a run of valid rows ends."""
     for level in range(len(state)):
@@ -305,7 +310,7 @@ def _close_all(above, row, state, limits, counts):  # type: ignore[no-untyped-de
         _record(level, state, limits, counts)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _record(level, state, limits, counts):  # type: ignore[no-untyped-def]
     """Count a finished stay, unless it is too short, and forget it."""
     block_rows, rate_hz = limits.block_rows, limits.rate_hz

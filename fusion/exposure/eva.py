@@ -10,7 +10,7 @@ from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_ranges
 from fusion.exposure.rows import add_rows, find_part_rows
 from fusion.exposure.types import Eva, EvaSummary, Interval
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import Float64Array, IntArray
 
 ANGLE_EDGES_DEG = (0.0, 20.0, 30.0, 60.0, 90.0, 180.0)
@@ -59,7 +59,8 @@ class EvaTally:
             find_part_rows(angle, self.edges_us),
             1.0 / angle.rate_hz,
         )
-        scan_classes(angle.elevation_deg, angle.valid, classes, self.seconds)
+        state = np.full((len(self.seconds), 2), -1)
+        scan_classes(angle.elevation_deg, angle.valid, classes, state, self.seconds)
 
     def summarise(self) -> Eva:
         """Give the matrix of the angle as it was read, in percent of the analysed time."""
@@ -72,21 +73,20 @@ def start_eva(errors_deg: Float64Array, edges_us: IntArray) -> EvaTally:
     return EvaTally(errors_deg, edges_us, np.zeros((len(errors_deg), len(edges_us) - 1, *SHAPE)))
 
 
-@njit(cache=True, nogil=True)
-def scan_classes(angle_deg, valid, classes, seconds):  # type: ignore[no-untyped-def]  # noqa: C901
+@kernel
+def scan_classes(angle_deg, valid, classes, state, seconds):  # type: ignore[no-untyped-def]  # noqa: C901
     """Follow the class of every error at once: it changes only where the angle passes one of the levels.
 
     ``reached`` is how many of the levels, from the lowest, the angle has reached; ``state``, shape (g, 2),
     holds the first row and the class of the stay under way at each error.
     """
     levels, error_of = classes.levels_deg, classes.error_of
-    state = np.full((len(seconds), 2), -1)
     block, reached, low, high = 0, -1, np.inf, -np.inf
     for i in range(len(angle_deg) + 1):
         if i == len(angle_deg) or not valid[i]:
             if reached >= 0:
                 for error in range(len(state)):
-                    block = _end_stay(error, i, 0, block, state, classes, seconds)
+                    block = _end_stay(error, i, state[error, 1], block, state, classes, seconds)
             reached, low, high = -1, np.inf, -np.inf
             continue
         x = angle_deg[i]
@@ -94,26 +94,29 @@ def scan_classes(angle_deg, valid, classes, seconds):  # type: ignore[no-untyped
             continue
         if reached < 0:
             reached = 0
-            state[:, 0], state[:, 1] = i, 0
+            for error in range(len(state)):
+                state[error, 0], state[error, 1] = i, 0
         while reached < len(levels) and x >= levels[reached]:
-            block = _end_stay(error_of[reached], i, 1, block, state, classes, seconds)
+            error = error_of[reached]
+            block = _end_stay(error, i, state[error, 1] + 1, block, state, classes, seconds)
             reached += 1
         while reached > 0 and x < levels[reached - 1]:
             reached -= 1
-            block = _end_stay(error_of[reached], i, -1, block, state, classes, seconds)
+            error = error_of[reached]
+            block = _end_stay(error, i, state[error, 1] - 1, block, state, classes, seconds)
         low = levels[reached - 1] if reached > 0 else -np.inf
         high = levels[reached] if reached < len(levels) else np.inf
 
 
-@njit(cache=True, nogil=True)
-def _end_stay(error, row, step, block, state, classes, seconds):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
-    """Count the stay that ends before ``row``, and go ``step`` classes up.
+@inner
+def _end_stay(error, row, new_level, block, state, classes, seconds):  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917
+    """Count the stay that ends before ``row``, and go to the class ``new_level``.
 
     ``block`` is a block that begins before ``row``; that of the row before is given back. Most stays lie in
     one block and are short, which is why both are looked for from there and from the shortest on.
     """
     upper_rows, block_rows, period_s = classes.upper_rows, classes.block_rows, classes.period_s
-    first, level = state[error]
+    first, level = state[error, 0], state[error, 1]
     if row > first:
         while block < seconds.shape[1] - 1 and block_rows[block + 1] < row:
             block += 1
@@ -124,7 +127,7 @@ def _end_stay(error, row, step, block, state, classes, seconds):  # type: ignore
             seconds[error, block, level, length] += (row - first) * period_s
         else:
             add_rows(first, row, period_s, block_rows, seconds[error, :, level, length])
-    state[error, 0], state[error, 1] = row, level + step
+    state[error, 0], state[error, 1] = row, new_level
     return block
 
 

@@ -39,7 +39,7 @@ from fusion.exposure.types import (
     TimeAbove,
     Velocity,
 )
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
 
 # Shares of time below an angle, and percentiles, of each draw.
@@ -78,7 +78,7 @@ def sum_below(blocks: AnyArray, draws: Resampling) -> DrawnDistribution:
     return DrawnDistribution(below, draws)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_up(below, times):  # type: ignore[no-untyped-def]
     total = 0.0
     for block in range(len(times)):
@@ -86,7 +86,7 @@ def _add_up(below, times):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _read_shares(below, times, cells, shares):  # type: ignore[no-untyped-def]
     """Read each draw's share below its places, linear within a cell."""
     for draw in range(len(times)):
@@ -97,7 +97,7 @@ def _read_shares(below, times, cells, shares):  # type: ignore[no-untyped-def]
             shares[draw, k] = (lower + (cells[draw, k] - left) * (upper - lower)) / whole
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _find_places(below, times, wanted, places):  # type: ignore[no-untyped-def]
     """Find by halving the cell in which each draw's time below reaches each share, linear within it."""
     for draw in range(len(times)):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from fusion.elevation import ElevationSegment
 from fusion.exposure.rows import find_runs
-from fusion.numba_kernels import njit
-from fusion.recording import BoolArray, Float64Array
+from fusion.numba_kernels import inner, kernel, kernel_making_arrays
+from fusion.recording import LONGEST_BRIDGE_US, BoolArray, Float64Array
 
 CORNER_HZ = 5.0
 LOWEST_RATE_HZ = 20.0
@@ -41,7 +41,8 @@ def is_filtered(rate_hz: float) -> bool:
 def filter_elevation(segment: ElevationSegment) -> MetricAngle:
     """Give the angle that all figures are taken from.
 
-    Rows that are not finite are not valid, and the filter restarts after them.
+    Rows that are not finite are not valid. A step of up to 50 ms over them is bridged for the filter only;
+    after a longer one it restarts.
     """
     if is_finite(segment.elevation_deg):
         angle_deg, valid = filter_angle(segment.elevation_deg, segment.rate_hz), segment.valid
@@ -52,7 +53,7 @@ def filter_elevation(segment: ElevationSegment) -> MetricAngle:
     return MetricAngle(segment.start_us, segment.rate_hz, angle_deg, valid)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_finite(angle):  # type: ignore[no-untyped-def]
     """Whether all rows are finite, without an array of booleans."""
     odd = 0
@@ -62,9 +63,15 @@ def is_finite(angle):  # type: ignore[no-untyped-def]
 
 
 def _filter_runs(segment: ElevationSegment, finite: BoolArray) -> Float64Array:
-    angle_deg = np.zeros(len(segment))
-    for first, stop in find_runs(finite):
-        angle_deg[first:stop] = filter_angle(segment.elevation_deg[first:stop], segment.rate_hz)
+    angle_deg, bridged_deg = np.zeros(len(segment)), segment.elevation_deg.copy()
+    joined = finite.copy()
+    for first, stop in find_runs(~finite):
+        if first > 0 and stop < len(segment) and (stop - first + 1) * segment.period_us <= LONGEST_BRIDGE_US:
+            joined[first:stop] = True
+            ends_deg = bridged_deg[[first - 1, stop]]
+            bridged_deg[first:stop] = np.interp(np.arange(first, stop), [first - 1, stop], ends_deg)
+    for first, stop in find_runs(joined):
+        angle_deg[first:stop] = filter_angle(bridged_deg[first:stop], segment.rate_hz)
     return angle_deg
 
 
@@ -96,7 +103,7 @@ def design_filter(rate_hz: float) -> tuple[float, ...]:
     return gain, 2.0 * gain, gain, float(-(pole + conjugate).real), float((pole * conjugate).real)
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def _filter_padded(angle, padding, section, padded):  # type: ignore[no-untyped-def]
     """Write the odd extension of ``angle`` into ``padded`` and filter it there, forth and back."""
     n = len(angle)
@@ -109,7 +116,7 @@ def _filter_padded(angle, padding, section, padded):  # type: ignore[no-untyped-
     _pass_in_place(padded[::-1], section)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _pass_in_place(x, section):  # type: ignore[no-untyped-def]
     """One pass of a second-order section, started at rest at the first row.
 
@@ -126,7 +133,7 @@ def _pass_in_place(x, section):  # type: ignore[no-untyped-def]
         x[i] = y
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _clip_and_round(angle_deg):  # type: ignore[no-untyped-def]
     """Clip to [0, 180] and round to 1e-6 deg, in place."""
     for i in range(len(angle_deg)):

@@ -11,7 +11,6 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.diary import Period, Piece
 from fusion.exposure.bins import (
     CELLS,
     PartHistograms,
@@ -19,9 +18,10 @@ from fusion.exposure.bins import (
     find_percentiles,
     summarise_time_above,
 )
+from fusion.exposure.periods import Period, Piece
 from fusion.exposure.rows import EvenRun, find_end_us
 from fusion.exposure.types import MinuteProfile, PartExposure
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import kernel
 from fusion.recording import MICROSECONDS, Float64Array, IntArray
 
 BLOCK_MINUTES = 5
@@ -92,7 +92,7 @@ def sum_time(cell_us: IntArray | NDArray[np.int32], group_of: IntArray) -> IntAr
     return summed_us
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sum_rows(cell_us, first, summed_us):  # type: ignore[no-untyped-def]
     for group in range(len(first) - 1):
         for row in range(first[group], first[group + 1]):

@@ -1,4 +1,4 @@
-"""The most loaded minute, quarter of an hour and hour (EXPOSURE.md A7, CONTRACT.md §5 "Windows")."""
+"""The windows with the most time above 60 deg (EXPOSURE.md A7, CONTRACT.md §5 "Windows")."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,14 @@ from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import find_end_us, find_first_rows
 from fusion.exposure.types import Interval, PeakWindow
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import kernel
 from fusion.recording import MICROSECONDS, Float64Array
 
 WINDOWS_S = (60, 900, 3600)
 THRESHOLD_DEG = 60.0
 LEAST_COVER = 0.8
+QUARTER_HOURS = 3
+QUARTER_HOUR_S = 900
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +39,7 @@ class SecondTally:
         self.seconds[first:stop] += counts / angle.rate_hz
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_above(angle_deg, valid, rows, counts):  # type: ignore[no-untyped-def]
     """Count valid rows, and those at or above 60 deg, in each part."""
     for part in range(len(rows) - 1):
@@ -58,6 +60,26 @@ def find_peak_windows(tally: SecondTally, duration_us: int) -> tuple[PeakWindow,
     return tuple(_find_peak_window(seconds, length_s) for length_s in WINDOWS_S)
 
 
+def find_quarter_hours(tally: SecondTally, duration_us: int) -> tuple[PeakWindow, ...]:
+    """Find up to three windows of 15 minutes with the most time above 60 deg, none of which overlap.
+
+    Each is sought as the worst window is, in what the ones before it leave; none without such time.
+    """
+    seconds = tally.seconds[: duration_us // MICROSECONDS]
+    free = [(0, len(seconds))]
+    found: list[PeakWindow] = []
+    while free and len(found) < QUARTER_HOURS:
+        told = [(_find_peak_window(seconds[a:b], QUARTER_HOUR_S), a, b) for a, b in free]
+        window, first, stop = max(told, key=lambda one: one[0].percent_above_60 or 0.0)
+        if window.start_s is None or not window.percent_above_60:
+            break
+        start = first + int(window.start_s)
+        found.append(PeakWindow(QUARTER_HOUR_S, float(start), window.percent_above_60))
+        free.remove((first, stop))
+        free += [(first, start), (start + QUARTER_HOUR_S, stop)]
+    return tuple(found)
+
+
 def _find_peak_window(seconds: Float64Array, length_s: int) -> PeakWindow:
     best, percent = find_worst_window(seconds[:, 0], seconds[:, 1], length_s)
     if best < 0:
@@ -65,7 +87,7 @@ def _find_peak_window(seconds: Float64Array, length_s: int) -> PeakWindow:
     return PeakWindow(length_s, float(best), float(percent))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_worst_window(analysed_s, above_s, length_s):  # type: ignore[no-untyped-def]
     """Give the first second of the window with the largest share above, and that share; -1 if none."""
     best, highest = -1, -1.0
@@ -122,7 +144,7 @@ class ShiftedSeconds:
         return name_intervals(found)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_levels(angle_deg, valid, how, seconds):  # type: ignore[no-untyped-def]
     """Count valid rows by the number of evenly spread levels that they reach."""
     rows, lowest, step, period_s = how

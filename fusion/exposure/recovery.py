@@ -14,7 +14,7 @@ from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals
 from fusion.exposure.rows import add_rows, find_part_rows
 from fusion.exposure.types import Interval, Recovery
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import Float64Array, IntArray
 
 NEUTRAL_DEG = 20.0
@@ -128,7 +128,7 @@ def start_recovery(errors_deg: Float64Array, edges_us: IntArray) -> RecoveryTall
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _scan_rest(rows, first, limits, counts):  # type: ignore[no-untyped-def]
     """Follow the stays row by row; a row without a speed (the first of a run) is not slow.
 
@@ -141,8 +141,7 @@ def _scan_rest(rows, first, limits, counts):  # type: ignore[no-untyped-def]
             _end_run(first + i, limits, counts)
             continue
         if state[INSIDE] == 0:
-            state[INSIDE] = 1
-            counts.levels[:, WITHOUT_SINCE] = first + i
+            _begin_run(first + i, counts)
         below = len(levels_deg)
         if speeds_dps[i] < SLOW_DPS:
             if state[SLOW_SINCE] < 0:
@@ -154,7 +153,14 @@ def _scan_rest(rows, first, limits, counts):  # type: ignore[no-untyped-def]
             _move(first + i, below, limits, counts)
 
 
-@njit(cache=True, nogil=True)
+@inner
+def _begin_run(row, counts):  # type: ignore[no-untyped-def]
+    counts.state[INSIDE] = 1
+    for level in range(len(counts.levels)):
+        counts.levels[level, WITHOUT_SINCE] = row
+
+
+@inner
 def _count_below(x, below, levels_deg):  # type: ignore[no-untyped-def]
     """Count the levels that ``x`` has reached, starting from how many it was before."""
     while below > 0 and x < levels_deg[below - 1]:
@@ -164,7 +170,7 @@ def _count_below(x, below, levels_deg):  # type: ignore[no-untyped-def]
     return below
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _move(row, below, limits, counts):  # type: ignore[no-untyped-def]
     """Let the rest begin at the levels that the angle has sunk under, and end at those it has reached."""
     state, levels = counts.state, counts.levels
@@ -175,7 +181,7 @@ def _move(row, below, limits, counts):  # type: ignore[no-untyped-def]
     state[LEVELS_BELOW] = below
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _end_slow(row, limits, counts):  # type: ignore[no-untyped-def]
     slow, state, rate_hz = counts.slow, counts.state, limits.rate_hz
     first = state[SLOW_SINCE]
@@ -185,7 +191,7 @@ def _end_slow(row, limits, counts):  # type: ignore[no-untyped-def]
     state[SLOW_SINCE] = -1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _end_rest(level, row, limits, counts):  # type: ignore[no-untyped-def]
     """End a neutral and slow stay; if it was long enough, the time without rest starts anew after it."""
     rest, longest_s, levels, rate_hz = counts.rest, counts.longest_s, counts.levels, limits.rate_hz
@@ -198,7 +204,7 @@ def _end_rest(level, row, limits, counts):  # type: ignore[no-untyped-def]
     levels[level, REST_SINCE] = -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _end_run(row, limits, counts):  # type: ignore[no-untyped-def]
     """End all that is under way before ``row``, where a run of valid rows ends."""
     longest_s, state, levels = counts.longest_s, counts.state, counts.levels

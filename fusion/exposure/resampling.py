@@ -5,13 +5,13 @@ the day has analysed ones, with replacement, by PCG64(0): the same recording alw
 """
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri
 
 from fusion.exposure.parts import AnyArray
 from fusion.exposure.types import Interval
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import kernel
 from fusion.recording import BoolArray, Float64Array
 
 DRAWS = 200
@@ -55,7 +55,7 @@ class Resampling:
         return np.asarray(np.interp(self.error_deg, grid_deg, figure))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sum_draws(times, blocks, sums):  # type: ignore[no-untyped-def]
     """Matrix product in a fixed order: the same on every machine, and on one core."""
     for draw in range(len(times)):
@@ -68,7 +68,7 @@ def _sum_draws(times, blocks, sums):  # type: ignore[no-untyped-def]
 
 def spread_errors(sigma_deg: float) -> Float64Array:
     """Give the errors, shape (11,), between those of the first and the last draw."""
-    furthest = max(sigma_deg * float(ndtri(1 - 0.5 / DRAWS)), 1e-6)  # an exact angle too has a grid
+    furthest = max(sigma_deg * NormalDist().inv_cdf(1 - 0.5 / DRAWS), 1e-6)  # an exact angle too has a grid
     return np.linspace(-furthest, furthest, ERRORS)
 
 
@@ -78,7 +78,13 @@ def draw_blocks(analysed: AnyArray, sigma_deg: float) -> Resampling:
     count = int(kept.sum())
     chosen = np.random.Generator(np.random.PCG64(SEED)).integers(0, count, (DRAWS, count))
     times = np.array([np.bincount(row, minlength=count) for row in chosen], np.float64)
-    return Resampling(kept, times, sigma_deg * ndtri((np.arange(DRAWS) + 0.5) / DRAWS))
+    return Resampling(kept, times, draw_errors(sigma_deg))
+
+
+def draw_errors(sigma_deg: float) -> Float64Array:
+    """Give the error of each draw in order: the quantiles of a normal distribution, shape (200,)."""
+    errors = NormalDist()
+    return np.array([sigma_deg * errors.inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)])
 
 
 def can_draw(analysed: AnyArray, sigma_deg: float) -> bool:

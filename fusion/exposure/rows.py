@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fusion.numba_kernels import njit
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import MICROSECONDS, BoolArray, IntArray, Span
 
 USUAL_RUNS = 256
@@ -49,7 +49,7 @@ def find_part_rows(run: EvenRun, edges_us: IntArray) -> IntArray:
     return rows
 
 
-@njit(cache=True, nogil=True)
+@inner
 def add_rows(first, stop, worth, part_rows, sums):  # type: ignore[no-untyped-def]
     """Add what a stretch of rows is worth to the parts that they lie in; return the first one's number."""
     part = min(np.searchsorted(part_rows, first, side="right") - 1, len(sums) - 1)
@@ -85,7 +85,7 @@ def find_touched_parts(run: EvenRun, edges_us: IntArray) -> slice:
     return slice(max(first, 0), min(max(stop, 0), len(edges_us) - 1))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_time(counts, rate_hz, cell_us):  # type: ignore[no-untyped-def]
     """Add counts of rows, shape (p, c), as whole microseconds that add up to the rounded whole, exactly."""
     rows, told_us = 0, 0
@@ -108,7 +108,7 @@ def find_runs(mask: BoolArray) -> IntArray:
     return runs[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _scan_runs(mask, runs):  # type: ignore[no-untyped-def]
     """Write as many runs as there is room for; return how many there are."""
     count, first = 0, -1
@@ -118,6 +118,17 @@ def _scan_runs(mask, runs):  # type: ignore[no-untyped-def]
             first = i
         elif not here and first >= 0:
             if count < len(runs):
-                runs[count] = (first, i)
+                runs[count, 0], runs[count, 1] = first, i
             count, first = count + 1, -1
     return count
+
+
+def find_valid_samples(valid: BoolArray, samples: int) -> BoolArray:
+    """Give the samples that lie wholly in valid rows, shape (samples,); rows share the samples evenly."""
+    rows = len(valid)
+    if rows == samples:
+        return valid
+    wholly = np.ones(samples, np.bool_)
+    for first, stop in find_runs(~valid).tolist():
+        wholly[first * samples // rows : -(-stop * samples // rows)] = False
+    return wholly

@@ -19,9 +19,9 @@ from fusion.exposure.metric_filter import PADDING_ROWS, MetricAngle, design_filt
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
 from fusion.exposure.rows import EvenRun, find_part_rows, find_runs
 from fusion.exposure.types import Frequency, Interval, Velocity
-from fusion.numba_kernels import njit
-from fusion.orientation.on_demand import VerticalOnDemand
-from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray, Segment
+from fusion.numba_kernels import inner, kernel, kernel_making_arrays
+from fusion.orientation.on_demand import Vertical
+from fusion.recording import MICROSECONDS, BoolArray, Float64Array, FloatArray, IntArray, Segment
 
 # The metric filter on vectors, in overlapping blocks, so that memory does not grow with the recording.
 
@@ -30,9 +30,7 @@ BLOCK_ROWS = 32_768
 MARGIN_S = 2.0  # what a cut does to the filter at 5 Hz has died down to 1e-19 after 2 s
 
 
-def filter_blocks(
-    vectors: NDArray[np.float32] | VerticalOnDemand, rate_hz: float
-) -> Iterator[tuple[int, Float64Array]]:
+def filter_blocks(vectors: Vertical, rate_hz: float) -> Iterator[tuple[int, Float64Array]]:
     """Give the filtered vectors, shape (n, 3), as blocks (first row, vectors).
 
     Each block but the first begins with the last row of the one before, so that steps can be taken inside
@@ -47,7 +45,7 @@ def filter_blocks(
         yield first, filtered[first - around.start : stop - around.start]
 
 
-def filter_vectors(vectors: NDArray[np.float32], section: tuple[float, ...]) -> Float64Array:
+def filter_vectors(vectors: FloatArray, section: tuple[float, ...]) -> Float64Array:
     """Low-pass vectors, shape (n, 3), without delay."""
     padding = min(PADDING_ROWS, len(vectors) - 1)
     padded = np.empty((len(vectors) + 2 * padding, 3))
@@ -55,7 +53,7 @@ def filter_vectors(vectors: NDArray[np.float32], section: tuple[float, ...]) -> 
     return padded[padding : padding + len(vectors)]
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def _filter_padded_vectors(vectors, padding, section, padded):  # type: ignore[no-untyped-def]
     """Write the odd extension into ``padded`` and filter it there, forth and back."""
     n = len(vectors)
@@ -69,7 +67,7 @@ def _filter_padded_vectors(vectors, padding, section, padded):  # type: ignore[n
     _pass_vectors_in_place(padded[::-1], section)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _pass_vectors_in_place(v, section):  # type: ignore[no-untyped-def]
     """One pass in direct form I; the three axes in one loop, as each depends on its own last row only."""
     b0, b1, b2, a1, a2 = section
@@ -202,7 +200,7 @@ def _sum_spectra(windows: Float64Array, weights: Float64Array) -> Float64Array:
     return sums
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def _take_grid(angle_deg, rows_per_step, steps):  # type: ignore[no-untyped-def]
     """Take every so many rows, linearly between them."""
     grid = np.empty(steps)
@@ -214,7 +212,7 @@ def _take_grid(angle_deg, rows_per_step, steps):  # type: ignore[no-untyped-def]
     return grid
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_crossings(angle_deg, valid, rate_hz, part_rows, counts):  # type: ignore[no-untyped-def]
     """Count, in each part, the changes of direction: from faster than the dead band one way to the other."""
     part, direction = 0, 0
@@ -324,7 +322,7 @@ def measure_generalised(segment: ElevationSegment, valid: BoolArray) -> Iterator
         yield (first + 1, speeds_dps[1:]) if first else (0, speeds_dps)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _tally_speeds(speeds_dps, period_s, where, cells):  # type: ignore[no-untyped-def]
     """Add each step's speed to its cell, and to that of its 5-minute block."""
     start_us, step_us, edges_us, coarse_of_cell = where
@@ -344,7 +342,7 @@ def _tally_speeds(speeds_dps, period_s, where, cells):  # type: ignore[no-untype
             way_deg[block] += speed_dps * period_s
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def measure_inclination(angle_deg, valid, rate_hz):  # type: ignore[no-untyped-def]
     """Give the speed of each step between successive valid rows, NaN for the others."""
     speeds_dps = np.full(len(angle_deg), np.nan)
@@ -354,7 +352,7 @@ def measure_inclination(angle_deg, valid, rate_hz):  # type: ignore[no-untyped-d
     return speeds_dps
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
     """Give the angle between the directions of successive valid rows, from the chord of the unit sphere."""
     speeds_dps = np.full(len(vectors), np.nan)
@@ -377,7 +375,7 @@ def measure_turns(vectors, valid, rate_hz):  # type: ignore[no-untyped-def]
     return speeds_dps
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def measure_magnitude(rates_dps, bias_dps, valid):  # type: ignore[no-untyped-def]
     """Give the length of each valid row's vector less the offset."""
     speeds_dps = np.full(len(rates_dps), np.nan)
@@ -390,7 +388,7 @@ def measure_magnitude(rates_dps, bias_dps, valid):  # type: ignore[no-untyped-de
     return speeds_dps
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fill_grid(vectors, first, rows_per_step, grid):  # type: ignore[no-untyped-def]
     """Take the grid points that lie in this block, linearly between its rows."""
     stop = first + len(vectors) - 1
@@ -404,7 +402,7 @@ def _fill_grid(vectors, first, rows_per_step, grid):  # type: ignore[no-untyped-
             grid[k, c] = vectors[row, c] + (place - row) * (vectors[following, c] - vectors[row, c])
 
 
-@njit(cache=True, nogil=True)
+@kernel_making_arrays
 def _find_valid_steps(valid, rows_per_step, steps):  # type: ignore[no-untyped-def]
     """A grid point is valid where every row since the grid point before, and the row after it, is."""
     valid_steps = np.ones(steps, np.bool_)

@@ -25,10 +25,10 @@ from fusion.exposure.parts import (
     summarise_group,
     summarise_parts,
 )
-from fusion.exposure.peaks import find_peak_windows
-from fusion.exposure.rows import find_end_us
+from fusion.exposure.peaks import find_peak_windows, find_quarter_hours
+from fusion.exposure.rows import find_end_us, find_valid_samples
 from fusion.exposure.tally import Count, DayTally, start_day
-from fusion.exposure.types import Exposure, PartExposure
+from fusion.exposure.types import LEAST_RANGED_S, ElevationBin, Exposure, PartExposure
 from fusion.recording import MICROSECONDS, Float64Array, IntArray, Recording, Segment
 
 MAIN_THRESHOLD_DEG = 60
@@ -51,7 +51,7 @@ def summarise_exposure(  # noqa: PLR0913  each is an input of its own
     Parameters
     ----------
     elevation
-        Before the metric filter, which is applied here to each segment at its own rate.
+        Before the metric filter, which is applied here to each segment at the rate of its rows.
     start
         The clock at the first sample, for the figures by clock hour.
     samples
@@ -89,8 +89,9 @@ def _add_segment(
     """Count a segment; its filtered angle, the largest thing here, is let go before the next."""
     angle = filter_elevation(segment)
     counts: list[Count] = [partial(day.speeds.add_vertical, segment, angle), *day.list_counts(angle)]
-    if sampled is not None and len(sampled) == len(segment):
-        counts.insert(1, partial(day.speeds.add_samples, sampled, gyro_bias_dps, angle.valid))
+    if sampled is not None and abs(find_end_us(sampled) - find_end_us(segment)) <= 1:
+        valid = find_valid_samples(angle.valid, len(sampled))
+        counts.insert(1, partial(day.speeds.add_samples, sampled, gyro_bias_dps, valid))
     _count(counts, len(segment))
 
 
@@ -136,6 +137,7 @@ def _summarise_day(day: DayTally, metric_filter_hz: float | None) -> Exposure:
         velocity_dps=day.speeds.summarise(),
         elevation_p99_deg=percentiles_deg[99],
         peak_windows=find_peak_windows(day.by_second, day.duration_us),
+        quarter_hours=find_quarter_hours(day.by_second, day.duration_us),
         eva=eva,
         by_hour=by_hour,
         by_period=(),
@@ -164,3 +166,36 @@ def _divide_day(exposure: Exposure, day: DayTally) -> Exposure:
         by_period=summarise(day.division.group_by_row()),
         by_task=summarise(day.division.group_by_task()),
     )
+
+
+def withhold_short(exposure: Exposure) -> Exposure:
+    """Take ranges and rates per hour from figures of less than half an hour, its parts included.
+
+    So little time tells neither how often in an hour, nor how far another hour would lie from this one.
+    """
+    if exposure.analysed_s >= LEAST_RANGED_S:
+        return exposure
+    recovery, frequency = exposure.recovery, exposure.frequency
+    return replace(
+        exposure,
+        bins=_drop_intervals(exposure.bins),
+        time_above=tuple(replace(above, interval=None) for above in exposure.time_above),
+        entries=tuple(replace(entries, per_hour=None) for entries in exposure.entries),
+        episodes=tuple(replace(stays, per_hour=None) for stays in exposure.episodes),
+        eva=replace(exposure.eva, intervals=()),
+        by_hour=_withhold_parts(exposure.by_hour),
+        by_period=_withhold_parts(exposure.by_period),
+        by_task=_withhold_parts(exposure.by_task),
+        intervals={},
+        recovery=recovery and replace(recovery, neutral_slow_per_hour=None, slow_per_hour=None),
+        frequency=frequency and replace(frequency, crossings_per_hour=None),
+        conventions={key: _drop_intervals(classes) for key, classes in exposure.conventions.items()},
+    )
+
+
+def _drop_intervals(bins: tuple[ElevationBin, ...]) -> tuple[ElevationBin, ...]:
+    return tuple(replace(part, interval=None) for part in bins)
+
+
+def _withhold_parts(parts: tuple[PartExposure, ...]) -> tuple[PartExposure, ...]:
+    return tuple(replace(part, intervals={}, entries_above_60_per_h=None) for part in parts)

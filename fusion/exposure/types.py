@@ -4,6 +4,9 @@ from dataclasses import dataclass, field
 
 from fusion.recording import Float64Array
 
+LEAST_RANGED_S = 1800.0
+"""Less analysed time, under six blocks of 5 minutes, has neither ranges nor rates per hour."""
+
 
 @dataclass(frozen=True, slots=True)
 class Interval:
@@ -13,10 +16,15 @@ class Interval:
     ----------
     low, high
         Its ends: percentiles 2.5 and 97.5 of the draws (:mod:`fusion.exposure.intervals`).
+    low_pose, high_pose
+        The ends of the range that also holds the one-sided error of the N-pose; None in any other pose, and
+        of figures that it is not worked out for.
     """
 
     low: float
     high: float
+    low_pose: float | None = None
+    high_pose: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +83,14 @@ class Entries:
     count
         Number of rises.
     per_hour
-        The same for each analysed hour.
+        The same for each analysed hour; None under half an hour (:data:`LEAST_RANGED_S`).
     busy_minutes_percent
         Share of the minutes of work with two entries or more (the criterion of frequency in EN 1005-4).
     """
 
     threshold_deg: float
     count: int
-    per_hour: float
+    per_hour: float | None
     busy_minutes_percent: float | None = None
 
 
@@ -252,7 +260,8 @@ class Recovery:
     Attributes
     ----------
     neutral_slow_percent, neutral_slow_per_hour
-        Hanging and slow: share of the analysed time, and periods for each analysed hour.
+        Hanging and slow: share of the analysed time, and periods for each analysed hour (None under half an
+        hour).
     slow_percent, slow_per_hour
         Slow at any angle: the same.
     longest_without_s
@@ -260,9 +269,9 @@ class Recovery:
     """
 
     neutral_slow_percent: float
-    neutral_slow_per_hour: float
+    neutral_slow_per_hour: float | None
     slow_percent: float
-    slow_per_hour: float
+    slow_per_hour: float | None
     longest_without_s: float
 
 
@@ -275,11 +284,11 @@ class Frequency:
     mean_power_hz
         Mean power frequency of the speed of inclination; None without an unbroken minute.
     crossings_per_hour
-        Changes of direction for each analysed hour.
+        Changes of direction for each analysed hour; None under half an hour.
     """
 
     mean_power_hz: float | None
-    crossings_per_hour: float
+    crossings_per_hour: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,6 +402,8 @@ class Exposure:
         The periods once more, those of one kind and label pooled; they too add up to the recording.
     angle_sigma_deg
         Standard deviation of a constant error of the angle that the intervals include; None or 0: not known.
+    quarter_hours
+        Up to three windows of 15 minutes with the most time above 60 deg, the largest first; none overlap.
     """
 
     analysed_s: float
@@ -419,6 +430,7 @@ class Exposure:
     conventions: dict[str, tuple[ElevationBin, ...]] = field(default_factory=dict)
     by_task: tuple[PartExposure, ...] = ()
     angle_sigma_deg: float | None = None
+    quarter_hours: tuple[PeakWindow, ...] = ()
 
     def __repr__(self) -> str:
         above = ", ".join(

@@ -189,7 +189,7 @@ class UncertaintySettings:
 
     There 1.96 sigma covers the truth 95.5 % (LSM9DS1) and 95.8 % (GT9X) of the time, on single days 93.3 to
     97.6 %. A first choice (0.10, 0.7, 0.12), with the same mean but 92.2 % on one even day, was given up when
-    an odd day of eight hours showed 92.4 %. The figures of odd seeds are in ``docs/validation.md`` (d).
+    an odd day of eight hours showed 92.4 %. The figures of odd seeds are in ``docs/validation.md``.
 
     ``floor_deg``; ``offset_times`` what the offset's standard deviation counts for; ``disagreement_share``
     of the variance between past and future, averaged over ``over_values`` seconds.

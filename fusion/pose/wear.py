@@ -2,10 +2,11 @@
 
 A recording is cut where the sensor may have been off the arm: ten minutes or more in which, over 10 s, no
 axis of the accelerometer has a standard deviation of 0.013 g (as in ``fusion.quality.time_account``), or a
-hole of five minutes. It is cut, too, where it slipped while worn (:mod:`fusion.pose.slips`); the slip itself
-is left out.
+hole of five minutes. It is cut, too, where it slipped while worn, as walking shows (:mod:`fusion.pose.slips`)
+or the person says; the slip itself is left out.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,25 +16,28 @@ import numpy as np
 from fusion.caveats import Caveat
 from fusion.pose.postures import (
     Moments,
-    build_frame,
     compare_hanging,
     compare_postures,
     find_angle_deg,
     find_calm_moments,
-    find_commonest,
     find_hanging,
     find_striding_moments,
 )
-from fusion.pose.slips import Doubt, Slip, find_slips
+from fusion.pose.slips import Slip, find_slips
 from fusion.recording import Float64Array, QualityFlag, flag_stretches
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.stillness import QuarterSeconds, QuietTable, summarise_windows
 from fusion.still_limits import OFF_THE_ARM
 
+SAID_S = 60.0
+"""How exactly a person knows when the sensor slipped: so much on both sides is left out."""
+
 
 @dataclass(frozen=True, slots=True)
 class WearRules:
-    """What counts as off the arm. ``least_share`` of the calm moments: in such a part the pose is sought."""
+    """What counts as off the arm. ``least_share`` of the calm moments: in such a stretch the pose is sought;
+    a sensor in a bag or in a hand is moved for less.
+    """
 
     off_s: float = 600.0
     still_acc_sd_g: float = OFF_THE_ARM.acc_sd_g
@@ -46,7 +50,7 @@ class WearRules:
 class WearPart:
     """A part of the day: in which stretch of wear it lies; its still, its calm and its walking moments.
 
-    ``is_whole``: nothing slipped in its stretch of wear; ``opens``: it begins it.
+    ``is_whole``: nothing slipped in its stretch of wear; ``opens``: it begins it, at ``worn_from_s``.
     """
 
     start_s: float
@@ -57,6 +61,7 @@ class WearPart:
     strides: Moments
     is_whole: bool = True
     opens: bool = True
+    worn_from_s: float = 0.0
 
     def find_hanging(self) -> Float64Array | None:
         """The direction in which the arm hangs while walking; None where too little was walked."""
@@ -65,65 +70,70 @@ class WearPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wear:
-    """The recording, cut where the sensor was off or slipped; slips lie between parts, doubts in them."""
+    """The recording, cut where the sensor was off or slipped; slips lie between parts."""
 
     parts: tuple[WearPart, ...]
     slips: tuple[Slip, ...]
-    doubts: tuple[Doubt, ...] = ()
 
     def find_part(self, time_s: float) -> WearPart:
         """The part that a time lies in, or the nearest."""
         return min(self.parts, key=lambda part: max(part.start_s - time_s, time_s - part.end_s))
 
-    def find_parts_for_pose(self, time_s: float, rules: WearRules | None = None) -> tuple[WearPart, ...]:
-        """Where to seek the pose instead of in the whole day, given when its likeliest moment is.
-
-        The parts, in order, of the first stretch of wear in which walking tells how the arm hung (one that
-        holds ``least_share`` of the calm moments: a sensor carried in a bag walks, too); without one, of the
-        stretch that the time lies in, where the sensor slipped in it, or walking tells.
-        """
-        if len(self.parts) == 1:
-            return ()
-        least = (rules or WearRules()).least_share * sum(len(part.calm.up) for part in self.parts)
-        likely = [
-            part for part in self.parts if part.find_hanging() is not None and len(part.calm.up) >= least
-        ]
-        pose_part = likely[0] if likely else self.find_part(time_s)
-        alike = tuple(part for part in self.parts if part.stretch == pose_part.stretch)
-        return alike if len(alike) > 1 or pose_part.find_hanging() is not None else ()
+    def find_openings(self) -> tuple[WearPart, ...]:
+        """The parts that begin a stretch of wear worth the name; all that begin one where none is."""
+        worn: Counter[int] = Counter()
+        for part in self.parts:
+            worn[part.stretch] += len(part.calm.up)
+        least = WearRules().least_share * worn.total()
+        openings = [part for part in self.parts if part.opens]
+        return tuple(part for part in openings if worn[part.stretch] >= least) or tuple(openings)
 
 
 def divide_by_wear(
     blocks: Sequence[QuarterSeconds],
     stills: QuietTable,
     accelerometer: AccelerometerCorrection,
-    rules: WearRules | None = None,
+    slip_times_s: Sequence[float] = (),
 ) -> Wear:
     """Cut a recording where the sensor may have been off the arm, and where it slipped."""
-    cuts_s, off = _find_cuts(blocks, rules or WearRules())
+    rules = WearRules()
+    cuts, off = _find_cuts(blocks, rules)
     found = (
         _find_still_moments(stills, accelerometer),
         find_calm_moments(blocks, accelerometer),
         find_striding_moments(blocks, accelerometer),
     )
     still, calm, strides = (_leave_off(moments, off) for moments in found)
-    return _divide(WearPart(-np.inf, np.inf, 0, still, calm, strides), cuts_s)
+    opened_s, ended_s = (blocks[0].start_s, _end(blocks[-1])) if blocks else (0.0, 0.0)
+    said = [
+        Slip(at_s - SAID_S, at_s + SAID_S) for at_s in sorted(slip_times_s) if opened_s <= at_s <= ended_s
+    ]
+    day = WearPart(-np.inf, np.inf, 0, still, calm, strides, worn_from_s=opened_s)
+    return _divide(day, cuts, said, ended_s)
+
+
+def _end(run: QuarterSeconds) -> float:
+    return run.start_s + len(run.acc) * run.block_s
 
 
 def _find_still_moments(stills: QuietTable, accelerometer: AccelerometerCorrection) -> Moments:
     return Moments(stills.middle_s, accelerometer.find_up(stills.gravity_g, stills.middle_s))
 
 
+Cut = tuple[float, float]
+"""Middle of a stretch in which the sensor may have been off, and its end."""
+
+
 def _find_cuts(
     blocks: Sequence[QuarterSeconds], rules: WearRules
-) -> tuple[list[float], list[tuple[float, float]]]:
-    """Middles of the stretches in which the sensor may have been off, and those of them that hold samples."""
+) -> tuple[list[Cut], list[tuple[float, float]]]:
+    """Where to cut, and the stretches off the arm that hold samples."""
     off = [stretch for run in blocks for stretch in _find_off(run, rules)]
-    cuts = [(first + stop) / 2.0 for first, stop in off]
+    cuts = [((first + stop) / 2.0, stop) for first, stop in off]
     for run, following in pairwise(blocks):
-        end_s = run.start_s + len(run.acc) * run.block_s
+        end_s = _end(run)
         if following.start_s - end_s >= rules.hole_s:
-            cuts.append((end_s + following.start_s) / 2.0)
+            cuts.append(((end_s + following.start_s) / 2.0, following.start_s))
     return sorted(cuts), off
 
 
@@ -146,22 +156,47 @@ def _leave_off(moments: Moments, off: list[tuple[float, float]]) -> Moments:
     return Moments(moments.time_s[worn], moments.up[worn])
 
 
-def _divide(day: WearPart, cuts_s: list[float]) -> Wear:
-    """Cut into parts; a slip lies between two parts, unless it begins or ends the stretch of wear."""
+def _divide(day: WearPart, cuts: list[Cut], said: list[Slip], ended_s: float) -> Wear:
+    """Cut into parts; a slip lies between two parts, unless it begins or ends the stretch of wear.
+
+    After a slip at the very start the sensor is worn from its end on.
+    """
     parts: list[WearPart] = []
     slips: list[Slip] = []
-    doubts: list[Doubt] = []
-    for stretch, (first_s, end_s) in enumerate(pairwise([-np.inf, *cuts_s, np.inf])):
-        found, doubted = find_slips(day.calm.within(first_s, end_s), day.strides.within(first_s, end_s))
+    edges = [(-np.inf, day.worn_from_s), *cuts]
+    ends_s = [*(middle_s for middle_s, _ in cuts), np.inf]
+    for stretch, ((first_s, worn_from_s), end_s) in enumerate(zip(edges, ends_s, strict=True)):
+        found = _find_slips(day, (first_s, end_s), said)
         starts_s, stops_s = [first_s, *(slip.end_s for slip in found)], [*(s.first_s for s in found), end_s]
-        spans = [span_s for span_s in zip(starts_s, stops_s, strict=True) if span_s[0] < span_s[1]]
+        spans = [
+            (start_s, stop_s)
+            for start_s, stop_s in zip(starts_s, stops_s, strict=True)
+            if start_s < min(stop_s, ended_s) and stop_s > worn_from_s
+        ] or [(first_s, end_s)]
         parts += [
-            replace(_cut_part(day, stretch, span_s), is_whole=not found, opens=span_s[0] == first_s)
+            replace(
+                _cut_part(day, stretch, span_s),
+                is_whole=not found,
+                opens=span_s is spans[0],
+                worn_from_s=max(worn_from_s, spans[0][0]),
+            )
             for span_s in spans
         ]
         slips += found
-        doubts += doubted
-    return Wear(tuple(parts), tuple(slips), tuple(doubts))
+    return Wear(tuple(parts), tuple(slips))
+
+
+def _find_slips(day: WearPart, span_s: tuple[float, float], said: list[Slip]) -> list[Slip]:
+    """The slips that the person names in a stretch of wear, and those that walking shows between them."""
+    named = [slip for slip in said if span_s[0] < slip.first_s and slip.end_s < span_s[1]]
+    starts_s = [span_s[0], *(slip.end_s for slip in named)]
+    ends_s = [*(slip.first_s for slip in named), span_s[1]]
+    found = [
+        slip
+        for between_s in zip(starts_s, ends_s, strict=True)
+        for slip in find_slips(day.calm.within(*between_s), day.strides.within(*between_s))
+    ]
+    return sorted([*named, *found], key=lambda slip: slip.first_s)
 
 
 def _cut_part(day: WearPart, stretch: int, span_s: tuple[float, float]) -> WearPart:
@@ -171,26 +206,12 @@ def _cut_part(day: WearPart, stretch: int, span_s: tuple[float, float]) -> WearP
 
 # Sensor that sat otherwise on the arm for a part of the recording: taken off and put back, or slipped.
 #
-# Each part of a recording (:mod:`fusion.pose.wear`) is compared with the one that holds the calibration.
-# After the sensor was off, it was turned where the commonest direction of still moments moved by more than
-# 25 deg and neither part knows the other's (RELIABILITY.md 93). Beyond a slip a part is left out unless an
-# axis for it is known, however alike it looks.
-#
-# Postures alone cannot tell a turned sensor from other work: an hour of walking about and an hour at the
-# wheel differ as much. So walking decides where both parts have half a minute of it (the arm hangs then):
-# hanging within 10 deg in both, nothing turned, whatever the postures say; beyond a slip the sensor was
-# pushed back. So it is where the first part has no walking, but the calibrated axis is the direction of
-# walking in the other.
-#
-# Where the commonest direction moved by more than 35 deg and both parts have still moments enough, the arm
-# axis is carried over by the turn that takes the commonest and the mean direction of one part to those of
-# the other. That is done twice, from still moments and from all calm ones, and believed only where both
-# agree within 5 deg, the part of the calibration has its commonest direction within 15 deg of the arm axis,
-# as an arm has that mostly hangs, and the turn takes the direction of walking in one part to within 15 deg
-# of that in the other. On simulated days parted at five places (ten minutes or more on both sides) such an
-# axis was right within 4 deg (median 2, the worst 7.4 deg). Without walking in both parts the part is left
-# out: what other work may explain is not corrected (hours with the arm held at 45 and 70 deg were read 22
-# and 38 deg wrong before). A turn about the arm's own axis changes nothing and is not looked for.
+# Each part in which no pose was held is compared with the part that holds the first. After the sensor was
+# off, it was turned where the commonest direction of still moments moved by more than 25 deg and neither part
+# knows the other's (RELIABILITY.md 93); beyond a slip it is taken for turned. Walking decides where both
+# parts have half a minute of it (the arm hangs then): hanging within 10 deg in both, nothing turned, or the
+# sensor was pushed back, whatever the postures say. So it is where the first part has no walking, but the
+# calibrated axis is the direction of walking in the other. A part that turned is left out.
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,134 +219,82 @@ class ReattachmentRules:
     """What counts as another direction, and as enough to tell.
 
     Below ``known`` (see :func:`fusion.pose.postures.compare_postures`) the other part's commonest direction
-    is not known. A part with fewer than ``least_moments`` still moments cannot be compared; with fewer than
-    ``least_to_carry`` it is left out rather than calibrated. Up to ``carried_from_deg`` it is left out, too.
-    Hanging within ``hangs_alike_deg`` of each other in walking, nothing turned. ``axis_sigma_deg`` is how
-    well an axis is known beyond a turn.
+    is not known. A part with fewer than ``least_moments`` still moments is compared by walking alone. Hanging
+    within ``hangs_alike_deg`` of each other in walking, nothing turned.
     """
 
     turned_deg: float = 25.0
-    carried_from_deg: float = 35.0
     known: float = 1.0
     least_moments: int = 10
-    least_to_carry: int = 120
-    agree_deg: float = 5.0
-    hangs_deg: float = 15.0
     hangs_alike_deg: float = 10.0
-    axis_sigma_deg: float = 5.0
+
+
+REATTACHMENT = ReattachmentRules()
+REATTACHED_SIGMA_DEG = 5.0
+"""What is not known of the axis, beside the pose, where the sensor was pushed back or put back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisPart:
-    """A stretch, seconds from the first sample, in which the sensor sat otherwise than at the calibration.
+    """A stretch, seconds from the first sample, that the first axis does not read as it reads the others.
 
-    ``arm_axis`` (3,) is the axis there, with its own uncertainty ``sigma_deg``; None where none could be
-    found, and the part is left out.
+    ``arm_axis`` (3,) is the axis there, ``sigma_deg`` what its uncertainty adds to that of the first; None
+    where the stretch is left out, ``apart_deg`` then the angle between the poses on both sides of it.
+    ``is_posed``: a pose was held in it.
     """
 
     start_s: float
     end_s: float
     arm_axis: Float64Array | None
     sigma_deg: float = 0.0
+    apart_deg: float = 0.0
+    is_posed: bool = False
 
 
-def find_reattachments(
-    wear: Wear, calibrated: tuple[float, Float64Array], rules: ReattachmentRules | None = None
-) -> tuple[AxisPart, ...]:
-    """Parts that need an axis of their own; ``calibrated``: when the pose was held, and the axis it gave."""
-    (pose_s, arm_axis), rules = calibrated, rules or ReattachmentRules()
-    pose_part = wear.find_part(pose_s)
-    judged = [_judge_part(pose_part, part, arm_axis, rules) for part in wear.parts if part is not pose_part]
-    known = [part for part in judged if part is not None]
-    known += [AxisPart(slip.first_s, slip.end_s, None) for slip in wear.slips]
-    return tuple(sorted(known, key=lambda part: part.start_s))
-
-
-def count_readable(
-    wear: Wear, calibrated: tuple[float, Float64Array], rules: ReattachmentRules | None = None
-) -> int:
-    """How many of the calm moments an axis reads, in its own part and in those to which it is carried."""
-    (pose_s, arm_axis), rules = calibrated, rules or ReattachmentRules()
-    pose_part = wear.find_part(pose_s)
-    return sum(len(part.calm.up) for part in wear.parts if _is_readable(pose_part, part, arm_axis, rules))
-
-
-def _is_readable(
-    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
-) -> bool:
-    judged = None if part is pose_part else _judge_part(pose_part, part, arm_axis, rules)
-    return judged is None or judged.arm_axis is not None
-
-
-def _judge_part(
-    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
-) -> AxisPart | None:
-    """The part with an axis of its own, or left out; None where nothing turned."""
-    if _hangs_alike(pose_part, part, arm_axis, rules):
-        is_plain = part.stretch != pose_part.stretch and part.is_whole
-        return None if is_plain else AxisPart(part.start_s, part.end_s, arm_axis, rules.axis_sigma_deg)
-    if part.stretch != pose_part.stretch and part.is_whole and not _is_turned(pose_part, part, rules):
+def judge_part(posed: WearPart, part: WearPart, arm_axis: Float64Array) -> AxisPart | None:
+    """How a part without a pose is read, by the part ``posed`` whose axis is known; None: as that part."""
+    is_plain = part.stretch != posed.stretch and part.is_whole
+    if _hangs_alike(posed, part, arm_axis):
+        kept = AxisPart(part.start_s, part.end_s, arm_axis, REATTACHED_SIGMA_DEG)
+        return None if is_plain else kept
+    if is_plain and not _is_turned(posed, part):
         return None
-    return _calibrate_part(pose_part, part, arm_axis, rules)
+    return AxisPart(part.start_s, part.end_s, None)
 
 
-def _hangs_alike(
-    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
-) -> bool:
+def _hangs_alike(posed: WearPart, part: WearPart, arm_axis: Float64Array) -> bool:
     """Whether walking shows the arm hanging in the same direction, or as it did in the pose."""
-    apart_deg = compare_hanging(pose_part.strides, part.strides)
+    apart_deg = compare_hanging(posed.strides, part.strides)
     hangs = part.find_hanging()
     if apart_deg is None and hangs is not None:
         apart_deg = find_angle_deg(hangs, arm_axis)
-    return apart_deg is not None and apart_deg < rules.hangs_alike_deg
+    return apart_deg is not None and apart_deg < REATTACHMENT.hangs_alike_deg
 
 
-def _is_turned(pose_part: WearPart, part: WearPart, rules: ReattachmentRules) -> bool:
-    """Whether the commonest directions differ, and neither part knows the other's."""
-    if min(len(pose_part.still.up), len(part.still.up)) < rules.least_moments:
-        return False
-    angle_deg, known = compare_postures(pose_part.still, part.still)
-    return angle_deg > rules.turned_deg and known < rules.known
+def _is_turned(posed: WearPart, part: WearPart) -> bool:
+    """Whether the commonest directions differ, and neither part knows the other's.
 
-
-def _calibrate_part(
-    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
-) -> AxisPart:
-    """The axis carried over, or none."""
-    left_out = AxisPart(part.start_s, part.end_s, None)
-    if min(len(pose_part.still.up), len(part.still.up)) < rules.least_to_carry:
-        return left_out
-    if compare_postures(pose_part.still, part.still)[0] <= rules.carried_from_deg:
-        return left_out
-    axes = list(_carry_over(pose_part, part, arm_axis, rules))
-    if len(axes) < 2 or find_angle_deg(axes[0], axes[1]) > rules.agree_deg:
-        return left_out
-    both = axes[0] + axes[1]
-    return AxisPart(part.start_s, part.end_s, both / np.linalg.norm(both), rules.axis_sigma_deg)
-
-
-def _carry_over(
-    pose_part: WearPart, part: WearPart, arm_axis: Float64Array, rules: ReattachmentRules
-) -> Iterator[Float64Array]:
-    """The axis by still moments and by calm ones, each only where the arm mostly hung at pose_part, and where
-    walking confirms it.
+    Where somebody was hardly ever still, walking on both sides tells.
     """
-    hung, hangs = pose_part.find_hanging(), part.find_hanging()
-    if hung is None or hangs is None:
-        return
-    for in_pose_part, in_part in ((pose_part.still, part.still), (pose_part.calm, part.calm)):
-        before, after = in_pose_part.thin().up, in_part.thin().up
-        turn = build_frame(after).T @ build_frame(before)
-        confirmed = find_angle_deg(turn @ hung, hangs) <= rules.hangs_deg
-        if confirmed and find_angle_deg(find_commonest(before)[0], arm_axis) <= rules.hangs_deg:
-            yield np.asarray(turn @ arm_axis)
+    if min(len(posed.still.up), len(part.still.up)) < REATTACHMENT.least_moments:
+        hangs_deg = compare_hanging(posed.strides, part.strides)
+        return hangs_deg is not None and hangs_deg > REATTACHMENT.turned_deg
+    angle_deg, known = compare_postures(posed.still, part.still)
+    return angle_deg > REATTACHMENT.turned_deg and known < REATTACHMENT.known
 
 
-def flag_reattachments(parts: Sequence[AxisPart], duration_s: float) -> tuple[QualityFlag, ...]:
-    """Flag the parts with an axis of their own: how many were calibrated, how many left out (W-REMOUNT)."""
-    if not parts:
-        return ()
-    spans = [(max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts]
-    left_out = sum(part.arm_axis is None for part in parts)
-    facts = {"calibrated": len(parts) - left_out, "left_out": left_out}
-    return (flag_stretches(Caveat.REMOUNT, spans, facts),)
+def flag_axis_parts(parts: Sequence[AxisPart], duration_s: float) -> Iterator[QualityFlag]:
+    """Flag parts that turned (W-REMOUNT) and poses that differ (W-POSES-DIFFER)."""
+    differ = [part for part in parts if part.apart_deg]
+    turned = [part for part in parts if not (part.apart_deg or part.is_posed)]
+    if turned:
+        left_out = sum(part.arm_axis is None for part in turned)
+        facts = {"calibrated": len(turned) - left_out, "left_out": left_out}
+        yield flag_stretches(Caveat.REMOUNT, _bound(turned, duration_s), facts)
+    if differ:
+        apart_deg = round(max(part.apart_deg for part in differ))
+        yield flag_stretches(Caveat.POSES_DIFFER, _bound(differ, duration_s), {"apart_deg": apart_deg})
+
+
+def _bound(parts: Sequence[AxisPart], duration_s: float) -> list[tuple[float, float]]:
+    return [(max(part.start_s, 0.0), min(part.end_s, duration_s)) for part in parts]

@@ -1,22 +1,30 @@
 """Where the recording's time went (CONTRACT.md §5 "Time")."""
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
+from fusion.checks.clipping import LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
-from fusion.exposure.rows import find_runs, list_touched_rows
-from fusion.numba_kernels import njit
+from fusion.exposure.rows import (
+    find_end_us,
+    find_runs,
+    find_touched_rows,
+    find_valid_samples,
+    list_touched_rows,
+)
+from fusion.numba_kernels import kernel
+from fusion.orientation.angle_rows import AngleRows, lay_rows
 from fusion.pose.calibrate import Calibration
-from fusion.pose.doubts import flag_window
+from fusion.pose.windows import Blocks, flag_window, reduce_recording
 from fusion.quality.types import TimeAccount, TimePart
 from fusion.recording import (
     MICROSECONDS,
@@ -28,6 +36,8 @@ from fusion.recording import (
     find_missing,
     flag_spans,
 )
+from fusion.sensor.self_calibration import Channel
+from fusion.sensor.self_calibration import find_limits as find_flat_limits
 from fusion.still_limits import OFF_THE_ARM
 
 # Where a sensor was driven to the end of its range (RELIABILITY.md 88).
@@ -38,84 +48,55 @@ MARGIN_S = 0.1
 FloatMatrix = NDArray[np.float32]
 
 
-def find_clipped(recording: Recording) -> list[Span]:
+def find_clipped(recording: Recording, blocks: Blocks) -> list[Span]:
     """Find the stretches with a clipped sample, widened by 100 ms (in whole rows) on each side.
 
     Where the file tells the full scale, a sample within 0.1 % of it is clipped. Where it does not, a channel
     is taken to be clipped at its extreme of the whole recording if it rests exactly there for three rows or
     more and no sensor has so small a range (2 g, 245 deg/s).
     """
-    acc_limits = find_limits(
-        [segment.acc_g for segment in recording.segments], recording.acc_range_g, LEAST_ACC_RANGE_G
-    )
-    gyr_limits = find_limits(
-        [segment.gyr_dps for segment in recording.segments], recording.gyr_range_dps, LEAST_GYR_RANGE_DPS
-    )
-    return [
-        span for segment in recording.segments for span in _find_in_segment(segment, acc_limits, gyr_limits)
-    ]
+    pairs = [pair for pair in zip(recording.segments, blocks, strict=True) if len(pair[0])]
+    acc = [Channel(segment.acc_g, part.acc_ends, part.rows_per_block) for segment, part in pairs]
+    gyr = [Channel(segment.gyr_dps, part.gyr_ends, part.rows_per_block) for segment, part in pairs]
+    acc_limits = find_limits(acc, recording.acc_range_g, LEAST_ACC_RANGE_G)
+    gyr_limits = find_limits(gyr, recording.gyr_range_dps, LEAST_GYR_RANGE_DPS)
+    spans: list[Span] = []
+    for (segment, _), one, other in zip(pairs, acc, gyr, strict=True):
+        rows = np.union1d(_list_outside(one, acc_limits), _list_outside(other, gyr_limits))
+        spans += _widen(segment, rows)
+    return spans
 
 
-def find_limits(pieces: list[FloatMatrix], full_scale: float | None, least: float) -> FloatMatrix:
+def find_limits(channels: list[Channel], full_scale: float | None, least: float) -> FloatMatrix:
     """Give the values at or past which each axis is clipped, low and high, shape (2, 3); else infinite."""
-    if full_scale is not None:
-        limit = np.float32(full_scale * RANGE_SHARE)
-        return np.array([[-limit] * 3, [limit] * 3], np.float32)
-    limits = np.array([[-np.inf] * 3, [np.inf] * 3], np.float32)
-    filled = [piece for piece in pieces if len(piece)]
-    for axis in range(3 if filled else 0):
-        for side, sign in ((0, -1.0), (1, 1.0)):
-            extreme = max(sign * find_extreme(piece, axis, sign) for piece in filled)
-            longest = max(measure_flat(piece, axis, np.float32(sign * extreme)) for piece in filled)
-            if extreme >= least and longest >= FLAT_ROWS:
-                limits[side, axis] = sign * extreme
-    return limits
+    if full_scale is None:
+        sizes = find_flat_limits(channels, None, least)
+    else:
+        sizes = np.full((2, 3), full_scale * RANGE_SHARE)
+    return (np.array([[-1.0], [1.0]]) * sizes).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
-def find_extreme(samples, axis, sign):  # type: ignore[no-untyped-def]
-    """Give the highest value of an axis, or the lowest where ``sign`` is -1."""
-    extreme = samples[0, axis]
-    for i in range(1, len(samples)):
-        if sign * samples[i, axis] > sign * extreme:
-            extreme = samples[i, axis]
-    return extreme
+def _list_outside(channel: Channel, limits: FloatMatrix) -> NDArray[np.intp]:
+    """List the rows with an axis at or past a limit; only the blocks that get there are looked at."""
+    lows, highs = channel.ends[:3].T, channel.ends[3:].T
+    blocks = np.flatnonzero(((lows <= limits[0]) | (highs >= limits[1])).any(axis=1))
+    rows = (blocks[:, None] * channel.rows_per_block + np.arange(channel.rows_per_block)).ravel()
+    rows = rows[rows < len(channel.samples)]
+    samples = channel.samples[rows]
+    is_outside = (samples <= limits[0]) | (samples >= limits[1])
+    return np.asarray(rows[is_outside.any(axis=1)])
 
 
-@njit(cache=True, nogil=True)
-def measure_flat(samples, axis, value):  # type: ignore[no-untyped-def]
-    """Give the longest run of rows in which an axis rests at a value."""
-    longest, run = 0, 0
-    for i in range(len(samples)):
-        run = run + 1 if samples[i, axis] == value else 0
-        longest = max(longest, run)
-    return longest
-
-
-def _find_in_segment(segment: Segment, acc_limits: FloatMatrix, gyr_limits: FloatMatrix) -> list[Span]:
-    clipped = np.zeros(len(segment), np.bool_)
-    count = mark_outside(segment.acc_g, acc_limits, clipped)
-    count += mark_outside(segment.gyr_dps, gyr_limits, clipped)
-    if count == 0:
+def _widen(segment: Segment, clipped: NDArray[np.intp]) -> list[Span]:
+    if len(clipped) == 0:
         return []
+    marked = np.zeros(len(segment), np.bool_)
+    marked[clipped] = True
     margin_rows = math.ceil(MARGIN_S * segment.rate_hz)  # whole rows, so that no part of a row is left over
     margin = np.array([-margin_rows, margin_rows])
-    rows: IntArray = np.clip(find_runs(clipped) + margin, 0, len(segment))
+    rows: IntArray = np.clip(find_runs(marked) + margin, 0, len(segment))
     times_us = segment.start_us + np.rint(rows * (MICROSECONDS / segment.rate_hz)).astype(np.int64)
     return [Span(start_us, end_us - start_us, "clipped") for start_us, end_us in times_us.tolist()]
-
-
-@njit(cache=True, nogil=True)
-def mark_outside(samples, limits, marked):  # type: ignore[no-untyped-def]
-    """Mark the rows with an axis at or past a limit; return how many there are."""
-    count = 0
-    for i in range(len(samples)):
-        for axis in range(3):
-            if samples[i, axis] <= limits[0, axis] or samples[i, axis] >= limits[1, axis]:
-                marked[i] = True
-                count += 1
-                break
-    return count
 
 
 # What is left out of the analysis, and why (CONTRACT.md §5 "Time").
@@ -126,11 +107,13 @@ SHORTEST_RECORDING_US = 10 * MICROSECONDS
 READY_ANGLES = "angles"
 
 
-def find_exclusions(recording: Recording) -> tuple[Span, ...]:
+def find_exclusions(recording: Recording, blocks: Blocks | None = None) -> tuple[Span, ...]:
     """Find what is left out: docked or asleep, segments under 1 s, clipped samples with 100 ms on each side.
 
     The spans are disjoint, in time order and inside the recording; where reasons overlap, the first of this
-    list is given. A ready angle series has no samples, hence only what its file says.
+    list is given. They begin and end with rows of the angle, so that no part of a row is left over. A ready
+    angle series has no samples, hence only what its file says. ``blocks``: the recording reduced, where the
+    caller has it already.
     """
     if not recording.holds_samples:
         return make_disjoint(recording.excluded, recording.duration_us)
@@ -139,7 +122,27 @@ def find_exclusions(recording: Recording) -> tuple[Span, ...]:
         for segment in recording.segments
         if segment.duration_us < SHORTEST_SEGMENT_US
     ]
-    return make_disjoint([*find_clipped(recording), *short, *recording.excluded], recording.duration_us)
+    clipped = find_clipped(recording, blocks or reduce_recording(recording))
+    spans = [*clipped, *short, *recording.excluded]
+    return make_disjoint(_widen_to_rows(spans, recording), recording.duration_us)
+
+
+def _widen_to_rows(spans: list[Span], recording: Recording) -> list[Span]:
+    """Let spans begin and end with a row of the angle where several samples make a row."""
+    runs = [rows for rows in map(lay_rows, recording.segments) if rows.per_row > 1]
+    return [_widen_span(span, runs) for span in spans] if runs else spans
+
+
+def _widen_span(span: Span, runs: Sequence[AngleRows]) -> Span:
+    start_us, end_us = span.start_us, span.end_us
+    for edge_us in (start_us, end_us):
+        place = bisect_right(runs, edge_us, key=lambda run: run.start_us) - 1
+        if place >= 0 and edge_us < find_end_us(runs[place]):
+            run = runs[place]
+            touched = find_touched_rows(run, span.start_us, span.end_us)
+            bounds = np.rint(run.start_us + np.array([touched.start, touched.stop]) * run.period_us)
+            start_us, end_us = min(start_us, int(bounds[0])), max(end_us, int(bounds[1]))
+    return replace(span, start_us=start_us, duration_us=end_us - start_us)
 
 
 def refuse_short(recording: Recording) -> None:
@@ -203,13 +206,11 @@ def flag_untrusted(
     ``elevation`` is that of the recording, segment by segment. Rows put in over a hole of up to 50 ms are a
     part of that hole, and what is excluded is not missing. Less than a second in all is not flagged.
     """
-    bridged = {segment.start_us: segment.bridged for segment in recording.segments}
+    bridged = {segment.start_us: _list_bridged_rows(segment) for segment in recording.segments}
     spans: list[Span] = []
     for segment in elevation.segments:
         doubted = ~segment.valid
-        for first, stop in bridged.get(segment.start_us, ()):
-            doubted[first:stop] = False
-        for rows in list_touched_rows(segment, exclusions):
+        for rows in (*bridged.get(segment.start_us, ()), *list_touched_rows(segment, exclusions)):
             doubted[rows] = False
         times_us = segment.start_us + np.rint(find_runs(doubted) * (MICROSECONDS / segment.rate_hz))
         spans += [Span(int(a), int(b - a), "untrusted") for a, b in times_us]
@@ -218,12 +219,18 @@ def flag_untrusted(
     return flag_spans(Caveat.UNTRUSTED, spans)
 
 
+def _list_bridged_rows(segment: Segment) -> list[slice]:
+    """Give the rows of the angle with a sample that was put in over a hole."""
+    rows = lay_rows(segment)
+    return [rows.hold(first, stop) for first, stop in segment.bridged]
+
+
 def flag_untrusted_pose(calibration: Calibration, elevation: Elevation) -> tuple[QualityFlag, ...]:
     """Flag a calibration window of which at most half is trusted: all angles rest on it (W-POSE-DOUBT)."""
     return tuple(
         flag_window(Caveat.POSE_DOUBT, still)
         for still in calibration.windows
-        if 2.0 * _trust(elevation, still.start_s, still.start_s + still.duration_s) <= 1.0
+        if 2.0 * _trust(elevation, still.start_s, still.end_s) <= 1.0
     )
 
 
@@ -271,9 +278,31 @@ def account_time(recording: Recording, elevation: Elevation, exclusions: tuple[S
 
 
 def count_holes_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
-    """Count the time without samples that no exclusion explains, as `inspect` does before an analysis."""
+    """Count the time without samples that no exclusion explains, with what falls with its row."""
     holes = find_missing(recording.segments, recording.duration_us, exclusions)
-    return sum(hole.duration_us for hole in holes)
+    return sum(hole.duration_us for hole in holes) + count_beside_us(recording, exclusions)
+
+
+def count_beside_us(recording: Recording, exclusions: tuple[Span, ...]) -> int:
+    """Count the time of samples beside a bridged hole, which fall with the row that they share with it.
+
+    None where each sample is a row, as `inspect` counts before an analysis.
+    """
+    coarse = (segment for segment in recording.segments if lay_rows(segment).per_row > 1)
+    return sum(_count_beside_us(segment, exclusions) for segment in coarse if segment.bridged)
+
+
+def _count_beside_us(segment: Segment, exclusions: tuple[Span, ...]) -> int:
+    rows, bridged = lay_rows(segment), np.zeros(len(segment), np.bool_)
+    fallen, counted = np.zeros(len(rows), np.bool_), np.ones(len(rows), np.bool_)
+    for left_out in list_touched_rows(rows, exclusions):
+        counted[left_out] = False
+    for first, stop in segment.bridged:
+        bridged[first:stop], fallen[rows.hold(first, stop)] = True, True
+    fallen &= counted
+    bridged &= find_valid_samples(counted, len(segment))
+    bridged_us = np.count_nonzero(bridged) * MICROSECONDS / segment.rate_hz
+    return round(np.count_nonzero(fallen) * rows.period_us - bridged_us)
 
 
 def divide_time(
@@ -362,8 +391,8 @@ def _find_still(segment: Segment) -> list[Span]:
     return [Span(int(a), int(b - a), "not-worn") for a, b in times_us]
 
 
-@njit(cache=True, nogil=True)
-def mark_still(acc_g, rows, still_g, still):  # type: ignore[no-untyped-def]
+@kernel
+def mark_still(acc_g: Any, rows: int, still_g: float, still: Any) -> None:  # pragma: no cover
     """Mark the windows of ``rows`` rows in which every axis' standard deviation is under ``still_g``."""
     for k in range(len(still)):
         still[k] = True

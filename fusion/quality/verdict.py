@@ -4,10 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fusion.caveats import FEW_H, POOR_H, Caveat, Grade
-from fusion.exposure.types import Exposure
+from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
+from fusion.conventions import NPOSE_ERROR_DEG, UNHELD
+from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.pose.calibrate import Calibration
-from fusion.pose.rules import NPOSE_ERROR_DEG
+from fusion.quality.time_account import count_beside_us
 from fusion.quality.types import Quality, TimeAccount, Verdict
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Span, flag_spans
 from fusion.sensor.model import GyroBias
@@ -74,17 +75,18 @@ def assess_quality(
 ) -> Quality:
     """Collect every caveat and give the verdict with the codes of all that count, the gravest first.
 
-    Poor: less than 2 h or half of the recording analysed, no still period, a calibration in a stretch that is
-    not trusted or in a posture that tells the axis no better than 10 deg (nothing confirms it, or walking
-    lies apart), a sensor that sat otherwise for half of the recording, sensor upside down. Caution: less than
+    Poor: less than 2 h or half of the recording analysed, no pose held still, a pose in a stretch that is not
+    trusted, more than 30 deg from walking or known no better than 10 deg, a sensor that sat otherwise for
+    half of the recording, sensor upside down. Caution: less than
     4 h, 1 % or more missing, 0.1 % or more clipped, any other doubt about the signal (the sensor may
-    not have been worn). A note (a duplicate second, the N-pose) leaves the verdict good.
+    not have been worn). A note (a duplicate second, the N-pose) leaves the verdict good. Within a grade the
+    caveat that cost the most time comes first.
     """
     given = (*recording.flags, *calibration_flags)
     told = {flag.code for flag in given}
     own = _find_own_flags(recording, calibration, time, exclusions)
     flags = [*given, *(flag for flag in own if flag.code not in told)]
-    flags = sorted(flags, key=lambda flag: -grade_flag(flag, time))  # stable: reading order within
+    flags = sorted(flags, key=lambda flag: (-grade_flag(flag, time), -find_lost_s(flag)))  # else as read
     worst = max((grade_flag(flag, time) for flag in flags), default=Grade.NOTE)
     reasons = dict.fromkeys(flag.code for flag in flags if grade_flag(flag, time) > Grade.NOTE)
     return Quality(VERDICTS[worst], tuple(reasons), tuple(flags))
@@ -101,6 +103,11 @@ def grade_flag(flag: QualityFlag, time: TimeAccount) -> Grade:
     return Grade(caveat.grade + is_graver)
 
 
+def find_lost_s(flag: QualityFlag) -> float:
+    """Give the seconds that were not analysed because of a caveat; 0 where it cost none."""
+    return flag.seconds if flag.code in TIME_LOST else 0.0
+
+
 def _find_own_flags(
     recording: Recording, calibration: Calibration | None, time: TimeAccount, exclusions: tuple[Span, ...]
 ) -> Iterable[QualityFlag]:
@@ -109,7 +116,7 @@ def _find_own_flags(
     yield from flag_spans(Caveat.CLIP, [span for span in exclusions if span.reason == "clipped"])
     yield from _flag_untrusted(recording, time, holes, exclusions)
     yield from _flag_length(recording, time, exclusions)
-    if calibration is not None and calibration.pose == "n-pose":
+    if calibration is not None and calibration.pose == "n-pose" and calibration.found not in UNHELD:
         yield QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
 
 
@@ -144,7 +151,8 @@ def _flag_untrusted(
         for first, stop in segment.bridged
         if not _is_within(segment.start_us + first * MICROSECONDS / segment.rate_hz, exclusions)
     )
-    untrusted_us = time.missing_us - bridged_us - sum(span.duration_us for span in holes)
+    beside_us = count_beside_us(recording, exclusions)
+    untrusted_us = time.missing_us - bridged_us - beside_us - sum(span.duration_us for span in holes)
     if untrusted_us >= MICROSECONDS:
         yield QualityFlag(Caveat.UNTRUSTED, seconds=untrusted_us / MICROSECONDS)
 
@@ -165,5 +173,7 @@ def _flag_length(
     if analysed_s < 60.0 and recording.holds_samples:
         yield QualityFlag(Caveat.SHORT, seconds=analysed_s)
     elif analysed_s < FEW_H * HOUR_S:
-        limit_h = POOR_H if analysed_s < POOR_H * HOUR_S else FEW_H
-        yield QualityFlag(Caveat.FEW_HOURS, seconds=analysed_s, facts={"hours": limit_h})
+        facts = {"hours": POOR_H if analysed_s < POOR_H * HOUR_S else FEW_H}
+        if analysed_s < LEAST_RANGED_S:
+            facts["minutes"] = round(LEAST_RANGED_S / 60.0)
+        yield QualityFlag(Caveat.FEW_HOURS, seconds=analysed_s, facts=facts)

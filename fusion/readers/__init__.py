@@ -1,34 +1,38 @@
 """From a file's bytes to a :class:`fusion.recording.Recording`: one format, one file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import BinaryIO
 
+from fusion.caveats import Caveat
 from fusion.checks.faults import exclude_faults, exclude_stuck, refuse_dead
 from fusion.checks.physics import check_physics, refuse_impossible_rates
+from fusion.checks.summary import summarise
 from fusion.checks.unmeasured import leave_out_held, leave_out_zeros
-from fusion.errors import EmptyFile
+from fusion.errors import EmptyFile, FailedReader
 from fusion.readers.archives import unpack
 from fusion.readers.cwa import read as cwa
 from fusion.readers.gt3x import read as gt3x
+from fusion.readers.plugins import PlugIn, find_plugins
 from fusion.readers.recognise import check_extension, explain_refusal, identify_content, refuse_blank
 from fusion.readers.source import Source, hash_source, open_source
 from fusion.readers.tables import actilife as actilife_csv
 from fusion.readers.tables import csv as lsm9ds1_csv
-from fusion.readers.tables import parquet
+from fusion.readers.tables import pair, parquet
 from fusion.readers.tables import registers as lsm9ds1_raw
 from fusion.readers.tables.profile import (
     ColumnProfile,
     ProfileProposal,
     check_profile,
+    identify_header,
     parse_profile,
     propose_profile,
 )
 from fusion.readers.timebase.clock import flag_days
 from fusion.readers.timebase.joining import join_recordings
-from fusion.recording import Recording
+from fusion.recording import QualityFlag, Recording
 
 __all__ = [
     "READERS",
@@ -38,6 +42,7 @@ __all__ = [
     "RecordingFile",
     "check_profile",
     "holds_device_format",
+    "identify_header",
     "join_recordings",
     "parse_profile",
     "propose_profile",
@@ -58,17 +63,21 @@ class Reader:
     read: Callable[[Source, float | None], Recording]
 
 
-READERS = (
+DEVICE_READERS = (
+    Reader("Two tables in a zip", pair.recognise, pair.read),
     Reader("ActiGraph GT9X Link .gt3x", gt3x.recognise, gt3x.read),
     Reader("Axivity AX6 .cwa", cwa.recognise, cwa.read),
-    Reader("Parquet", parquet.recognise, parquet.read),
     Reader("ActiLife IMU CSV", actilife_csv.recognise, actilife_csv.read),
+)
+"""A signature tells these files. Plug-ins are asked next, before whatever goes by the names of columns."""
+TABLE_READERS = (
+    Reader("Parquet", parquet.recognise, parquet.read),
     Reader("LSM9DS1 registers, binary", lsm9ds1_raw.recognise_binary, lsm9ds1_raw.read_binary),
     Reader("LSM9DS1 registers, text", lsm9ds1_raw.recognise_text, lsm9ds1_raw.read_text),
     Reader("CSV with named columns", lsm9ds1_csv.recognise, lsm9ds1_csv.read),
 )
-"""In the order in which they are tried."""
-OWN_EXTENSIONS = {READERS[0].name: ".gt3x", READERS[1].name: ".cwa"}
+READERS = (*DEVICE_READERS, *TABLE_READERS)
+OWN_EXTENSIONS = {"ActiGraph GT9X Link .gt3x": ".gt3x", "Axivity AX6 .cwa": ".cwa"}
 """Extensions of a device's own formats: content and extension must agree."""
 
 
@@ -93,7 +102,8 @@ def read_recording(
     sha256
         The digest of the bytes, hexadecimal, where the caller has it already; else it is computed here.
     profile
-        What the columns of a table mean, for tables whose header does not tell; other formats ignore it.
+        What the columns of a table mean, or which of its sensors is on the arm, for tables whose header does
+        not tell; other formats ignore it.
 
     Returns
     -------
@@ -110,7 +120,11 @@ def read_recording(
     if isinstance(file, str | PathLike):
         with Path(file).open("rb") as opened:
             return read_recording(
-                opened, file_name=file_name, rate_hz=rate_hz, sha256=sha256, profile=profile
+                opened,
+                file_name=file_name,
+                rate_hz=rate_hz,
+                sha256=sha256,
+                profile=profile,
             )
     source = open_source(file, file_name, is_hashed=not sha256)
     if source.size_bytes == 0:
@@ -127,8 +141,15 @@ def read_recording(
 
 def _check_readings(recording: Recording) -> Recording:
     """Leave out first what was not measured, so that the rest can be judged; then units, axes and faults."""
-    measured = exclude_stuck(leave_out_held(refuse_dead(leave_out_zeros(recording))))
-    return flag_days(refuse_impossible_rates(exclude_faults(check_physics(measured), measured)))
+    whole = leave_out_zeros(recording)
+    seen = summarise(whole.segments)
+    alive = leave_out_held(refuse_dead(whole, seen), seen)
+    seen = summarise(alive.segments, seen)
+    measured = exclude_stuck(alive, seen)
+    seen = summarise(measured.segments, seen)
+    checked = check_physics(measured, seen)
+    seen = summarise(checked.segments, seen)
+    return flag_days(refuse_impossible_rates(exclude_faults(checked, measured, seen), seen))
 
 
 def holds_device_format(file: BinaryIO) -> bool:
@@ -143,12 +164,30 @@ def holds_device_format(file: BinaryIO) -> bool:
 
 
 def _read_recognised(content: Source, rate_hz: float | None) -> Recording:
-    reader = next((reader for reader in READERS if reader.recognise(content)), None)
+    failures: list[FailedReader] = []
+    reader = next((one for one in _gather_readers() if _recognises(one, content, failures)), None)
     if reader is None:
-        raise explain_refusal(content)
+        raise failures[0] if failures else explain_refusal(content)
     recording = reader.read(content, rate_hz)
     check_extension(content, OWN_EXTENSIONS.get(reader.name))
-    return recording
+    failed = tuple(QualityFlag(Caveat.READER, facts=failure.facts) for failure in failures)
+    return replace(recording, flags=(*failed, *recording.flags)) if failed else recording
+
+
+def _gather_readers() -> Iterator[Reader | PlugIn]:
+    """Give the readers in the order in which they are tried; plug-ins are looked for only in their turn."""
+    yield from DEVICE_READERS
+    yield from find_plugins()
+    yield from TABLE_READERS
+
+
+def _recognises(reader: Reader | PlugIn, content: Source, failures: list[FailedReader]) -> bool:
+    """Ask one reader; a plug-in that fails is noted, and does not stop the others."""
+    try:
+        return reader.recognise(content)
+    except FailedReader as failure:
+        failures.append(failure)
+        return False
 
 
 def read_recordings(

@@ -2,9 +2,11 @@
 
 import gzip
 import io
+import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import IO, BinaryIO, cast
 
@@ -147,8 +149,53 @@ ZIP_MAGIC = b"PK\x03\x04"
 BROKEN = (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, ValueError, NotImplementedError, RuntimeError)
 """What the standard library raises on packed bytes that contradict themselves."""
 OWN_FOLDERS = ("xl/", "word/")
+LEFT_FOLDERS = ("__MACOSX/", "meta/")
+"""What a Mac and phyphox put beside the recording."""
+DEVICE_PARTS = ("log.bin", "info.txt")
 OWN_ARCHIVES = ("log.bin", "info.txt", "activity.bin", "[Content_Types].xml", "mimetype")
 """Members of archives that are a format of their own: `.gt3x`, Office, OpenDocument and NumPy files."""
+
+
+# A pair of tables: one of the accelerometer, one of the gyroscope.
+
+
+ANGULAR_RATE = re.compile(r"gyro", re.IGNORECASE)
+TOTAL, ACCELERATION = re.compile(r"total_?accel", re.IGNORECASE), re.compile(r"accel", re.IGNORECASE)
+GRAVITY = re.compile(r"gravity", re.IGNORECASE)
+WITHOUT_GRAVITY = re.compile(r"linear|user_?accel", re.IGNORECASE)
+LEFT_ASIDE = re.compile(r"uncalibrated|^meta", re.IGNORECASE)
+TABLES = (".csv", ".txt", ".tsv")
+
+
+@dataclass(frozen=True, slots=True)
+class PairNames:
+    """The tables of a pair by their names in the archive; ``gravity`` is to be added to the acceleration."""
+
+    acceleration: str
+    angular_rate: str
+    gravity: str = ""
+    is_linear: bool = False
+
+
+def find_pair(names: Sequence[str]) -> PairNames | None:
+    """Find the two tables by their names; None where there is not one of each."""
+    tables = {
+        name: PurePath(name).stem
+        for name in names
+        if name.lower().endswith(TABLES) and not name.startswith(LEFT_FOLDERS)
+    }
+    tables = {name: stem for name, stem in tables.items() if not LEFT_ASIDE.search(stem)}
+    rates = [name for name, stem in tables.items() if ANGULAR_RATE.search(stem)]
+    linear = [name for name, stem in tables.items() if WITHOUT_GRAVITY.search(stem)]
+    gravity = [name for name, stem in tables.items() if GRAVITY.search(stem)]
+    for pattern in (TOTAL, ACCELERATION):
+        found = [name for name, stem in tables.items() if pattern.search(stem) and name not in linear]
+        if len(found) == len(rates) == 1:
+            return PairNames(found[0], rates[0], "" if pattern is TOTAL else next(iter(gravity), ""))
+    return PairNames(linear[0], rates[0], is_linear=True) if len(linear) == len(rates) == 1 else None
+
+
+# What is unpacked as it is read.
 
 
 class UnpackedFile(io.RawIOBase):
@@ -227,7 +274,11 @@ def _unpack_zip(source: Source) -> Source:
     names = archive.namelist()
     if any(name in OWN_ARCHIVES or name.startswith(OWN_FOLDERS) or name.endswith(".npy") for name in names):
         return source
-    members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith("__MACOSX/")]
+    if find_pair(names):
+        return source
+    members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith(LEFT_FOLDERS)]
+    if any(PurePath(member.filename).name in DEVICE_PARTS for member in members):
+        raise UnsafeArchive(reason="folder")
     if len(members) != 1:
         raise UnsafeArchive(reason="several", count=len(members))
     (member,) = members

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
 from fusion.checks.axes import judge_frame, measure_scale
-from fusion.checks.gravity_windows import GravityWindows, GyroModel, find_gyro_offset_dps, measure_miss
-from fusion.checks.physics import cut_whole_windows, find_rest_g, format_axes
+from fusion.checks.gravity_windows import GravityWindows, GyroModel, find_rests, measure_miss
+from fusion.checks.physics import cut_whole_windows, format_axes
 from fusion.errors import EmptyFile, FusionError, NoGyroscope, UnknownFormat
 from fusion.readers import read_recording
-from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC
+from fusion.readers.archives import GZIP_MAGIC, MAX_TEXT_BYTES, ZIP_MAGIC, find_pair
 from fusion.readers.cwa import read as cwa
 from fusion.readers.cwa.read import HEADER_BYTES, parse_header
 from fusion.readers.gt3x import read as gt3x
@@ -31,7 +31,6 @@ from fusion.recording import MICROSECONDS, QualityFlag, Recording, Span, find_mi
 
 
 Table = NDArray[np.float64]
-WIDEST_MARGIN = 0.1
 
 
 def measure_sanity(recording: Recording) -> dict[str, object]:
@@ -41,15 +40,14 @@ def measure_sanity(recording: Recording) -> dict[str, object]:
     which gravity turned enough to tell something. ``handedness``: +1 wholly right-handed, -1 wholly
     left-handed, from how well the angular rate and its opposite explain the turns. ``axes``: the readings
     that explain them as rates about x, y and z, "+x +y +z" where all is right. ``gyro_scale``: the factor on
-    the rates that explains them best, 1 where it is right, give or take ``gyro_scale_margin`` (twice its
-    standard error); ``gyro_scale_axes`` the same for each axis, None where its margin is over 10 %. What
-    rests on turns is None where there are too few. The recording is taken as it came through
-    :mod:`fusion.checks.physics`: what was corrected there is among the warnings.
+    the rates that explains slow ones best, 1 where it is right, give or take ``gyro_scale_margin`` (twice
+    its standard error). What rests on turns is None where there are too few. The recording is taken as it
+    came through :mod:`fusion.checks.physics`: what was corrected there is among the warnings.
     """
-    rest_g, is_still = find_rest_g(recording.segments)
-    offset_dps = find_gyro_offset_dps(recording.segments)
+    rests = find_rests(recording.segments)
+    offset_dps = np.median(rests.gyr, axis=0) if len(rests) else np.zeros(3)
     return {
-        "rest_g": round(rest_g, 4) if is_still else None,
+        "rest_g": round(rests.length, 4) if len(rests) else None,
         "gyro_offset_dps": [round(float(value), 3) for value in offset_dps],
         **_measure_turns(recording, offset_dps),
     }
@@ -64,22 +62,16 @@ def _measure_turns(recording: Recording, offset_dps: Table) -> dict[str, object]
             "axes",
             "gyro_scale",
             "gyro_scale_margin",
-            "gyro_scale_axes",
             "unexplained_percent",
         )
         return {"turns": 0, **dict.fromkeys(none)}
     scale = measure_scale(windows, evidence.as_read, 1.0)
-    margins = 2.0 * scale.axes_errors
     return {
         "turns": evidence.lively,
         "handedness": round(_score_handedness(windows, evidence.as_read.model), 3),
         "axes": None if evidence.is_doubtful else format_axes(evidence.chosen.turn),
-        "gyro_scale": round(scale.overall, 3),
-        "gyro_scale_margin": round(2.0 * scale.error, 3),
-        "gyro_scale_axes": [
-            round(float(k), 3) if margin < WIDEST_MARGIN else None
-            for k, margin in zip(scale.axes, margins, strict=True)
-        ],
+        "gyro_scale": None if scale is None else round(scale.overall, 3),
+        "gyro_scale_margin": None if scale is None else round(2.0 * scale.error, 3),
         "unexplained_percent": round(100.0 * evidence.as_read.score, 2),
     }
 
@@ -215,8 +207,6 @@ def _preview_text(head: bytes, file_name: str, rate_hz: float | None, tail: byte
         raise
     except FusionError:  # too short, dead, without time: the rest may tell otherwise
         return Preview()
-    if any(flag.code == Caveat.REVERSED for flag in recording.flags):
-        return replace(_summarise(recording), start=None)  # it begins where the file ends
     end = None if tail is None else _find_last_row(recording, lines, tail, file_name, rate_hz)
     return replace(_summarise(recording), end=end)
 
@@ -260,7 +250,12 @@ def _preview_zip(head: bytes, rate_hz: float | None, tail: bytes) -> Preview:
     if {"info.txt", "log.bin"} & set(members):
         return _preview_gt3x(members, _find_device_text(tail))
     packed = next((name for name in members if name.lower().endswith((".csv", ".txt"))), None)
-    return _preview_text(members[packed], packed, rate_hz) if packed else Preview()
+    if packed is None or find_pair(list(members)):
+        return Preview()
+    try:
+        return _preview_text(members[packed], packed, rate_hz)
+    except UnknownFormat:  # the first of several tables: the others are still on their way
+        return Preview()
 
 
 def _preview_cwa(head: bytes, tail: bytes | None) -> Preview:

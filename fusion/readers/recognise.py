@@ -5,23 +5,26 @@ import re
 from fusion.errors import (
     BlankFile,
     FusionError,
+    NoGyroscope,
+    NoSamples,
     RefusedXml,
-    TooShort,
     UnknownColumns,
     UnknownFormat,
     UnsafeArchive,
     WrongExtension,
 )
 from fusion.readers.source import Source, read_chunks
-from fusion.readers.tables.columns import parse_column_name
+from fusion.readers.tables.columns import name_missing, parse_column_name, read_axis
+from fusion.readers.tables.header import split_fields
 from fusion.readers.tables.layout import (
     DELIMITERS,
     SNIFFED_LINES,
+    TextLayout,
     decode_head,
     find_form,
     find_layout,
-    split_fields,
 )
+from fusion.units import ACC_UNITS_G
 
 MAGIC = (
     (b"%PDF-", "PDF"),
@@ -92,10 +95,24 @@ def _explain_text(source: Source) -> FusionError:
         return WrongExtension(ext=".gt3x", kind="text", right=".csv")
     layout = find_layout(decode_head(source))
     if layout is None and has_column_names(source):
-        return TooShort(s=0.0)
+        return NoSamples()
     if layout is None:
-        return UnknownFormat(kind="text")
-    return UnknownColumns(list=" | ".join(layout.sample_rows[0])[:200], line=layout.first_line + 1)
+        return explain_one_sensor(source) or UnknownFormat(kind="text")
+    return _name_header(source, layout) or UnknownColumns(why="no header", line=layout.first_line + 1)
+
+
+def _name_header(source: Source, layout: TextLayout) -> FusionError | None:
+    """The error that shows the line above the rows, where it names every column by unknown names."""
+    above = decode_head(source).split("\n")[: layout.first_line][-1:]
+    fields = [field.strip() for line in above for field in split_fields(line, layout.delimiter)]
+    if not above or len(fields) != len(layout.sample_rows[0]) or not all(map(_is_name, fields)):
+        return None
+    columns = [parse_column_name(field) for field in fields]
+    return UnknownColumns(list=above[0].strip()[:200], missing=name_missing(columns))
+
+
+def _is_name(field: str) -> bool:
+    return any(letter.isalpha() for letter in field)
 
 
 def has_column_names(source: Source) -> bool:
@@ -106,6 +123,24 @@ def has_column_names(source: Source) -> bool:
         for line in lines
         for mark in DELIMITERS
     )
+
+
+def explain_one_sensor(source: Source) -> FusionError | None:
+    """The error for a table of one sensor, as the apps of phones write one for each; None for any other."""
+    for line in decode_head(source).split("\n")[:SNIFFED_LINES]:
+        for mark in DELIMITERS[:-1]:
+            fields = split_fields(line, mark)
+            columns = [parse_column_name(field) for field in fields]
+            axes = dict(found for field in fields if (found := read_axis(field)))
+            channels = {column.channel for column in columns} & {"acc", "linear", "gyr"}
+            if channels and "gyr" not in channels:
+                return NoGyroscope()
+            if channels == {"gyr"} or (len(axes) == len("xyz") and columns[0].channel == "time"):
+                is_acc = any(unit in ACC_UNITS_G for unit in axes.values())
+                if is_acc:
+                    return NoGyroscope(cure="two tables")
+                return UnknownColumns(why="one sensor", list=line.strip()[:200])
+    return None
 
 
 def check_extension(source: Source, own: str | None) -> None:

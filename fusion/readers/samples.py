@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.checks.stopped import LEAST_PART, MOST_TIMES, count_filler_runs, has_equal_sizes, mark_fillers
+from fusion.checks.stopped import find_runs, mark_fillers
 from fusion.checks.unmeasured import is_too_frequent, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
 from fusion.readers.source import Source
@@ -161,12 +161,10 @@ def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:
     They are rows whose stamp is zero too (a block of a card that was never written), and all rows of zeros
     where these stand between the samples everywhere (read before the sensor had a new sample).
     """
-    usual = measure_usual(columns.acc)
-    if not has_equal_sizes(columns.acc, LEAST_PART * usual, MOST_TIMES * usual):
+    is_blank = mark_fillers(columns.acc, columns.gyr, measure_usual(columns.acc))
+    if not is_blank.any():
         return ()
-    runs = count_filler_runs(columns.acc, columns.gyr, usual)
-    is_blank = mark_fillers(columns.acc, columns.gyr, usual)
-    if not is_too_frequent(runs, columns.rows):
+    if not is_too_frequent(len(find_runs(is_blank)), columns.rows):
         is_blank &= columns.stamps == 0
         is_blank[0] &= is_blank.sum() > 1  # a clock may well begin at zero
     dropped = int(is_blank.sum())

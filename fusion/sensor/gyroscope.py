@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import solveh_banded
 
 from fusion.numba_kernels import kernel
 from fusion.recording import Float64Array
@@ -31,6 +30,7 @@ from fusion.sensor.model import (
     carry,
     hold_bias,
     hold_together,
+    solve_band,
     turn_factors,
 )
 from fusion.sensor.nodes import Nodes, reduce_to_nodes
@@ -232,10 +232,19 @@ def find_jumps(stills: QuietTable, settings: BiasSettings) -> list[float]:
     change_dps = np.linalg.norm(medians[count:] - medians[:-count], axis=1)
     jumps: list[float] = []
     while len(change_dps) and change_dps.max() > settings.jump_dps:
-        at = int(np.argmax(change_dps))
+        at = _find_middle(change_dps)
         jumps.append(float(stills.middle_s[at + count - 1 : at + count + 1].mean()))
         change_dps[max(0, at - count) : at + count + 1] = 0.0
     return sorted(jumps)
+
+
+def _find_middle(change_dps: Float64Array) -> int:
+    """Middle of the highest plateau: medians show a jump from some moments before it to some after."""
+    at = int(np.argmax(change_dps))
+    lower = np.flatnonzero(change_dps < 0.5 * change_dps[at])
+    first = int(lower[lower < at].max(initial=-1)) + 1
+    stop = int(lower[lower > at].min(initial=len(change_dps)))
+    return (first + stop - 1) // 2
 
 
 def _break_at(knots_s: Float64Array, jumps_s: list[float]) -> Float64Array:
@@ -284,7 +293,7 @@ def _solve(
         pulls = np.einsum("w,wij,wi->wj", weight, windows.matrix, windows.difference)
         in_windows.add(band, right, squares, pulls)
         in_stills.add_alike(band, right, still_weight, still_weight[:, None] * stills.gyro_dps)
-        values = solveh_banded(band, right, lower=True).reshape(-1, 3)
+        values = solve_band(band, right[None]).reshape(-1, 3)
         bias = GyroBias(knots_s, values, len(stills), len(windows.time_s))
     return bias
 

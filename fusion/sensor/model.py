@@ -1,13 +1,13 @@
 """Plain arrays of one unbroken run, as the estimators take them."""
 
 from dataclasses import dataclass
-from math import pi
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.numba_kernels import fused
+from fusion.numba_kernels import fused, inner, kernel
 from fusion.recording import Float64Array, FloatArray, Segment
 
 # The rotation between two samples, and how a vector moves with it.
@@ -82,6 +82,66 @@ def hold_together(knots_s: Float64Array, sd_per_root_min: float) -> Float64Array
     band[0, 3:] += per_axis
     band[3, :-3] -= per_axis
     return band
+
+
+def solve_band(band: Float64Array, right: Float64Array) -> Float64Array:
+    """Solve a symmetric positive definite band for each row of the right side, by Cholesky's factors.
+
+    Parameters
+    ----------
+    band
+        Shape (d, n): the diagonal, then what stands so many places below it.
+    right
+        Shape (m, n).
+
+    Returns
+    -------
+    Float64Array
+        Shape (m, n).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The band is not positive definite.
+    """
+    solved = right.copy()
+    if not _solve_band(band.copy(), solved):
+        raise np.linalg.LinAlgError("the band is not positive definite")
+    return solved
+
+
+@inner
+def _factor_band(band):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Put the factor in place of the band; False where it has none."""
+    depth, n = band.shape
+    for j in range(n):
+        if not band[0, j] > 0.0:
+            return False
+        band[0, j] = sqrt(band[0, j])
+        end = min(depth, n - j)
+        for i in range(1, end):
+            band[i, j] /= band[0, j]
+        for k in range(1, end):
+            for i in range(k, end):
+                band[i - k, j + k] -= band[i, j] * band[k, j]
+    return True
+
+
+@kernel
+def _solve_band(band, right):  # type: ignore[no-untyped-def] # pragma: no cover
+    if not _factor_band(band):
+        return False
+    depth, n = band.shape
+    for row in range(len(right)):
+        for j in range(n):
+            right[row, j] /= band[0, j]
+            for i in range(1, min(depth, n - j)):
+                right[row, j + i] -= band[i, j] * right[row, j]
+        for j in range(n - 1, -1, -1):
+            for i in range(1, min(depth, n - j)):
+                right[row, j] -= band[i, j] * right[row, j + i]
+            right[row, j] /= band[0, j]
+    return True
 
 
 class Hats:

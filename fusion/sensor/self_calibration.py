@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.checks.clipping import FLAT_ROWS, LEAST_ACC_RANGE_G, LEAST_GYR_RANGE_DPS, RANGE_SHARE
-from fusion.numba_kernels import kernel
+from fusion.numba_kernels import inner, kernel
 from fusion.recording import Float64Array, FloatArray
 from fusion.sensor.accelerometer import (
     AccelerometerCorrection,
@@ -142,16 +142,11 @@ def bridge_saturation(
     where it rests at its extreme of the whole recording for three rows or more, as in
     ``fusion.quality.time_account``.
     """
-    acc = [
-        _Channel(run.acc_g, part.acc_ends, part.rows_per_block)
-        for run, part in zip(runs, blocks, strict=True)
-    ]
-    gyr = [
-        _Channel(run.gyr_dps, part.gyr_ends, part.rows_per_block)
-        for run, part in zip(runs, blocks, strict=True)
-    ]
-    acc_limits = _find_limits(acc, acc_range_g, LEAST_ACC_RANGE_G)
-    gyr_limits = _find_limits(gyr, gyr_range_dps, LEAST_GYR_RANGE_DPS)
+    pairs = list(zip(runs, blocks, strict=True))
+    acc = [Channel(run.acc_g, part.acc_ends, part.rows_per_block) for run, part in pairs]
+    gyr = [Channel(run.gyr_dps, part.gyr_ends, part.rows_per_block) for run, part in pairs]
+    acc_limits = find_limits(acc, acc_range_g, LEAST_ACC_RANGE_G)
+    gyr_limits = find_limits(gyr, gyr_range_dps, LEAST_GYR_RANGE_DPS)
     if not (np.isfinite(acc_limits).any() or np.isfinite(gyr_limits).any()):
         return list(runs)
     return [
@@ -165,7 +160,7 @@ def bridge_saturation(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Channel:
+class Channel:
     """One sensor of one run: samples (n, 3), and lowest and highest (6, m) of each block of rows."""
 
     samples: FloatArray
@@ -173,7 +168,7 @@ class _Channel:
     rows_per_block: int
 
 
-def _find_limits(channels: Sequence[_Channel], full_scale: float | None, least: float) -> Float64Array:
+def find_limits(channels: Sequence[Channel], full_scale: float | None, least: float) -> Float64Array:
     """Values from which an axis is clipped, towards either side and as sizes, (2, 3); infinite where none."""
     low = np.min([channel.ends[:3].min(axis=1) for channel in channels], axis=0)
     high = np.max([channel.ends[3:].max(axis=1) for channel in channels], axis=0)
@@ -189,7 +184,7 @@ def _find_limits(channels: Sequence[_Channel], full_scale: float | None, least: 
     return limits
 
 
-def _measure_rest(channel: _Channel, column: int, extreme: float) -> int:
+def _measure_rest(channel: Channel, column: int, extreme: float) -> int:
     blocks = np.flatnonzero(channel.ends[column] == extreme)
     return int(_count_rest(channel.samples, column % 3, extreme, blocks, channel.rows_per_block))
 
@@ -240,7 +235,7 @@ def _bridge(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
         _draw_cubic(samples, axis, sign, limit, (first - 1, row), repaired)
 
 
-@kernel
+@inner
 def _draw_cubic(  # noqa: PLR0913, PLR0917 (a kernel takes plain arrays)
     samples: Any, axis: int, sign: float, limit: float, ends: tuple[int, int], repaired: Any
 ) -> None:  # pragma: no cover
@@ -314,4 +309,6 @@ def apply_calibration(
 
 
 def _apply(nodes: Nodes, calibration: SensorCalibration) -> Nodes:
-    return correct_nodes(nodes, calibration.bias, calibration.gyro_scale.gain, calibration.accelerometer)
+    """In the place of the nodes themselves, which nothing reads any more."""
+    gain, accelerometer = calibration.gyro_scale.gain, calibration.accelerometer
+    return correct_nodes(nodes, calibration.bias, gain, accelerometer, in_place=True)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fusion.simulation.body import Channel, Motion
+from fusion.simulation.people import TYPICAL, Person, shift_posture
 
 # Writes a score while time passes, as a choreographer would: move this there, wait, meanwhile sway.
 
@@ -20,9 +21,11 @@ class Choreography:
     """The body's pose now, and the strokes and waves that led to it.
 
     ``time_s`` is where the writing stands; ``move`` starts a movement there, ``wait`` lets time pass.
+    ``person`` is whose body it is.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, person: Person = TYPICAL) -> None:
+        self.person = person
         self.time_s = 0.0
         self._pose = dict.fromkeys(Channel, 0.0)
         self._strokes: list[tuple[float, ...]] = []
@@ -77,6 +80,16 @@ Activity = Callable[[Choreography, float, np.random.Generator], None]
 HANGING = {Channel.FLEXION: 0.0, Channel.PLANE: 0.0, Channel.ELEVATION: 0.0, Channel.AXIAL: 0.0}
 
 
+def relax(body: Choreography, chance: np.random.Generator) -> Pose:
+    """How the arm hangs when nobody thinks of it: each time a little elsewhere."""
+    person = body.person
+    by_deg = person.repeat_deg * float(np.hypot(chance.normal(), chance.normal()))
+    deg, plane_deg = shift_posture(
+        person.stance_deg, person.stance_plane_deg, by_deg, chance.uniform(0.0, 2.0 * np.pi)
+    )
+    return {Channel.FLEXION: 0.0, Channel.PLANE: plane_deg, Channel.ELEVATION: deg, Channel.AXIAL: 0.0}
+
+
 def tremble(body: Choreography, duration_s: float, deg: float, chance: np.random.Generator) -> None:
     """Breathing, sway and tremor that are always there; ``deg`` is the size of the slow part."""
     for channel, size, slowest_hz, fastest_hz in (
@@ -98,25 +111,29 @@ def hold_still(body: Choreography, duration_s: float, chance: np.random.Generato
     body.wait(duration_s)
 
 
+def idle(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
+    """Stand with the arm hanging, swaying slowly as idle arms do."""
+    for channel in (Channel.FLEXION, Channel.ELEVATION, Channel.SWING):
+        amplitude = body.person.sway_deg * chance.uniform(0.4, 0.8)
+        body.sway(channel, duration_s, chance.uniform(0.15, 0.5), amplitude, chance.uniform(0.0, 6.28))
+    hold_still(body, duration_s, chance)
+
+
 def stand(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
     """Stand about with the arm hanging; now and then it shifts a little."""
     end_s = body.time_s + duration_s
     while body.time_s < end_s:
-        pose = {
-            Channel.FLEXION: chance.normal(1.0, 2.0),
-            Channel.PLANE: chance.uniform(-90.0, 0.0),
-            Channel.ELEVATION: chance.uniform(2.0, 12.0),
-            Channel.HEADING: body.facing_deg + chance.normal(0.0, 20.0),
-        }
-        body.go(chance.uniform(0.8, 1.5), pose)
-        hold_still(body, chance.uniform(3.0, 15.0), chance)
+        heading_deg = body.facing_deg + chance.normal(0.0, 20.0)
+        body.go(chance.uniform(0.8, 1.5), {**relax(body, chance), Channel.HEADING: heading_deg})
+        idle(body, chance.uniform(3.0, 15.0), chance)
 
 
 def walk(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
     """Walk about: two steps to each swing of the arm, trunk heaving with each step, turns on the way."""
     duration_s = max(duration_s, 4.0)
     end_s = body.time_s + duration_s
-    body.move(1.2, {**HANGING, Channel.ELEVATION: 4.0, Channel.SPEED: chance.uniform(1.0, 1.5)})
+    gait = {Channel.PLANE: body.person.gait_plane_deg, Channel.ELEVATION: body.person.gait_deg}
+    body.move(1.2, {**HANGING, **gait, Channel.SPEED: chance.uniform(1.0, 1.5)})
     _step(body, duration_s, chance)
     while body.time_s < end_s - 4.0:
         body.move(chance.uniform(1.0, 2.0), {Channel.HEADING: body.facing_deg + chance.normal(0.0, 50.0)})
@@ -126,16 +143,18 @@ def walk(body: Choreography, duration_s: float, chance: np.random.Generator) -> 
 
 
 def _step(body: Choreography, duration_s: float, chance: np.random.Generator) -> None:
-    """Gait: 1.7 to 1.95 steps a second; sizes in deg and m."""
-    step_hz = chance.uniform(1.7, 1.95)
+    """Gait: the person's own steps, a little faster or slower each time; sizes in deg and m."""
+    person = body.person
+    step_hz = person.step_hz * chance.uniform(0.96, 1.04)
+    swing_deg, heave_m = person.swing_deg * chance.uniform(0.9, 1.1), person.heave_m
     stride_hz, phase = step_hz / 2, chance.uniform(0.0, 6.28)
-    body.sway(Channel.ELEVATION, duration_s, stride_hz, chance.uniform(10.0, 20.0), phase)
+    body.sway(Channel.SWING, duration_s, stride_hz, swing_deg, phase)
     body.sway(Channel.AXIAL, duration_s, stride_hz, chance.uniform(3.0, 8.0), phase + 0.4)
     body.sway(Channel.HEADING, duration_s, stride_hz, chance.uniform(3.0, 6.0), phase)
     body.sway(Channel.FLEXION, duration_s, step_hz, chance.uniform(0.5, 1.5), phase)
     body.sway(Channel.SWAY_LEFT, duration_s, stride_hz, chance.uniform(0.01, 0.02), phase)
     body.sway(Channel.SWAY_FORWARD, duration_s, step_hz, chance.uniform(0.006, 0.012), phase + 1.0)
-    body.sway(Channel.SWAY_UP, duration_s, step_hz, chance.uniform(0.015, 0.025), phase)
+    body.sway(Channel.SWAY_UP, duration_s, step_hz, heave_m, phase)
     body.sway(Channel.SWAY_UP, duration_s, 2 * step_hz, chance.uniform(0.001, 0.003), phase + 2.0)
 
 
@@ -200,7 +219,7 @@ def lift(body: Choreography, duration_s: float, chance: np.random.Generator) -> 
         _carry(body, chance)
         body.go(0.9, {Channel.FLEXION: 10.0, Channel.ELEVATION: chance.uniform(45.0, 85.0)})
         body.wait(chance.exponential(0.5))
-        body.go(0.9, {Channel.FLEXION: 0.0, Channel.ELEVATION: chance.uniform(3.0, 12.0)})
+        body.go(0.9, relax(body, chance))
         body.wait(chance.exponential(1.0))
 
 
@@ -249,7 +268,7 @@ def throw(body: Choreography, duration_s: float, chance: np.random.Generator) ->
     tremble(body, duration_s, 0.4, chance)
     while body.time_s < end_s:
         fling(body, chance.uniform(0.16, 0.24), chance)
-        body.go(0.8, {**HANGING, Channel.ELEVATION: chance.uniform(3.0, 9.0)})
+        body.go(0.8, relax(body, chance))
         body.wait(chance.uniform(1.0, 3.0))
 
 
@@ -264,7 +283,6 @@ def fling(body: Choreography, fast_s: float, chance: np.random.Generator) -> Non
 
 
 ACTIVITIES: Mapping[str, Activity] = {
-    "calibration": hold_still,
     "standing": stand,
     "walking": walk,
     "assembly": assemble,

@@ -2,8 +2,9 @@
 
 Frames: the room has z up; the body's x points forward, y to the left, z up; the arm's z points along the
 upper arm towards the shoulder. The chain from the room to the arm is heading (about z), trunk flexion (about
-y), then shoulder: plane, elevation and axial rotation as tilt and torsion (Bonev), that is
-Rz(plane) Ry(-elevation) Rz(axial - plane), so that an arm raised by 0 deg does not turn with its plane.
+y), the swing of gait (about -y), then shoulder: plane, elevation and axial rotation as tilt and torsion
+(Bonev), that is Rz(plane) Ry(-elevation) Rz(axial - plane), so that an arm raised by 0 deg does not turn with
+its plane.
 """
 
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ class Channel(IntEnum):
 
     ELEVATION is relative to the trunk (it equals the angle to gravity only while the trunk is upright), PLANE
     is the vertical plane in which the arm is raised (0 forward, -90 to the right), AXIAL turns the arm about
-    itself, SPEED is that of walking along HEADING.
+    itself, SWING swings it forward whatever the plane, SPEED is that of walking along HEADING.
     """
 
     HEADING = 0
@@ -37,10 +38,11 @@ class Channel(IntEnum):
     PLANE = 2
     ELEVATION = 3
     AXIAL = 4
-    SPEED = 5
-    SWAY_FORWARD = 6
-    SWAY_LEFT = 7
-    SWAY_UP = 8
+    SWING = 5
+    SPEED = 6
+    SWAY_FORWARD = 7
+    SWAY_LEFT = 8
+    SWAY_UP = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +205,8 @@ def feel(channels: Float64Array, body: Body) -> ArmState:
 
 _RATE, _ACCELERATION, _FORCE, _ZENITH, _FIELD = 0, 1, 2, 3, 4
 _HEADING, _FLEXION, _PLANE = int(Channel.HEADING), int(Channel.FLEXION), int(Channel.PLANE)
-_ELEVATION, _AXIAL, _SPEED = int(Channel.ELEVATION), int(Channel.AXIAL), int(Channel.SPEED)
+_ELEVATION, _AXIAL = int(Channel.ELEVATION), int(Channel.AXIAL)
+_SWING, _SPEED = int(Channel.SWING), int(Channel.SPEED)
 _SWAY = int(Channel.SWAY_FORWARD)
 _Y, _Z = 1, 2
 
@@ -265,6 +268,7 @@ def _feel(
         _stand(seen, q, levers[2])
         _turn(seen, _Y, q[_FLEXION, 0], q[_FLEXION, 1], q[_FLEXION, 2])
         _add_lever(seen, levers[0])
+        _turn(seen, _Y, -q[_SWING, 0], -q[_SWING, 1], -q[_SWING, 2])
         _turn(seen, _Z, q[_PLANE, 0], q[_PLANE, 1], q[_PLANE, 2])
         _turn(seen, _Y, -q[_ELEVATION, 0], -q[_ELEVATION, 1], -q[_ELEVATION, 2])
         spin = q[_AXIAL] - q[_PLANE]

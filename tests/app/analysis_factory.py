@@ -87,7 +87,11 @@ def make_analysis(
 
 def make_calibration() -> CalibrationFacts:
     """An N-pose found in the first minute."""
-    return CalibrationFacts("n-pose", StillFacts(42.5, 6.2, 0.93, (0.31, -0.12, 0.07)))
+    bias_dps = (0.31, -0.12, 0.07)
+    still = StillFacts(42.5, 6.2, 0.93, bias_dps)
+    return CalibrationFacts(
+        "n-pose", still, found="held", sigma_deg=5.0, gyro_bias_dps=bias_dps, walking_deg=12.0
+    )
 
 
 def make_method() -> MethodFacts:
@@ -145,6 +149,39 @@ def make_exposure(*, above_60_interval: Interval | None = None) -> Exposure:
         by_period=(),
         minutes=make_minutes(),
         histogram_s=_make_histogram(),
+        quarter_hours=(
+            PeakWindow(900, 18420.0, 41.2),
+            PeakWindow(900, 8100.0, 22.5),
+            PeakWindow(900, 25200.0, 9.0),
+        ),
+    )
+
+
+def with_diary(exposure: Exposure) -> Exposure:
+    """Add a diary: ceilings for 21 min above 60 deg, shelves twice for 19 min together, a till for 42 s."""
+    periods = (
+        _make_period("Shelves", 0.0, 7200.0, 5.0),
+        _make_period("Ceilings", 8100.0, 14400.0, 20.0),
+        _make_period("Till", 16200.0, 20400.0, 1.0),
+        _make_period("Shelves", 20940.0, 28740.0, 10.0),
+    )
+    pooled = replace(
+        periods[0], end_s=28740.0, analysed_s=15000.0, percent_above={30: 30.0, 60: 7.6, 90: 1.0}, periods=2
+    )
+    return replace(exposure, by_period=periods, by_task=(pooled, *periods[1:3]))
+
+
+def _make_period(label: str, start_s: float, end_s: float, above_60_percent: float) -> PartExposure:
+    return PartExposure(
+        label=label,
+        start_s=start_s,
+        end_s=end_s,
+        analysed_s=end_s - start_s,
+        percentiles_deg={10: 8.0, 50: 21.0, 90: 55.0},
+        percent_above={30: 30.0, 60: above_60_percent, 90: 1.0},
+        entries_above_60_per_h=30.0,
+        kind="task",
+        recorded_s=end_s - start_s,
     )
 
 

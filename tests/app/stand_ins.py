@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.jobs.job import Claimer
 from app.request import OnStage, ReportRequest
-from fusion.errors import TooShort
+from fusion.errors import TooShort, UnknownColumns
 
 NOBODY = Claimer("nowhere", 1, "")
 
@@ -55,6 +55,13 @@ def write_slowly(log: Path, request: ReportRequest, out: Path, on_stage: OnStage
 def stand_still(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
     """Never come back, as a process does that was stopped."""
     os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def read_by_columns(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Refuse a table whose columns nobody named; its first line is the identity of its header."""
+    if not request.profile:
+        raise UnknownColumns(list="a, b, c", header=log.read_bytes().splitlines()[0].decode())
+    write_report(log, request, out, on_stage)
 
 
 def refuse(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:

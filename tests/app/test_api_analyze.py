@@ -1,6 +1,7 @@
 """``POST /api/v1/analyze``: what is taken, what is refused, and in which words."""
 
 import hashlib
+import json
 import threading
 import time
 from pathlib import Path
@@ -60,6 +61,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         "calibration": ["5,15", "20.5,30"],
         "rate_hz": "100",
         "lang": "fr",
+        "sensor": "arm",
     }
 
     request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
@@ -68,6 +70,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
     assert (request.method, request.pose, request.rate_hz) == ("published", "two-point", 100.0)
     assert request.calibration_windows_s == ((5.0, 15.0), (20.5, 30.0))
     assert request.languages == ("fr", "en")
+    assert json.loads(request.profile) == {"sensor": "arm"}
 
 
 @pytest.mark.parametrize(
@@ -80,6 +83,9 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         ("calibration", "-1,5"),
         ("calibration", "nan,5"),
         ("calibration", "1"),
+        ("axis", "up"),
+        ("slip_at", "-5"),
+        ("slip_at", "noon"),
         ("rate_hz", "0"),
         ("rate_hz", "many"),
         ("lang", "de"),
@@ -98,6 +104,40 @@ def test_a_value_that_cannot_be_is_refused_by_name(
     assert problem.json()["code"] == "E-PARAMETER"
     assert name in problem.json()["detail"]
     assert files_in(storage) == []
+
+
+def test_a_pose_may_be_held_as_often_as_one_likes(client: TestClient, store: JobStore) -> None:
+    wishes = {"calibration": ["5,15", "7200,7210", "28000,28010"], "slip_at": ["3600"]}
+
+    request = store.get(client.post(URL, content=b"x", params=wishes).json()["id"]).request
+
+    assert request.calibration_windows_s == ((5.0, 15.0), (7200.0, 7210.0), (28000.0, 28010.0))
+    assert request.slip_times_s == (3600.0,)
+
+
+@pytest.mark.parametrize(("written", "axis"), [("y", "+y"), ("%2By", "+y"), ("+y", "+y"), ("-z", "-z")])
+def test_an_axis_is_read_however_an_address_carries_its_sign(
+    client: TestClient, store: JobStore, written: str, axis: str
+) -> None:
+    job = client.post(f"{URL}?axis={written}", content=b"x").json()["id"]
+
+    assert store.get(job).request.arm_axis == axis
+
+
+@pytest.mark.parametrize(
+    "wishes",
+    [
+        {"axis": "y", "calibration": "5,15"},
+        {"pose": "two-point", "calibration": "5,15"},
+        {"pose": "two-point", "calibration": ["5,15", "20,30", "40,50"]},
+    ],
+)
+def test_windows_that_fit_neither_pose_nor_axis_are_refused(
+    client: TestClient, wishes: dict[str, str | list[str]]
+) -> None:
+    problem = client.post(URL, content=b"x", params=wishes)
+
+    assert (problem.status_code, problem.json()["code"]) == (422, "E-PARAMETER")
 
 
 def test_an_empty_body_is_refused_at_once(client: TestClient, storage: FolderStorage) -> None:

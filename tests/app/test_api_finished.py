@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from app.batch.inputs import read_settings
+from app.batch.settings_file import read_settings
 from app.jobs.children.attempt import load_and_make_report
 from app.jobs.worker import run_next
 from tests.app.conftest import OpenBench

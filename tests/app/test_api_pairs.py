@@ -1,6 +1,7 @@
 """Reports of two finished analyses by the API: both arms of one shift, one day beside an earlier one."""
 
 import io
+import re
 import shutil
 from pathlib import Path
 
@@ -24,8 +25,8 @@ from tests.app.conftest import OpenBench
 Finished = tuple[str, str]
 
 
-def send(client: TestClient, content: bytes, side: str) -> str:
-    asked = {"side": side, "file_name": f"{side}.gt3x", "subject": "S012"}
+def send(client: TestClient, content: bytes, side: str, subject: str = "S012") -> str:
+    asked = {"side": side, "file_name": f"{side}.gt3x", "subject": subject}
     made = client.post("/api/v1/analyze", params=asked, content=content).json()
     return str(made["id"])
 
@@ -34,6 +35,16 @@ def send(client: TestClient, content: bytes, side: str) -> str:
 def arms(client: TestClient, bench: OpenBench, shift_gt3x: Path, small_gt3x: bytes) -> Finished:
     """Two recordings, analysed as the left arm and as the right."""
     ids = send(client, shift_gt3x.read_bytes(), "left"), send(client, small_gt3x, "right")
+    at_work = bench(load_and_make_report)
+    assert run_next(at_work)
+    assert run_next(at_work)
+    return ids
+
+
+@pytest.fixture
+def arms_of_whom(client: TestClient, bench: OpenBench, shift_gt3x: Path, small_gt3x: bytes) -> Finished:
+    """A left arm with a subject code and a right one without."""
+    ids = send(client, shift_gt3x.read_bytes(), "left"), send(client, small_gt3x, "right", "")
     at_work = bench(load_and_make_report)
     assert run_next(at_work)
     assert run_next(at_work)
@@ -115,6 +126,58 @@ def test_the_figures_are_as_the_openapi_document_says(client: TestClient, arms: 
 
     assert PairView.model_validate_json(pair.content).clock.stated_by == "person"
     assert ChangeView.model_validate_json(change.content).before.subject == "S012"
+
+
+@pytest.mark.parametrize(("stated", "one_person"), [("false", "unknown"), ("true", "person")])
+def test_a_missing_code_is_a_warning_until_somebody_says_that_it_is_one_person(
+    client: TestClient, arms_of_whom: Finished, stated: str, one_person: str
+) -> None:
+    pair = ask_pair(arms_of_whom, offset_s="0", same_subject=stated)
+    days = {"analysis": list(arms_of_whom), "same_subject": stated}
+
+    told = [
+        client.get(f"/api/v1/{path}", params=asked).json()["one_person"]
+        for path, asked in (("pair/pair.json", pair), ("compare/comparison.json", days), ("compare", days))
+    ]
+
+    assert told == [one_person] * 3
+
+
+@pytest.mark.parametrize("kind", ["pair", "compare"])
+@pytest.mark.parametrize(
+    ("language", "told"),
+    [
+        ("en", ("Are these recordings of one person?", "All are of one person")),
+        ("fr", ("Ces enregistrements sont-ils d’une même personne\u202f?", "Tous sont d’une même personne")),
+    ],
+)
+def test_the_page_asks_whether_both_are_of_one_person(
+    client: TestClient, arms_of_whom: Finished, kind: str, language: str, told: tuple[str, str]
+) -> None:
+    asked = {"first": arms_of_whom[0], "second": arms_of_whom[1], "offset_s": "0", "lang": language}
+
+    page = client.get(f"/beside/{kind}", params=asked).text
+
+    assert told[0] in page
+    assert f'name="same_subject" value="1"> {told[1]}' in page
+    assert "same_subject=1" not in page
+
+
+def test_the_tick_goes_with_the_report_and_can_be_taken_back(
+    client: TestClient, arms_of_whom: Finished
+) -> None:
+    asked = {"first": arms_of_whom[0], "second": arms_of_whom[1], "offset_s": "0", "same_subject": "1"}
+
+    page = client.get("/beside/pair", params=asked).text
+
+    assert 'name="same_subject" value="1" checked>' in page
+    assert re.findall(r'/report\.(html|pdf)\?[^"]*same_subject=1', page) == ["html", "pdf"]
+
+
+def test_where_the_codes_agree_the_page_asks_nothing(client: TestClient, arms: Finished) -> None:
+    page = client.get("/beside/pair", params={"first": arms[0], "second": arms[1], "offset_s": "0"}).text
+
+    assert "same_subject" not in page
 
 
 def test_a_pair_is_for_the_paper_asked(client: TestClient, arms: Finished) -> None:

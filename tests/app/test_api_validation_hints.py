@@ -6,7 +6,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 API = "/api/v1"
-ANALYZE = "side, subject, method, pose, lang, paper, calibration, rate_hz, file_name, external_id, again"
+ANALYZE = (
+    "side, subject, method, pose, lang, paper, calibration, axis, slip_at, rate_hz, sensor, file_name, "
+    "external_id, again"
+)
 
 
 @pytest.mark.parametrize(

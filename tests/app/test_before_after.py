@@ -28,12 +28,14 @@ def kept_with(above_60_percent: float = 7.6, side: str = "right", subject: str =
     return Kept(findings, make_subject(subject, side=side))
 
 
-def another_day(kept: Kept) -> Kept:
-    recording = replace(kept.findings.recording, sha256="0" * 64)
+def the_day_before(kept: Kept) -> Kept:
+    start = kept.findings.recording.start
+    assert start is not None
+    recording = replace(kept.findings.recording, sha256="0" * 64, start=start - timedelta(days=1))
     return replace(kept, findings=replace(kept.findings, recording=recording))
 
 
-BEFORE = another_day(kept_with())
+BEFORE = the_day_before(kept_with())
 
 
 def report_of(after: Kept, language: Language = "en") -> Report:
@@ -102,6 +104,24 @@ def test_the_document_holds_the_same_change_as_the_page() -> None:
     figure = next(f for f in document["figures"] if f["name"] == "time_above_60_percent")
     assert (figure["before"], figure["after"], figure["change"]) == (7.6, 13.2, 5.6)
     assert (figure["detectable"], figure["verdict"]) == (5.543717, "larger")
+
+
+@pytest.mark.parametrize(
+    ("subject", "stated", "one_person"),
+    [("S012", False, "codes"), ("", False, "unknown"), ("", True, "person"), ("S013", True, "no")],
+)
+def test_the_document_says_whether_both_days_are_of_one_person(
+    subject: str, stated: bool, one_person: str
+) -> None:
+    document = describe_comparison(BEFORE, kept_with(subject=subject), same_subject=stated)
+
+    assert document["one_person"] == one_person
+
+
+def test_a_missing_code_is_said_beside_the_change() -> None:
+    caution = plain(report_of(kept_with(subject="")).pose_caution)
+
+    assert caution.startswith("A subject code is missing: it is not known whether all")
 
 
 def test_the_document_names_both_analyses_and_what_differs() -> None:

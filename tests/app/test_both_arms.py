@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import shutil
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -16,6 +17,7 @@ from app.report.export.parquet import write_elevation
 from app.report.findings import Kept, encode_findings
 from app.report.model import Report
 from app.report.pair import ArmPair, build_pair, describe_pair
+from app.report.pairs import OnePerson
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
@@ -38,10 +40,10 @@ SHARED = PairedArms(
 )
 
 
-def kept_of(side: str, start: datetime | None = START, sha256: str = "") -> Kept:
+def kept_of(side: str, start: datetime | None = START, sha256: str = "", subject: str = "S012") -> Kept:
     findings = make_analysis(start=start)
     recording = replace(findings.recording, sha256=sha256 or side * 8)
-    return Kept(replace(findings, recording=recording), make_subject(side=side))
+    return Kept(replace(findings, recording=recording), make_subject(subject, side=side))
 
 
 def make_pair(offset_s: float = 0.0, trunk: TrunkRelative = NO_TRUNK) -> ArmPair:
@@ -56,10 +58,18 @@ def plain(text: str) -> str:
     return re.sub(r"[\u202f\u00a0]", " ", text).replace("’", "'")
 
 
-def keep(folder: Path, side: str, angle_deg: float, sha256: str = "", start: datetime | None = START) -> Path:
+def keep(
+    folder: Path,
+    side: str,
+    angle_deg: float,
+    sha256: str = "",
+    *,
+    start: datetime | None = START,
+    subject: str = "S012",
+) -> Path:
     """Leave a finished analysis of 60 s at one angle."""
     folder.mkdir()
-    kept = kept_of(side, start, sha256)
+    kept = kept_of(side, start, sha256, subject)
     findings = replace(kept.findings, exclusions=())
     (folder / "findings.json").write_bytes(encode_findings(findings, kept.subject))
     angles = np.full(6000, angle_deg, np.float32)
@@ -110,7 +120,7 @@ def test_the_ranges_stand_in_the_document() -> None:
     ("shared", "told"),
     [
         (RANGED, "95 % ranges in brackets"),
-        (replace(RANGED, shared_s=1799.0), "Less than half an hour"),
+        (replace(SHARED, shared_s=1799.0), "Less than half an hour was analysed of both arms at once"),
         (SHARED, "No range is given"),
     ],
     ids=["known", "short", "unknown"],
@@ -123,11 +133,19 @@ def test_the_answer_tells_both_arms_and_the_time_at_once() -> None:
     assert [plain(s) for s in report_of(make_pair()).sentences] == [
         (
             "In the 1 h in which both arms were analysed, the left arm was above 60° for 4.0 % and the right "
-            "arm for 10.0 % of the time (right to left 2.50)."
+            "arm for 10.0 % of the time (right to left 2.50); above 90° for 1.0 % and 3.0 %."
         ),
         "Both arms were above 60° at once for 2.5 % of that time.",
         "The median elevation was 20° on the left and 30° on the right.",
     ]
+
+
+def test_the_bars_show_the_figures_of_the_answer_and_not_those_of_each_own_day() -> None:
+    chart = report_of(make_pair()).figures[0]
+
+    shares = [[plain(cell) for cell in row[1:]] for row in chart.table.rows]
+    assert shares == [["70.0 %", "26.0 %", "3.0 %", "1.0 %"], ["50.0 %", "40.0 %", "7.0 %", "3.0 %"]]
+    assert chart.note == "Each bar covers the time in which both arms were analysed."
 
 
 def test_the_offset_of_the_clocks_is_seen_at_the_head_of_the_page() -> None:
@@ -232,6 +250,66 @@ def test_what_is_no_pair_is_refused(
     assert refused.value.facts == {"why": why}
 
 
+@pytest.mark.parametrize("codes", [("P7", "S012", "S012"), ("S012", "P7", ""), ("", "S012", "P7")])
+def test_codes_of_two_people_are_no_pair_and_no_arm_with_a_trunk(
+    codes: tuple[str, str, str], tmp_path: Path
+) -> None:
+    folders = tuple(
+        keep(tmp_path / name, side, 40.0, name, subject=code)
+        for name, side, code in zip("lrt", ("left", "right", "unknown"), codes, strict=True)
+    )
+
+    with pytest.raises(CannotPair) as refused:
+        make_report_of_two(folders, PairRequest("pair"), tmp_path)
+
+    assert refused.value.facts == {"why": "subjects"}
+
+
+def test_an_arm_without_a_code_is_paired_with_one_that_has_one(tmp_path: Path) -> None:
+    left, right = keep(tmp_path / "l", "left", 40.0, subject=""), keep(tmp_path / "r", "right", 70.0)
+
+    make_report_of_two((left, right), PairRequest("pair", languages=("en",), kinds=()), tmp_path)
+
+    assert (tmp_path / "pair.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("codes", "stated", "one_person"),
+    [
+        (("S012", "S012"), False, "codes"),
+        (("S012", "S012"), True, "codes"),
+        (("S012", ""), False, "unknown"),
+        (("", ""), False, "unknown"),
+        (("S012", ""), True, "person"),
+        (("S012", "S012", ""), False, "unknown"),
+    ],
+)
+def test_who_says_that_all_are_of_one_person_stands_in_the_document(
+    codes: tuple[str, ...], stated: bool, one_person: str, tmp_path: Path
+) -> None:
+    folders = tuple(
+        keep(tmp_path / name, side, 40.0, name, subject=code)
+        for name, side, code in zip("lrt", ("left", "right", "unknown"), codes, strict=False)
+    )
+    request = PairRequest("pair", languages=("en",), kinds=(), same_subject=stated)
+
+    make_report_of_two(folders, request, tmp_path)
+
+    assert json.loads((tmp_path / "pair.json").read_bytes())["one_person"] == one_person
+
+
+@pytest.mark.parametrize(
+    ("one_person", "told"),
+    [
+        ("codes", "Both recordings began at the same moment."),
+        ("unknown", "A subject code is missing: it is not known whether all recordings are of one person."),
+        ("person", "A subject code is missing; the person who asked for the report says that all"),
+    ],
+)
+def test_a_missing_code_is_said_beside_the_answer(one_person: OnePerson, told: str) -> None:
+    assert plain(report_of(replace(make_pair(), one_person=one_person)).pose_caution).startswith(told)
+
+
 def test_a_folder_without_a_finished_analysis_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CannotPair) as refused:
         make_report_of_two((tmp_path, tmp_path), PairRequest("pair"), tmp_path)
@@ -292,6 +370,16 @@ def test_an_arm_is_not_taken_for_the_trunk(tmp_path: Path) -> None:
         make_report_of_two((left, right, right), PairRequest("pair", languages=("en",), kinds=()), tmp_path)
 
     assert refused.value.facts == {"why": "same"}
+
+
+def test_an_arm_of_version_1_is_paired_with_one_of_today(tmp_path: Path) -> None:
+    left, right = keep(tmp_path / "l", "left", 10.0), keep(tmp_path / "r", "right", 70.0)
+    # The grid of 20 Hz ends at 0.95 s: valid at 0 s, not at 0.05 s, and from 0.08 s to 1 s there is a hole.
+    shutil.copy(Path(__file__).with_name("elevation_1.parquet"), left / "elevation.parquet")
+
+    make_report_of_two((left, right), PairRequest("pair", 0.0, None, ("en",), ()), tmp_path)
+
+    assert json.loads((tmp_path / "pair.json").read_bytes())["shared_s"] == 0.05
 
 
 def test_what_a_report_leaves_out_is_not_paired(tmp_path: Path) -> None:

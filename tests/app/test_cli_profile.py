@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from app.batch.plan import format_folder_name
 from app.cli import app
 from tests.badfiles.table_files import values
 
@@ -58,3 +59,67 @@ def test_a_slip_in_the_profile_is_a_slip_in_the_command(log: Path, tmp_path: Pat
 
     assert ended.exit_code == 2
     assert "E-PROFILE" in ended.stderr
+
+
+def test_a_profile_that_was_used_is_found_again_by_its_name(log: Path, tmp_path: Path) -> None:
+    run = ["run", str(log), "-o", str(tmp_path / "out"), "--report", "html", "--profile"]
+
+    first = CliRunner().invoke(app, [*run, save(tmp_path / "our logger.json")])
+    again = CliRunner().invoke(app, [*run, "our logger"])
+
+    assert (first.exit_code, again.exit_code) == (0, 0)
+    assert "already done" in again.stdout
+
+
+def test_a_name_that_no_profile_of_the_folder_has_is_a_slip_in_the_command(log: Path, tmp_path: Path) -> None:
+    ended = CliRunner().invoke(app, ["run", str(log), "-o", str(tmp_path / "out"), "--profile", "nobody"])
+
+    assert ended.exit_code == 2
+    assert "nobody" in ended.stderr
+
+
+def test_the_columns_are_a_setting_that_the_results_and_the_report_state(log: Path, tmp_path: Path) -> None:
+    profile = save(tmp_path / "p.json", name="our logger", rate_hz=None)
+
+    CliRunner().invoke(app, ["run", str(log), "-o", str(tmp_path), "--report", "html", "--profile", profile])
+
+    results = json.loads((tmp_path / "shift" / "results.json").read_text())
+    report = (tmp_path / "shift" / "report.html").read_text()
+    assert results["recording"]["columns"] == PROFILE
+    assert "Acceleration: 2, 3, 4 (g) · Angular rate (gyroscope): 5, 6, 7 · Time: 1 (ms)" in report
+
+
+def test_a_recording_never_takes_the_folder_of_the_profiles(tmp_path: Path) -> None:
+    assert format_folder_name(tmp_path / "profiles.csv") == "profiles_"
+
+
+SENSORS = "sensor," + ",".join(["left"] * 6 + ["right"] * 6)
+NAMES = "time_ms," + ",".join(2 * ["ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps"])
+
+
+@pytest.fixture
+def two_sensors(tmp_path: Path) -> Path:
+    """A minute of two sensors beside each other."""
+    path = tmp_path / "two.csv"
+    rows = (f"{10 * k},{row},{row}\n" for k, row in enumerate(values()))
+    path.write_text(f"{SENSORS}\n{NAMES}\n" + "".join(rows))
+    return path
+
+
+def test_a_table_of_two_sensors_asks_which_one_is_on_the_arm(two_sensors: Path) -> None:
+    ended = CliRunner().invoke(app, ["inspect", str(two_sensors)])
+
+    assert ended.exit_code == 3
+    assert "left, right" in ended.stderr
+    assert "--sensor" in ended.stderr
+
+
+def test_the_sensor_on_the_arm_is_named_on_the_command_line(two_sensors: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run = ["run", str(two_sensors), "-o", str(out), "--report", "html", "--sensor", "right"]
+
+    ended = CliRunner().invoke(app, run)
+
+    results = json.loads((out / "two" / "results.json").read_text())
+    assert ended.exit_code == 0
+    assert results["recording"]["columns"] == {"sensor": "right"}

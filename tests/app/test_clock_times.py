@@ -60,8 +60,57 @@ def test_a_form_becomes_the_request_of_the_next_analysis() -> None:
     assert [(entry.kind, entry.label) for entry in request.diary] == [("break", "tea")]
 
 
+def test_the_pose_held_again_follows_the_window_that_the_software_found() -> None:
+    form = FORM | {"window_start": ["", "23:00:00"], "window_end": ["", "23:00:10"]}
+
+    request = correct_request(ReportRequest("a.gt3x"), form, NIGHT, ((3.0, 13.0),))
+
+    assert request.calibration_windows_s == ((3.0, 13.0), (3600.0, 3610.0))
+
+
+def test_the_level_window_counts_for_two_points_alone() -> None:
+    windows = {"window_start": ["22:00:05"], "window_end": ["22:00:12"]}
+    level = {"level_start": ["22:00:20"], "level_end": ["22:00:30"]}
+
+    poses = [
+        correct_request(ReportRequest("a.gt3x"), FORM | windows | level | {"pose": [pose]}, NIGHT)
+        for pose in ("n-pose", "two-point")
+    ]
+
+    assert [request.calibration_windows_s for request in poses] == [
+        ((5.0, 12.0),),
+        ((5.0, 12.0), (20.0, 30.0)),
+    ]
+
+
+def test_an_axis_takes_the_place_of_every_window() -> None:
+    form = FORM | {"pose": ["axis"], "axis": ["-y"], "window_start": ["22:00:05"], "window_end": ["22:00:12"]}
+
+    request = correct_request(ReportRequest("a.gt3x"), form, NIGHT)
+
+    assert (request.arm_axis, request.calibration_windows_s, request.pose) == ("-y", (), "n-pose")
+
+
+def test_a_pose_takes_the_place_of_the_axis() -> None:
+    assert correct_request(ReportRequest("a.gt3x", arm_axis="+y"), FORM, NIGHT).arm_axis is None
+
+
+def test_slips_are_typed_as_times_of_the_clock() -> None:
+    request = correct_request(ReportRequest("a.gt3x"), FORM | {"slips": ["22:30; 23:00:05"]}, NIGHT)
+
+    assert request.slip_times_s == (1800.0, 3605.0)
+
+
 @pytest.mark.parametrize(
-    "wrong", [{"pose": ["handstand"]}, {"side": ["middle"]}, {"subject": ["\x00"]}, {"pose": ["two-point"]}]
+    "wrong",
+    [
+        {"pose": ["handstand"]},
+        {"side": ["middle"]},
+        {"subject": ["\x00"]},
+        {"pose": ["two-point"]},
+        {"pose": ["axis"]},
+        {"slips": ["noon"]},
+    ],
 )
 def test_what_cannot_be_is_refused(wrong: dict[str, list[str]]) -> None:
     with pytest.raises(BadParameter):

@@ -1,12 +1,27 @@
 """elevation.parquet: the angle series for those who compute on."""
 
+import csv
+import gzip
+import io
+import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
-from app.report.export.parquet import write_elevation
+from app.report.export.parquet import encode_elevation_csv, write_elevation
+from app.request import ReportRequest
+from app.roads.analyse import make_report
+from fusion import read_elevation
+from fusion.angle_files import AngleFile, read_angle_file
 from fusion.elevation import Elevation, ElevationSegment
+from fusion.errors import UnknownColumns, UnreadableFile, UnusableTime
+from fusion.exposure import summarise_exposure
+
+VERSION_1 = Path(__file__).with_name("elevation_1.parquet")
+"""As 0fd4ccf wrote it: 50 Hz, four rows of which the third is not valid, a hole, two rows."""
 
 
 def make_segment(start_us: int, rate_hz: float, rows: int) -> ElevationSegment:
@@ -14,30 +29,234 @@ def make_segment(start_us: int, rate_hz: float, rows: int) -> ElevationSegment:
     return ElevationSegment(start_us, rate_hz, angle, np.ones(rows, np.bool_))
 
 
-def write(folder: Path, *segments: ElevationSegment) -> pq.ParquetFile:
+def lay(angles_deg: list[float], bridged: tuple[tuple[int, int], ...] = ()) -> ElevationSegment:
+    valid = np.ones(len(angles_deg), np.bool_)
+    for first, stop in bridged:
+        valid[first:stop] = False
+    return ElevationSegment(0, 100.0, np.array(angles_deg, np.float32), valid, bridged=bridged)
+
+
+def write(folder: Path, *segments: ElevationSegment) -> Path:
     write_elevation(Elevation(segments, None), folder / "elevation.parquet")
-    return pq.read_table(folder / "elevation.parquet")
+    return folder / "elevation.parquet"
+
+
+def write_and_read(folder: Path, *segments: ElevationSegment) -> pa.Table:
+    return pq.read_table(write(folder, *segments))
+
+
+# ------------------------------------------------------------------ what is written
 
 
 def test_a_100_hz_sensor_keeps_every_sample(tmp_path: Path) -> None:
-    table = write(tmp_path, make_segment(0, 100.09, 500))
+    table = write_and_read(tmp_path, make_segment(0, 100.09, 500))
 
     assert table.num_rows == 500
 
 
 def test_500_hz_is_thinned_to_every_fifth_sample(tmp_path: Path) -> None:
-    table = write(tmp_path, make_segment(0, 500.0, 20))
+    table = write_and_read(tmp_path, make_segment(0, 500.0, 20))
 
-    assert table["elevation_deg"].to_pylist() == [0, 5, 10, 15]
+    assert table["elevation_cdeg"].to_pylist() == [0, 500, 1000, 1500]
 
 
 def test_time_runs_from_the_first_sample_across_holes(tmp_path: Path) -> None:
-    table = write(tmp_path, make_segment(0, 100.0, 2), make_segment(5_000_000, 100.0, 2))
+    table = write_and_read(tmp_path, make_segment(0, 100.0, 2), make_segment(5_000_000, 100.0, 2))
 
-    assert table["time_s"].to_pylist() == [0.0, 0.01, 5.0, 5.01]
+    assert table["time_us"].to_pylist() == [0, 10_000, 5_000_000, 5_010_000]
+
+
+def test_times_between_microseconds_go_to_the_nearest(tmp_path: Path) -> None:
+    table = write_and_read(tmp_path, make_segment(0, 30.0, 3))
+
+    assert table["time_us"].to_pylist() == [0, 33_333, 66_667]
 
 
 def test_the_columns_are_those_of_the_contract(tmp_path: Path) -> None:
-    table = write(tmp_path, make_segment(0, 100.0, 2))
+    schema = write_and_read(tmp_path, make_segment(0, 100.0, 2)).schema
 
-    assert table.column_names == ["time_s", "elevation_deg", "valid"]
+    assert dict(zip(schema.names, schema.types, strict=True)) == {
+        "time_us": pa.int64(),
+        "elevation_cdeg": pa.int16(),
+        "valid": pa.bool_(),
+    }
+
+
+def test_the_file_names_its_version(tmp_path: Path) -> None:
+    path = write(tmp_path, make_segment(0, 100.0, 2))
+
+    assert pq.read_metadata(path).metadata[b"schema"] == b"acromion.elevation/2"
+
+
+def test_angles_go_to_the_nearest_hundredth_of_a_degree(tmp_path: Path) -> None:
+    table = write_and_read(tmp_path, lay([0.0, 12.344, 12.346, 180.0]))
+
+    assert table["elevation_cdeg"].to_pylist() == [0, 1234, 1235, 18000]
+
+
+def test_a_hole_that_was_bridged_for_the_filters_stays_missing(tmp_path: Path) -> None:
+    table = write_and_read(tmp_path, lay([10.0, 11.0, 12.0, 13.0], bridged=((1, 3),)))
+
+    assert table["elevation_cdeg"].to_pylist() == [1000, None, None, 1300]
+    assert table["valid"].to_pylist() == [True, False, False, True]
+
+
+def test_a_row_that_is_not_trusted_keeps_its_angle(tmp_path: Path) -> None:
+    segment = ElevationSegment(0, 100.0, np.array([10.0, 11.0], np.float32), np.array([True, False]))
+    table = write_and_read(tmp_path, segment)
+
+    assert table["elevation_cdeg"].to_pylist() == [1000, 1100]
+
+
+def test_a_row_without_an_angle_is_missing(tmp_path: Path) -> None:
+    table = write_and_read(tmp_path, lay([10.0, np.nan, 12.0]))
+
+    assert table["elevation_cdeg"].to_pylist() == [1000, None, 1200]
+    assert table["valid"].to_pylist() == [True, False, True]
+
+
+def test_a_bridge_stays_missing_where_500_hz_are_thinned(tmp_path: Path) -> None:
+    # Rows 0, 5, 10 and 15 are kept; 4 to 10 were put in.
+    angle, valid = np.arange(20, dtype=np.float32), np.ones(20, np.bool_)
+    table = write_and_read(tmp_path, ElevationSegment(0, 500.0, angle, valid, bridged=((4, 11),)))
+
+    assert table["elevation_cdeg"].to_pylist() == [0, None, None, 1500]
+
+
+def test_many_short_segments_share_a_group_of_rows(tmp_path: Path) -> None:
+    path = write(tmp_path, *(make_segment(start * 5_000_000, 100.0, 2) for start in range(50)))
+
+    assert pq.read_metadata(path).num_row_groups == 1
+
+
+def test_a_moving_arm_takes_at_most_one_byte_a_row(tmp_path: Path) -> None:
+    # An arm that swings over 60 deg at 0.5 Hz, with 0.05 deg of noise.
+    time_s = np.arange(100_000) / 100.09
+    noise_deg = np.random.default_rng(1).normal(0.0, 0.05, len(time_s))
+    angle = (60.0 + 30.0 * np.sin(np.pi * time_s) + noise_deg).astype(np.float32)
+    path = write(tmp_path, ElevationSegment(0, 100.09, angle, np.ones(len(angle), np.bool_)))
+
+    assert path.stat().st_size <= 1.05 * len(angle)
+
+
+# ------------------------------------------------------------------ what is read back
+
+
+def tell(elevation: Elevation) -> list[tuple[int, list[float], list[bool]]]:
+    return [(s.start_us, s.elevation_deg.tolist(), s.valid.tolist()) for s in elevation.segments]
+
+
+def test_what_was_written_is_read_back(tmp_path: Path) -> None:
+    path = write(tmp_path, make_segment(0, 100.0, 3), make_segment(5_000_000, 100.0, 2))
+
+    assert tell(read_elevation(path)) == [
+        (0, [0.0, 1.0, 2.0], [True, True, True]),
+        (5_000_000, [0.0, 1.0], [True, True]),
+    ]
+
+
+def test_the_rate_is_read_back_to_a_millionth(tmp_path: Path) -> None:
+    path = write(tmp_path, make_segment(0, 100.09, 5000))
+
+    assert read_elevation(path).segments[0].rate_hz == pytest.approx(100.09, rel=1e-6)
+
+
+def test_missing_stays_missing(tmp_path: Path) -> None:
+    path = write(tmp_path, lay([10.0, 11.0, 12.0], bridged=((1, 2),)))
+
+    assert np.isnan(read_elevation(path).segments[0].elevation_deg).tolist() == [False, True, False]
+
+
+def test_version_1_is_read_too() -> None:
+    assert tell(read_elevation(VERSION_1)) == [
+        (0, pytest.approx([10.004, 20.006, 30.0, 40.125]), [True, True, False, True]),
+        (1_000_000, [90.0, 180.0], [True, True]),
+    ]
+
+
+def test_an_open_file_is_read_as_a_path_is() -> None:
+    with VERSION_1.open("rb") as file:
+        assert len(read_elevation(file).segments) == 2
+
+
+def test_a_single_row_is_a_run(tmp_path: Path) -> None:
+    assert tell(read_elevation(write(tmp_path, lay([10.0])))) == [(0, [10.0], [True])]
+
+
+def test_a_table_of_other_columns_is_refused(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"time_s": [0.0], "angle": [1.0]}), tmp_path / "a.parquet")
+
+    with pytest.raises(UnknownColumns):
+        read_elevation(tmp_path / "a.parquet")
+
+
+def test_a_file_that_is_no_parquet_is_refused() -> None:
+    with pytest.raises(UnreadableFile):
+        read_elevation(io.BytesIO(b"PAR1 and no more"))
+
+
+def test_a_column_whose_name_is_no_text_is_refused(tmp_path: Path) -> None:
+    body = write(tmp_path, lay([10.0, 11.0])).read_bytes().replace(b"elevation_cdeg", b"elevation_\xffdeg")
+
+    with pytest.raises(UnreadableFile):
+        read_elevation(io.BytesIO(body))
+
+
+def test_times_that_do_not_rise_are_refused(tmp_path: Path) -> None:
+    columns = {"time_us": [10, 0], "elevation_cdeg": [1, 2], "valid": [True, True]}
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+
+    with pytest.raises(UnusableTime):
+        read_elevation(tmp_path / "a.parquet")
+
+
+def read_reference(path: Path) -> AngleFile:
+    with path.open("rb") as file:
+        return read_angle_file(file)
+
+
+def test_as_a_reference_it_lacks_what_is_missing_or_not_valid(tmp_path: Path) -> None:
+    file = read_reference(write(tmp_path, lay([10.0, 11.0, 12.5, 13.0], bridged=((1, 2),))))
+
+    assert file.time_s.tolist() == [0.0, 0.02, 0.03]
+    assert file.elevation_deg is not None
+    assert file.elevation_deg.tolist() == [10.0, 12.5, 13.0]
+
+
+def test_version_1_is_a_reference_too() -> None:
+    assert read_reference(VERSION_1).time_s.tolist() == [0.0, 0.02, 0.06, 1.0, 1.02]
+
+
+def test_the_figures_of_the_file_are_those_of_the_results(shift_gt3x: Path, tmp_path: Path) -> None:
+    make_report(shift_gt3x, ReportRequest("a.gt3x", kinds=(), languages=("en",)), tmp_path)
+    told = json.loads((tmp_path / "results.json").read_text("utf-8"))["exposure"]
+
+    found = summarise_exposure(read_elevation(tmp_path / "elevation.parquet"))
+
+    assert [f"{x.percent:.1f}" for x in found.bins] == [f"{x['percent']:.1f}" for x in told["bins"]]
+    assert [x.count for x in found.entries] == [x["count"] for x in told["entries"]]
+    assert [f"{x:.1f}" for x in found.percentiles_deg.values()] == [
+        f"{x:.1f}" for x in told["percentiles_deg"].values()
+    ]
+
+
+# ------------------------------------------------------------------ as text
+
+
+def list_rows(path: Path) -> list[list[str]]:
+    return list(csv.reader(gzip.decompress(encode_elevation_csv(path)).decode("utf-8").splitlines()))
+
+
+def test_the_text_is_in_seconds_and_degrees(tmp_path: Path) -> None:
+    path = write(tmp_path, lay([10.0, 11.0, 12.346], bridged=((1, 2),)))
+
+    assert list_rows(path) == [
+        ["time_s", "elevation_deg", "valid"],
+        ["0", "10", "true"],
+        ["0.01", "", "false"],
+        ["0.02", "12.35", "true"],
+    ]
+
+
+def test_the_text_of_version_1_has_the_same_columns() -> None:
+    assert list_rows(VERSION_1)[:2] == [["time_s", "elevation_deg", "valid"], ["0", "10.004", "true"]]

@@ -24,6 +24,7 @@ EXCEPTIONS = {
     r"episodes\.censored": "a fact of this recording: stays cut off by a hole, a break or its end",
     r"(by_hour|by_period|by_task)\.(analysed_s|recorded_s|periods)": "a length, known exactly",
     r"variation\.by_hour\..*\.hours": "how many hours were compared, known exactly",
+    r"quarter_hours\.percent_above_60": "where to look; the worst has its range as the worst 15 min",
     r"(angle_edges_deg|duration_edges_s)": "edges of classes",
     r"intervals\..*": "the ranges themselves",
 }

@@ -22,7 +22,7 @@ from app.report.render.write import format_brief
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.request import ReportRequest
 from app.roads.analyse import make_report
-from app.storage.decoded import KnownLogs
+from app.storage.known import KnownLogs
 from fusion.diary import DiaryEntry
 from tests.app.analysis_factory import make_analysis, make_quality, make_subject
 
@@ -108,11 +108,15 @@ def test_every_column_of_every_table_is_explained_in_both_languages() -> None:
     rows = rows_of(encode_dictionary())
 
     explained = {file: [row["column"] for row in rows if row["file"] == file] for file in FILES}
-    assert explained == {"summary.csv": [c.name for c in SUMMARY], "periods.csv": PERIOD_COLUMNS}
+    assert explained == {
+        "summary.csv": [c.name for c in SUMMARY],
+        "periods.csv": PERIOD_COLUMNS,
+        "elevation.parquet": ["time_us", "elevation_cdeg", "valid"],
+    }
     assert all(row["english"] and row["french"] for row in rows)
 
 
-FILES = ("summary.csv", "periods.csv")
+FILES = ("summary.csv", "periods.csv", "elevation.parquet")
 
 
 @pytest.mark.parametrize(
@@ -122,6 +126,8 @@ FILES = ("summary.csv", "periods.csv")
         ("elevation_p90_deg_low", "deg"),
         ("entries_above_60_per_h", "1/h"),
         ("rate_hz", "Hz"),
+        ("time_us", "us"),
+        ("elevation_cdeg", "0.01 deg"),
         ("subject", ""),
     ],
 )

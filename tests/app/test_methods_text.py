@@ -6,15 +6,39 @@ import pytest
 
 from app.report.export.methods_text import write_methods
 from app.report.export.results import build_results
+from app.report.findings import CalibrationFacts
 from app.report.words.wording import Language
 from tests.app.analysis_factory import make_analysis, make_subject
 
 
-@pytest.mark.parametrize(("language", "named"), [("en", "inertial sensors"), ("fr", "capteurs inertiels")])
-def test_a_device_that_the_words_do_not_know_is_an_inertial_sensor(language: Language, named: str) -> None:
+def name_device(device: str, language: Language) -> str:
     analysis = make_analysis()
-    unknown = replace(analysis, recording=replace(analysis.recording, device="tiny"))
+    told = replace(analysis, recording=replace(analysis.recording, device=device))
+    return write_methods([build_results(told, make_subject())], 0, language).decode()
 
-    text = write_methods([build_results(unknown, make_subject())], 0, language).decode()
 
-    assert named in text
+@pytest.mark.parametrize(
+    ("language", "named"), [("en", "inertial sensors"), ("fr", "des capteurs inertiels")]
+)
+def test_a_table_of_no_known_device_comes_from_inertial_sensors(language: Language, named: str) -> None:
+    assert named in name_device("other", language)
+
+
+@pytest.mark.parametrize(
+    ("language", "named"), [("en", "Acme armband sensors"), ("fr", "des capteurs Acme armband")]
+)
+def test_a_device_of_a_plug_in_is_called_by_the_name_it_gives(language: Language, named: str) -> None:
+    assert named in name_device("Acme armband", language)
+
+
+def test_a_recording_without_a_pose_is_told_by_the_axis_that_was_given() -> None:
+    analysis = make_analysis()
+    settings = replace(analysis.settings, arm_axis="+y")
+    calibration = CalibrationFacts("n-pose", None, found="axis", sigma_deg=8.0, gyro_bias_dps=(0.1, 0.2, 0.3))
+    strapped = replace(analysis, settings=settings, calibration=calibration)
+
+    text = write_methods([build_results(strapped, make_subject())], 0, "en").decode()
+
+    assert "Where no pose was held (recordings: 1), the sensor's axis" in text.replace("’", "'")
+    assert "still periods" not in text
+    assert "N-pose" not in text

@@ -43,6 +43,13 @@ def test_two_windows_are_read_in_their_order() -> None:
     }
 
 
+def test_an_axis_and_the_moments_of_slips_are_read() -> None:
+    assert read_one("file,axis,slip_at\na,-y,3600 7200.5\n") == {
+        "arm_axis": "-y",
+        "slip_times_s": (3600.0, 7200.5),
+    }
+
+
 def test_an_empty_cell_says_nothing() -> None:
     assert read_one("file,subject,side\na.gt3x,,\n") == {}
 
@@ -74,6 +81,8 @@ def test_a_diary_is_read_from_the_folder_of_the_list(tmp_path: Path) -> None:
         ("file,pose\na,sitting\n", 2, "value"),
         ("file,calibration\na,15-5\n", 2, "value"),
         ("file,calibration\na,early\n", 2, "value"),
+        ("file,axis\na,up\n", 2, "value"),
+        ("file,slip_at\na,noon\n", 2, "value"),
         ("file,subject\na,S01\nA,S02\n", 3, "file twice"),
     ],
 )

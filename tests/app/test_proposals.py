@@ -4,7 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 from app.report.export.results import build_results
-from fusion.diary import place_diary, read_diary
+from fusion.diary import read_diary
+from fusion.exposure.periods import place_diary
 from fusion.quality import Quality
 from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_subject

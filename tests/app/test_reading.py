@@ -9,14 +9,14 @@ import pytest
 from app.request import ReportRequest
 from app.roads.analyse import ignore_stage, make_report
 from app.roads.reading import Logs, read_ahead
-from app.storage.decoded import NOTHING_KNOWN, KnownLogs
+from app.storage.known import NOTHING_KNOWN, KnownLogs
 from fusion.readers import holds_device_format
 from fusion.simulation import write_recordings
 
 AHEAD = """
 import sys
 from pathlib import Path
-from app.storage.decoded import NOTHING_KNOWN
+from app.storage.known import NOTHING_KNOWN
 from app.roads.reading import read_ahead
 from app.request import ReportRequest
 log, stages = Path(sys.argv[1]), []

@@ -22,7 +22,10 @@ from tests.app.report_reading import plain, report_of, section_of, table_of
 
 def test_the_answer_in_english() -> None:
     assert [plain(sentence) for sentence in report_of().sentences] == [
-        "The right arm was raised above 60° for 32 min of 7 h 5 min analysed (7.6 %).",
+        (
+            "The right arm was raised above 60° for 32 min of 7 h 5 min analysed (7.6 %), "
+            "and above 90° for 8 min 56 s (2.1 %)."
+        ),
         "The right arm rose above 60° 214 times (30 per hour); the longest stay was 48 s, at 10:42.",
         "The most loaded 15 minutes were 13:05–13:20 (41.2 % of the time above 60°).",
     ]
@@ -30,7 +33,10 @@ def test_the_answer_in_english() -> None:
 
 def test_the_answer_in_french() -> None:
     assert [plain(sentence) for sentence in report_of(language="fr").sentences] == [
-        "Le bras droit a été élevé à plus de 60° pendant 32 min sur 7 h 5 min de temps analysé (7,6 %).",
+        (
+            "Le bras droit a été élevé à plus de 60° pendant 32 min sur 7 h 5 min de temps analysé (7,6 %), "
+            "et à plus de 90° pendant 8 min 56 s (2,1 %)."
+        ),
         (
             "Le bras droit a dépassé 60° 214 fois (30 fois par heure) ; "
             "le maintien le plus long a duré 48 s, à 10 h 42."
@@ -44,7 +50,15 @@ def test_an_interval_is_told_where_the_exposure_carries_one() -> None:
 
     sentence = plain(report_of(exposure=exposure, language="fr").sentences[0])
 
-    assert sentence.endswith("(7,6 % ; intervalle à 95 % : 6,0–9,5 %).")
+    assert "(7,6 % ; intervalle à 95 % : 6,0–9,5 %), et" in sentence
+
+
+def test_the_range_of_the_time_above_90_deg_stands_beside_it() -> None:
+    above = tuple(replace(item, interval=Interval(1.5, 2.8)) for item in make_exposure().time_above)
+
+    sentence = plain(report_of(exposure=replace(make_exposure(), time_above=above)).sentences[0])
+
+    assert sentence.endswith("above 90° for 8 min 56 s (2.1 %; range 1.5–2.8 %).")
 
 
 def test_no_interval_is_invented() -> None:
@@ -156,6 +170,30 @@ def test_the_first_page_says_what_its_ranges_hold() -> None:
     assert notes[2].startswith("No range is given")
 
 
+def test_under_half_an_hour_the_first_page_says_that_ranges_and_rates_are_not_given() -> None:
+    short = replace(make_exposure(), analysed_s=1799.9)
+
+    assert report_of(exposure=short).range_note == (
+        "Less than half an hour was analysed: ranges and rates per hour are not given."
+    )
+
+
+@pytest.mark.parametrize(
+    ("language", "name", "other"),
+    [("en", "sampling range", "95 % range"), ("fr", "intervalle d'échantillonnage", "intervalle à 95 %")],
+)
+def test_a_range_of_ready_angles_is_called_what_it_is(language: Language, name: str, other: str) -> None:
+    interval, ready = Interval(6.0, 9.5), make_analysis(calibrated=False)
+    exposure = replace(make_exposure(above_60_interval=interval), intervals={"elevation_p50_deg": interval})
+
+    report = report_of(analysis=replace(ready, exposure=exposure), language=language)
+
+    tables = [table for section in report.sections for table in section.tables]
+    told = plain(str([report.sentences, [(table.columns, table.rows) for table in tables]])).lower()
+    assert plain(report.sentences[0]).count(name) == 1
+    assert (told.count(name) > 2, other in told) == (True, False)
+
+
 @pytest.mark.parametrize(
     ("name", "told"), [("smoothed", "simulated"), ("published", "1.7° to 11.2°"), ("live", "1.3°")]
 )
@@ -169,10 +207,12 @@ def test_the_accuracy_told_is_that_of_the_method_used(name: str, told: str) -> N
     assert paragraphs.count("Angle error") == 1
 
 
-def test_small_turns_of_the_sensor_that_go_unnoticed_are_told() -> None:
-    paragraphs = " ".join(report_of(analysis=make_analysis()).limits.paragraphs)
+def test_turns_that_nothing_can_see_stand_with_the_method_and_not_on_the_first_page() -> None:
+    report = report_of(analysis=make_analysis())
 
-    assert "turns on the arm by about 30° or less during the day" in paragraphs
+    (method,) = (section for section in report.sections if section.key == "method")
+    assert "turns by about 30° or less, it can go unnoticed" in " ".join(method.paragraphs)
+    assert "turns" not in " ".join(report.limits.paragraphs)
 
 
 def test_ready_angles_have_no_accuracy_of_ours() -> None:
@@ -212,8 +252,7 @@ def test_the_bar_merges_whole_bins() -> None:
         "67.5 %",
         "24.9 %",
         "5.5 %",
-        "1.6 %",
-        "0.5 %",
+        "2.1 %",
     ]
 
 
@@ -221,12 +260,12 @@ def test_all_nine_bins_stand_in_the_table() -> None:
     assert len(table_of(report_of(), "figures", "bins").rows) == 9
 
 
-def test_time_adds_up_to_the_microsecond() -> None:
-    time = TimeAccount(10_000_003, 7_000_001, 2_000_000, 1_000_002)
+def test_what_is_printed_of_the_time_is_rounded_and_adds_up() -> None:
+    time = TimeAccount(10_120_000, 7_040_000, 2_040_000, 1_040_000)
 
     table = table_of(report_of(analysis=replace(make_analysis(), time=time)), "quality", "time went")
 
-    assert [row[2] for row in table.rows] == ["7.000001", "2", "1.000002", "10.000003"]
+    assert [row[2] for row in table.rows] == ["7.0", "2.1", "1.0", "10.1"]
 
 
 def test_every_flag_stands_in_the_quality_table_with_its_clock_times() -> None:
@@ -247,6 +286,23 @@ def test_a_working_day_is_compared_with_the_proposals() -> None:
     statements = [plain(reference.statement) for reference in report_of().references]
 
     assert statements[1] == "Measured 7.6 %; proposal at most 10 % of a working day."
+
+
+def test_a_scale_names_both_its_ends() -> None:
+    scales = [plain(reference.scale) for reference in report_of().references]
+
+    assert [">0</text>" in scale for scale in scales] == [True, True, False, True]
+    assert ">100 %</text>" in scales[0]
+    assert ">40 %</text>" in scales[1]
+    assert ">180°</text>" in scales[3]
+
+
+def test_a_scale_that_a_value_would_leave_ends_at_a_further_ten() -> None:
+    above = tuple(replace(item, percent=47.0) for item in make_exposure().time_above)  # 1.1 x 47 = 51.7
+
+    scale = report_of(exposure=replace(make_exposure(), time_above=above)).references[1].scale
+
+    assert ">60 %</text>" in plain(scale)
 
 
 def test_a_fused_speed_is_never_compared_with_the_proposal() -> None:

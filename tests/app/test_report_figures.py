@@ -102,7 +102,7 @@ def test_the_most_loaded_window_is_bracketed_where_it_is() -> None:
     )
     assert path is not None
 
-    left, right = (32 + 644 * seconds / 28740 for seconds in (18420, 19320))
+    left, right = (36 + 640 * seconds / 28740 for seconds in (18420, 19320))
 
     assert np.allclose([float(path[1]), float(path[2])], [left, right], atol=0.06)
 

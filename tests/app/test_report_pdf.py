@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
-from pypdf import PdfReader
+from pypdf import PageObject, PdfReader
 
 from app.report.analysis.report import build_report
 from app.report.export.results import encode_results
@@ -18,6 +18,10 @@ from fusion.exposure import PeakWindow
 from fusion.quality import Quality
 from fusion.recording import QualityFlag
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject
+
+PAPERS: tuple[Paper, ...] = ("a4", "letter")
+FOOTER = 0.045
+"""Share of the height below which only the footer stands (14 mm of 297)."""
 
 
 def pdf_of(
@@ -52,23 +56,45 @@ def flatten(text: str) -> str:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_answer_stands_on_the_first_page(language: Language) -> None:
+def test_the_answer_in_words_stands_right_behind_the_profile(language: Language) -> None:
     report = build_report(make_analysis(), make_subject(), language)
 
-    first = text_of(pdf_of(language), 0)
+    second = text_of(pdf_of(language), 1)
 
-    assert all(flatten(sentence) in first for sentence in report.sentences)
+    assert all(flatten(sentence) in second for sentence in report.sentences)
+    assert flatten(report.intended_use.paragraphs[0])[-40:] in second
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("paper", ["a4", "letter"])
+@pytest.mark.parametrize("paper", PAPERS)
 def test_the_first_page_stands_alone_on_both_papers(paper: Paper, language: Language) -> None:
     report = build_report(make_analysis(), make_subject(), language)
 
     document = pdf_of(language, paper)
 
-    assert flatten(report.intended_use.paragraphs[0])[-40:] in text_of(document, 0)
-    assert text_of(document, 1).startswith(flatten(report.sections[0].title))
+    assert report.profile is not None
+    assert flatten(report.profile.not_a_diagnosis) in text_of(document, 0)
+    assert text_of(document, 1).startswith(flatten(f"▲ {report.verdict.label}"))
+
+
+def find_lowest_text(page: PageObject) -> float:
+    """Give how far up the page its last line above the footer stands, as a share of the height."""
+    places: list[float] = []
+
+    def note(text: str, cm: list[float], tm: list[float], *_: object) -> None:
+        if text.strip():
+            places.append((tm[4] * cm[1] + tm[5] * cm[3] + cm[5]) / float(page.mediabox.height))
+
+    page.extract_text(visitor_text=note)
+    return min(place for place in places if place > FOOTER)
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_page_before_the_last_leaves_a_quarter_empty(paper: Paper, language: Language) -> None:
+    pages = PdfReader(io.BytesIO(pdf_of(language, paper))).pages
+
+    assert [page.page_number for page in pages[:-1] if find_lowest_text(page) > 0.25] == []
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -82,8 +108,9 @@ def test_the_longest_first_page_still_fits(language: Language) -> None:
 
     document = render_pdf(report, {}, "letter")
 
-    assert flatten(report.verdict.reason) in text_of(document, 0)
-    assert flatten(report.intended_use.paragraphs[0])[-40:] in text_of(document, 0)
+    assert report.profile is not None
+    assert flatten(report.profile.not_a_diagnosis) in text_of(document, 0)
+    assert flatten(report.verdict.reason) in text_of(document, 1)
 
 
 def test_every_figure_of_the_tables_stands_in_the_pdf() -> None:

@@ -52,6 +52,25 @@ def test_a_period_that_was_left_out_is_hatched_and_never_a_bar() -> None:
     assert chart.table.rows[0][1:] == ("–",) * 4
 
 
+def test_the_last_sample_of_a_recording_that_ends_on_the_hour_is_no_hour() -> None:
+    hours = make_exposure().by_hour
+    end_s = hours[-1].end_s
+    sliver = PartExposure("16", end_s, end_s + 0.02, 0.02, {}, {}, None)
+
+    section = section_of(report_of(exposure=replace(make_exposure(), by_hour=(*hours, sliver))), "hours")
+
+    assert len(section.tables[0].rows) == len(section.figures[0].table.rows) == len(hours)
+
+
+def test_the_bar_of_the_first_page_and_those_behind_it_show_the_same_classes() -> None:
+    report = report_of()
+
+    first, hours = report.figures[0].table, section_of(report, "hours").figures[0].table
+    assert (
+        tuple(row[0] for row in first.rows) == hours.columns[1:] == ("0–30°", "30–60°", "60–90°", "90–180°")
+    )
+
+
 def test_the_ranges_of_a_part_stand_under_its_figures() -> None:
     intervals = {
         "elevation_p50_deg": Interval(17.6, 29.6),

@@ -43,6 +43,7 @@ def test_the_recording(results: dict[str, Any]) -> None:
         "rate_hz": 100.0,
         "side": "right",
         "subject": "S012",
+        "columns": None,
     }
 
 
@@ -55,11 +56,20 @@ def test_analysed_missing_and_excluded_make_the_recorded_time(results: dict[str,
 def test_the_calibration(results: dict[str, Any]) -> None:
     assert results["calibration"] == {
         "pose": "n-pose",
+        "found": "held",
+        "sigma_deg": 5.0,
         "start_s": 42.5,
         "duration_s": 6.2,
         "score": 0.93,
         "gyro_bias_dps": [0.31, -0.12, 0.07],
         "second": None,
+        "repeats": [],
+        "repeat_deg": None,
+        "parts": [],
+        "axis": None,
+        "slip_times_s": [],
+        "walking_apart_deg": 12.0,
+        "proposals": [],
     }
 
 

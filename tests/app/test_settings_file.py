@@ -1,10 +1,12 @@
 """The settings of a study: written out, read back, and every slip in them named."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.batch.inputs import apply_settings, encode_settings, read_settings
+from app.batch.settings_file import encode_settings, read_settings
 from app.errors import UnusableSettings
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry
@@ -27,6 +29,8 @@ REQUESTS = st.builds(
     method=st.sampled_from(["smoothed", "published", "live"]),
     pose=st.sampled_from(["n-pose", "side-lean", "two-point"]),
     calibration_windows_s=st.lists(st.sampled_from([(0.0, 5.0), (12.5, 20.25)]), max_size=2).map(tuple),
+    arm_axis=st.sampled_from([None, "+y", "-x"]),
+    slip_times_s=st.lists(st.sampled_from([0.0, 3600.5]), max_size=2).map(tuple),
     rate_hz=st.none() | st.floats(1, 10_000),
     languages=st.sampled_from([("en",), ("fr",)]),
     kinds=st.sampled_from([("html",), ("pdf",), ("html", "pdf")]),
@@ -46,7 +50,7 @@ def refusal(content: bytes) -> UnusableSettings:
 def test_what_is_written_is_read_back(request_: ReportRequest) -> None:
     values = read_settings(encode_settings(request_))
 
-    assert apply_settings(ReportRequest("a.gt3x"), values) == request_
+    assert replace(ReportRequest("a.gt3x"), **values) == request_
 
 
 def test_only_the_names_in_the_file_are_set() -> None:
@@ -80,6 +84,8 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest_one() -> None:
         ("rate_hz: fast", "1 to 10000"),
         ("calibration: [[10, 5]]", "[[START_S,END_S]]"),
         ("calibration: [5, 10]", "[[START_S,END_S]]"),
+        ("axis: up", "x, y, z, -x, -y, -z"),
+        ("slip_at: [noon]", "[SECONDS]"),
         ("diary: [{start: 25:99, kind: break}]", "[{start, end, kind, label}]"),
         ("diary: [{start: 5, kind: lunch}]", "[{start, end, kind, label}]"),
         ("diary: [{start: 5, kind: break, where: here}]", "[{start, end, kind, label}]"),

@@ -195,7 +195,7 @@ def test_a_damaged_backup_is_not_restored(
     backup = tmp_path / "b.zip"
     acromion("backup", backup)
     backup.write_bytes(backup.read_bytes()[:-100])
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
 
     result = acromion("restore", backup, "--data", tmp_path / "new")
 
@@ -348,7 +348,7 @@ def test_a_damaged_file_is_restored_as_it_is(
     finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
 
     result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
@@ -362,7 +362,7 @@ def test_a_bit_that_flipped_in_the_backup_spoils_one_file_of_it(
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
     flip_a_bit(tmp_path / "b.zip", b"the recording")
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
 
     result = acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
@@ -374,7 +374,7 @@ def test_a_restore_that_was_cut_short_is_done_again(
     finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
     new = tmp_path / "new"
     (new / "recordings").mkdir(parents=True)
     (new / "recordings" / finished.recording_id).write_bytes(b"the recording")
@@ -387,7 +387,7 @@ def test_a_damaged_file_of_a_backup_does_not_replace_a_good_one(
     finished: Job, damaged: Path, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
     new = tmp_path / "new"
     (new / "recordings").mkdir(parents=True)
     (new / "recordings" / finished.recording_id).write_bytes(b"the recording")
@@ -400,7 +400,7 @@ def test_a_backup_is_not_restored_among_files_that_it_does_not_know(
     finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
     stranger = tmp_path / "new" / "recordings" / "rec_of_another_database"
     stranger.parent.mkdir(parents=True)
     stranger.write_bytes(b"whose row is lost")
@@ -450,7 +450,7 @@ def test_an_upload_under_way_is_not_restored_for_its_bytes_are_not_in_the_backup
     uploads = UploadStore(store.engine, store.reader)
     uploads.advance(uploads.open(100, "", Description("half.gt3x")), 50)
     acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
 
     acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 
@@ -471,7 +471,7 @@ def test_a_backup_of_before_faults_were_listed_is_restored(
                 del manifest["faults"]
                 content = json.dumps(manifest).encode()
             old.writestr(name, content)
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
 
     assert acromion("verify", tmp_path / "old.zip").exit_code == 0
     assert acromion("restore", tmp_path / "old.zip", "--data", tmp_path / "new").exit_code == 0
@@ -491,7 +491,7 @@ def test_a_restored_place_is_for_its_owner_alone(
     finished: Job, acromion: Acromion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     acromion("backup", tmp_path / "b.zip")
-    monkeypatch.delenv("ACROMION_DATABASE_URL")
+    monkeypatch.delenv("ACROMION_DATABASE_URL", raising=False)
     with wide_umask(0o000):
         acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "above" / "new")
 
@@ -543,7 +543,7 @@ def test_an_analysis_that_ran_waits_again_after_a_restore(
     job = add_job()
     store.claim(identify_self())
     acromion("backup", tmp_path / "b.zip")
-    del os.environ["ACROMION_DATABASE_URL"]  # put right again by the fixture that set it
+    os.environ.pop("ACROMION_DATABASE_URL", None)  # put right again by the fixture that set it
 
     acromion("restore", tmp_path / "b.zip", "--data", tmp_path / "new")
 

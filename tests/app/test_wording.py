@@ -1,9 +1,10 @@
 """Every code has words in both languages, and the languages hold the same keys."""
 
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -139,6 +140,16 @@ def test_both_languages_use_the_same_placeholders() -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("part", get_args(Part))
+def test_a_part_read_alone_is_what_it_is_in_the_whole_file(language: Language, part: Part) -> None:
+    whole = tomllib.loads((ROOT / "app" / "report" / "words" / f"{language}.toml").read_text("utf-8"))
+
+    texts = walk_texts(load_wording(language, part))
+
+    assert [path for path, _ in texts] == [path for path, _ in walk_texts(whole[part])]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize(
     "code",
     sorted({*codes_of(FusionError), *codes_of(app.errors.AppError), *SHELL_CODES, *codes_in_source("E")}),
@@ -207,13 +218,16 @@ def test_a_part_of_a_sentence_whose_fact_is_unknown_is_left_out() -> None:
 def test_a_fixed_term_of_the_code_is_told_in_the_language() -> None:
     problem = describe_problem("E-ZIP-UNSAFE", {"reason": "encrypted"}, "fr")
 
-    assert problem.detail == "L’archive pourrait être nuisible\u202f: elle est chiffrée."
+    assert problem.detail == "L’archive n’est pas ouverte\u202f: elle est chiffrée."
 
 
 def test_facts_from_a_file_are_only_text() -> None:
     problem = describe_problem("E-COLS", {"list": "{x} [y] <b>\u202e"}, "en")
 
-    assert problem.detail == "The columns of the table are not recognised: {x} [y] <b>."
+    assert problem.detail == (
+        "The columns for acceleration (ax, ay, az) and angular rate (gx, gy, gz) are not all recognised. "
+        "The header line reads: {x} [y] <b>"
+    )
 
 
 def test_an_unknown_refusal_is_told_as_an_error_of_the_software() -> None:
@@ -222,6 +236,12 @@ def test_an_unknown_refusal_is_told_as_an_error_of_the_software() -> None:
 
 def test_an_unknown_caveat_shows_its_code() -> None:
     assert describe_flag(QualityFlag("W-NEW"), "fr").title == "W-NEW"
+
+
+@pytest.mark.parametrize("code", ["W-POSE-ALONE", "W-POSE-APART", "W-SLIP-DOUBT"])
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_caveat_of_an_earlier_version_still_has_words(code: str, language: Language) -> None:
+    assert describe_flag(QualityFlag(code), language).detail != ""
 
 
 def test_french_punctuation_has_narrow_spaces() -> None:

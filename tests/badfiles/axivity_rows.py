@@ -8,7 +8,7 @@ AXIVITY = (
     read("X1", "shift.cwa", c.whole),
     read("X1 gzip", "shift.cwa.gz", c.packed),
     read("X1 header lost", "shift.cwa", c.without_header),
-    refused("X2 header only", "shift.cwa", given(c.joined()), "E-SHORT"),
+    refused("X2 header only", "shift.cwa", given(c.joined()), "E-NO-SAMPLES"),
     refused("X2 empty", "shift.cwa", given(b""), "E-EMPTY"),
     refused("X3 wrong magic", "shift.cwa", c.wrong_magic, "E-TYPE"),
     refused("X3 a table", "shift.cwa", given(t.canon()), "E-EXT"),

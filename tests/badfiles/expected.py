@@ -16,7 +16,7 @@ from tests.badfiles.signal_rows import SIGNALS
 from tests.fusion.gt3x_builder import INFO, T0, record
 from tests.fusion.table_builder import HEADER
 
-ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE", "W-POSE-ALONE"})
+ALWAYS = frozenset({"W-FEW-HOURS", "W-NPOSE"})
 """What any recording of an hour is told, without walking, in a window of the N-pose that was proposed."""
 HTML = b"<!DOCTYPE html><html><body>404 Not Found</body></html>"
 
@@ -35,7 +35,7 @@ CONTAINERS = (
     refused("6", "shift.gt3x", g.deflate_flipped, "E-ZIP-CRC"),
     refused("7", "shift.gt3x", given(g.archive({"info.txt": INFO})), "E-GT3X-PART"),
     refused("8", "shift.gt3x", given(g.archive({"log.bin": g.LOG})), "E-GT3X-PART"),
-    refused("9", "shift.gt3x", given(g.pack(b"")), "E-SHORT"),
+    refused("9", "shift.gt3x", given(g.pack(b"")), "E-NO-SAMPLES"),
     refused(
         "10",
         "shift.gt3x",
@@ -92,7 +92,7 @@ RECORDS = (
     read("39", "shift.gt3x", lambda: g.million_records(77, b"x", 1_000_000)),
     read("40", "shift.gt3x", lambda: g.million_records(0, b"", 100_000)),
     refused("41", "shift.gt3x", g.primary_only, "E-NO-GYRO"),
-    refused("42 missing", "shift.gt3x", given(g.pack(g.seconds())), "E-COLS"),
+    refused("42 missing", "shift.gt3x", given(g.pack(g.seconds())), "E-GT3X-PART"),
     refused("42 scale 0", "shift.gt3x", g.scale_zero, "E-COLS"),
     read("42 late", "shift.gt3x", g.schema_late),
     read("42 changed", "shift.gt3x", g.schema_changed),
@@ -146,7 +146,7 @@ INFO_AND_TIME = (
 XML = '<?xml version="1.0"?>'
 ROW_LOST = (59.99, 0.01, 0.0)
 TABLES = (
-    refused("59", "shift.csv", given(HEADER + "\n"), "E-SHORT"),
+    refused("59", "shift.csv", given(HEADER + "\n"), "E-NO-SAMPLES"),
     read("60 mark", "shift.csv", given("\ufeff" + t.canon())),
     read("60 CRLF", "shift.csv", given(t.canon().replace("\n", "\r\n"))),
     read("60 CR", "shift.csv", given(t.canon().replace("\n", "\r"))),

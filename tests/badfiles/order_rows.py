@@ -4,17 +4,24 @@ from datetime import datetime
 
 from tests.badfiles import order_files as o
 from tests.badfiles.gt3x_files import replaced, second
-from tests.badfiles.outcomes import given, read
+from tests.badfiles.outcomes import given, read, refused
 from tests.badfiles.table_files import NAMES, resaved
 
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - a clock that lost its date
 MARCH = datetime(2026, 3, 3, 23, 59, 30)  # noqa: DTZ001 - a day that is its month, too
 TEN = (60.0, 10.0, 0.0)
+HOLED = (60.0, 25.0, 0.0)
+"""A piece that stands too early leaves a hole before it that is none."""
 BACKWARDS = range(5999, -1, -1)
 
 ORDER = (
-    read("75 24 bits of ms", "shift.csv", given(o.short_counter(24, "ms", 1000, 16_750_000_000)), "W-WRAP"),
-    read("75 16 bits of ms", "shift.csv", given(o.short_counter(16, "ms", 1000, 30_000_000)), "W-WRAP"),
+    read(
+        "75 24 bits of ms",
+        "shift.csv",
+        given(o.short_counter(24, "ms", 1000, 16_750_000_000)),
+        "W-CLOCK-BACK",
+    ),
+    read("75 16 bits of ms", "shift.csv", given(o.short_counter(16, "ms", 1000, 30_000_000)), "W-CLOCK-BACK"),
     read("78 every second row", "shift.csv", given(o.ordered(o.thinned(2000, 4000, 2))), "W-RATE-CHANGE"),
     read(
         "78 two rows of three",
@@ -59,46 +66,49 @@ ORDER = (
         given(o.preambled("start: 2026-03-14T09:30:00")),
         "W-START",
     ),
-    read("77 pieces", "shift.csv", given(o.ordered(o.PASTED)), "W-PIECES"),
+    read("77 pieces", "shift.csv", given(o.ordered(o.PASTED)), "W-CLOCK-BACK W-GAP", HOLED),
     read(
         "77 pieces, wall clock",
         "shift.csv",
         given(o.ordered(o.PASTED, o.wall_clock(), o.CALENDAR)),
-        "W-PIECES",
+        "W-CLOCK-BACK W-GAP",
+        HOLED,
     ),
-    read("77 pieces, ActiLife", "shift.csv", given(o.pasted_actilife(o.PASTED)), "W-PIECES"),
+    read("77 pieces, ActiLife", "shift.csv", given(o.pasted_actilife(o.PASTED)), "W-CLOCK-BACK W-GAP", HOLED),
     read(
         "77 pieces, whole seconds",
         "shift.csv",
         given(o.ordered(o.PASTED, o.wall_clock(digits=19), o.CALENDAR)),
-        "W-JITTER W-PIECES",
+        "W-CLOCK-BACK W-GAP W-JITTER",
+        HOLED,
     ),
     read(
         "77 pieces that share rows",
         "shift.csv",
         given(o.ordered([*range(2000), *range(2900, 4500), *range(2000, 3000), *range(4500, 6000)])),
-        "W-DUP W-PIECES",
+        "W-CLOCK-BACK W-GAP",
+        (61.0, 24.0, 0.0),
     ),
     read(
         "77 pieces, one lost",
         "shift.csv",
         given(o.ordered([*range(1000), *range(4000, 6000), *range(2000, 4000)])),
-        "W-GAP W-PIECES W-SHORT",
-        (50.0, 10.0, 0.0),
+        "W-CLOCK-BACK W-GAP W-SHORT",
+        (50.0, 30.0, 0.0),
     ),
-    read("77 newest first", "shift.csv", given(o.ordered(BACKWARDS)), "W-REVERSED"),
-    read(
+    refused("77 newest first", "shift.csv", given(o.ordered(BACKWARDS)), "E-TIME"),
+    refused(
         "77 newest first, wall clock",
         "shift.csv",
         given(o.ordered(BACKWARDS, o.wall_clock(), o.CALENDAR)),
-        "W-REVERSED",
+        "E-TIME",
     ),
-    read("77 newest first, ActiLife", "shift.csv", given(o.pasted_actilife(BACKWARDS)), "W-REVERSED"),
-    read(
+    refused("77 newest first, ActiLife", "shift.csv", given(o.pasted_actilife(BACKWARDS)), "E-TIME"),
+    refused(
         "77 newest first, unit unknown",
         "shift.csv",
         given(o.ordered(BACKWARDS, [k / 100 for k in range(6000)], "time," + NAMES)),
-        "W-REVERSED",
+        "E-TIME",
     ),
     read("27 last second an hour late", "shift.gt3x", replaced(59, second(59, stamp=3659)), "W-CLOCK-FWD"),
     read("27 first second an hour early", "shift.gt3x", replaced(0, second(0, stamp=-3600)), "W-CLOCK-FWD"),
@@ -130,8 +140,8 @@ ORDER = (
         "28 50 rows at 0, more lost",
         "shift.csv",
         given(o.stray([0] * 50, [*range(3050), *range(3150, 6000)])),
-        "W-GAP W-ROWS-DROPPED W-SHORT",
-        (58.5, 1.5, 0.0),
+        "W-CLOCK-FWD W-GAP W-SHORT",
+        (59.0, 1.0, 0.0),
     ),
     read(
         "28 50 rows from 0, more lost",

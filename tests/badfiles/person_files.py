@@ -22,15 +22,15 @@ def with_noise(columns: Matrix, acc_g: float = 0.004, gyr_dps: float = 0.1) -> M
     return columns + np.random.default_rng(7).normal(0.0, 1.0, columns.shape) * (3 * [acc_g] + 3 * [gyr_dps])
 
 
-def swing(pause_s: float) -> Callable[[], bytes]:
-    """A minute in which the arm goes up and down without a rest but one of ``pause_s`` while it hangs."""
+def swing(pause_s: float, duration_s: float = 60.0) -> Callable[[], bytes]:
+    """An arm goes up and down without a rest but one of ``pause_s`` while it hangs."""
 
     def elevate(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         moved_s = time_s - np.clip(time_s - PAUSE_AT_S, 0.0, pause_s)
         return SWING_DEG * (1.0 - np.cos(2 * np.pi * SWING_HZ * moved_s))
 
     def make() -> bytes:
-        (segment,) = move_arm(elevate, 60.0).recording.segments
+        (segment,) = move_arm(elevate, duration_s).recording.segments
         return changed(with_noise(np.hstack([segment.acc_g, segment.gyr_dps]))).encode()
 
     return make

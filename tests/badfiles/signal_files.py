@@ -151,6 +151,11 @@ def turn_axis_late(axis: int) -> Callable[[Matrix], None]:
     return change
 
 
+def hang(columns: Matrix) -> None:
+    """The arm hangs all the time; nothing tells the gyroscope's unit."""
+    columns[:] = columns[np.arange(len(columns)) % 1300]
+
+
 def wild_at_rest(columns: Matrix) -> None:
     """The arm hangs all the time; the gyroscope is in a unit of its own."""
     columns[:] = columns[np.arange(len(columns)) % 1300]

@@ -27,20 +27,25 @@ SIGNALS = (
     read("86 rad/s", "shift.csv", s.scaled(1.0, 0.0174533, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
     refused("86 x2", "shift.csv", s.scaled(2.0, 1.0), "E-SCALE"),
     refused("86 x0.5", "shift.csv", s.scaled(0.5, 1.0, HEADER), "E-SCALE"),
-    read("87 swapped", "shift.csv", s.altered(s.swap_sensors, times=8), "W-UNITS", (480.0, 0.0, 0.0)),
-    read("87 swapped, much movement", "shift.csv", s.tumbled(s.swap_sensors), "W-UNITS", (240.0, 0.0, 0.0)),
+    refused("87 swapped", "shift.csv", s.altered(s.swap_sensors, times=8), "E-SWAPPED"),
+    refused("87 swapped, much movement", "shift.csv", s.tumbled(s.swap_sensors), "E-SWAPPED"),
     refused("87 swapped, and gyro late", "shift.csv", s.tumbled(s.swap_and_delay), "E-SWAPPED"),
-    read("87 permuted", "shift.csv", s.tumbled(s.permute_gyro), "W-UNITS", (240.0, 0.0, 0.0)),
-    read("87 one sign", "shift.csv", s.tumbled(s.flip_gyro_y), "W-UNITS", (240.0, 0.0, 0.0)),
+    refused("87 permuted", "shift.csv", s.tumbled(s.permute_gyro), "E-MIXED"),
+    refused("87 one sign", "shift.csv", s.tumbled(s.flip_gyro_y), "E-MIXED"),
     read("87 left-handed", "shift.csv", s.tumbled(s.left_handed), "W-UNITS", (240.0, 0.0, 0.0)),
     read("87 right", "shift.csv", s.tumbled(s.leave), "", (240.0, 0.0, 0.0)),
     *(
-        read(f"87 {name}", "shift.csv", s.tumbled(change), "W-UNITS", (240.0, 0.0, 0.0))
+        refused(f"87 {name}", "shift.csv", s.tumbled(change), "E-MIXED")
         for name, change in (
             ("acc xy swapped", s.order_acc(1, 0, 2)),
             ("acc yz swapped", s.order_acc(0, 2, 1)),
             ("acc xz swapped", s.order_acc(2, 1, 0)),
             ("acc turned round", s.order_acc(1, 2, 0)),
+        )
+    ),
+    *(
+        read(f"87 {name}", "shift.csv", s.tumbled(change), "W-UNITS", (240.0, 0.0, 0.0))
+        for name, change in (
             ("gyro negated", s.negate_gyro),
             ("gyro x0.5", s.multiply_gyro(0.5)),
             ("gyro x0.87", s.multiply_gyro(0.87)),
@@ -48,18 +53,25 @@ SIGNALS = (
             ("gyro x2", s.multiply_gyro(2.0)),
             ("gyro x0.001", s.multiply_gyro(0.001)),
             ("gyro x1000", s.multiply_gyro(1000.0)),
-            ("gyro z x2", s.multiply_gyro(2.0, slice(5, 6))),
         )
     ),
+    read(
+        "87 gyro z x2",
+        "shift.csv",
+        s.tumbled(s.multiply_gyro(2.0, slice(5, 6))),
+        "W-SCALE-DOUBT W-UNTRUSTED W-LOWCOVER",
+        (90.0, 150.0, 0.0),
+    ),
+    read("87 GT9X right", "shift.csv", s.tumbled(s.leave, s.write_actilife), "", (240.0, 0.0, 0.0)),
     *(
-        read(f"87 GT9X {name}", "shift.csv", s.tumbled(change, s.write_actilife), told, (240.0, 0.0, 0.0))
-        for name, change, told in (
-            ("right", s.leave, ""),
-            ("gyro negated", s.negate_gyro, "W-UNITS"),
-            ("gyro swapped", s.permute_gyro, "W-UNITS"),
-            ("gyro rad/s", s.multiply_gyro(0.0174533), "W-UNITS"),
+        refused(f"87 GT9X {name}", "shift.csv", s.tumbled(change, s.write_actilife), "E-MIXED")
+        for name, change in (
+            ("gyro negated", s.negate_gyro),
+            ("gyro swapped", s.permute_gyro),
+            ("gyro rad/s", s.multiply_gyro(0.0174533)),
         )
     ),
+    refused("86 no unit, no movement", "shift.csv", s.altered(s.hang, s.UNITLESS), "E-UNIT"),
     refused("87 gyro late", "shift.csv", s.tumbled(s.delay_gyro(50)), "E-MIXED"),
     refused("87 gyro 0.1 s late", "shift.csv", s.tumbled(s.delay_gyro(10)), "E-MIXED"),
     read("87 gyro 40 ms late", "shift.csv", s.tumbled(s.delay_gyro(4)), "W-LAG", (240.0, 0.0, 0.0)),
@@ -90,17 +102,16 @@ SIGNALS = (
     ),
     read("89 zeros, 1.4 s every 10 s", "shift.csv", s.tumbled(s.zeros_of(140)), FILLED, (207.8, 32.2, 0.0)),
     *(
-        read(f"89 {name}", "shift.csv", s.tumbled(change), "W-STUCK-PART", (240.0 - lost_s, 0.0, lost_s))
-        for name, change, lost_s in (
-            ("gyro y zero, 30 ms", s.stop_axis(4, 3), 0.72),
-            ("gyro y zero, 0.2 s", s.stop_axis(4, 20), 4.8),
-            ("gyro z zero, 1.4 s", s.stop_axis(5, 140), 33.6),
-            # of 24, in two the axis hardly turned; the row that is repeated goes with the rest
-            ("gyro x held, 0.3 s", s.stop_axis(3, 30, is_held=True), 6.82),
-            ("acc z zero, 80 ms", s.stop_axis(2, 8), 1.92),
+        refused(f"89 {name}", "shift.csv", s.tumbled(change), "E-DEAD")
+        for name, change in (
+            ("gyro y zero, 30 ms", s.stop_axis(4, 3)),
+            ("gyro y zero, 0.2 s", s.stop_axis(4, 20)),
+            ("gyro z zero, 1.4 s", s.stop_axis(5, 140)),
+            ("gyro x held, 0.3 s", s.stop_axis(3, 30, is_held=True)),
+            ("acc z zero, 80 ms", s.stop_axis(2, 8)),
         )
     ),
-    read("89 acc zero, 80 ms", "shift.csv", s.altered(s.zero_acc), "W-STUCK-PART W-SHORT", (59.6, 0.0, 0.4)),
+    refused("89 acc zero, 80 ms", "shift.csv", s.altered(s.zero_acc), "E-DEAD"),
     read("89 repeats", "shift.csv", s.altered(s.repeats), f"{FILLED} W-SHORT", (57.0, 3.0, 0.0)),
     read("90", "shift.csv", s.altered(s.spikes), "W-SPIKE W-SHORT", (59.92, 0.0, 0.08)),
     read("95 days", "shift.gt3x", g.three_days, "W-GAP W-MULTIDAY W-LOWCOVER", (60.0, 158_400.0, 0.0)),

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fusion.units import STANDARD_GRAVITY
 from tests.badfiles.arm import minute
 from tests.fusion.table_builder import HEADER
 
@@ -196,7 +197,9 @@ def french_names() -> str:
 def single_spaces(preamble: str = "") -> str:
     """Xsens' export with spaces: nothing stands between two of them where a value is absent."""
     header = "PacketCounter SampleTimeFine Acc_X Acc_Y Acc_Z Gyr_X Gyr_Y Gyr_Z"
-    rows = "".join(f"{k:05d}  {row.replace(',', ' ')}\n" for k, row in enumerate(values()))
+    acc_g, gyr_dps = minute(100.0)
+    numbers = np.hstack([acc_g * STANDARD_GRAVITY, np.radians(gyr_dps)]).tolist()
+    rows = "".join(f"{k:05d}  {' '.join(f'{one:.6f}' for one in row)}\n" for k, row in enumerate(numbers))
     return f"{preamble}{header}\n{rows}"
 
 

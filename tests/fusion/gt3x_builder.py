@@ -62,10 +62,11 @@ def log_of(seconds: Sequence[int], n_rows: int = 100) -> bytes:
 
 
 def pack(log: bytes, info: str | bytes = INFO, compression: int = zipfile.ZIP_STORED) -> io.BytesIO:
+    """Pack a device's file, to the same bytes whenever: the members carry no time of day."""
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", compression) as archive:
-        archive.writestr("log.bin", log)
-        archive.writestr("info.txt", info)
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr(zipfile.ZipInfo("log.bin"), log, compression)
+        archive.writestr(zipfile.ZipInfo("info.txt"), info, compression)
     file.seek(0)
     return file
 

@@ -64,6 +64,7 @@ def test_a_hole_of_up_to_50_ms_is_bridged_but_not_valid() -> None:
     (segment,) = elevation.segments
     assert np.flatnonzero(~segment.valid).tolist() == [100, 101, 102, 103]
     assert segment.elevation_deg[99:105].tolist() == [10.0, 12.0, 14.0, 16.0, 18.0, 20.0]
+    assert segment.bridged == ((100, 104),)
 
 
 def test_a_hole_of_60_ms_is_not_bridged() -> None:

@@ -19,6 +19,10 @@ def hang_and_raise() -> Recording:
     return hold((0.0, 30.0), (60.0, 30.0), (0.0, 30.0)).recording
 
 
+def hang_and_raise_for_half_an_hour() -> Recording:
+    return hold(*((0.0, 30.0), (60.0, 30.0)) * 30, rate_hz=25.0).recording
+
+
 def analyse_asked(*windows_s: tuple[float, float], method: MethodName = "smoothed") -> Analysis:
     return analyse(hang_and_raise(), AnalysisSettings(method, "n-pose", windows_s))
 
@@ -41,8 +45,11 @@ def test_a_window_asked_for_that_is_shorter_than_5_s_is_told(end_s: float, told:
 
 
 def test_a_short_window_widens_the_range_of_the_figures() -> None:
-    # 3 deg for 5 s or more, 3 x sqrt(5 / 2) = 4.7 deg for 2 s, 6 deg for 1 s.
-    widths = [range_of_median_deg(analyse_asked((2.0, end_s))) for end_s in (12.0, 4.0, 3.0)]
+    # 5 deg for 5 s or more, 5 x sqrt(5 / 2) = 7.9 deg for 2 s, 10 deg for 1 s.
+    recording = hang_and_raise_for_half_an_hour()
+    settings = [AnalysisSettings("smoothed", "n-pose", ((2.0, end_s),)) for end_s in (12.0, 4.0, 3.0)]
+
+    widths = [range_of_median_deg(analyse(recording, asked)) for asked in settings]
 
     assert widths[0] < widths[1] < widths[2]
 

@@ -1,6 +1,7 @@
 """A change between two days is told beside what days differ by anyway."""
 
 from dataclasses import replace
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -49,6 +50,34 @@ def test_a_figure_without_published_variation_gets_no_verdict() -> None:
 
 def test_days_that_were_measured_alike_differ_in_nothing() -> None:
     assert compare_days(spend_above(10), spend_above(20)).differences == ()
+
+
+MORNING = datetime.fromisoformat("2026-03-02T08:00")
+
+
+@pytest.mark.parametrize(
+    ("start", "differences"),
+    [
+        ("2026-03-02T12:59", ("hours",)),
+        ("2026-03-02T13:00", ()),
+        ("2026-03-01T08:00", ("order",)),
+        ("2026-03-02T12:59+00:00", ("hours",)),
+        (None, ()),
+    ],
+)
+def test_hours_that_overlap_are_no_two_days_and_an_earlier_day_is_no_later_one(
+    start: str | None, differences: tuple[str, ...]
+) -> None:
+    before = replace(spend_above(10), start=MORNING, duration_s=5 * 3600.0)
+    after = replace(
+        spend_above(50), start=datetime.fromisoformat(start) if start else None, duration_s=5 * 3600.0
+    )
+
+    compared = compare_days(before, after)
+
+    assert compared.differences == differences
+    judged = next(change for change in compared.changes if change.name == "time_above_60_percent")
+    assert (judged.verdict == "no two days") == (differences == ("hours",))
 
 
 def test_what_the_days_differ_in_besides_the_work_is_named() -> None:

@@ -13,6 +13,7 @@ from fusion.numba_kernels import _copy_compiled
 TELL = "from fusion.numba_kernels import make_kernel_folder; print(make_kernel_folder())"
 IMPORT_ALL = "import os, fusion; [getattr(fusion, name) for name in fusion.__all__]"
 CALL = "from fusion.numba_kernels import make_ready; make_ready()"
+LOADED = f"import sys; {CALL}; print(*sorted({{'numba.np.arraymath', 'scipy.linalg'}} & set(sys.modules)))"
 
 
 def tell_folder(given: Path, base: Path) -> Path:
@@ -132,3 +133,30 @@ def test_where_nothing_can_be_written_kernels_run_all_the_same(tmp_path: Path) -
     run_away(program, blocked, tmp_path)
 
     assert list_files(tmp_path) == ["file"]
+
+
+def test_a_kernel_that_was_compiled_before_runs_without_what_only_the_compiler_needs(tmp_path: Path) -> None:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def run() -> str:
+        command = [sys.executable, "-c", LOADED]
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    assert run() == "numba.np.arraymath scipy.linalg"
+    assert run() == ""
+
+
+def test_a_kernel_that_was_compiled_before_takes_and_gives_arrays() -> None:
+    program = (
+        "import numpy as np; from fusion.sensor.model import solve_band;"
+        "print(*solve_band(np.array([[4.0, 5.0], [2.0, 0.0]]), np.array([[6.0, 7.0]]))[0])"
+    )
+
+    def run() -> str:
+        command = [sys.executable, "-c", program]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    assert run() == "1.0 1.0"
+    assert run() == "1.0 1.0"

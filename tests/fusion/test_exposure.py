@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from fusion.elevation import Elevation
+from fusion.elevation import Elevation, ElevationSegment
 from fusion.errors import TooShort
 from fusion.exposure import Exposure, summarise_exposure
 from fusion.exposure.metric_filter import design_filter, filter_angle, filter_elevation
@@ -176,6 +176,20 @@ def test_rows_that_are_no_number_count_nowhere_and_spoil_no_others() -> None:
 
     assert exposure.analysed_s == 59.0
     assert shares(exposure)[2] == 100.0
+
+
+@pytest.mark.parametrize(("rows", "is_bridged"), [(4, True), (5, False)])
+def test_a_step_of_up_to_50_ms_over_rows_without_a_number_is_bridged_for_the_filter_only(
+    rows: int, *, is_bridged: bool
+) -> None:
+    # 40 deg before the hole and 60 deg behind it: a filter that goes on rounds the step off, one that
+    # restarts gives 40 deg up to the hole.
+    angle = np.repeat([40.0, 60.0], 100).astype(np.float32)
+    angle[100 : 100 + rows] = np.nan
+    filtered = filter_elevation(ElevationSegment(0, 100.0, angle, np.ones(200, np.bool_)))
+
+    assert (filtered.elevation_deg[99] > 41.0) == is_bridged
+    assert filtered.valid.sum() == 200 - rows
 
 
 def test_without_a_trusted_row_there_is_no_figure() -> None:

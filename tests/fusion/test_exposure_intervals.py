@@ -1,11 +1,14 @@
 """Intervals: an error of the angle shifts the day, and a day is a sample of its five-minute blocks."""
 
+from collections.abc import Iterator
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from fusion.elevation import Elevation
-from fusion.exposure import Exposure, Interval, summarise_exposure
+from fusion.exposure import Exposure, Interval, summarise_exposure, withhold_short
 from fusion.exposure.bins import CELLS
 from fusion.exposure.intervals import draw_figures, name_speed_intervals
 from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks
@@ -139,3 +142,38 @@ def test_draws_of_nothing_but_short_pieces_have_no_speed_and_divide_nothing_by_z
     found = name_speed_intervals("arm", Velocity(10.0, 10.0, 10.0, 10.0, 10.0), tally, draws)
 
     assert found["arm_velocity_mean_dps"] == Interval(10.0, 10.0)
+
+
+def test_half_an_hour_keeps_its_ranges_and_rates() -> None:
+    exposure = summarise(make_day(minutes=30), bias_sigma_deg=3.0)
+
+    assert withhold_short(exposure) is exposure
+
+
+def test_under_half_an_hour_no_range_and_no_rate_per_hour_is_left_in_day_or_part() -> None:
+    exposure = withhold_short(summarise(make_day(minutes=29), bias_sigma_deg=3.0))
+
+    told = asdict(exposure)
+    rates = {name: value for name, value in find_all(told) if "per_hour" in name or "per_h" in name}
+    ranges = [value for name, value in find_all(told) if name in {"interval", "intervals"} and value]
+    assert set(rates) == {
+        "per_hour", "entries_above_60_per_h", "neutral_slow_per_hour", "slow_per_hour", "crossings_per_hour",
+    }  # fmt: skip
+    assert (set(rates.values()), ranges) == ({None}, [])
+
+
+def test_under_half_an_hour_every_other_figure_stays() -> None:
+    exposure = summarise(make_day(minutes=29), bias_sigma_deg=3.0)
+
+    kept = withhold_short(exposure)
+    assert kept.percentiles_deg == exposure.percentiles_deg
+    assert [entries.count for entries in kept.entries] == [entries.count for entries in exposure.entries]
+
+
+def find_all(value: object) -> Iterator[tuple[str, object]]:
+    """Give every name in nested values, with what stands under it."""
+    if isinstance(value, dict):
+        yield from ((str(name), inner) for name, inner in value.items())
+        value = tuple(value.values())
+    for inner in value if isinstance(value, list | tuple) else ():
+        yield from find_all(inner)

@@ -32,6 +32,7 @@ def test_hanging_still_for_3_s_is_rest_and_shorter_is_not() -> None:
     recovery = summarise(hold((50, 10), (10, 3.1), (50, 10), (10, 3.0), (50, 10))).recovery
 
     assert recovery is not None  # the step into a hold is fast: of 3.1 s three are slow
+    assert recovery.neutral_slow_per_hour is not None
     assert recovery.neutral_slow_per_hour * 36.1 / 3600 == pytest.approx(1.0)
     assert recovery.neutral_slow_percent == pytest.approx(100 * 3.0 / 36.1)
 
@@ -142,6 +143,16 @@ def test_minutes_with_two_entries_are_told() -> None:
     entries = summarise(hold(*lift, *lift, (10, 40), *lift, (10, 50), (10, 60))).entries[1]  # 2, 1 and none
 
     assert entries.busy_minutes_percent == pytest.approx(100 / 3)
+
+
+@pytest.mark.parametrize("rate_hz", [25.0, 24.96, 25.016])
+def test_two_entries_make_a_minute_busy_at_any_rate(rate_hz: float) -> None:
+    time_s = np.arange(round(600 * rate_hz)) / rate_hz
+    angle = np.where(time_s % 30.0 < 15.0, 10.0, 80.0)  # raised at 15 and 45 s of each minute
+
+    entries = summarise_exposure(elevate(angle, rate_hz=rate_hz)).entries[1]
+
+    assert (entries.count, entries.busy_minutes_percent) == (20, 100.0)
 
 
 def test_the_eva_matrix_in_a_few_figures() -> None:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fusion.diary import Period, divide_day
 from fusion.exposure import DayDivision, PartExposure, summarise_exposure
 from fusion.exposure.intervals import describe_hours, name_variation_intervals
+from fusion.exposure.periods import Period, divide_day
 from tests.factories import elevate
 
 SECOND_US = 1_000_000

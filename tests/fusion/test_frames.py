@@ -19,6 +19,10 @@ def test_the_angle_table_has_a_row_for_each_sample(analysis: Analysis) -> None:
     assert table["time_s"].iloc[[0, -1]].tolist() == [0.0, pytest.approx(119.99)]
 
 
+def test_the_angle_table_of_a_series_is_that_of_its_analysis(analysis: Analysis) -> None:
+    assert tabulate_elevation(analysis.elevation).equals(tabulate_elevation(analysis))
+
+
 def test_the_shares_of_the_bins_add_up_to_the_day(analysis: Analysis) -> None:
     bins = tabulate_exposure(analysis.exposure)["bins"]
 
@@ -26,8 +30,10 @@ def test_the_shares_of_the_bins_add_up_to_the_day(analysis: Analysis) -> None:
     assert bins.loc[bins["lower_deg"] == 60, "percent"].item() == pytest.approx(50, abs=0.5)
 
 
-def test_ranges_stand_in_columns_of_their_own(analysis: Analysis) -> None:
-    above = tabulate_exposure(analysis.exposure)["time_above"]
+def test_ranges_stand_in_columns_of_their_own() -> None:
+    half_an_hour = analyse(hold((0, 900), (75, 900)).recording)
+
+    above = tabulate_exposure(half_an_hour.exposure)["time_above"]
 
     assert (above["low"] <= above["percent"]).all()
 

@@ -118,10 +118,15 @@ def rest_with_jump(jump_s: float, to_dps: NDArray[np.float64]) -> SensorRun:
 
 
 @pytest.mark.parametrize("jump_s", [300.0, 900.0, 1500.0])
-def test_an_offset_that_jumps_is_followed_on_both_sides(jump_s: float) -> None:
-    bias = estimate_gyro_bias([rest_with_jump(jump_s, OFFSET)])
+def test_an_offset_that_jumps_is_known_at_the_rests_before_and_after_it(jump_s: float) -> None:
+    # Between the two rests nothing dates the jump.
+    run = rest_with_jump(jump_s, OFFSET)
+    rests = find_still_moments([reduce_run(run)])
+    before_s = rests.middle_s[rests.start_s + rests.duration_s < jump_s][-1]
+    after_s = rests.middle_s[rests.start_s > jump_s][0]
 
-    before_dps, after_dps = bias.at(np.array([jump_s - 30.0, jump_s + 30.0]))
+    before_dps, after_dps = estimate_gyro_bias([run]).at(np.array([before_s, after_s]))
+
     assert np.abs(before_dps).max() < 0.1
     assert np.abs(after_dps - OFFSET).max() < 0.1
 

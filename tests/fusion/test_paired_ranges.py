@@ -25,6 +25,12 @@ def test_without_a_known_error_there_is_no_range() -> None:
     assert pair(spend(15), spend(30), None).intervals == {}
 
 
+def test_under_half_an_hour_there_is_no_range() -> None:
+    left, right = spend(15)[:1799], spend(30)[:1799]
+
+    assert pair(left, right, (3.0, 3.0)).intervals == {}
+
+
 def test_an_even_day_with_an_exact_angle_has_ranges_of_one_value() -> None:
     intervals = pair(spend(60), spend(60), (1e-9, 1e-9)).intervals
 

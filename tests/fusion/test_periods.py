@@ -7,17 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.diary import (
-    KINDS,
-    DiaryEntry,
-    Kind,
-    Period,
-    Placed,
-    divide_day,
-    find_left_out,
-    place_diary,
-)
+from fusion.diary import KINDS, DiaryEntry, Kind
 from fusion.errors import UnusableDiary
+from fusion.exposure.periods import Period, Placed, divide_day, find_left_out, place_diary
 
 SECOND = 1_000_000
 HOUR = 3600 * SECOND

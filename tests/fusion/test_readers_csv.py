@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fusion.errors import (
     FusionError,
+    UnknownColumns,
 )
 from fusion.readers import read_recording
 from tests.fusion.table_builder import HEADER, PREAMBLE, codes, line, read_text, table
@@ -150,3 +151,13 @@ def test_a_table_overwritten_anywhere_is_read_or_refused(at: int, junk: bytes) -
     content = table(range(0, 3_000_000, 10_000)).encode()
 
     assert outcome(content[:at] + junk + content[at + len(junk) :]).startswith(("E-", "ok"))
+
+
+def test_a_header_of_unknown_names_is_shown_and_not_denied() -> None:
+    rows = "".join(f"{row / 100:.2f},0.1,0.2,0.9,1,2,{row % 7}\n" for row in range(200))
+
+    with pytest.raises(UnknownColumns) as refusal:
+        read_recording(io.BytesIO(f"when,p,q,r,s,u,v\n{rows}".encode()), file_name="strange.csv")
+
+    assert refusal.value.facts["list"] == "when,p,q,r,s,u,v"
+    assert refusal.value.facts["missing"] == "ax, ay, az, gx, gy, gz"

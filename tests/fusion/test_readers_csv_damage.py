@@ -5,9 +5,10 @@ import pytest
 from fusion.errors import (
     AmbiguousDecimal,
     CutByExcel,
+    EpochFile,
     FusionError,
     NoGyroscope,
-    TooShort,
+    NoSamples,
     UnknownColumns,
     UnknownFormat,
     UnknownRate,
@@ -75,7 +76,9 @@ def test_more_than_one_line_in_twenty_unreadable_is_refused_with_the_place() -> 
 @pytest.mark.parametrize(
     ("content", "error"),
     [
-        (HEADER + "\n", TooShort),
+        (HEADER + "\n", NoSamples),
+        ("time_s,ax,ay,az\n" + "".join(f"{k / 100},0,0,1\n" for k in range(50)), NoGyroscope),
+        ("Date,Axis1,Axis2,Axis3,Steps,Vector Magnitude\n" + "1/2/2026,3,4,5,6,7\n" * 50, EpochFile),
         (
             "time_us,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z\n"
             + "".join(f"{k * 10_000},0,5,1,0,3,0,5,0,5,0,5\n" for k in range(50)),

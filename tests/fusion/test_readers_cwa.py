@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusion.errors import FusionError, NoGyroscope, TooShort, UnknownRate, WrongExtension
+from fusion.errors import FusionError, NoGyroscope, NoSamples, UnknownRate, WrongExtension
 from fusion.pipeline import analyse
 from fusion.readers import READERS, holds_device_format, read_recording
 from fusion.readers.cwa.read import decode_log
@@ -195,8 +195,8 @@ def test_without_a_gyroscope_it_is_refused_with_the_cure(axes: int) -> None:
     assert refusal.value.facts == {"cure": "AX6"}
 
 
-def test_a_header_alone_is_too_short() -> None:
-    with pytest.raises(TooShort):
+def test_a_header_alone_has_no_samples() -> None:
+    with pytest.raises(NoSamples):
         read_file(header())
 
 

@@ -1,11 +1,14 @@
 """The clock of a `.cwa`: stamps that jump, are missing, scatter or drift, and what the durations are then."""
 
+from collections.abc import Callable
 from datetime import timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fusion.errors import UnusableTime
+from fusion.readers import read_recording
 from fusion.recording import MICROSECONDS
 from tests.fusion.cwa_builder import (
     START,
@@ -180,3 +183,26 @@ def test_a_date_that_is_none_is_no_stamp() -> None:
 
 def test_packing_a_time_is_what_the_documentation_says() -> None:
     assert pack_time(START) == 0x68C48000
+
+
+@pytest.mark.parametrize("moved", [-1, 1])
+def test_the_row_of_a_stamp_may_move_by_one_while_the_stamps_go_on_evenly(moved: int) -> None:
+    """As in a real AX6: from the fourth block on the row is 41 in place of 40, and nothing is missing."""
+    parts = []
+    for number in range(50):
+        packed, fraction, row = stamp_fields(START_US + 400_000 * number, 100.0)
+        parts.append(block(number, 0, stamp=(packed, fraction, row if number < 3 else row + moved)))
+
+    recording = read_file(header() + b"".join(parts))
+
+    assert spans_s(recording) == [(0.0, 2000)]
+    assert codes(recording) == []
+
+
+@pytest.mark.real_recordings
+def test_a_real_ax6_is_one_unbroken_run(shared_data: Callable[[str], Path]) -> None:
+    recording = read_recording(shared_data("other_layouts") / "ax6_sample.cwa")
+
+    assert [len(segment) for segment in recording.segments] == [10_360]
+    assert recording.rate_hz == pytest.approx(98.394, abs=0.001)
+    assert codes(recording) == ["W-DRIFT"]

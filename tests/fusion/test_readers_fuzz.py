@@ -22,3 +22,13 @@ def test_a_damaged_file_is_refused_by_name_or_accounts_for_every_second(name: st
     outcome = read_damaged(name, random)
 
     assert outcome == "read" or outcome.startswith("E-")
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [("shimmer", 447), ("shimmer", 3383), ("shimmer of four lines", 1473), ("Parquet", 2297)],
+)
+def test_damage_that_once_broke_the_reader_is_refused_or_read(name: str, seed: int) -> None:
+    outcome = read_damaged(name, Random(seed))
+
+    assert outcome == "read" or outcome.startswith("E-")

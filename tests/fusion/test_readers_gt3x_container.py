@@ -7,11 +7,12 @@ import pytest
 
 from fusion.errors import (
     CorruptArchive,
+    DamagedFile,
     EmptyFile,
     MissingMember,
     NoGyroscope,
+    NoSamples,
     OldDevice,
-    TooShort,
     TruncatedArchive,
     UnknownColumns,
     UnsafeArchive,
@@ -129,8 +130,8 @@ def test_an_encrypted_member_is_refused() -> None:
     assert refusal.value.facts == {"reason": "encrypted"}
 
 
-def test_an_empty_log_is_too_short() -> None:
-    with pytest.raises(TooShort):
+def test_an_empty_log_has_no_samples() -> None:
+    with pytest.raises(NoSamples):
         read_log(b"")
 
 
@@ -139,12 +140,25 @@ def test_a_log_with_the_primary_accelerometer_only_has_no_gyroscope() -> None:
         read_log(b"".join(record(26, T0 + s, bytes(600)) for s in range(20)))
 
 
-@pytest.mark.parametrize("acc_divisor", [None, 0.0], ids=["no schema", "scale 0"])
-def test_samples_that_no_schema_explains_are_refused(acc_divisor: float | None) -> None:
-    head = b"" if acc_divisor is None else record(24, T0, schema(acc_divisor))
+def test_samples_without_a_schema_are_refused_as_a_part_that_is_missing() -> None:
+    with pytest.raises(MissingMember) as refusal:
+        read_log(b"".join(second(T0 + s) for s in range(20)))
 
+    assert refusal.value.facts == {"member": "SENSOR_SCHEMA"}
+
+
+def test_samples_of_a_schema_without_a_scale_are_refused() -> None:
     with pytest.raises(UnknownColumns):
-        read_log(head + b"".join(second(T0 + s) for s in range(20)))
+        read_log(record(24, T0, schema(0.0)) + b"".join(second(T0 + s) for s in range(20)))
+
+
+def test_samples_that_were_wiped_are_refused_as_damaged() -> None:
+    wiped = b"".join(record(25, T0 + s, bytes(2102)) for s in range(20))
+
+    with pytest.raises(DamagedFile) as refusal:
+        read_log(record(24, T0, schema()) + wiped)
+
+    assert refusal.value.code == "E-CORRUPT"
 
 
 def test_a_table_named_gt3x_is_refused_by_its_content() -> None:

@@ -5,13 +5,15 @@ import pytest
 from fusion.errors import TooShort, UnknownColumns, UnknownRate
 from tests.fusion.table_builder import codes, line, read_text
 
-NAMES = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n"
+NAMES = "\t".join(
+    ["PacketCounter", "SampleTimeFine", *(f"Acc_{a}_g" for a in "XYZ"), *(f"Gyr_{a}_dps" for a in "XYZ")]
+)
 PREAMBLE = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
 
 
 def export(numbers: list[int], preamble: str = PREAMBLE) -> str:
     rows = (f"{n:05d}\t\t" + line(k).replace(",", "\t") for k, n in enumerate(numbers))
-    return preamble + NAMES + "\n".join(rows) + "\n"
+    return preamble + NAMES + "\n" + "\n".join(rows) + "\n"
 
 
 def test_the_preamble_tells_the_rate() -> None:
@@ -85,7 +87,7 @@ def test_a_column_that_does_not_count_up_is_no_packet_counter() -> None:
 
 def test_less_than_a_second_of_an_unknown_unit_is_too_short() -> None:
     with pytest.raises(TooShort):
-        read_text(export([*range(3)], ""), rate_hz=100.0)
+        read_text(export([*range(3)], "").replace("_g", "").replace("_dps", ""), rate_hz=100.0)
 
 
 def test_names_of_columns_that_we_do_not_know_are_told() -> None:
@@ -94,4 +96,7 @@ def test_names_of_columns_that_we_do_not_know_are_told() -> None:
     with pytest.raises(UnknownColumns) as refusal:
         read_text(text)
 
-    assert refusal.value.facts["list"] == "PacketCounter, Status, Quat_W, Quat_X, Quat_Y, Quat_Z"
+    assert refusal.value.facts == {
+        "list": "PacketCounter,Status,Quat_W,Quat_X,Quat_Y,Quat_Z",
+        "missing": "ax, ay, az, gx, gy, gz",
+    }

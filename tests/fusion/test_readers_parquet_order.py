@@ -7,10 +7,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from fusion.errors import UnusableTime
 from fusion.readers import read_recording
 from fusion.recording import Recording
 from tests.badfiles.arm import minute
-from tests.badfiles.order_files import PASTED
 from tests.fusion.table_builder import codes
 
 ACC_G, GYR_DPS = minute()
@@ -25,17 +25,9 @@ def read_rows(order: list[int], stamps: pa.Array, name: str = "time_us") -> Reco
     return read_recording(file, file_name="shift.parquet")
 
 
-@pytest.mark.parametrize(
-    ("order", "said"),
-    [(list(PASTED), "W-PIECES"), (list(range(5999, -1, -1)), "W-REVERSED")],
-    ids=["pieces", "newest row first"],
-)
-def test_rows_are_put_in_the_order_of_their_time(order: list[int], said: str) -> None:
-    recording = read_rows(order, pa.array(range(0, 60_000_000, 10_000)))
-
-    (segment,) = recording.segments
-    assert codes(recording) == [said]
-    np.testing.assert_allclose(segment.acc_g, ACC_G, atol=1e-6)
+def test_rows_with_the_newest_first_are_refused() -> None:
+    with pytest.raises(UnusableTime):
+        read_rows(list(range(5999, -1, -1)), pa.array(range(0, 60_000_000, 10_000)))
 
 
 def test_a_counter_of_32_bits_is_carried_on() -> None:

@@ -9,7 +9,8 @@ from fusion.errors import UnknownColumns, UnusableProfile
 from fusion.readers import parse_profile, read_recording
 from fusion.recording import Recording
 
-NAMED = '{"acceleration": ["p", "q", "r"], "angular_rate": ["u", "v", "w"], "time": "k"}'
+UNITS = '"acceleration_unit": "g", "angular_rate_unit": "dps"'
+NAMED = f'{{"acceleration": ["p", "q", "r"], "angular_rate": ["u", "v", "w"], "time": "k", {UNITS}}}'
 TWITCH = [0.001 * (k % 7 == 3) for k in range(900)]
 ROWS = [(10 * k, t, t, 1.0 + t, 0.5 + t, t - 0.25, k % 50) for k, t in enumerate(TWITCH)]
 
@@ -32,7 +33,9 @@ def test_columns_are_found_by_the_names_that_the_profile_gives() -> None:
 
 
 def test_columns_are_found_by_number_where_there_is_no_header() -> None:
-    recording = read_with('{"acceleration": [2, 3, 4], "angular_rate": [5, 6, 7], "time": 1}', table(""))
+    numbered = f'{{"acceleration": [2, 3, 4], "angular_rate": [5, 6, 7], "time": 1, {UNITS}}}'
+
+    recording = read_with(numbered, table(""))
 
     assert recording.duration_us == 9_000_000
     assert recording.segments[0].acc_g[0, 2] == 1.0

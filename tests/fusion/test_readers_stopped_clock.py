@@ -6,7 +6,7 @@ import pytest
 from fusion.errors import UnusableTime
 from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.row_kernels import find_equal_runs
-from fusion.readers.timebase.row_times import mend_stopped
+from fusion.readers.timebase.row_times import leave_out_stopped
 from tests.fusion.table_builder import codes, read_text, table
 
 SECOND_US = 1_000_000
@@ -21,11 +21,12 @@ def stopped(first: int, stop: int, stamp_us: int | None = None, hole_us: int = 0
 
 
 @pytest.mark.parametrize("rows", [60, 1000, 2400])
-def test_rows_that_fill_the_time_of_a_stopped_clock_cost_nothing(rows: int) -> None:
+def test_rows_of_a_stopped_clock_are_missing_time(rows: int) -> None:
     recording = read_text(table(stopped(3000, 3000 + rows)))
 
-    assert [(s.start_us, len(s), round(s.rate_hz, 6)) for s in recording.segments] == [(0, ROWS, 100.0)]
-    assert [(flag.code, flag.count) for flag in recording.flags] == [("W-CLOCK-FWD", rows)]
+    assert sum(len(segment) for segment in recording.segments) == ROWS - rows
+    assert recording.duration_us == 60 * SECOND_US
+    assert codes(recording) == ["W-ROWS-DROPPED", "W-GAP"]
 
 
 def test_rows_of_a_stopped_clock_beside_a_hole_are_missing() -> None:
@@ -80,7 +81,7 @@ def test_rows_in_uneven_bunches_are_no_stopped_clock() -> None:
     columns.rows = len(stamps)
     columns.stamps[: len(stamps)] = stamps
 
-    flags = mend_stopped(columns)
+    flags = leave_out_stopped(columns)
 
     assert flags == ()
     assert columns.stamps[: columns.rows].tolist() == stamps.tolist()

@@ -17,7 +17,7 @@ RATE_HZ = 2000.0
 
 
 def play_day(first_s: float, seconds: float) -> FloatArray:
-    motion = plan_day(300.0, np.random.default_rng(5))[1]
+    motion = plan_day(300.0, np.random.default_rng(9))[1]
     return play(motion, int(first_s * RATE_HZ), int(seconds * RATE_HZ), RATE_HZ)
 
 
@@ -29,7 +29,8 @@ def turn_trunk(channels: FloatArray) -> Rotation:
 def turn_arm(channels: FloatArray) -> Rotation:
     plane, elevation, axial = channels[[Channel.PLANE, Channel.ELEVATION, Channel.AXIAL], 0]
     shoulder = Rotation.from_euler("ZYZ", np.stack([plane, -elevation, axial - plane], axis=1), degrees=True)
-    return turn_trunk(channels) * shoulder
+    swing = Rotation.from_euler("Y", -channels[Channel.SWING, 0][:, None], degrees=True)
+    return turn_trunk(channels) * swing * shoulder
 
 
 def place_sensor(channels: FloatArray, body: Body) -> FloatArray:

@@ -69,7 +69,7 @@ def test_an_hour_holds_every_activity() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_day_is_as_loaded_as_published_ones(seed: int) -> None:
-    elevation_deg = simulate_shift("gt9x", 2.0, seed).in_arrays().elevation_deg
+    elevation_deg = simulate_shift("gt9x", 8.0, seed, 25.0).in_arrays().elevation_deg
 
     assert 4.0 < 100.0 * (elevation_deg > 60.0).mean() < 12.0
     assert 18.0 < np.median(elevation_deg) < 32.0

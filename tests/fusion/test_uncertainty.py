@@ -90,7 +90,7 @@ def cover(device: Device, seed: int) -> float:
 
 
 def test_where_nobody_held_a_pose_the_ranges_are_wider() -> None:
-    recording = read_recording(io.BytesIO(swing(3.0)()), file_name="shift.csv")
+    recording = read_recording(io.BytesIO(swing(3.0, duration_s=1830.0)()), file_name="shift.csv")
     named = AnalysisSettings(calibration_windows_s=((28.5, 30.5),))
 
     found, told = (analyse(recording, settings).exposure for settings in (None, named))

@@ -88,6 +88,24 @@ def unknown(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> 
     return str(job["id"])
 
 
+@pytest.fixture(scope="session")
+def offered(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a failed analysis: somebody has named the columns of another table with its header."""
+    folder, jobs = tmp_path_factory.mktemp("offered"), []
+    for k in range(2):
+        table = folder / f"offered{k}.csv"
+        rows = "".join(f"{10 * n};0.0{n % 9};0.0;1.0;0.1;0.2;0.{k}\n" for n in range(300))
+        table.write_text("t;a;b;c;d;e;f\n" + rows)
+        jobs.append(str(server.send(table)["id"]))
+    for job in jobs:
+        assert see_end(server, job)["state"] == "failed"
+    form = {f"acceleration_{axis}": str(2 + k) for k, axis in enumerate("xyz")}
+    form |= {f"angular_rate_{axis}": str(5 + k) for k, axis in enumerate("xyz")}
+    header = server.client.get(f"/analyses/{jobs[0]}/columns").text.partition('name="header" value="')[2]
+    server.client.post(f"/analyses/{jobs[0]}/columns", data=form | {"header": header.partition('"')[0]})
+    return jobs[1]
+
+
 @pytest.fixture
 def page(browser: Browser) -> Iterator[Page]:
     """A page that must not complain, nor ask any other host."""

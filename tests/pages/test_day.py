@@ -85,6 +85,19 @@ def test_an_error_of_the_curve_stays_in_its_panel(page: Page, server: RunningSer
     expect(page.get_by_role("button", name="Analyse again")).to_be_visible()
 
 
+def test_a_server_that_does_not_answer_is_said_where_it_matters(day: Page, tmp_path: Path) -> None:
+    diary = tmp_path / "diary.csv"
+    diary.write_text("kind,label,start,end\n")
+    day.route(re.compile("/stillness|/diary|/again"), lambda route: route.abort())
+
+    set_window(day, "07:00:01", "07:00:09")
+    expect(day.locator(".window [data-stillness]").first).to_have_text("")
+    expect(day.get_by_role("alert")).to_be_hidden()
+
+    day.set_input_files("#import", diary)
+    expect(day.get_by_role("alert")).to_contain_text("The server does not answer.")
+
+
 def test_the_calibration_window_is_a_band_with_its_stillness(day: Page) -> None:
     (band,) = [band for band in read_bands(day) if band["kind"] == "calibration"]
 
@@ -95,7 +108,7 @@ def test_the_calibration_window_is_a_band_with_its_stillness(day: Page) -> None:
 
 
 def test_a_window_that_moved_is_told_to_be_so(day: Page) -> None:
-    set_window(day, "07:01:30", "07:01:36")
+    set_window(day, "07:00:34", "07:00:40")
 
     expect(day.locator(".window [data-stillness]").first).to_contain_text("not still")
 

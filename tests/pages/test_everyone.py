@@ -37,13 +37,15 @@ PAGES = {
     "compare": "beside/compare?first={left}&second={right}",
     "columns": "analyses/{unknown}/columns",
     "failed": "analyses/{unknown}",
+    "offered": "analyses/{offered}/columns",
+    "named": "columns",
     "batches": "batches",
     "batch": "batches/{batch}",
     "repeated": "analyses/{repeated}",
     "attempt": "analyses/{right}?attempt={repeated}",
     "absent": "analyses/an_none",
 }
-SHOWN = ("right", "left", "unknown", "repeated", "batch", "trunk")
+SHOWN = ("right", "left", "unknown", "offered", "repeated", "batch", "trunk")
 
 
 FIND_SMALL = """

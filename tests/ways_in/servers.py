@@ -19,9 +19,11 @@ PATIENCE_S = 120.0
 class RunningServer:
     """``acromion serve`` on a free port, with one worker or more."""
 
-    def __init__(self, data: Path, log: Path, workers: int = 1, **settings: str) -> None:
+    def __init__(
+        self, data: Path, log: Path, workers: int = 1, *, python: str = sys.executable, **settings: str
+    ) -> None:
         command = [
-            sys.executable,
+            python,
             "-m",
             "app",
             "serve",

@@ -179,6 +179,13 @@ def test_a_calibration_window_that_cannot_be_is_a_usage_error(window: str, tmp_p
     assert run("run", "x.gt3x", "-o", tmp_path, f"--calibration={window}").exit_code == 2
 
 
+@pytest.mark.parametrize(
+    "wrong", [["--axis=up"], ["--axis=y", "--calibration=5,15"], ["--slip-at=noon"], ["--pose=two-point"]]
+)
+def test_an_axis_or_a_slip_that_cannot_be_is_a_usage_error(wrong: list[str], tmp_path: Path) -> None:
+    assert run("run", "x.gt3x", "-o", tmp_path, *wrong).exit_code == 2
+
+
 def test_an_unknown_kind_of_report_is_a_usage_error(tmp_path: Path) -> None:
     assert run("run", "x.gt3x", "-o", tmp_path, "--report", "docx").exit_code == 2
 

@@ -188,7 +188,7 @@ def test_what_a_killed_server_left_half_done_is_swept_at_the_next_start(
 
     start_server()
 
-    assert not half.exists()
+    wait_for(lambda: not half.exists())
 
 
 def test_a_server_asked_to_stop_ends_with_its_workers(start_server: StartServer) -> None:

@@ -65,6 +65,18 @@ def test_a_report_of_two_is_for_the_paper_asked(
     assert (round(page.width), round(page.height)) == (612, 792)
 
 
+@pytest.mark.parametrize("command", ["pair", "compare"])
+@pytest.mark.parametrize(("more", "warned"), [((), True), (("--same-subject",), False)])
+def test_a_missing_code_is_a_warning_that_can_be_silenced(
+    paired: Path, tmp_path: Path, command: str, more: tuple[str, ...], warned: bool
+) -> None:
+    sides = [next((paired / side).iterdir()) for side in ("left", "right")]
+
+    result = run(command, *sides, "-o", tmp_path, "--report", "html", *more)
+
+    assert (result.exit_code, "say --same-subject" in result.stderr) == (0, warned)
+
+
 def test_one_recording_twice_is_refused_with_its_reason(paired: Path) -> None:
     left = next((paired / "left").iterdir())
 

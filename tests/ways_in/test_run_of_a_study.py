@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from app.batch.inputs import read_settings
+from app.batch.settings_file import read_settings
 from app.cli import app
 from tests.ways_in.typed import read_table, run
 

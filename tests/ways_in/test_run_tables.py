@@ -103,9 +103,12 @@ def cut_run(folder: Path, *options: str, by: signal.Signals = signal.SIGINT) -> 
 
 @pytest.fixture(scope="module")
 def cut(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
-    """A run of three that got Ctrl-C after the first: its exit code and its results."""
+    """A run of ten that got Ctrl-C after the first: its exit code and its results.
+
+    How many more it finishes before the signal reaches it depends on the machine.
+    """
     folder = tmp_path_factory.mktemp("cut")
-    for name in ("a", "b", "c"):
+    for name in "abcdefghij":
         shutil.copy(shift_gt3x, folder / f"{name}.gt3x")
     return cut_run(folder), folder / "out"
 
@@ -117,11 +120,15 @@ def test_a_run_that_was_cut_says_so_by_its_exit_code(cut: tuple[int, Path]) -> N
 def test_a_run_that_was_cut_leaves_the_summary_so_far(cut: tuple[int, Path]) -> None:
     codes = [row["error_code"] for row in read_table(cut[1] / "summary.csv")]
 
-    assert codes == ["", "E-INTERRUPTED", "E-INTERRUPTED"]
+    done = codes.count("")
+    assert done > 0
+    assert codes == [""] * done + ["E-INTERRUPTED"] * (10 - done)
 
 
 def test_a_run_that_was_cut_leaves_nothing_half_made(cut: tuple[int, Path]) -> None:
-    assert [path.name for path in cut[1].iterdir() if path.is_dir()] == ["a"]
+    done = [row["file_name"] for row in read_table(cut[1] / "summary.csv") if not row["error_code"]]
+
+    assert sorted(path.name for path in cut[1].iterdir() if path.is_dir()) == [name[0] for name in done]
 
 
 def test_the_problems_of_a_run_that_was_cut_say_how_to_go_on(cut: tuple[int, Path]) -> None:
@@ -139,14 +146,14 @@ def test_what_an_earlier_run_has_done_stays_in_the_tables_of_one_that_was_cut(
     for name in ("b", "c"):
         shutil.copy(shift_gt3x, tmp_path / f"{name}.gt3x")
     CliRunner().invoke(app, ["run", str(tmp_path), "-o", str(tmp_path / "out"), "--report", "html"])
-    for name in ("a", "d"):
+    for name in "adefghij":
         shutil.copy(shift_gt3x, tmp_path / f"{name}.gt3x")
 
     code = cut_run(tmp_path, "--report", "html", by=signal.SIGTERM)
 
     codes = {row["file_name"]: row["error_code"] for row in read_table(tmp_path / "out" / "summary.csv")}
-    done = {"b.gt3x": "", "c.gt3x": ""}
-    assert (code, codes) == (130, {"a.gt3x": "E-INTERRUPTED", **done, "d.gt3x": "E-INTERRUPTED"})
+    assert (code, len(codes), codes["j.gt3x"]) == (130, 10, "E-INTERRUPTED")
+    assert (codes["b.gt3x"], codes["c.gt3x"]) == ("", "")
 
 
 def test_a_name_that_is_not_utf_8_stops_no_run(shift_gt3x: Path, tmp_path: Path) -> None:

@@ -29,9 +29,10 @@ from app.errors import (
     RecordedProblem,
 )
 from app.jobs.children.fork_server import NotStarted, choose_context, end_child, start_child
+from app.jobs.children.preparing import tell_preparing
 from app.logs import start_logging
 from app.request import OnStage, ReportRequest, Stage
-from app.storage.decoded import NOTHING_KNOWN, KnownLogs
+from app.storage.known import NOTHING_KNOWN, KnownLogs
 from app.storage.store import ResultFile, seal_folder, translate_disk_full
 from fusion.errors import Fact, FusionError
 
@@ -211,7 +212,7 @@ def _run_child(attempt: Attempt, pipe: Connection) -> None:
     start_logging(logging.WARNING)
     if attempt.gives_way and sys.platform != "win32":
         os.nice(NICENESS)
-    result = _make_files(attempt, partial(_send_stage, pipe))
+    result = _make_files(attempt, tell_preparing(partial(_send_stage, pipe)))
     if isinstance(result, Finished):
         files = [(file.name, file.sha256, file.size_bytes) for file in result.files]
         _send(pipe, {"files": files})

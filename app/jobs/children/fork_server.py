@@ -37,6 +37,7 @@ def load(names: tuple[str, ...]) -> None:
     importlib.import_module("fusion.numba_kernels").make_ready()
     gc.freeze()
     gc.enable()
+    importlib.import_module("app.jobs.children.preparing").prepare_beside()
 
 
 PRELOAD_ALL, PRELOAD_READING = "app.jobs.children.preloaded", "app.jobs.children.preloaded_reading"

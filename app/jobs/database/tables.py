@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "0005"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0006"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 metadata = MetaData()
 
@@ -146,6 +146,17 @@ uploads = Table(
     Column("idle_s", Float, nullable=False),
     Column("recording_id", String(32)),
     Column("created_at", String(32), nullable=False),
+)
+
+# The columns of a table named by a person, by the identity of its header.
+column_mappings = Table(
+    "column_mappings",
+    metadata,
+    Column("header", String(32), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("profile", Text, nullable=False),
+    Column("created_at", String(32), nullable=False),
+    Column("is_confirmed", Integer, nullable=False, server_default="0"),
 )
 
 result_files = Table(

@@ -10,16 +10,17 @@ from app.report.agreement.figures import draw_bland_altman, draw_error_over_time
 from app.report.agreement.tables import (
     list_sentences,
     tabulate_exposure,
+    tabulate_lags,
     tabulate_overall,
     tabulate_repeated,
     tabulate_strata,
     tabulate_tasks,
     tell_drift,
 )
-from app.report.model import AgreementReport, Note, Pair, Section, Table
+from app.report.model import AgreementReport, Note, Pair, Section
 from app.report.words.numbers import NONE, format_duration, format_number
 from app.report.words.subject import clean_text
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, Words, fill, load_device_names, load_wording
 
 if TYPE_CHECKING:
     from app.report.agreement.export import ComparisonSubject
@@ -64,7 +65,7 @@ def identify_comparison(validation: Mapping[str, Any]) -> str:
 def _build_header(
     comparison: Comparison, subject: ComparisonSubject, words: Words, language: Language
 ) -> tuple[Pair, ...]:
-    devices, label = load_wording(language)["device"], words["header"]
+    devices, label = load_device_names(language), words["header"]
     seconds = comparison.overall.duration_s
     return (
         Pair(label["subject"], clean_text(subject.subject) or load_wording(language)["label"]["not_given"]),
@@ -91,6 +92,7 @@ def _build_sections(
         tabulate_strata(comparison.by_speed, "by_speed", words, language),
     )
     exposure = tabulate_exposure(comparison.exposure, words, language)
+    lags = tabulate_lags(comparison.alignment.windows, words, language)
     sections = (
         Section("agreement", title["agreement"], tables=tuple(t for t in tables if t.rows)),
         Section("exposure", title["exposure"], tables=(exposure,) if exposure.rows else ()),
@@ -99,7 +101,7 @@ def _build_sections(
             title["clocks"],
             (words["clocks"]["text"],),
             pairs=_list_clocks(comparison, words, language),
-            tables=_tabulate_windows(comparison, words, language),
+            tables=(lags,) if lags.rows else (),
         ),
         Section("provenance", title["provenance"], pairs=_list_provenance(comparison, subject, words)),
     )
@@ -119,20 +121,6 @@ def _list_clocks(comparison: Comparison, words: Words, language: Language) -> tu
         Pair(entry["rate"], f"{format_number(comparison.pairs.rate_hz, 2, language)} Hz"),
         Pair(entry["axis"], entry["axes"][comparison.axis]),
     )
-
-
-def _tabulate_windows(comparison: Comparison, words: Words, language: Language) -> tuple[Table, ...]:
-    """Show what each stretch alone said of the clocks, before the last refinement."""
-    entry = words["windows"]
-    rows = tuple(
-        (
-            format_number(window.start_s, 0, language),
-            format_number(1000.0 * window.lag_s, 0, language),
-            format_number(window.r, 3, language),
-        )
-        for window in comparison.alignment.windows
-    )
-    return (Table(entry["caption"], tuple(entry["columns"]), rows, entry["note"]),) if rows else ()
 
 
 def _list_provenance(comparison: Comparison, subject: ComparisonSubject, words: Words) -> tuple[Pair, ...]:

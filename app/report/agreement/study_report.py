@@ -12,7 +12,7 @@ from app.report.charts.agreement import draw_study
 from app.report.model import AgreementReport, Note, Pair, Section, Table
 from app.report.words.numbers import NONE, format_angle, format_number
 from app.report.words.subject import Software, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 
 if TYPE_CHECKING:
     from fusion.agreement import AgreementCell, AgreementEntry, Limits
@@ -45,7 +45,7 @@ def build_study(
     entry, devices = words["study"], list(dict.fromkeys(cell.device for cell in cells))
     told = {"version": facts.software.version, "id": facts.report_id}
     people = len(dict.fromkeys(e.person for e in entries))
-    names = [common["device"].get(device, device) for device in devices]
+    names = [find_device_name(common, device) for device in devices]
     tasks = len(dict.fromkeys(cell.task for cell in cells))
     counts = {
         "people": str(people),
@@ -79,7 +79,7 @@ def _tell_study(
         means = [cell.rmse_deg.mean for cell in cells if cell.device == device]
         known = [mean for mean in means if isfinite(mean)] or [float("nan")]
         facts = {
-            "device": load_wording(language)["device"].get(device, device),
+            "device": find_device_name(load_wording(language), device),
             "low": format_angle(min(known), language, 2),
             "high": format_angle(max(known), language, 2),
         }

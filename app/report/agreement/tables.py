@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from fusion.source_paper import QUASI_STATIC, TABLE_1, TaskFigures
 
 if TYPE_CHECKING:
     from fusion.agreement import Agreement, Comparison, FigureDifference, Stratum, TaskAgreement
+    from fusion.agreement.pairs import WindowLag
 
 
 # The answer of a comparison in a few lines of plain text.
@@ -205,3 +206,22 @@ def tabulate_repeated(tasks: tuple[TaskAgreement, ...], words: Words, language: 
         if task.repetitions > 1
     )
     return Table(entry["caption"], tuple(entry["columns"]), rows, entry["note"])
+
+
+MOST_LAGS = 12
+
+
+def tabulate_lags(windows: Sequence[WindowLag], words: Words, language: Language) -> Table:
+    """Show what each stretch alone said of the clocks, before the last refinement; of many an even choice."""
+    entry, last, is_cut = words["windows"], len(windows) - 1, len(windows) > MOST_LAGS
+    chosen = [round(k * last / (MOST_LAGS - 1)) for k in range(MOST_LAGS)]
+    rows = tuple(
+        (
+            format_number(windows[k].start_s, 0, language),
+            format_number(1000.0 * windows[k].lag_s, 0, language),
+            format_number(windows[k].r, 3, language),
+        )
+        for k in (chosen if is_cut else range(len(windows)))
+    )
+    cut = {"shown": str(MOST_LAGS), "all": str(len(windows))} if is_cut else {}
+    return Table(entry["caption"], tuple(entry["columns"]), rows, fill(entry["note"], cut))

@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import accumulate
 
 from app.report.analysis.charts import build_parts, build_spread, is_drawable
 from app.report.analysis.day import format_reason
 from app.report.analysis.tables import build_measures
 from app.report.export.results import SCHEMA, identify_report
-from app.report.findings import Findings, StillFacts
+from app.report.findings import CalibrationFacts, Findings, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
+from app.report.words.columns import format_columns
 from app.report.words.messages import describe_flag
 from app.report.words.numbers import (
     MINUTE_S,
     NARROW,
     NONE,
-    SHORTEST_RATED_S,
     Clock,
     format_angle,
     format_angle_range,
     format_duration,
-    format_exact,
     format_long_duration,
     format_number,
     format_percent,
-    format_plain,
     format_rate,
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
-from fusion.exposure.types import Interval, PartExposure
+from fusion.conventions import UNHELD
+from fusion.exposure.types import LEAST_RANGED_S, Interval, PartExposure
 from fusion.quality.types import TimePart
 from fusion.recording import MICROSECONDS, QualityFlag
 
@@ -81,10 +81,16 @@ def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
 # ------------------------------------------------------------------ what limits the figures
 
 
-SHORTEST_DRAWN_S = 1800.0
-"""Six blocks of 5 minutes; as :data:`fusion.exposure.resampling.LEAST_BLOCKS`."""
 LEAST_SHARE = 0.01
 """Of the recording: less that was not analysed, and less than a minute, is left to the table."""
+
+
+STATED = {"given": "walking_note", "axis": "walking_note_axis"}
+"""What a person stated is final; where walking lies far from it, a note says so."""
+NOTED_WALKING_DEG = 30.0
+MOST_TIMES = 6
+MOST_REASONS = 2
+"""That the first page names; the table of data quality holds all."""
 
 
 def build_verdict(findings: Findings, words: Words, language: Language) -> VerdictLine:
@@ -100,27 +106,63 @@ def build_verdict(findings: Findings, words: Words, language: Language) -> Verdi
 
 
 def format_pose_caution(findings: Findings, words: Words) -> str:
-    """Give the known one-sided error of the calibration pose; empty where there is none."""
-    if findings.calibration is None:
+    """Give the known one-sided error of the pose that was held; empty where there is none."""
+    calibration = findings.calibration
+    if calibration is None or calibration.found in UNHELD:
         return ""
-    return str(words["pose_caution"].get(findings.calibration.pose, ""))
+    return str(words["pose_caution"].get(calibration.pose, ""))
+
+
+def format_pose_note(findings: Findings, clock: Clock, words: Words) -> str:
+    """Ask which stretch was the pose, where that is open, and say how far walking lies from a given one."""
+    calibration, entry = findings.calibration, words["calibration"]
+    told = []
+    if calibration is not None and calibration.proposals:
+        every = [clock.format(still.start_s, with_seconds=True) for still in calibration.proposals]
+        further = len(every) - MOST_TIMES
+        more = [fill(entry["more"], {"n": str(further)})] if further > 0 else []
+        times = [*every[:MOST_TIMES], *more]
+        told.append(fill(entry["which"], {"times": _list_choices(times, words)}))
+    if calibration is not None and calibration.found in STATED and _differs(calibration.walking_deg):
+        told.append(fill(entry[STATED[calibration.found]], {"deg": f"{calibration.walking_deg:.0f}"}))
+    return " ".join(told)
+
+
+def _differs(walking_deg: float | None) -> bool:
+    return walking_deg is not None and walking_deg > NOTED_WALKING_DEG
+
+
+def _list_choices(times: list[str], words: Words) -> str:
+    return f" {words['calibration']['or']} ".join(filter(None, (", ".join(times[:-1]), times[-1])))
 
 
 def format_accuracy(findings: Findings, words: Words) -> str:
-    """Describe the known accuracy of the method, and which faults of a sensor are not detected."""
-    told, name = words["accuracy"], findings.method.name if findings.method else "ready"
-    return (
-        f"{told[name]} {told['turned']}" if name in {"smoothed", "published", "live"} else str(told["ready"])
-    )
+    """Describe the known accuracy of the method."""
+    return str(words["accuracy"][findings.method.name if findings.method else "ready"])
 
 
 def choose_ranges(findings: Findings) -> str:
-    """Give the key of what the ranges hold: ``known``, ``short`` (little of the day) or ``ready`` (no error
-    of the angle); ``none`` where there are none.
+    """Give the key of what the ranges hold: ``known``, or ``ready`` (sampling alone, as the error of the
+    angle is not known). Where there are none: ``short`` (little of a day), else ``none``.
     """
+    exposure = findings.exposure
+    if not exposure.intervals and exposure.analysed_s < LEAST_RANGED_S:
+        return "short"
     if findings.method is not None and findings.calibration is not None:
-        return "known" if findings.exposure.analysed_s >= SHORTEST_DRAWN_S else "short"
-    return "ready" if findings.exposure.intervals else "none"
+        return "known"
+    return "ready" if exposure.intervals else "none"
+
+
+def format_quality(findings: Findings, words: Words, language: Language) -> str:
+    """Give what limits the data by name alone, the gravest first."""
+    flags = {flag.code: flag for flag in reversed(findings.quality.flags)}
+    counted = [_format_flag(flags[code], language) for code in findings.quality.reasons if code in flags]
+    if not counted:
+        return str(words["profile"]["no_fault"])
+    more = len(counted) - MOST_REASONS
+    told = "; ".join(counted[:MOST_REASONS]).replace("; ", "\u00a0; " if language == "fr" else "; ")
+    facts = {"reasons": told[0].upper() + told[1:], "more": str(more) if more > 0 else ""}
+    return fill(words["profile"]["reasons"], facts)
 
 
 def _format_reasons(findings: Findings, words: Words, language: Language) -> str:
@@ -169,6 +211,9 @@ def _sum_exclusions(findings: Findings) -> dict[str, int]:
     return totals_us
 
 
+SHORTEST_HOUR_S = 1.0
+SHORTEST_RATED_S = 600.0
+"""In less than ten minutes of an hour or a period a rate per hour would only be a small count multiplied."""
 LONGEST_NAME = 60
 """Of a period in its table; results.json and periods.csv hold the whole label."""
 
@@ -203,7 +248,7 @@ def build_sections(
 
 def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
     exposure = findings.exposure
-    hours = [(_format_hour(part, clock), part) for part in exposure.by_hour]
+    hours = [(_format_hour(part, clock), part) for part in exposure.by_hour if _is_told(part)]
     periods = [(_format_period(part, clock, words), part) for part in exposure.by_period]
     groups = [
         (key, parts, caption)
@@ -224,6 +269,11 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
     ]
     title = words["section"]["periods" if periods else "hours"]
     return Section("hours", title, figures=tuple(figures), tables=tuple(tables))
+
+
+def _is_told(hour: PartExposure) -> bool:
+    """Leave out the last sample of a recording that ends on the hour: "11:00–11:00, 0 s"."""
+    return hour.end_s - hour.start_s >= SHORTEST_HOUR_S
 
 
 def _drop_told_ranges(part: PartExposure) -> PartExposure:
@@ -337,34 +387,41 @@ def _tabulate_time(findings: Findings, clock: Clock, words: Words) -> Table:
         (entry["analysed"], time.analysed_us),
         (entry["missing"], time.missing_us),
         (entry["excluded"], time.excluded_us),
-        (entry["recorded"], time.recorded_us),
     ]
-    rows = [
-        (
-            name,
-            format_long_duration(amount_us / MICROSECONDS),
-            format_exact(amount_us / MICROSECONDS, clock.language),
-            format_percent(100 * amount_us / max(time.recorded_us, 1), clock.language),
-        )
-        for name, amount_us in amounts
-    ]
+    rows = _build_time_rows(amounts, time.recorded_us, clock.language)
+    rows += _build_time_rows([(entry["recorded"], time.recorded_us)], time.recorded_us, clock.language)
     note = fill(entry["note"], {"reasons": _format_exclusions(findings, clock, words)})
     return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=note)
 
 
+def _build_time_rows(
+    amounts: Sequence[tuple[str, int]], whole_us: int, language: Language
+) -> list[tuple[str, ...]]:
+    """Write amounts of time, microseconds: in units, in seconds, and as a share of the whole.
+
+    The seconds are rounded where the amounts meet, so that what is printed adds up too.
+    """
+    ends_s = [round(end_us / MICROSECONDS, 1) for end_us in accumulate(us for _, us in amounts)]
+    return [
+        (
+            name,
+            format_long_duration(amount_us / MICROSECONDS),
+            format_number(end_s - begin_s, 1, language),
+            format_percent(100 * amount_us / max(whole_us, 1), language),
+        )
+        for (name, amount_us), begin_s, end_s in zip(amounts, (0.0, *ends_s), ends_s, strict=False)
+    ]
+
+
 def _tabulate_time_parts(findings: Findings, clock: Clock, words: Words) -> Table:
     """Tabulate each kind of time in the diary; all add up to the recorded time."""
-    entry, whole_us = words["time_parts"], max(findings.time.recorded_us, 1)
-    rows = tuple(
-        (
-            fill(entry[part.account], {"name": _format_time_part(part, words)}),
-            format_long_duration(part.duration_us / MICROSECONDS),
-            format_exact(part.duration_us / MICROSECONDS, clock.language),
-            format_percent(100 * part.duration_us / whole_us, clock.language),
-        )
+    entry = words["time_parts"]
+    amounts = [
+        (fill(entry[part.account], {"name": _format_time_part(part, words)}), part.duration_us)
         for part in (findings.time.parts if findings.exposure.by_period else ())
-    )
-    return Table(entry["caption"], tuple(entry["columns"]), rows, note=entry["note"])
+    ]
+    rows = _build_time_rows(amounts, findings.time.recorded_us, clock.language)
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
 
 
 def _format_time_part(part: TimePart, words: Words) -> str:
@@ -393,45 +450,91 @@ def _build_method(findings: Findings, clock: Clock, words: Words) -> Section:
     pairs = (
         Pair(entry["name"], f"{told} ({method.name})"),
         Pair(entry["version"], method.version),
+        Pair(entry["parameters"], entry["where"]),
         *_describe_calibration(findings, clock, words),
     )
-    rows = tuple((name, format_plain(value, clock.language)) for name, value in method.parameters.items())
-    table = Table(entry["parameters"], tuple(entry["columns"]), rows)
-    return Section(
-        "method",
-        words["section"]["method"],
-        tuple(entry["paragraphs"]),
-        pairs=pairs,
-        tables=(table,) if rows else (),
-    )
+    return Section("method", words["section"]["method"], tuple(entry["paragraphs"]), pairs=pairs)
 
 
 def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tuple[Pair, ...]:
+    """Describe what tied the sensor to the arm: how the axis was found, every window, how sure it is."""
     calibration, entry = findings.calibration, words["calibration"]
     if calibration is None:
         return ()
-    bias = (f"{format_number(value, 3, clock.language)}" for value in calibration.still.gyro_bias_dps)
-    score = format_number(calibration.still.score, 2, clock.language)
-    chosen = "asked" if findings.settings.calibration_windows_s else "proposed"
-    pairs = [
-        Pair(entry["pose"], words["pose"][calibration.pose]),
-        Pair(entry["window"], _format_still(calibration.still, clock, words)),
-        Pair(entry["chosen"], entry[chosen]),
-        Pair(entry["score"], score),
-        Pair(entry["bias"], fill(entry["bias_value"], {"values": " ; ".join(bias)})),
-    ]
-    if calibration.second is not None:
-        pairs.insert(2, Pair(entry["second"], _format_still(calibration.second, clock, words)))
-    return tuple(pairs)
+    settings, bias = findings.settings, _format_vector(calibration.bias_dps, clock.language)
+    repeats = (_format_repeat(still, clock, words) for still in calibration.repeats)
+    slips = (clock.format(time_s, with_seconds=True) for time_s in settings.slip_times_s)
+    pairs = (
+        (entry["found"], format_found(findings, words)),
+        (entry["sigma"], _format_angle_of(calibration.sigma_deg, clock.language)),
+        (entry["pose"], "" if settings.arm_axis else words["pose"][calibration.pose]),
+        (entry["window"], _format_still(calibration.still, clock, words)),
+        (entry["second"], _format_still(calibration.second, clock, words)),
+        (entry["repeats"], "; ".join(repeats)),
+        (entry["repeat"], _format_angle_of(calibration.repeat_deg, clock.language)),
+        (entry["slips"], ", ".join(slips)),
+        (entry["walking"], _format_walking(calibration, clock.language)),
+        (entry["score"], _format_score(calibration.still, clock.language)),
+        (entry["bias"], fill(entry["bias_value"], {"values": bias})),
+    )
+    return tuple(Pair(name, value) for name, value in pairs if value)
 
 
-def _format_still(still: StillFacts, clock: Clock, words: Words) -> str:
+def format_found(findings: Findings, words: Words) -> str:
+    """Say how the arm's axis was found; findings of earlier versions know only who chose the window."""
+    calibration, settings, entry = findings.calibration, findings.settings, words["calibration"]
+    if calibration is None:
+        return ""
+    if calibration.found is None:
+        return str(entry["asked" if settings.calibration_windows_s else "proposed"])
+    axis = (settings.arm_axis or "").removeprefix("+").replace("-", "\u2212")
+    return fill(entry["found_as"][calibration.found], {"axis": axis})
+
+
+def _format_angle_of(angle_deg: float | None, language: Language) -> str:
+    return "" if angle_deg is None else format_angle(angle_deg, language, 1)
+
+
+def _format_walking(calibration: CalibrationFacts, language: Language) -> str:
+    """Write how far walking lies from the axis, unless it gave the axis."""
+    return "" if calibration.found == "walking" else _format_angle_of(calibration.walking_deg, language)
+
+
+def _format_score(still: StillFacts | None, language: Language) -> str:
+    return format_number(still.score, 2, language) if still else ""
+
+
+def _format_vector(values: tuple[float, ...], language: Language) -> str:
+    return " ; ".join(format_number(value, 3, language) for value in values)
+
+
+def _format_repeat(still: StillFacts, clock: Clock, words: Words) -> str:
+    facts = {
+        "time": clock.format(still.start_s, with_seconds=True),
+        "apart": _format_angle_of(still.apart_deg, clock.language),
+    }
+    return fill(words["calibration"]["repeated"], facts)
+
+
+def _format_still(still: StillFacts | None, clock: Clock, words: Words) -> str:
+    if still is None:
+        return ""
     facts = {
         "time": clock.format(still.start_s, with_seconds=True),
         "second": format_number(still.start_s, 2, clock.language),
         "length": format_duration(still.duration_s, clock.language),
     }
     return fill(words["calibration"]["place"], facts)
+
+
+def _build_reading(
+    reader: tuple[str, str] | None, columns: str, language: Language, entry: Words
+) -> Iterator[Pair]:
+    """How the file was read, where it was not by a reader of our own and its header."""
+    if reader:
+        yield Pair(entry["reader"], clean_text(" ".join(reader)))
+    if columns:
+        yield Pair(entry["columns"], format_columns(columns, language))
 
 
 def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, words: Words) -> Section:
@@ -450,6 +553,7 @@ def _build_provenance(findings: Findings, subject: ReportSubject, clock: Clock, 
         Pair(entry["zone"], clean_text(recording.time_zone or "") or unknown),
         Pair(entry["version"], f"Acromion {subject.software.version}"),
         Pair(entry["revision"], subject.software.revision, code=True),
+        *_build_reading(recording.reader, subject.columns, clock.language, entry),
         Pair(entry["schema"], SCHEMA, code=True),
         Pair(entry["report_id"], identify_report(findings, subject), code=True),
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import isfinite, nan
 
 import numpy as np
 
-from app.report.analysis.day import Day, build_timeline
+from app.report.analysis.day import MAIN_THRESHOLD_DEG, Block, Day, build_timeline
 from app.report.charts.bars import PartRow, Slice, draw_bar, draw_parts
 from app.report.charts.day import DayLabels, draw_day
 from app.report.charts.distribution import Distribution, HeatMap, MarkedPercentile, draw_apdf, draw_eva
@@ -132,12 +133,12 @@ def format_classes(edges: Sequence[float | None], unit: str) -> tuple[str, ...]:
     )
 
 
-SHOWN_EDGES_DEG = (0, 30, 60, 90, 120, 180)
-"""The stored bins are finer; the page shows five classes that hold whole bins and the three guide lines."""
+SHOWN_EDGES_DEG = (0, 30, 60, 90, 180)
+"""The stored bins are finer; every bar shows these classes, whose edges are the three guide lines."""
 
 
 def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
-    """Build the stacked bar of time in five elevation classes."""
+    """Build the stacked bar of time in the classes of elevation."""
     slices = _slice_exposure(exposure, language)
     entry = words["bar"]
     told = "; ".join(f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
@@ -158,15 +159,14 @@ def _slice_exposure(exposure: Exposure, language: Language) -> list[Slice]:
     for low, high in pairwise(SHOWN_EDGES_DEG):
         inside = [b for b in exposure.bins if low <= b.lower_deg and b.upper_deg <= high]
         percent, duration_s = sum(b.percent for b in inside), sum(b.duration_s for b in inside)
-        label = f"{low}–{high}°"
         told = format_duration(duration_s, language), format_percent(percent, language)
-        slices.append(Slice(percent, label, *told))
+        slices.append(Slice(percent, f"{low}–{high}°", *told))
     return slices
 
 
-def build_day(findings: Findings, clock: Clock, words: Words) -> Chart:
-    """Build the timeline of the day."""
-    day = build_timeline(findings, clock, words)
+def build_day(findings: Findings, blocks: tuple[Block, ...], clock: Clock, words: Words) -> Chart:
+    """Build the timeline of the day, with the periods under it."""
+    day = replace(build_timeline(findings, clock, words), blocks=blocks)
     labels = _build_labels(findings, day, words)
     return Chart(
         title=labels.title,
@@ -180,7 +180,7 @@ def build_day(findings: Findings, clock: Clock, words: Words) -> Chart:
 def _build_labels(findings: Findings, day: Day, words: Words) -> DayLabels:
     entry, clock = words["day"], day.clock
     percent = next((w.percent_above_60 for w in findings.exposure.peak_windows if w.length_s == 900), None)
-    worst = fill(entry["worst"], {"percent": format_percent(percent, clock.language)})
+    stay = next(e for e in findings.exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG)
     facts = {
         "start": clock.format(0),
         "end": clock.format(day.duration_s),
@@ -191,10 +191,14 @@ def _build_labels(findings: Findings, day: Day, words: Words) -> DayLabels:
             f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks
         ),
     }
-    return build_day_labels(entry["title"], fill(entry["alternative"], facts), words, worst)
+    return replace(
+        build_day_labels(entry["title"], fill(entry["alternative"], facts), words),
+        worst=fill(entry["worst"], {"percent": format_percent(percent, clock.language)}),
+        longest=fill(entry["longest"], {"duration": format_duration(stay.longest_s, clock.language)}),
+    )
 
 
-def build_day_labels(title: str, description: str, words: Words, worst: str = "") -> DayLabels:
+def build_day_labels(title: str, description: str, words: Words) -> DayLabels:
     """Give the words of a timeline; those of its legend are the same in every report."""
     entry = words["day"]
     return DayLabels(
@@ -204,7 +208,6 @@ def build_day_labels(title: str, description: str, words: Words, worst: str = ""
         median=entry["median"],
         left_out=entry["left_out"],
         missing=entry["missing"],
-        worst=worst,
     )
 
 
@@ -231,7 +234,7 @@ def build_parts(
     rows = [_stack_part(name, part, entry, language) for name, part in parts if is_shown(part)]
     told = "; ".join(f"{row.name}, {row.label or row.left_out}" for row in rows)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
-    classes = ("0–30°", "30–60°", "60–90°", "90–180°")
+    classes = format_classes(SHOWN_EDGES_DEG, "°")
     return Chart(
         title=entry["title"],
         alternative=title[1],

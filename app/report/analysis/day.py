@@ -11,11 +11,12 @@ import numpy as np
 from app.report.findings import Findings
 from app.report.words.numbers import Clock
 from app.report.words.wording import Words
-from fusion.exposure.types import MinuteProfile, PeakWindow
+from fusion.exposure.types import Episodes, MinuteProfile, PeakWindow
 from fusion.recording import MICROSECONDS, Span
 
 MINUTE_S = 60.0
 WORST_WINDOW_S = 900
+MAIN_THRESHOLD_DEG = 60
 SHORTEST_MARK_S = 30.0
 """Shorter stretches are narrower than a line on the page; they stand in the time account."""
 
@@ -44,14 +45,30 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
+class Block:
+    """A period with a name under the timeline; ``rank`` is 1 to 3 where it has the most time above 60 deg."""
+
+    start_s: float
+    end_s: float
+    label: str
+    rank: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class Day:
-    """Everything the timeline needs; ``runs`` are unbroken series of minutes."""
+    """Everything the timeline needs; ``runs`` are unbroken series of minutes.
+
+    ``longest_start_s`` is when the longest continuous time above 60 deg began; ``blocks`` stand under the
+    plot.
+    """
 
     duration_s: float
     clock: Clock
     runs: tuple[tuple[MinuteBand, ...], ...]
     marks: tuple[Mark, ...]
     worst: Stretch | None
+    longest_start_s: float | None = None
+    blocks: tuple[Block, ...] = ()
 
 
 def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
@@ -69,6 +86,7 @@ def build_timeline(findings: Findings, clock: Clock, words: Words) -> Day:
         runs=_split_runs(bands),
         marks=tuple(sorted(shown, key=lambda mark: mark.start_s)),
         worst=_find_worst(findings.exposure.peak_windows),
+        longest_start_s=_find_longest(findings.exposure.episodes),
     )
 
 
@@ -136,3 +154,7 @@ def _find_worst(windows: Iterable[PeakWindow]) -> Stretch | None:
         if window.length_s == WORST_WINDOW_S and window.start_s is not None and window.percent_above_60:
             return window.start_s, window.start_s + window.length_s
     return None
+
+
+def _find_longest(episodes: Iterable[Episodes]) -> float | None:
+    return next((stay.longest_start_s for stay in episodes if stay.threshold_deg == MAIN_THRESHOLD_DEG), None)

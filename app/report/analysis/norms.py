@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import ceil
 
 from app.report.charts.bars import Scale, draw_scale
 from app.report.findings import Findings
@@ -43,7 +44,7 @@ class _Measured:
 
 def compare_with_references(findings: Findings, words: Words, language: Language) -> tuple[Reference, ...]:
     """Set the measured figures beside each reference."""
-    reason = _find_reason(findings)
+    reason = find_reason(findings)
     return tuple(_compare(item, reason, words, language) for item in _measure(findings.exposure))
 
 
@@ -58,7 +59,7 @@ def _measure(exposure: Exposure) -> tuple[_Measured, ...]:
     )
 
 
-def _find_reason(findings: Findings) -> str:
+def find_reason(findings: Findings) -> str:
     """Give the reason why no figure can be compared; empty where they can."""
     if findings.time.analysed_us < WHOLE_DAY_S * MICROSECONDS:
         return "short"
@@ -75,7 +76,8 @@ def _compare(item: _Measured, reason: str, words: Words, language: Language) -> 
         return Reference(entry["name"], entry["source"], statement, "", "")
     facts = _format_values(item, language)
     statement = fill(entry["statement"], facts)
-    return Reference(entry["name"], entry["source"], statement, statement, _draw(item, entry, facts, words))
+    scale = _draw(item, entry, facts, words, language)
+    return Reference(entry["name"], entry["source"], statement, statement, scale)
 
 
 def _format_values(item: _Measured, language: Language) -> dict[str, str]:
@@ -98,11 +100,28 @@ def _format_published(value: float | None, unit: str, language: Language) -> str
     return f"{format_number(value, 0, language)}{sign}"
 
 
-def _draw(item: _Measured, entry: Mapping[str, str], facts: Mapping[str, str], words: Words) -> str:
+def _find_end(item: _Measured) -> float:
+    """Give the end of the scale: further than usual, to a ten, where the measured value needs it."""
+    if item.unit == "deg" or item.value is None:
+        return item.end
+    further = extend_scale(item.end, item.value * 1.1)
+    return min(further, 100.0) if item.unit == "percent" else further
+
+
+def extend_scale(end: float, largest: float) -> float:
+    """Give the end of a scale that must hold ``largest``: the usual one, or the next ten."""
+    return end if largest <= end else 10.0 * ceil(largest / 10.0)
+
+
+def _draw(
+    item: _Measured, entry: Mapping[str, str], facts: Mapping[str, str], words: Words, language: Language
+) -> str:
+    end = _find_end(item)
     scale = Scale(
         key=f"ref-{item.key.replace('_', '-')}",
         words=(entry["name"], fill(entry["statement"], facts)),
-        end=max(item.end, (item.value or 0) * 1.1) if item.unit != "deg" else item.end,
+        end=end,
+        end_labels=("0", _format_published(end, item.unit, language)),
         low=item.low,
         high=item.high,
         high_label=fill(words["comparison"][f"mark_{item.unit}"], facts),

@@ -11,16 +11,17 @@ from app.report.analysis.chapters import (
     choose_ranges,
     format_accuracy,
     format_pose_caution,
+    format_pose_note,
 )
-from app.report.analysis.charts import build_bar, build_day
-from app.report.analysis.day import WORST_WINDOW_S
+from app.report.analysis.charts import build_bar
+from app.report.analysis.day import MAIN_THRESHOLD_DEG, WORST_WINDOW_S
 from app.report.analysis.norms import compare_with_references
+from app.report.analysis.profile import build_profile
 from app.report.export.results import identify_report
 from app.report.findings import Findings
 from app.report.model import Note, Pair, Report
 from app.report.words.numbers import (
     NARROW,
-    SHORTEST_RATED_S,
     Clock,
     format_clock,
     format_date,
@@ -33,14 +34,13 @@ from app.report.words.numbers import (
     format_rate,
 )
 from app.report.words.subject import ReportSubject, Software, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
-from fusion.exposure.types import Entries, Episodes, Exposure, Interval
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording, name_ranges
+from fusion.exposure.types import LEAST_RANGED_S, Entries, Episodes, Exposure, Interval
 from fusion.recording import MICROSECONDS
 
 # The answer in three plain sentences; a range only where the exposure has one.
 
 
-MAIN_THRESHOLD_DEG = 60
 WORST_RANGE = f"worst_{WORST_WINDOW_S // 60}_min_above_60_percent"
 
 
@@ -55,7 +55,7 @@ class SentenceContext:
 
 
 def format_answers(exposure: Exposure, teller: SentenceContext) -> tuple[str, str, str]:
-    """Write how long, how often and when the arm was raised above 60 deg."""
+    """Write how long (above 90 deg too), how often and when the arm was raised above 60 deg."""
     return (
         _format_time_above(exposure, teller),
         _format_entries(exposure, teller),
@@ -64,13 +64,19 @@ def format_answers(exposure: Exposure, teller: SentenceContext) -> tuple[str, st
 
 
 def _format_time_above(exposure: Exposure, teller: SentenceContext) -> str:
-    above = next(t for t in exposure.time_above if t.threshold_deg == MAIN_THRESHOLD_DEG)
+    above, above_90 = (
+        next(t for t in exposure.time_above if t.threshold_deg == threshold_deg)
+        for threshold_deg in (MAIN_THRESHOLD_DEG, 90)
+    )
     facts = {
         "arm": teller.arm,
         "above": format_duration(above.duration_s, teller.language),
         "analysed": format_duration(exposure.analysed_s, teller.language),
         "percent": format_percent(above.percent, teller.language),
         "range": format_range(above.interval, teller.language),
+        "above_90": format_duration(above_90.duration_s, teller.language),
+        "percent_90": format_percent(above_90.percent, teller.language),
+        "range_90": format_range(above_90.interval, teller.language),
     }
     return fill(teller.words["sentence"]["time_above"], facts)
 
@@ -78,7 +84,7 @@ def _format_time_above(exposure: Exposure, teller: SentenceContext) -> str:
 def _format_entries(exposure: Exposure, teller: SentenceContext) -> str:
     entries = next(e for e in exposure.entries if e.threshold_deg == MAIN_THRESHOLD_DEG)
     episodes = next(e for e in exposure.episodes if e.threshold_deg == MAIN_THRESHOLD_DEG)
-    is_rated = exposure.analysed_s >= SHORTEST_RATED_S
+    is_rated = entries.per_hour is not None and exposure.analysed_s >= LEAST_RANGED_S
     facts = {
         "arm": teller.arm,
         "count": format_number(entries.count, 0, teller.language),
@@ -133,7 +139,7 @@ __all__ = ["Report", "ReportSubject", "Software", "build_report"]
 
 def build_report(findings: Findings, subject: ReportSubject, language: Language) -> Report:
     """Turn findings into all that a template may use, in one language."""
-    words = load_wording(language)
+    words = name_ranges(load_wording(language), choose_ranges(findings))
     clock = Clock(findings.recording.start, language)
     arm = words["arm"][subject.side or "unknown"]
     header, footer = _build_header(findings, subject, clock, words), _format_footer(findings, subject, words)
@@ -146,7 +152,7 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         sentences=format_answers(findings.exposure, SentenceContext(words, language, clock, arm)),
         range_note=words["ranges"][choose_ranges(findings)],
         pose_caution=format_pose_caution(findings, words),
-        figures=(build_bar(findings.exposure, words, language), build_day(findings, clock, words)),
+        figures=(build_bar(findings.exposure, words, language),),
         references=compare_with_references(findings, words, language),
         limits=_build_limits(findings, words),
         intended_use=Note(words["intended_use"]["title"], (words["intended_use"]["text"],)),
@@ -157,6 +163,8 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         made_of=clock.at(findings.recording.duration_us / MICROSECONDS),
         amendment=_format_amendment(subject, words),
         words=words["label"],
+        pose_note=format_pose_note(findings, clock, words),
+        profile=build_profile(findings, subject, clock, words),
     )
 
 

@@ -12,7 +12,7 @@ from app.report.charts.svg import NARROW, WIDE
 from app.report.model import Chart, Table
 from app.report.words.numbers import format_angle
 from app.report.words.subject import clean_text
-from app.report.words.wording import Language, Words, fill, load_wording
+from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
 
 if TYPE_CHECKING:
     from fusion.agreement import AgreementCell, AgreementEntry
@@ -45,7 +45,7 @@ def draw_study(
     """Draw a row for each task of a device: a ring for each person, a bar at their mean, the paper's mark."""
     entry = words["study_figure"]
     shown = [cell for cell in cells if cell.device == device]
-    name = load_wording(language)["device"].get(device, device)
+    name = find_device_name(load_wording(language), device)
     title = fill(entry["title"], {"device": name})
     labels = (title, fill(entry["alternative"], {"device": name}))
     errors_deg = {

@@ -172,11 +172,15 @@ def _bar_legend(slices: Sequence[Slice], width_px: float, columns: int) -> list[
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """A reference beside a measured value. ``low`` is None for a single reference mark, else a range."""
+    """A reference beside a measured value. ``low`` is None for a single reference mark, else a range.
+
+    The scale goes from 0 to ``end``; ``end_labels`` name both.
+    """
 
     key: str
     words: tuple[str, str]
     end: float
+    end_labels: tuple[str, str]
     low: float | None
     high: float
     high_label: str
@@ -190,13 +194,16 @@ def draw_scale(scale: Scale, width_px: float = 230.0) -> str:
 
     The interval of the measured value is a thick line under the diamond.
     """
-    left, right, y = 2.0, width_px - 2.0, 20.0
+    margins = [svg.estimate_width(label) + 6 for label in scale.end_labels]
+    left, right, y = margins[0], width_px - margins[1], 20.0
 
     def x(value: float) -> float:
         return left + (right - left) * min(max(value / scale.end, 0.0), 1.0)
 
     rule = f'class="rule" stroke="{svg.SOFT}" stroke-width="1"'
     body = [svg.line(left, y, right, y, rule), *_draw_reference(scale, x(scale.high), y, x)]
+    for place, label, anchor in zip((0.0, width_px), scale.end_labels, ("start", "end"), strict=True):
+        body.append(svg.text(place, y + 4, label, anchor=anchor))
     if scale.interval is not None:
         low, high = (x(value) for value in scale.interval)
         body.append(svg.line(low, y, high, y, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="3.5"'))
@@ -204,8 +211,9 @@ def draw_scale(scale: Scale, width_px: float = 230.0) -> str:
     diamond = f"M{svg.number(at)} {svg.number(y - 5.5)}l5.5 5.5l-5.5 5.5l-5.5 -5.5Z"
     body.append(svg.path(diamond, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'))
     half = svg.estimate_width(scale.measured_label) / 2
-    place = min(max(at, half), width_px - half)
-    body.append(svg.text(place, y + 17, scale.measured_label, "strong", "middle"))
+    body.append(
+        svg.text(min(max(at, half), width_px - half), y + 17, scale.measured_label, "strong", "middle")
+    )
     return svg.picture(width_px, 40, scale.key, scale.words, body)
 
 

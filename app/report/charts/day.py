@@ -1,13 +1,14 @@
 """The day's timeline as SVG: each minute's P10 to P90 and median, and what was not analysed.
 
-The most loaded quarter of an hour is vermillion and bracketed, excluded time is hatched, missing time stays
-white between dotted edges: the chart can be read on grey paper.
+The 15 minutes with the most time above 60 deg are vermillion and bracketed, the longest continuous time has a
+triangle, excluded time is hatched, missing time stays white between dotted edges: grey paper loses nothing.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
-from app.report.analysis.day import Day, Mark, MinuteBand
+from app.report.analysis.day import Block, Day, Mark, MinuteBand
 from app.report.charts import svg
 from app.report.charts.svg import NARROW
 
@@ -16,12 +17,17 @@ GUIDES_DEG = (30, 60, 90)
 LONG_S = 7200.0
 """Beyond two hours minutes stand so close that a thinner median leaves the band to be seen."""
 
+_LANE_PX = 22.0
+"""Height of the periods under the plot."""
+_SHORTEST_NAME = 5
+"""Signs of a name, its rank included, that are worth writing."""
+
 _TICK_STEPS_S = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 
 
 @dataclass(frozen=True, slots=True)
 class DayLabels:
-    """The words of the timeline."""
+    """The words of the timeline; ``worst`` and ``longest`` stand beside their marks in the legend."""
 
     title: str
     description: str
@@ -29,7 +35,8 @@ class DayLabels:
     median: str
     left_out: str
     missing: str
-    worst: str
+    worst: str = ""
+    longest: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,18 +58,20 @@ class _Plot:
 
 
 def draw_day(day: Day, labels: DayLabels, width_px: float) -> str:
-    """Draw elevation through the day: each minute's P10 to P90, its median, and what was not analysed."""
+    """Draw elevation through the day: each minute's P10 to P90, its median, the tasks, the gaps."""
     key = f"day{width_px:.0f}"
-    wide = width_px > NARROW
-    plot = _Plot(32, width_px - 4, 22, 152 if wide else 190, max(day.duration_s, 1.0))
+    plot = _Plot(36, width_px - 4, 22, 156 if width_px > NARROW else 190, max(day.duration_s, 1.0))
+    axis = replace(plot, bottom_px=plot.bottom_px + (_LANE_PX if day.blocks else 0.0))
+    legend, height = _draw_day_legend((day,), labels, axis.bottom_px + 38, key, width_px)
     body = [
         svg.define_hatch(key),
         *_draw_panel(day, plot, key),
-        *_draw_time_axis(day, plot),
-        *_draw_bracket(day, plot, labels.worst),
-        *_draw_day_legend(labels, plot.bottom_px + 34, key, width_px),
+        *(stroke for block in day.blocks for stroke in _draw_block(block, plot)),
+        *_draw_time_axis(day, axis),
+        *_draw_bracket(day, plot),
+        *_draw_longest(day, plot),
+        *legend,
     ]
-    height = plot.bottom_px + (40 if wide else 76)
     return svg.picture(width_px, height, key, (labels.title, labels.description), body)
 
 
@@ -76,8 +85,9 @@ def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px: 
         plot = _Plot(32, width_px - 4, top, top + height, max(day.duration_s, 1.0))
         body += _draw_panel(day, plot, key)
         body.append(svg.text(plot.left_px, top - 6, name, "strong"))
-    body += _draw_time_axis(days[-1][1], plot) + _draw_day_legend(labels, plot.bottom_px + 34, key, width_px)
-    bottom = plot.bottom_px + (40 if width_px > NARROW else 60)
+    shown = tuple(day for _, day in days)
+    legend, bottom = _draw_day_legend(shown, labels, plot.bottom_px + 38, key, width_px)
+    body += _draw_time_axis(days[-1][1], plot) + legend
     return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
 
 
@@ -181,36 +191,81 @@ def _choose_tick_step(duration_s: float, most: int) -> int:
     return next(fitting, _TICK_STEPS_S[-1])
 
 
-def _draw_bracket(day: Day, plot: _Plot, label: str) -> list[str]:
-    """Bracket the most loaded quarter of an hour above the plot."""
+def _draw_block(block: Block, plot: _Plot) -> list[str]:
+    """Draw a period under the plot, with its rank and as much of its name as fits."""
+    x, end, y = plot.x(block.start_s), plot.x(block.end_s), plot.bottom_px + 2
+    ground = (
+        f'class="bar edge" fill="{svg.RAMP[0]}"' if block.rank else f'class="paper edge" fill="{svg.PAPER}"'
+    )
+    frame = svg.rect(x, y, max(end - x, 1.0), _LANE_PX - 4, f'{ground} stroke="{svg.SOFT}"')
+    rank = str(block.rank or "")
+    told = svg.shorten(f"{rank} {block.label}".strip(), end - x - 4)
+    if len(told) < _SHORTEST_NAME:
+        told = rank if svg.estimate_width(rank) <= end - x else ""
+    return [frame, svg.text((x + end) / 2, y + 13, told, "onlight" if block.rank else "ink", "middle")]
+
+
+def _draw_bracket(day: Day, plot: _Plot) -> list[str]:
+    """Bracket the 15 minutes with the most time above 60 deg, above the plot."""
     if day.worst is None:
         return []
     x, end = (plot.x(seconds) for seconds in day.worst)
-    top = plot.top_px - 6
-    commands = (
-        f"M{svg.number(x)} {svg.number(top + 6)}V{svg.number(top)}H{svg.number(end)}V{svg.number(top + 6)}"
-    )
-    bracket = svg.path(commands, f'class="accent-line" fill="none" stroke="{svg.ORANGE}" stroke-width="2"')
-    half = svg.estimate_width(label) / 2
-    centre = min(max((x + end) / 2, half), plot.right_px - half)
-    return [bracket, svg.text(centre, top - 5, label, "accent", "middle")]
+    return [_draw_bracket_at(x, end, plot.top_px)]
 
 
-def _draw_day_legend(labels: DayLabels, y_px: float, key: str, width_px: float) -> list[str]:
-    keys = [
-        (labels.band, f'class="band" fill="{svg.RAMP[1]}"'),
-        (labels.median, ""),
-        (labels.left_out, f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'),
-        (labels.missing, f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-dasharray="1.5 2"'),
-    ]
+def _draw_bracket_at(start_px: float, end_px: float, bottom_px: float) -> str:
+    low, high = svg.number(bottom_px), svg.number(bottom_px - 6)
+    commands = f"M{svg.number(start_px)} {low}V{high}H{svg.number(end_px)}V{low}"
+    return svg.path(commands, f'class="accent-line" fill="none" stroke="{svg.ORANGE}" stroke-width="2"')
+
+
+def _draw_longest(day: Day, plot: _Plot) -> list[str]:
+    """Point a triangle at the longest continuous time above 60 deg, over the bracket."""
+    if day.longest_start_s is None:
+        return []
+    return [_draw_triangle_at(plot.x(day.longest_start_s), plot.top_px - 9)]
+
+
+def _draw_triangle_at(x_px: float, bottom_px: float) -> str:
+    commands = f"M{svg.number(x_px)} {svg.number(bottom_px)}l-5 -9h10Z"
+    return svg.path(commands, f'class="mark" fill="{svg.RAMP[3]}"')
+
+
+def _draw_day_legend(
+    days: Sequence[Day], labels: DayLabels, y_px: float, key: str, width_px: float
+) -> tuple[list[str], float]:
+    """Explain what is drawn, and only that; give the strokes and where the drawing ends."""
     body, x = [], 0.5
-    for words, attributes in keys:
-        length = 22 + svg.estimate_width(words, 10.4) + 8
+    for words, draw in _list_keys(days, labels, key):
+        first, *others = svg.break_lines(words, width_px - 20)
+        length = 20 + svg.estimate_width(first) + 8
         if x > 1 and x + length > width_px:
             x, y_px = 0.5, y_px + 18
-        body += [_draw_key(x, y_px, attributes), svg.text(x + 20, y_px, words)]
-        x += length
-    return body
+        body += [draw(x, y_px), svg.text(x + 20, y_px, first)]
+        body += [svg.text(x + 20, y_px + 15 * k, line) for k, line in enumerate(others, 1)]
+        x, y_px = x + length, y_px + 15 * len(others)
+    return body, y_px + 6
+
+
+def _list_keys(
+    days: Sequence[Day], labels: DayLabels, key: str
+) -> list[tuple[str, Callable[[float, float], str]]]:
+    kinds = {mark.kind for day in days for mark in day.marks}
+    hatch = f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'
+    dots = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-dasharray="1.5 2"'
+    keys = (
+        (True, labels.band, partial(_draw_key, attributes=f'class="band" fill="{svg.RAMP[1]}"')),
+        (True, labels.median, partial(_draw_key, attributes="")),
+        ("left out" in kinds, labels.left_out, partial(_draw_key, attributes=hatch)),
+        ("missing" in kinds, labels.missing, partial(_draw_key, attributes=dots)),
+        (days[0].worst is not None, labels.worst, lambda x, y: _draw_bracket_at(x, x + 15, y)),
+        (
+            days[0].longest_start_s is not None,
+            labels.longest,
+            lambda x, y: _draw_triangle_at(x + 7, y),
+        ),
+    )
+    return [(words, draw) for is_drawn, words, draw in keys if is_drawn and words]
 
 
 def _draw_key(x_px: float, y_px: float, attributes: str) -> str:

@@ -15,6 +15,9 @@ WIDE = 680.0
 NARROW = 330.0
 """Widths of a drawing for paper and wide screens, and for a telephone."""
 
+WORDS_PX = 12.2
+"""Size of the words of a drawing: 9 pt where :data:`WIDE` fills the width of an A4 page."""
+
 _WIDE_SIGNS = frozenset("WMmw@%")
 
 FONT = "Inter, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
@@ -55,14 +58,14 @@ def picture(width_px: float, height_px: float, key: str, words: tuple[str, str],
     title, description = (escape_text(part) for part in words)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {number(width_px)} {number(height_px)}" '
-        f'role="img" aria-labelledby="{key}-t {key}-d" font-family="{FONT}" font-size="11">'
+        f'role="img" aria-labelledby="{key}-t {key}-d" font-family="{FONT}" font-size="{WORDS_PX:g}">'
         f'<title id="{key}-t">{title}</title><desc id="{key}-d">{description}</desc>'
         + "".join(body)
         + "</svg>"
     )
 
 
-def estimate_width(words: str, size_px: float = 11) -> float:
+def estimate_width(words: str, size_px: float = WORDS_PX) -> float:
     """Guess how wide words will be; generous, so that labels never touch."""
     return size_px * sum(0.95 if c in _WIDE_SIGNS else 0.72 if c.isupper() else 0.58 for c in words)
 
@@ -75,6 +78,18 @@ def shorten(words: str, room_px: float) -> str:
     while kept and estimate_width(kept + "…") > room_px:
         kept = kept[:-1]
     return kept.rstrip() + "…"
+
+
+def break_lines(words: str, room_px: float) -> list[str]:
+    """Break words that are wider than their room at a space; one word alone is never broken."""
+    lines = [""]
+    for word in words.split(" "):
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and estimate_width(longer) > room_px:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
 
 
 def define_hatch(key: str) -> str:

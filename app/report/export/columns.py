@@ -58,16 +58,17 @@ Empty (in JSON: null) is "not computable". Vide (en JSON : null) veut dire « no
 
 
 def encode_dictionary() -> bytes:
-    """Write the dictionary of ``summary.csv``, ``periods.csv`` and ``results.json`` as CSV."""
+    """Write the dictionary of the tables, of ``elevation.parquet`` and of ``results.json`` as CSV."""
     return encode_table(DICTIONARY_COLUMNS, describe_dictionary())
 
 
 def describe_dictionary() -> list[Row]:
-    """Give one row for each column of the tables and each field of ``results.json``."""
+    """Give one row for each column of the tables and of the angles, and each field of ``results.json``."""
     return [
         *(_describe_column("summary", column) for column in SUMMARY),
         *(_describe_column("periods", column) for column in PERIODS),
-        *_describe_fields(),
+        *_describe_all("elevation.parquet", *(words["elevation"] for words in _load_words("tables"))),
+        *_describe_all("results.json", *_load_words("fields")),
     ]
 
 
@@ -102,9 +103,12 @@ def _describe_column(table: Literal["summary", "periods"], column: Column) -> Ro
     return _describe(f"{table}.csv", column.name, column.kind, english, french)
 
 
-def _describe_fields() -> list[Row]:
-    english, french = (load_wording(language, "fields") for language in LANGUAGES)
-    return [_describe("results.json", path, None, english[path], french[path]) for path in english]
+def _load_words(part: str) -> list[Mapping[str, Any]]:
+    return [load_wording(language, part) for language in LANGUAGES]
+
+
+def _describe_all(file: str, english: Mapping[str, str], french: Mapping[str, str]) -> list[Row]:
+    return [_describe(file, name, None, english[name], french[name]) for name in english]
 
 
 def _describe(file: str, name: str, kind: str | None, english: str, french: str) -> Row:

@@ -5,8 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from app.report.words.numbers import HOUR_S, format_number, format_rate
-from app.report.words.wording import Language, Words, fill, find_device_name, load_wording
+from app.report.words.wording import Language, Words, fill, load_wording
 from app.version import software_revision, software_version
+from fusion.devices import find_device_name as find_known_name
 
 Results = Mapping[str, Any]
 
@@ -20,6 +21,8 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
     told = ["sensor", "recordings", "fusion", "pose", "elevation", "figures", "interval"]
     if not _count(every, "calibration", "pose"):
         told.remove("pose")
+    if _count(every, "calibration", "axis"):
+        told.insert(told.index("elevation"), "axis")
     told += ["npose"] if "n-pose" in _count(every, "calibration", "pose") else []
     text = " ".join(fill(words[name], facts) for name in (*told, "limits", "settings"))
     return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n".encode()
@@ -27,13 +30,14 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
 
 def _describe_run(every: Sequence[Results], failed: int, words: Words, language: Language) -> dict[str, str]:
     return {
-        "devices": _join(find_device_name(words, name) for name in _count(every, "recording", "device")),
+        "devices": _join(_name_sensors(name, words) for name in _count(every, "recording", "device")),
         "rates": _format_rates(every, language),
         "version": software_version(),
         "revision": software_revision(),
         "analysed": str(len(every)),
         "failed": str(failed) if failed else "",
         "method": _join(_format_method(method, words) for method in _find_methods(every)),
+        "n": str(_count(every, "calibration", "axis").total()),
         "poses": _join(
             fill(words["pose_named"][pose], {"n": str(number)})
             for pose, number in _count(every, "calibration", "pose").items()
@@ -46,7 +50,7 @@ def _describe_run(every: Sequence[Results], failed: int, words: Words, language:
 
 
 def _count(every: Iterable[Results], part: str, name: str) -> Counter[str]:
-    return Counter(results[part][name] for results in every if results[part])
+    return Counter(results[part][name] for results in every if results[part] and results[part][name])
 
 
 def _find_methods(every: Iterable[Results]) -> list[tuple[str, str]]:
@@ -54,6 +58,11 @@ def _find_methods(every: Iterable[Results]) -> list[tuple[str, str]]:
     found = (results["method"] for results in every)
     named = {(m["name"], str(m["version"])) if m else ("none", "") for m in found}
     return sorted(named, key=lambda method: (method[0] == "none", method))
+
+
+def _name_sensors(device: str, words: Words) -> str:
+    named = words["device"]
+    return str(named.get(device) or fill(named["known"], {"name": find_known_name(device) or device}))
 
 
 def _format_method(method: tuple[str, str], words: Words) -> str:

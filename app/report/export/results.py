@@ -26,7 +26,7 @@ from app.report.figures import (
     WINDOWS,
     Group,
 )
-from app.report.findings import CalibrationFacts, Findings, MethodFacts, StillFacts
+from app.report.findings import Findings, MethodFacts, StillFacts
 from app.report.words.numbers import Clock
 from app.report.words.subject import ReportSubject
 from fusion.caveats import Caveat
@@ -46,7 +46,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
         "schema": SCHEMA,
         "recording": _describe_recording(findings, subject),
         "time": _describe_time(findings.time),
-        "calibration": _describe_calibration(findings.calibration),
+        "calibration": _describe_calibration(findings),
         "method": _describe_method(findings.method),
         "exposure": _describe_exposure(findings.exposure, clock),
         "quality": {
@@ -54,7 +54,11 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "warnings": [_describe_warning(flag, clock) for flag in findings.quality.flags],
             "proposals": _propose_periods(findings.quality.flags),
         },
-        "software": {"version": subject.software.version, "revision": subject.software.revision},
+        "software": {
+            "version": subject.software.version,
+            "revision": subject.software.revision,
+            "reader": _describe_reader(findings.recording.reader),
+        },
     }
     rounded: dict[str, object] = round_all(results)
     return rounded
@@ -69,7 +73,7 @@ def encode_results(findings: Findings, subject: ReportSubject) -> bytes:
 def identify_report(findings: Findings, subject: ReportSubject) -> str:
     """Give the identity of a report: a hash of input, settings and engine version, 16 hexadecimal digits."""
     settings = findings.settings
-    said = {
+    said: dict[str, object] = {
         "input": findings.recording.sha256,
         "method": settings.method,
         "pose": settings.pose,
@@ -80,6 +84,12 @@ def identify_report(findings: Findings, subject: ReportSubject) -> str:
         "subject": subject.subject,
         "version": subject.software.version,
     }
+    if settings.arm_axis is not None or settings.slip_times_s:  # reports made without keep their identity
+        said |= {"arm_axis": settings.arm_axis, "slip_times_s": settings.slip_times_s}
+    if findings.recording.reader:
+        said["reader"] = findings.recording.reader
+    if subject.columns:
+        said["columns"] = json.loads(subject.columns)
     text = json.dumps(round_all(said), sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
 
@@ -96,7 +106,13 @@ def _describe_recording(findings: Findings, subject: ReportSubject) -> dict[str,
         "rate_hz": findings.recording.rate_hz,
         "side": subject.side,
         "subject": subject.subject,
+        "columns": json.loads(subject.columns) if subject.columns else None,
     }
+
+
+def _describe_reader(reader: tuple[str, str] | None) -> dict[str, str] | None:
+    """Name the plug-in that read the file; none for a reader of our own."""
+    return {"name": reader[0], "version": reader[1]} if reader else None
 
 
 def _describe_time(time: TimeAccount) -> dict[str, object]:
@@ -112,22 +128,41 @@ def _describe_time(time: TimeAccount) -> dict[str, object]:
     }
 
 
-def _describe_calibration(calibration: CalibrationFacts | None) -> dict[str, object] | None:
+def _describe_calibration(findings: Findings) -> dict[str, object] | None:
+    calibration = findings.calibration
     if calibration is None:
         return None
-    still = calibration.still
+    still, arm_axis = calibration.still, findings.settings.arm_axis
     return {
-        "pose": calibration.pose,
-        "start_s": still.start_s,
-        "duration_s": still.duration_s,
-        "score": still.score,
-        "gyro_bias_dps": list(still.gyro_bias_dps),
-        "second": _describe_second(calibration.second),
+        "pose": None if arm_axis else calibration.pose,
+        "found": calibration.found,
+        "sigma_deg": calibration.sigma_deg,
+        "start_s": still.start_s if still else None,
+        "duration_s": still.duration_s if still else None,
+        "score": still.score if still else None,
+        "gyro_bias_dps": list(calibration.bias_dps),
+        "second": _describe_still(calibration.second) if calibration.second else None,
+        "repeats": [_describe_still(again) | {"apart_deg": again.apart_deg} for again in calibration.repeats],
+        "repeat_deg": calibration.repeat_deg,
+        "parts": [
+            {
+                "start_s": part.start_s,
+                "end_s": part.end_s,
+                "valid": part.is_valid,
+                "pose_index": part.pose_index,
+                "apart_deg": part.apart_deg,
+            }
+            for part in calibration.parts
+        ],
+        "axis": arm_axis.removeprefix("+") if arm_axis else None,
+        "slip_times_s": list(findings.settings.slip_times_s),
+        "walking_apart_deg": calibration.walking_deg,
+        "proposals": [_describe_still(proposed) for proposed in calibration.proposals],
     }
 
 
-def _describe_second(still: StillFacts | None) -> dict[str, object] | None:
-    return {"start_s": still.start_s, "duration_s": still.duration_s} if still else None
+def _describe_still(still: StillFacts) -> dict[str, object]:
+    return {"start_s": still.start_s, "duration_s": still.duration_s}
 
 
 def _describe_method(method: MethodFacts | None) -> dict[str, object] | None:
@@ -150,6 +185,7 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         "peak": {
             "elevation_p99_deg": exposure.elevation_p99_deg,
             "windows": [_describe_window(window, clock) for window in exposure.peak_windows],
+            "quarter_hours": [_describe_window(window, clock) for window in exposure.quarter_hours],
         },
         "eva": _describe_eva(exposure.eva),
         "by_hour": [_describe_part(part) for part in exposure.by_hour],

@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from app.errors import InternalError
 from app.report.words.numbers import format_exact
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
-from fusion.recording import QualityFlag
+
+if TYPE_CHECKING:  # the command line uses this module without numpy
+    from fusion.recording import QualityFlag
 
 Fact = str | int | float
 UNKNOWN_PROBLEM = InternalError.code
@@ -46,10 +49,10 @@ def describe_problem(code: str, facts: Mapping[str, Fact], language: Language) -
     )
 
 
-def describe_flag(flag: QualityFlag, language: Language) -> CaveatWords:
-    """Write a caveat in words; one without words shows its code."""
+def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
+    """Write a caveat in words, of an earlier version too; one without words shows its code."""
     words = load_wording(language)
-    entry = words["flag"].get(flag.code)
+    entry = words["flag"].get(flag.code) or words["retired"].get(flag.code)
     if entry is None:
         return CaveatWords(flag.code, "")
     told = format_facts(flag.facts, language)

@@ -20,8 +20,6 @@ NONE = "–"
 MINUTE_S = 60
 HOUR_S = 3600
 SHORT_S = 600
-SHORTEST_RATED_S = 600
-"""Below ten minutes a rate per hour would only be a small count multiplied."""
 
 
 def format_number(value: float | None, decimals: int, language: Language) -> str:
@@ -41,12 +39,6 @@ def format_exact(value: float, language: Language) -> str:
     mark = "," if language == "fr" else "."
     text = format_number(value, 6, language).rstrip("0")
     return text.removesuffix(mark)
-
-
-def format_plain(value: float, language: Language) -> str:
-    """Write a parameter with the digits it has: "0.04", "1200"; six of them at most."""
-    text = f"{value:g}".replace("-", "−")
-    return text.replace(".", ",") if language == "fr" else text
 
 
 def format_percent(percent: float | None, language: Language) -> str:

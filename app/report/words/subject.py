@@ -21,7 +21,8 @@ class ReportSubject:
     """``subject`` is a code, never a name; all texts come from outside and are only ever text.
 
     ``version`` counts from 1; a later one replaces the one before: ``changes`` name what is different (a
-    setting, "input" or "engine"), ``reason`` is what a person said.
+    setting, "input" or "engine"), ``reason`` is what a person said. ``columns`` is the JSON of the column
+    profile by which a table was read, "" for none.
     """
 
     file_name: str
@@ -31,6 +32,7 @@ class ReportSubject:
     version: int = 1
     reason: str = ""
     changes: tuple[str, ...] = ()
+    columns: str = ""
 
 
 def cut_text(text: str, most: int) -> str:

@@ -11,6 +11,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
+from app.report.words.subject import clean_text
+from fusion.devices import KNOWN_DEVICES
+from fusion.devices import find_device_name as find_known_name
+
 Language = Literal["en", "fr"]
 Part = Literal[
     "report",
@@ -30,6 +34,8 @@ Words = Mapping[str, Any]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 _FOLDER = Path(__file__).parent
+_TABLES = re.compile(r"^(?=\[)", re.MULTILINE)
+_TABLE_PART = re.compile(r"\[+(\w+)")
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 _PLURAL = re.compile(r"\{(\w+)\|([^{}|]*)\|([^{}|]*)\}")
 _COUNTED = re.compile(r"\{(\w+):(en|fr)\|([^{}|]*)\|([^{}|]*)\}")
@@ -46,18 +52,30 @@ def load_wording(language: Language, part: Part = "report") -> Words:
     punctuation and the curly apostrophe are set here, so that no translator has to type them. The meanings
     of columns ("tables") stay as they are: programs read them.
     """
-    words = _read_language(language)[part]
+    words = tomllib.loads(_split_language(language)[part])[part]
     return MappingProxyType(words if part == "tables" else _set_all(words, language))
 
 
 @cache
-def _read_language(language: Language) -> dict[str, Any]:
-    return tomllib.loads((_FOLDER / f"{language}.toml").read_text(encoding="utf-8"))
+def _split_language(language: Language) -> Mapping[str, str]:
+    """Give the text of each part: to parse all of them takes ten times as long as most need."""
+    texts: dict[str, str] = {}
+    for table in _TABLES.split((_FOLDER / f"{language}.toml").read_text(encoding="utf-8")):
+        part = _TABLE_PART.match(table)
+        if part:
+            texts[part[1]] = texts.get(part[1], "") + table
+    return texts
 
 
 def find_device_name(words: Words, device: str) -> str:
-    """Give the name of a device; one that the words do not know is another sensor."""
-    return str(words["device"].get(device, words["device"]["other"]))
+    """Give the name of a known device, the same in every language; a plug-in's device names itself."""
+    return find_known_name(device) or str(words["device"].get(device) or clean_text(device))
+
+
+def load_device_names(language: Language) -> dict[str, str]:
+    """Give the names of all kinds of device, known ones and what the words call the others."""
+    known = {one.device: find_known_name(one.device) or "" for one in KNOWN_DEVICES}
+    return known | dict(load_wording(language)["device"])
 
 
 def fill(text: str, facts: Mapping[str, str]) -> str:
@@ -70,6 +88,24 @@ def fill(text: str, facts: Mapping[str, str]) -> str:
     kept = _OPTIONAL.sub(lambda part: part[1] if _is_complete(part[1], facts) else "", text)
     kept = _COUNTED.sub(lambda form: form[3] if _is_one(facts.get(form[1], ""), form[2]) else form[4], kept)
     return _PLACEHOLDER.sub(lambda place: facts.get(place[1]) or "…", kept)
+
+
+def name_ranges(words: Words, kind: str) -> Words:
+    """Put what ranges of a kind are called in the words of a report: ``{range_name}``, ``{Range_name}``."""
+    name = str(words["ranges"]["name"][kind])
+    named = _replace_all(words, {"{range_name}": name, "{Range_name}": name[0].upper() + name[1:]})
+    return MappingProxyType(named)
+
+
+def _replace_all(value: Any, texts: Mapping[str, str]) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _replace_all(inner, texts) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_replace_all(inner, texts) for inner in value]
+    if isinstance(value, str):
+        for place, text in texts.items():
+            value = value.replace(place, text)
+    return value
 
 
 def _is_complete(text: str, facts: Mapping[str, str]) -> bool:

@@ -3,7 +3,9 @@
 The sensor samples by a clock of its own; each block gives the reading of the device's clock at one of its
 rows, to 1/32768 s. The stamps of successive blocks show whether time is missing between them, within their
 own scatter: the limit is half a sample period (CONTRACT §5: a step longer than 1.5 periods is a hole), or
-eight times the scatter of the stamps where that is more and no block's number is missing.
+eight times the scatter of the stamps where that is more and no block's number is missing. Where the row that
+a stamp belongs to moves by one, the limit is a period more: that row is rounded (40 to 41 in a real AX6,
+whose stamps go on 0.4065 s apart).
 """
 
 from dataclasses import dataclass
@@ -267,7 +269,9 @@ def find_limits(blocks: Blocks, starts_us: Floats, period_us: Floats) -> tuple[f
     scatter_us = NORMAL_PER_MEDIAN * float(np.median(np.abs(lags_us - middle_us)))
     is_skipped = np.diff(blocks.sequence) > 1
     sure_us = np.where(is_skipped, 0.0, SURE_SCATTERS * scatter_us)
-    return scatter_us / np.sqrt(2.0), np.maximum(0.5 * period_us[1:], sure_us)
+    has_moved = np.abs(np.diff(blocks.anchor_row)) == 1
+    least_us = np.where(has_moved, 1.5, 0.5) * period_us[1:]
+    return scatter_us / np.sqrt(2.0), np.maximum(least_us, sure_us)
 
 
 def mend_starts(starts_us: Floats, lengths_us: Floats, limits_us: Floats) -> int:

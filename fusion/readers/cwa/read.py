@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
+from fusion.errors import DamagedFile, NoGyroscope, NoSamples, UnknownColumns
 from fusion.readers.cwa.blocks import (
     BAD_CHECKSUMS,
     BLOCK_BYTES,
@@ -122,7 +122,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     ------
     fusion.errors.UnreadableFile
         The gyroscope was off (or it is an AX3), or more than 5 % of the file is damaged.
-    TooShort, fusion.errors.UnusableTime, fusion.errors.UnknownRate
+    NoSamples, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
     log = decode_log(read_chunks(source, HEADER_BYTES), source.size_bytes, source)
     log.refuse_unusable()
@@ -156,7 +156,7 @@ class BlockLog:
             raise NoGyroscope(cure="AX6")
         if self.n_unknown:
             raise UnknownColumns(list="CWA")
-        raise TooShort(s=0.0)
+        raise NoSamples
 
     def _find_damage_clock(self) -> dict[str, str]:
         """The clock at the last sound block before the damage."""
@@ -325,6 +325,7 @@ def _describe(blocks: Blocks, grid: Grid) -> dict[str, str]:
         "layout": "Axivity AX6 .cwa",
         "columns": "gyroscope, accelerometer",
         "units": "g, deg/s",
+        "units_from": "header",
         "nominal_rate_hz": f"{rates[0]:g}" if len(rates) == 1 else "",
         "jitter_us": f"{grid.jitter_us:.1f}",
         "samples": str(int(blocks.n_rows.sum())),

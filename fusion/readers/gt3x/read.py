@@ -10,12 +10,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns
+from fusion.errors import DamagedFile, MissingMember, NoGyroscope, NoSamples, UnknownColumns
 from fusion.readers.archives import check_parts, is_archive, open_archive, read_member, read_text
 from fusion.readers.gt3x.clock import LONGEST_GAP_S, Run, Seconds, Timeline, order_seconds
 from fusion.readers.gt3x.log import (
@@ -80,7 +81,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     fusion.errors.UnreadableFile
         The archive is cut, corrupt or unsafe, parts are missing, there is no gyroscope, or more than 5 % of
         the records are damaged.
-    TooShort
+    NoSamples
         No second of samples.
     """
     with open_archive(source) as archive:
@@ -173,19 +174,21 @@ LARGEST_DIFFERENCE_G = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrimarySecond:
-    """One second of ACTIVITY2: its stamp, rows, mean in counts, shape (3,), and largest scatter in counts."""
+    """One second of ACTIVITY2: its stamp, and its rows in counts, shape (rows, 3)."""
 
     unix_s: int
-    rows: int
-    mean: NDArray[np.float64]
-    scatter: float
+    counts: NDArray[np.int16]
+
+    @property
+    def rows(self) -> int:
+        """How many samples it holds."""
+        return len(self.counts)
 
 
 def read_primary_second(unix_s: int, payload: bytes) -> PrimarySecond:
     """Read the payload of an ACTIVITY2 record: little-endian int16, x y z."""
     rows = len(payload) // ROW_BYTES
-    counts = np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3).astype(np.float64)
-    return PrimarySecond(unix_s, rows, counts.mean(axis=0), float(counts.std(axis=0).max()))
+    return PrimarySecond(unix_s, np.frombuffer(payload, "<i2", 3 * rows).reshape(rows, 3))
 
 
 def measure_bias_g(
@@ -196,17 +199,30 @@ def measure_bias_g(
     Both have the same axes (on a Link they differ by 0.04 g in every pose).
     """
     scale = text.number("Acceleration Scale") or DEFAULT_SCALE
-    seconds = timeline.seconds
-    places = {int(unix_s): k for k, unix_s in enumerate(seconds.unix_s)}
-    apart = []
+    seconds, limit_g = timeline.seconds, BOTH_ACCELEROMETERS.acc_sd_g
+    places = dict(zip(seconds.unix_s.tolist(), range(len(seconds.unix_s)), strict=True))
+    alike: dict[tuple[int, int], list[tuple[PrimarySecond, int]]] = {}  # seconds of one length at a time
     for second in seen:
-        if second.unix_s not in places or second.scatter > BOTH_ACCELEROMETERS.acc_sd_g * scale:
-            continue
-        k = places[second.unix_s]
-        rows = columns.acc[seconds.first_row[k] : seconds.first_row[k] + seconds.n_rows[k]].astype(np.float64)
-        if rows.std(axis=0).max() <= BOTH_ACCELEROMETERS.acc_sd_g:
-            apart.append(float(np.linalg.norm(rows.mean(axis=0) - second.mean / scale)))
-    return float(np.median(apart)) if len(apart) >= FEWEST_STILL else None
+        if second.unix_s in places:
+            k = places[second.unix_s]
+            shape = (second.rows, int(seconds.n_rows[k]))
+            alike.setdefault(shape, []).append((second, int(seconds.first_row[k])))
+    apart_g = [np.zeros(0)]
+    for (_, rows), pairs in alike.items():
+        mean, scatter = _measure_seconds(np.stack([second.counts for second, _ in pairs]))
+        is_still = scatter <= limit_g * scale
+        firsts = np.array([first for _, first in pairs])[is_still]
+        mean_g, scatter_g = _measure_seconds(columns.acc[firsts[:, None] + np.arange(rows)])
+        far_g = np.linalg.norm(mean_g - mean[is_still] / scale, axis=1)
+        apart_g.append(far_g[scatter_g <= limit_g])
+    found_g = np.concatenate(apart_g)
+    return float(np.median(found_g)) if len(found_g) >= FEWEST_STILL else None
+
+
+def _measure_seconds(samples: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (s, 3) and largest standard deviation (s,) of seconds of samples, shape (s, rows, 3)."""
+    values = samples.astype(np.float64)
+    return values.mean(axis=1), values.std(axis=1).max(axis=1)
 
 
 def contradicts_header(seen: Sequence[PrimarySecond], header_rate_hz: float | None) -> bool:
@@ -273,10 +289,14 @@ class DeviceLog:
             raise DamagedFile(p=round(damaged_percent, 1), clock=clock)
         if self.columns.rows:
             return
+        if self.n_undecoded and not self.labels:
+            raise MissingMember(member="SENSOR_SCHEMA")
+        if self.n_undecoded and self.decoder is not None:
+            raise DamagedFile(p=100.0)
         if self.n_undecoded:
-            raise UnknownColumns(list=", ".join(sorted(self.labels)) or "SENSOR_SCHEMA")
+            raise UnknownColumns(list=", ".join(sorted(self.labels)))
         if scan.records == 0:
-            raise TooShort(s=0.0)
+            raise NoSamples
         raise NoGyroscope(cure="GT9X")
 
 
@@ -479,6 +499,7 @@ def _describe(text: DeviceText, log: DeviceLog, timeline: Timeline) -> dict[str,
         "layout": "ActiGraph GT9X Link .gt3x",
         "columns": ", ".join(sorted(log.labels)),
         "units": "g, deg/s",
+        "units_from": "header",
         "rows_per_second": usual[:200],
         "samples": str(int(counts.sum())),
         "records": str(log.scan.records),

@@ -9,11 +9,12 @@ last value forward where records were missing; such runs of equal rows are taken
 import re
 from datetime import datetime
 
-from fusion.errors import EpochFile, NoGyroscope, TooShort, UnknownColumns
+from fusion.errors import EpochFile, NoGyroscope, NoSamples, UnknownColumns
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import CALENDAR_TIME, IGNORED, STAMP
-from fusion.readers.tables.columns import choose_vector
-from fusion.readers.tables.layout import CALENDAR, TextLayout, decode_head, flag_text, read_layout
+from fusion.readers.tables.columns import choose_vector, name_missing
+from fusion.readers.tables.header import CALENDAR
+from fusion.readers.tables.layout import TextLayout, decode_head, flag_text, read_layout
 from fusion.readers.tables.rows import TablePlan, build_clock, find_clock, read_table, repair_stamps
 from fusion.readers.timebase.clock import flag_drift, hash_serial, parse_offset_s
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
@@ -47,7 +48,7 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: AR
     assert layout is not None
     rows = read_table(source, _plan_table(layout))
     if rows.columns.rows == 0:
-        raise TooShort(s=0.0)
+        raise NoSamples
     if rows.plan.has_times:
         changes = repair_stamps(rows)
         clock = find_clock(rows.plan, int(rows.columns.stamps[0]))
@@ -113,8 +114,10 @@ def _refuse_other_exports(header: dict[str, str], layout: TextLayout | None, hea
     if "Accelerometer X" in head and "Gyroscope" not in head:
         raise NoGyroscope(cure="GT9X")
     if "Accelerometer X" in head and layout is None:
-        raise TooShort(s=0.0)
-    raise UnknownColumns(list=", ".join(c.name for c in layout.columns)[:200] if layout else "-")
+        raise NoSamples
+    if layout is None:
+        raise UnknownColumns(why="no header")
+    raise UnknownColumns(list=(layout.header or "").strip()[:200], missing=name_missing(layout.columns))
 
 
 def _plan_table(layout: TextLayout) -> TablePlan:
@@ -138,6 +141,7 @@ def _describe(header: dict[str, str], layout: TextLayout, n_rows: int) -> dict[s
         "layout": "ActiLife IMU CSV",
         "columns": ", ".join(column.name for column in layout.columns),
         "units": "g, deg/s",
+        "units_from": "header",
         "nominal_rate_hz": f"{header_rate_hz(header):g}",
         "samples": str(n_rows),
         "software": version.group(1) if version else "",

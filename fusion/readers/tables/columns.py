@@ -22,12 +22,20 @@ from fusion.readers.samples import SampleColumns
 from fusion.readers.timebase.clock import datetime_at_us, is_clock_set
 from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ
 from fusion.recording import MICROSECONDS, QualityFlag
+from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
-Channel = Literal["acc", "gyr", "time", "counter", "other"]
+Channel = Literal["acc", "gyr", "linear", "time", "counter", "other"]
+"""``linear``: an acceleration from which gravity was taken out."""
 
 ACC_STEMS = frozenset(
     {"a", "acc", "accel", "accelerometer", "acceleration", "accelero", "gf", "gforce", "xl"}
-    | {"accelerometre"}
+    | {"accelerometre", "accelwr", "accelln", "widerangeaccelerometer", "lownoiseaccelerometer"}
+)
+NARROW_STEMS = frozenset({"accelln", "lownoiseaccelerometer"})
+"""Of a Shimmer's two accelerometers the one that ends at 2 g, where an arm at work does not."""
+LINEAR_STEMS = frozenset(
+    {"linearacceleration", "linearaccelerometer", "linearaccel", "linearacc", "linacc", "linaccel"}
+    | {"useracceleration", "useraccel", "freeacc", "freeacceleration", "accelerationlineaire"}
 )
 GYR_STEMS = frozenset(
     {"g", "gy", "gyr", "gyro", "gyroscope", "w", "omega", "rot", "rate", "rotation", "rotationrate"}
@@ -48,7 +56,7 @@ TIME_STEMS = frozenset(
         "elapsed",
         "elapsedtime",
     }
-    | {"micros", "millis", "epoch", "unixtime", "unix", "sampletimefine", "seconds", "milliseconds"}
+    | {"micros", "millis", "epoch", "epoc", "unixtime", "unix", "sampletimefine", "seconds", "milliseconds"}
     | {
         "microseconds",
         "nanoseconds",
@@ -73,30 +81,45 @@ TIME_STEMS = frozenset(
         "secs",
     }
 )
+TIME_WORDS = frozenset({"time", "timestamp"})
 COUNTER_STEMS = frozenset(
     {"index", "sample", "samples", "nsamples", "samplenumber", "packetcounter", "counter", "packet"}
     | {"row", "n", "samplecount", "count", "sequence", "seq"}
     | {"compteur", "echantillon", "numero", "ligne", "paquet"}
 )
 AXIS_WORDS = ("axis", "axe")
+AXIS_SUFFIX = re.compile(r"(?:[ _.\-]*axis)?(?:[ _.\-]+([a-z0-9/_.\-]+))?")
 PREFIXES = ("lsm9ds1", "imu", "sensor", "raw", "cal", "calib", "calibrated")
 
 TIME_UNITS_EXPONENT = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "secondes"), 6),
-    **dict.fromkeys(("ms", "msec", "millis", "milliseconds", "millisecondes"), 3),
-    **dict.fromkeys(("us", "usec", "micros", "microseconds", "microsecondes"), 0),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milliseconds", "millisecondes"), 3),
+    **dict.fromkeys(("us", "usec", "usecs", "micros", "microseconds", "microsecondes"), 0),
     **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), -3),
+    "100us": 2,
 }
+"""Powers of ten to microseconds; MT Manager counts tenths of a millisecond."""
+REMARKS = frozenset({"cal", "raw", "uncal", "calibrated", "uncalibrated"})
+OTHER_UNITS = frozenset(
+    {"", "local", "nounits", "ut", "gauss", "ga", "degc", "c", "deg", "v", "mv", "lux", "boolean"}
+)
+"""What may stand in a row of units beside those of samples and times."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column understood: ``axis`` 0 to 2 for acceleration and angular rate, ``unit`` as written or None."""
+    """A column understood: ``axis`` 0 to 2 for acceleration and angular rate, ``unit`` as written or None.
+
+    ``sensor``: which of several it belongs to; "" where the table holds one. ``is_narrow``: of two
+    accelerometers of one sensor, the one of the smaller range.
+    """
 
     name: str
     channel: Channel
     axis: int = 0
     unit: str | None = None
+    sensor: str = ""
+    is_narrow: bool = False
 
 
 def parse_column_name(name: str) -> Column:
@@ -107,7 +130,8 @@ def parse_column_name(name: str) -> Column:
     if vector is not None:
         return vector
     stem, unit_word = _split_time_unit(plain)
-    if stem in TIME_STEMS or (not stem and unit_word):
+    is_time = bool(TIME_WORDS & set(re.split(r"[ _.\-]+", plain)))
+    if stem in TIME_STEMS or is_time or (not stem and unit_word):
         return Column(name, "time", unit=_time_unit(stem, unit or unit_word))
     if stem.removeprefix("imu") in COUNTER_STEMS:
         return Column(name, "counter")
@@ -122,32 +146,57 @@ def _tidy(name: str) -> str:
 
 
 def _split_bracketed(text: str) -> tuple[str, str | None]:
-    found = re.search(r"[\(\[\{]\s*([^\)\]\}]*?)\s*[\)\]\}]", text)
+    found = re.search(r"[\(\[\{]\s*((?:\([^\)]*\)|[^\)\]\}])*?)\s*[\)\]\}]", text)
     if found is None:
         return text, None
-    return (text[: found.start()] + text[found.end() :]).strip(), re.sub(r"\s+", "", found.group(1))
+    unit = re.sub(r"[\s()]+", "", found.group(1))
+    return (text[: found.start()] + text[found.end() :]).strip(), unit.replace("_per_", "/").replace("_", "")
+
+
+def read_unit(field: str) -> str | None:
+    """Read a field of a row of units: the unit, "" for one that is none of a sample's, None for no unit."""
+    word = re.sub(r"[\s()]+", "", _tidy(field))
+    if word in ACC_UNITS_G or word in GYR_UNITS_DPS or word in TIME_UNITS_EXPONENT:
+        return word
+    return "" if word in OTHER_UNITS else None
+
+
+def read_axis(name: str) -> tuple[str, str | None] | None:
+    """Find axis and unit of a name in a table of one sensor: `X (m/s^2)`, `x-axis (g)`; None for no axis."""
+    plain, unit = _split_bracketed(_tidy(name))
+    found = re.search(
+        r"(?:^|[^a-z])([xyz])(?:[ _.\-]*ax[ie]s)?$|(?:acceleration|accel|gyroscope|gyro)([xyz])$", plain
+    )
+    return (found.group(1) or found.group(2), unit) if found else None
 
 
 def _match_vector(name: str, plain: str, unit: str | None) -> Column | None:
-    found = re.fullmatch(
-        r"([a-z0-9 _.\-]*?)[ _.\-]*([xyz])(?:[ _.\-]*axis)?(?:[ _.\-]+([a-z0-9/_.\-]+))?", plain
+    """Find sensor, axis and unit around any of the letters that may be the axis."""
+    for found in re.finditer("[xyz]", plain):
+        suffix = AXIS_SUFFIX.fullmatch(plain[found.end() :])
+        word = re.sub(r"[ _.\-]", "", plain[: found.start()])
+        for prefix in PREFIXES:
+            word = word.removeprefix(prefix) or word
+        for axis_word in AXIS_WORDS:
+            word = word.removesuffix(axis_word) or word
+        channel = _find_channel(word)
+        if suffix is None or channel == "other":
+            continue
+        if unit is None and suffix.group(1) and suffix.group(1) not in REMARKS:
+            unit = suffix.group(1).replace("_per_", "/").replace("_", "")
+        if word in ("gf", "gforce"):
+            unit = unit or "g"
+        return Column(name, channel, "xyz".index(found.group()), unit, is_narrow=word in NARROW_STEMS)
+    return None
+
+
+def _find_channel(word: str) -> Channel:
+    stems: tuple[tuple[Channel, frozenset[str]], ...] = (
+        ("acc", ACC_STEMS),
+        ("gyr", GYR_STEMS),
+        ("linear", LINEAR_STEMS),
     )
-    if found is None:
-        return None
-    stem, axis, suffix = found.groups()
-    word = re.sub(r"[ _.\-]", "", stem)
-    for prefix in PREFIXES:
-        word = word.removeprefix(prefix) or word
-    for axis_word in AXIS_WORDS:
-        word = word.removesuffix(axis_word) or word
-    channel: Channel = "acc" if word in ACC_STEMS else "gyr" if word in GYR_STEMS else "other"
-    if channel == "other":
-        return Column(name, "other") if word else None
-    if unit is None and suffix:
-        unit = suffix.replace("_per_", "/").replace("_", "")
-    if word in ("gf", "gforce"):
-        unit = unit or "g"
-    return Column(name, channel, "xyz".index(axis), unit)
+    return next((channel for channel, words in stems if word in words), "other")
 
 
 def _split_time_unit(plain: str) -> tuple[str, str | None]:
@@ -165,12 +214,38 @@ def _time_unit(stem: str, unit: str | None) -> str | None:
 
 def choose_vector(columns: Sequence[Column], channel: Channel) -> tuple[int, int, int] | None:
     """Places of x, y, z of a channel; None unless each is there exactly once."""
-    places = [
-        [k for k, c in enumerate(columns) if c.channel == channel and c.axis == axis] for axis in range(3)
-    ]
+    chosen = [(k, c) for k, c in enumerate(columns) if c.channel == channel]
+    if any(not column.is_narrow for _, column in chosen):
+        chosen = [(k, column) for k, column in chosen if not column.is_narrow]
+    places = [[k for k, column in chosen if column.axis == axis] for axis in range(3)]
     if any(len(found) != 1 for found in places):
         return None
     return places[0][0], places[1][0], places[2][0]
+
+
+def name_missing(columns: Sequence[Column]) -> str:
+    """Which of the six channels are not there, or there more than once: "gy, gz"."""
+    places = [(channel, axis) for channel in ("acc", "gyr") for axis in range(3)]
+    counts = [sum(c.channel == channel and c.axis == axis for c in columns) for channel, axis in places]
+    return ", ".join(
+        f"{channel[0]}{'xyz'[axis]}"
+        for (channel, axis), count in zip(places, counts, strict=True)
+        if count != 1
+    )
+
+
+EPOCH_WORDS = frozenset(
+    {"axis1", "axis2", "axis3", "vectormagnitude", "vm", "vmu", "counts", "activity", "steps", "stepcount"}
+    | {"enmo", "mad", "mimsunit", "inclinometeroff", "inclinometerstanding", "hr", "cpm"}
+)
+FEWEST_EPOCH_WORDS = 2
+
+
+def names_epochs(names: Sequence[str]) -> bool:
+    """Whether a header is that of counts or epochs: two such words at least, and no axis of a gyroscope."""
+    words = [re.sub(r"[^a-z0-9]", "", name.lower()) for name in names]
+    is_raw = any(parse_column_name(name).channel == "gyr" for name in names)
+    return not is_raw and sum(word in EPOCH_WORDS for word in words) >= FEWEST_EPOCH_WORDS
 
 
 # The unit of a column of times: that of its name, or the one in which the rows come at a plausible rate.
@@ -179,6 +254,7 @@ def choose_vector(columns: Sequence[Column], channel: Channel) -> tuple[int, int
 
 
 PLAUSIBLE_RATE_HZ = (8.0, 2000.0)
+SECONDS_OF_DAY = 86_400
 SMOOTH_RATIO = 0.3
 """Of readings that have nothing to do with each other, as of an arm every few seconds, the ratio is 1."""
 LOOKED_AT_ROWS = 1 << 18
@@ -189,13 +265,15 @@ UNIT_NAMES = {TIME_UNITS_EXPONENT[unit]: unit for unit in ("s", "ms", "us", "ns"
 class TimeUnit:
     """Power of ten to microseconds, and that of the unit in the header where it cannot be.
 
-    ``stated_hz``, ``rate_hz``: at what rate the first rows come, by the header and as taken.
+    ``stated_hz``, ``rate_hz``: at what rate the first rows come, by the header and as taken. ``is_days``:
+    the stamps are a spreadsheet's days.
     """
 
     exponent: int
     stated_exponent: int | None = None
     stated_hz: float = 0.0
     rate_hz: float = 0.0
+    is_days: bool = False
 
     def flag(self) -> tuple[QualityFlag, ...]:
         """Flag that the header's unit was replaced (W-UNITS)."""
@@ -232,6 +310,25 @@ class TimeUnit:
 
 
 IN_MICROSECONDS = TimeUnit(0)
+IN_DAYS = TimeUnit(11, is_days=True)
+"""Days since the end of 1899, as spreadsheets count: read as hundred-thousand-millionths of a day."""
+DAYS_TO_1970 = 25_569
+POSSIBLE_DAYS = (36_526.0, 73_050.0)
+"""The years 2000 to 2099."""
+MICROSECONDS_OF_COUNT = 0.864
+
+
+def count_from_1970(stamps: NDArray[np.int64]) -> None:
+    """Turn a spreadsheet's days, read as :data:`IN_DAYS`, into microseconds since 1970, in place."""
+    stamps -= DAYS_TO_1970 * 10**IN_DAYS.exponent
+    stamps[:] = np.rint(stamps * MICROSECONDS_OF_COUNT)
+
+
+def _are_days(times: Sequence[float]) -> bool:
+    first, last = POSSIBLE_DAYS
+    slowest_hz, fastest_hz = PLAUSIBLE_RATE_HZ
+    is_date = bool(times) and all(first <= time < last for time in times)
+    return is_date and slowest_hz <= _rate_hz(times, 0) / SECONDS_OF_DAY / MICROSECONDS <= fastest_hz
 
 
 def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
@@ -240,8 +337,10 @@ def find_time_unit(times: Sequence[float], unit: str | None) -> TimeUnit | None:
     A unit in the header holds, unless no sensor writes rows so fast or so slowly and another unit fits. The
     time since 1970 keeps the header's unit, however slowly the rows come.
     """
-    stated = TIME_UNITS_EXPONENT[unit] if unit else None
+    stated = TIME_UNITS_EXPONENT.get(unit or "")  # a damaged row of units may name another quantity
     times = [time for time in times if math.isfinite(time)]  # a damaged row holds no time
+    if stated is None and _are_days(times):
+        return IN_DAYS
     found = guess_exponent(times)
     if stated is None:
         return None if found is None else TimeUnit(found)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from fusion.caveats import Caveat
-from fusion.errors import TooShort, UnknownColumns, UnknownRate
+from fusion.errors import NoSamples, UnknownColumns, UnknownRate
 from fusion.readers.samples import PAUSE
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import CALENDAR_TIME, COUNTER, NUMERIC_TIME, STAMP
@@ -31,10 +31,16 @@ from fusion.readers.timebase.clock import flag_drift, hash_serial
 from fusion.readers.timebase.grid import FASTEST_HZ, SLOWEST_HZ, Grid, cut_counted, cut_stamped
 from fusion.readers.timebase.row_times import leave_out_repeats
 from fusion.recording import MICROSECONDS, QualityFlag, Recording
+from fusion.units import LEFT_GYR_FACTOR, name_unit_source
 
 ARDUINO_BURST_ROWS = 119
 ARDUINO_RATE_HZ = 119.0
-RATE_FACTS = ("rate_hz", "rate", "sample_rate", "sampling_rate", "sample_rate_hz", "update_rate", "odr_hz")
+STATED_RATE = re.compile(
+    r"\b(?:rate_hz|odr_hz|odr|(?:sampl\w+|data|update|output)[ _]?(?:rate|freq\w*)(?:_hz)?|rate)"
+    r"\W{1,4}(\d+(?:\.\d+)?)",
+    re.IGNORECASE,
+)
+"""Stated above a table: `# rate_hz: 476`, `// Update Rate: 100.0Hz`, `data_rate = 2000.0 Hz`."""
 CANONICAL_HEADER = "time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
 
 
@@ -79,7 +85,7 @@ def read_profiled(source: Source, profile: ColumnProfile, rate_hz: float | None 
 def _read_layout(source: Source, order: DateOrder | None = None) -> TextLayout:
     layout = read_layout(source, order)
     if layout is None:
-        raise UnknownColumns(list="-")
+        raise UnknownColumns(why="no header")
     return layout
 
 
@@ -88,7 +94,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     layout = plan.layout
     rows = read_table(source, plan)
     if rows.columns.rows == 0:
-        raise TooShort(s=0.0)
+        raise NoSamples
     plan.unit.refuse_doubtful(rows.columns)
     repairs = repair_stamps(rows) if plan.has_times else ()
     first_stamp_us = int(rows.columns.stamps[0])
@@ -96,7 +102,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     facts = layout.facts()
     clock = find_clock(plan, first_stamp_us)
     return Recording(
-        device=find_device(facts, layout),
+        device=layout.device.device if layout.device else "other",
         sha256="",
         start=clock.start,
         time_zone=clock.time_zone,
@@ -190,19 +196,8 @@ def _flag_stated_rate(layout: TextLayout, grid: Grid) -> tuple[QualityFlag, ...]
 
 def find_stated_hz(layout: TextLayout) -> float:
     """Read the rate that the preamble states; 0 where it states none."""
-    facts = layout.facts()
-    stated = next((facts[name] for name in RATE_FACTS if name in facts), "")
-    found = re.match(r"\d+(?:\.\d+)?", stated)
-    return float(found.group()) if found else 0.0
-
-
-def find_device(facts: dict[str, str], layout: TextLayout) -> str:
-    """Give "lsm9ds1" where the file says so or is in our own form for such loggers, "dot" for a Xsens DOT."""
-    named = facts.get("device", "").lower()
-    if "lsm9ds1" in named or (not named and layout.header == CANONICAL_HEADER):
-        return "lsm9ds1"
-    is_dot = "devicetag" in facts and "sampletimefine" in (layout.header or "").lower()
-    return "dot" if is_dot else "other"
+    found = (STATED_RATE.search(line) for line in layout.preamble)
+    return next((float(match.group(1)) for match in found if match), 0.0)
 
 
 def _positive(text: str | None) -> float | None:
@@ -214,7 +209,7 @@ def _positive(text: str | None) -> float | None:
 
 
 def _describe_columns(plan: TablePlan) -> dict[str, str]:
-    columns = plan.layout.columns
+    columns, device = plan.layout.columns, plan.layout.device
     acc, gyr = (columns[plan.targets.index(target)] for target in (1, 4))
     ignored = (
         column.name
@@ -227,6 +222,12 @@ def _describe_columns(plan: TablePlan) -> dict[str, str]:
         "ignored": ", ".join(ignored)[:400],
         "acceleration_unit": acc.unit or "",
         "angular_rate_unit": gyr.unit or "",
+        "units_from": name_unit_source(acc.unit, gyr.unit, is_known=bool(device and device.frame == "right")),
+        **(
+            {LEFT_GYR_FACTOR: f"{device.left_gyr_factor:.5f}"}
+            if device and device.left_gyr_factor != 1.0
+            else {}
+        ),
     }
 
 
@@ -236,6 +237,8 @@ def _describe_time(plan: TablePlan, first_stamp_us: int) -> str:
         return "packet counter"
     if counts_since_1970(plan, first_stamp_us):
         return "number since 1970"
+    if plan.unit.is_days:
+        return "calendar"
     if plan.layout.dates is not None and not plan.layout.dates.has_date:
         return "time of day"
     return {COUNTER: "row number", NUMERIC_TIME: "number", CALENDAR_TIME: "calendar"}[plan.stamp_kind]

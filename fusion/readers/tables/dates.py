@@ -6,10 +6,10 @@ the other tables before the rows are read.
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, Protocol
 
 from fusion.caveats import Caveat
 from fusion.errors import UnusableTime
@@ -317,10 +317,6 @@ class OffsetChange:
             moment.replace(tzinfo=UTC), self.before_s, self.after_s
         )
 
-    def reverse(self) -> "OffsetChange":
-        """The change as it was, in a table that stands with its newest row first."""
-        return replace(self, before_s=self.after_s, after_s=self.before_s)
-
 
 class StampWriter:
     """Rewrites the stamps of one table, from its first row on.
@@ -337,7 +333,6 @@ class StampWriter:
         self._offset_s = dialect.offset_s
         self._day = FIRST_DAY
         self._last_s: float | None = None
-        self._way = 1
 
     def rewrite(self, text: str) -> str:
         """Write every stamp as `2026-03-14T08:00:00.010`; a time column of its own is left empty."""
@@ -376,17 +371,14 @@ class StampWriter:
         """Give a time of day the date that follows on: a step back of more than a few hours is midnight.
 
         A step forward is a pause, however long, unless it leads back over midnight to a row that came late.
-        In a table that stands with its newest row first it is the other way round.
         """
         hour = _count_hour(found)
         time_s = 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["seconds"].replace(",", "."))
         step_s = 0.0 if self._last_s is None else time_s - self._last_s
-        if self._way * step_s < -LONGEST_SET_BACK_S:
-            self._day += timedelta(days=self._way)
-        elif self._way * step_s > DAY_S - LATEST_S:
-            self._day -= timedelta(days=self._way)
-        elif step_s:
-            self._way = 1 if step_s > 0 else -1
+        if step_s < -LONGEST_SET_BACK_S:
+            self._day += timedelta(days=1)
+        elif step_s > DAY_S - LATEST_S:
+            self._day -= timedelta(days=1)
         self._last_s = time_s
         stamp = f"{self._day:%Y-%m-%d}T{hour:02d}:{found['minute']}:{found['seconds']}"
         moved = self._move(stamp, found["zone"])
@@ -405,8 +397,15 @@ def _count_hour(found: re.Match[str]) -> int:
     return hour % NOON + (NOON if half.strip()[0] in "Pp" else 0)
 
 
-def rewrite_pieces(pieces: Iterable[bytes], writer: StampWriter | None) -> Iterator[bytes]:
-    """Rewrite the stamps of pieces of any length, whole lines at a time."""
+class TextWriter(Protocol):
+    """What rewrites whole lines of text."""
+
+    def rewrite(self, text: str) -> str:
+        """Rewrite whole lines."""
+
+
+def rewrite_pieces(pieces: Iterable[bytes], writer: TextWriter | None) -> Iterator[bytes]:
+    """Rewrite pieces of any length, whole lines at a time."""
     if writer is None:
         yield from pieces
         return

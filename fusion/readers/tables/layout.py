@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import AmbiguousDecimal, UnknownColumns, UnknownFormat
+from fusion.devices import KnownDevice, find_known_device
+from fusion.errors import AmbiguousDecimal, EpochFile, UnknownColumns, UnknownFormat, UnusableTime
 from fusion.readers.archives import UnpackedFile
 from fusion.readers.source import Source, read_chunks
-from fusion.readers.tables.columns import Column, choose_vector, parse_column_name
+from fusion.readers.tables.columns import Column, choose_vector, names_epochs, parse_column_name
 from fusion.readers.tables.dates import (
     DateDialect,
     DateOrder,
@@ -24,16 +25,14 @@ from fusion.readers.tables.dates import (
     find_open_date,
     find_order_by_span,
 )
+from fusion.readers.tables.header import MIN_COLUMNS, find_header, is_row, is_value, split_fields
+from fusion.readers.tables.labels import LabelWriter, find_labels, tabulate_head
 from fusion.readers.tables.machine_words import LEAD_BYTES, NEWLINE, TRAIL_BYTES
 from fusion.recording import QualityFlag
 from fusion.units import acc_scale_g
 
 DELIMITERS = (";", "\t", ",", "|", " ")
-NUMBER = re.compile(r"\s*\"?\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*\"?\s*")
-CALENDAR = re.compile(r"\s*\"?\d{4}-\d{1,2}-\d{1,2}[T ]\d{1,2}:\d{2}:\d{2}([.,]\d+)?Z?\"?\s*")
-WORD_ABSENT = frozenset({"", "-", "nan", "na", "null", "inf", "-inf"})
-SNIFFED_LINES = 400
-MIN_COLUMNS = 6
+SNIFFED_LINES, FEWEST_HEADER_LINES = 400, 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +43,8 @@ class TextLayout:
     the first row of numbers; ``preamble`` holds the lines before the header; ``sample_rows`` some rows,
     split. ``dates``: how stamps are written, where they are not ISO without an offset. ``is_single_spaced``:
     each space of a row is a separator, with nothing between two of them where a value is absent; such rows
-    are read with their spaces as tabs.
+    are read with their spaces as tabs. ``device``: the known device whose header this is.
+    ``labels``: how rows that name every value are rewritten.
     """
 
     delimiter: str
@@ -56,6 +56,8 @@ class TextLayout:
     sample_rows: tuple[tuple[str, ...], ...]
     dates: DateDialect | None = None
     is_single_spaced: bool = False
+    device: KnownDevice | None = None
+    labels: LabelWriter | None = None
 
     @property
     def n_columns(self) -> int:
@@ -69,29 +71,6 @@ class TextLayout:
             for x in self.preamble
         ]
         return {m.group(1).lower().replace(" ", "_"): m.group(2) for m in found if m}
-
-
-def split_fields(line: str, delimiter: str) -> list[str]:
-    """Fields of a line; runs of spaces are one delimiter; empty fields at the end are dropped."""
-    fields = line.split() if delimiter == " " else line.split(delimiter)
-    while len(fields) > 1 and not fields[-1].strip():
-        fields.pop()
-    return [field.strip().strip('"').strip() for field in fields]
-
-
-def is_value(field: str) -> bool:
-    """Whether a field can stand in a row of samples."""
-    return bool(NUMBER.fullmatch(field) or CALENDAR.fullmatch(field)) or field.lower() in WORD_ABSENT
-
-
-def is_row(line: str, delimiter: str) -> bool:
-    """Whether a line is a row of at least six values, not all absent."""
-    if delimiter != " " and line.count(delimiter) < MIN_COLUMNS - 1:
-        return False
-    fields = split_fields(line, delimiter)
-    values = [is_value(field) for field in fields]
-    present = sum(bool(NUMBER.fullmatch(field)) for field in fields)
-    return len(fields) >= MIN_COLUMNS and all(values) and present >= len(fields) // 2
 
 
 @lru_cache(maxsize=2)
@@ -110,21 +89,46 @@ def find_layout(head: str, order: DateOrder | None = None) -> TextLayout | None:
         The stamps cannot be understood, as in :func:`fusion.readers.tables.dates.find_dates` (``order``: of
         day, month and year, as a person gives it).
     """
-    dates = find_dates(head, order)
+    writer = find_labels(head)
+    if writer is not None:
+        layout = _find_table(tabulate_head(head, writer), order)
+        return replace(layout, labels=writer, first_line=layout.first_line - 1) if layout else None
+    return _find_table(head, order)
+
+
+def _find_table(head: str, order: DateOrder | None) -> TextLayout | None:
+    """Understand a head, where the rows do not name their values."""
+    try:
+        dates, doubt = find_dates(head, order), None
+    except UnusableTime as error:  # another column may hold a time that can be read
+        dates, doubt = None, error
     if dates is not None and not dates.is_iso:
         head = StampWriter(dates).rewrite(head)
     # only newlines count as line ends, as in the kernel: str.splitlines knows many more
     lines = [line.rstrip("\r") for line in head.split("\n")]
     lines = (lines[:-1] if len(lines) > 1 else lines)[:SNIFFED_LINES]
+    _refuse_epochs(lines)
     votes = {delimiter: _count_rows(lines, delimiter) for delimiter in DELIMITERS}
     delimiter = max(DELIMITERS, key=lambda mark: votes[mark])
     if votes[delimiter] == 0:
         delimiter, lines = _hide_words(lines)
     if not lines:
+        if doubt is not None:
+            raise doubt
         return None
     if delimiter == " " and (tabbed := _tab_single_spaces(lines)):
         return replace(_describe(tabbed, "\t"), is_single_spaced=True)
-    return replace(_describe(lines, delimiter), dates=dates)
+    layout = replace(_describe(lines, delimiter), dates=dates)
+    if doubt is not None and not any(c.channel == "time" and c.unit for c in layout.columns):
+        raise doubt
+    return layout
+
+
+def _refuse_epochs(lines: Sequence[str]) -> None:
+    """Refuse counts and epochs as such, before their times or columns are found wanting."""
+    for line in lines[:FEWEST_HEADER_LINES]:
+        if any(names_epochs(split_fields(line, mark)) for mark in DELIMITERS[:-1]):
+            raise EpochFile
 
 
 def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
@@ -142,13 +146,17 @@ def _hide_words(lines: Sequence[str]) -> tuple[str, list[str]]:
     return "", []
 
 
+HIDDEN = ("other", "time")
+"""Columns in which words may stand: labels, and dates of a form that is not known."""
+
+
 def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
     fields = row.split(delimiter)
     if len(fields) < len(columns):
         return row
     names = [*columns, *[None] * (len(fields) - len(columns))]
     return delimiter.join(
-        "0" if column is not None and column.channel == "other" and not is_value(field.strip()) else field
+        "0" if column is not None and column.channel in HIDDEN and not is_value(field.strip()) else field
         for field, column in zip(fields, names, strict=True)
     )
 
@@ -156,9 +164,10 @@ def _hide_fields(row: str, delimiter: str, columns: Sequence[Column]) -> str:
 def _tab_single_spaces(lines: Sequence[str]) -> list[str] | None:
     """Write tabs for spaces where the header has a name for each space of a row, not for each run of them."""
     rows = [k for k, line in enumerate(lines) if is_row(line, " ")]
-    header_at = _find_header(lines, rows[0], " ")
-    if header_at is None:
+    header = find_header(lines, rows[0], " ")
+    if header is None:
         return None
+    header_at = header.first_line
     width = len(lines[header_at].split(" "))
     if any(len(lines[k].split(" ")) != width or len(lines[k].split()) == width for k in rows):
         return None
@@ -173,36 +182,35 @@ def _count_rows(lines: Sequence[str], delimiter: str) -> int:
 
 def _describe(lines: Sequence[str], delimiter: str) -> TextLayout:
     rows = [k for k, line in enumerate(lines) if is_row(line, delimiter)]
-    header_at = _find_header(lines, rows[0], delimiter)
-    preamble_end = rows[0] if header_at is None else header_at
+    found = find_header(lines, rows[0], delimiter)
     samples = tuple(tuple(split_fields(lines[k], delimiter)) for k in rows)
-    header = None if header_at is None else lines[header_at]
-    names = split_fields(header, delimiter) if header is not None else [""] * len(samples[0])
+    columns = found.columns if found else tuple(Column("", "other") for _ in samples[0])
+    names = [column.name for column in columns]
     if delimiter == ",":
-        _refuse_split_decimals(names, samples, rows[0] + 1, has_header=header is not None)
+        _refuse_split_decimals(names, samples, rows[0] + 1, has_header=found is not None)
     if Counter(map(len, samples)).most_common(1)[0][0] > len(names):
-        raise UnknownColumns(list=", ".join(names)[:200], line=rows[0] + 1)
+        header = {"list": found.names.strip()[:200]} if found else {}
+        raise UnknownColumns(**header, why="more fields", line=rows[0] + 1)
     has_comma = delimiter != "," and any(re.fullmatch(r"[-+]?\d*,\d+", f) for row in samples for f in row)
+    preamble = tuple(lines[: found.first_line if found else rows[0]])
+    device = find_known_device(found.names, preamble) if found else None
     return TextLayout(
         delimiter=delimiter,
         decimal="," if has_comma else ".",
-        header=header,
-        columns=tuple(parse_column_name(name) for name in names),
-        first_line=rows[0] if header_at is None else header_at + 1,
-        preamble=tuple(lines[:preamble_end]),
+        header=found.names if found else None,
+        columns=tuple(_state_unit(column, device) for column in columns) if device else columns,
+        first_line=found.stop_line if found else rows[0],
+        preamble=preamble,
         sample_rows=samples,
+        device=device,
     )
 
 
-def _find_header(lines: Sequence[str], first_row: int, delimiter: str) -> int | None:
-    width = len(split_fields(lines[first_row], delimiter))
-    for k in range(first_row - 1, max(-1, first_row - 4), -1):
-        fields = split_fields(lines[k], delimiter)
-        named = sum(parse_column_name(field).channel != "other" for field in fields)
-        is_foreign = named > 0 and len(fields) == width and not any(map(is_value, fields))
-        if len(fields) >= 3 and (named >= 3 or is_foreign):
-            return k
-    return None
+def _state_unit(column: Column, device: KnownDevice) -> Column:
+    """Give a column without a unit the one that the device's own description states."""
+    units = {"acc": device.acc_unit, "gyr": device.gyr_unit, "time": device.time_unit}
+    unit = units.get(column.channel)
+    return replace(column, unit=unit) if unit and column.unit is None else column
 
 
 def _refuse_split_decimals(

@@ -8,10 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from pyarrow import compute as pc
 
 from fusion.caveats import Caveat
-from fusion.errors import DamagedFile, NoGyroscope, TooShort, UnknownColumns, UnknownRate, UnsafeArchive
+from fusion.errors import DamagedFile, NoGyroscope, NoSamples, UnknownColumns, UnknownRate, UnsafeArchive
 from fusion.readers.samples import SampleColumns, check_rows, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import LARGEST_VALUE
@@ -23,6 +22,7 @@ from fusion.readers.tables.columns import (
     TimeUnit,
     choose_vector,
     find_time_unit,
+    name_missing,
     parse_column_name,
 )
 from fusion.readers.tables.rows import TableClock, build_clock, read_epoch
@@ -30,7 +30,7 @@ from fusion.readers.timebase.clock import datetime_at_us
 from fusion.readers.timebase.grid import cut_counted, cut_stamped
 from fusion.readers.timebase.row_times import repair_row_times
 from fusion.recording import QualityFlag, Recording
-from fusion.units import acc_scale_g, gyr_scale_dps
+from fusion.units import acc_scale_g, gyr_scale_dps, name_unit_source
 
 MAGIC = b"PAR1"
 BATCH_ROWS = 65_536
@@ -57,20 +57,20 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     ------
     DamagedFile
         Parquet's own reader refuses it.
-    NoGyroscope, UnknownColumns, UnsafeArchive, TooShort
+    NoGyroscope, UnknownColumns, UnsafeArchive, NoSamples
     fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
     try:
         table = pq.ParquetFile(source.file)
         choice = _choose_columns(table.schema_arrow)
-        check_pages(table.metadata, [column.name for column in choice])
+        check_pages(table.metadata, source.size_bytes)
         check_rows(table.metadata.num_rows, source.size_bytes, source.size_bytes)
         chosen, unit = _find_time_unit(table, choice)
         columns, absent = _gather(table, chosen, source.size_bytes)
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         raise DamagedFile from error
     if columns.rows == 0:
-        raise TooShort(s=0.0)
+        raise NoSamples
     unit.refuse_doubtful(columns)
     kinds = dict(zip(table.schema_arrow.names, table.schema_arrow.types, strict=True))
     stamp_kind = kinds[chosen[0].name] if len(chosen) == 7 else None
@@ -78,19 +78,18 @@ def read(source: Source, rate_hz: float | None = None) -> Recording:
     return replace(recording, flags=(*recording.flags, *unit.flag()))
 
 
-def check_pages(metadata: pq.FileMetaData, names: Sequence[str]) -> None:
-    """Refuse columns whose pages unpack beyond anything a sensor writes, by the file's own index.
+def check_pages(metadata: pq.FileMetaData, size_bytes: int) -> None:
+    """Refuse pages that unpack beyond anything a sensor writes, by the file's own index.
+
+    The index of a single column is not asked: pyarrow 26 ends the process where it is damaged.
 
     Raises
     ------
     UnsafeArchive
     """
     groups = (metadata.row_group(number) for number in range(metadata.num_row_groups))
-    chunks = [group.column(place) for group in groups for place in range(group.num_columns)]
-    taken = [chunk for chunk in chunks if chunk.path_in_schema.split(".")[0] in names]
-    unpacked_bytes = sum(chunk.total_uncompressed_size for chunk in taken)
-    packed_bytes = sum(chunk.total_compressed_size for chunk in taken)
-    if unpacked_bytes > max(FREE_PAGE_BYTES, MAX_PAGE_RATIO * packed_bytes):
+    unpacked_bytes = sum(group.total_byte_size for group in groups)
+    if unpacked_bytes > max(FREE_PAGE_BYTES, MAX_PAGE_RATIO * size_bytes):
         raise UnsafeArchive(reason="ratio", limit=MAX_PAGE_RATIO)
 
 
@@ -101,7 +100,7 @@ def _choose_columns(schema: pa.Schema) -> tuple[Column, ...]:
     if acc is None or gyr is None:
         if acc is not None and not any(column.channel == "gyr" for column in columns):
             raise NoGyroscope
-        raise UnknownColumns(list=", ".join(schema.names)[:200])
+        raise UnknownColumns(list=", ".join(schema.names)[:200], missing=name_missing(columns))
     stamps = [
         column
         for column, kind in zip(columns, schema.types, strict=True)
@@ -164,8 +163,10 @@ def _read_batches(
 
 def _have_times(stamps: pa.Array) -> NDArray[np.bool_]:
     """Which rows have a finite time, shape (n,)."""
-    finite = pc.is_finite(stamps) if pa.types.is_floating(stamps.type) else stamps.is_valid()
-    timed: NDArray[np.bool_] = pc.fill_null(finite, fill_value=False).to_numpy(zero_copy_only=False)
+    if pa.types.is_floating(stamps.type):  # what is absent is NaN
+        timed: NDArray[np.bool_] = np.isfinite(stamps.to_numpy(zero_copy_only=False))
+    else:
+        timed = stamps.is_valid().to_numpy(zero_copy_only=False)
     return timed
 
 
@@ -234,6 +235,7 @@ def _build(
             "columns": ", ".join(column.name for column in chosen),
             "acceleration_unit": chosen[-6].unit or "",
             "angular_rate_unit": chosen[-3].unit or "",
+            "units_from": name_unit_source(chosen[-6].unit, chosen[-3].unit),
             "jitter_us": f"{grid.jitter_us:.1f}",
             "samples": str(n_rows),
             "time": "number" if has_time else "row number",

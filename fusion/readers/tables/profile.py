@@ -1,13 +1,15 @@
 """A column profile: the columns of a table, named by a person where its header does not name them."""
 
+import hashlib
 import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, BinaryIO
 
-from fusion.errors import UnknownColumns, UnknownFormat, UnusableProfile
+from fusion.errors import FusionError, UnknownColumns, UnknownFormat, UnusableProfile
+from fusion.readers.archives import unpack
 from fusion.readers.source import open_source
 from fusion.readers.tables.columns import (
     TIME_UNITS_EXPONENT,
@@ -19,8 +21,9 @@ from fusion.readers.tables.columns import (
     parse_column_name,
 )
 from fusion.readers.tables.dates import DateOrder
-from fusion.readers.tables.layout import TextLayout, decode_head, find_layout, split_fields
-from fusion.readers.tables.rows import plan_table, read_times
+from fusion.readers.tables.header import find_sensors, split_fields
+from fusion.readers.tables.layout import TextLayout, decode_head, find_layout
+from fusion.readers.tables.rows import choose_sensor, plan_table, read_times
 from fusion.units import ACC_UNITS_G, GYR_UNITS_DPS
 
 Place = str | int
@@ -35,7 +38,7 @@ class ColumnProfile:
     Attributes
     ----------
     acceleration, angular_rate
-        Columns of x, y and z.
+        Columns of x, y and z; empty where ``sensor`` names them.
     acceleration_unit, angular_rate_unit
         As in :mod:`fusion.readers.tables.columns`; empty: found from the data.
     acceleration_factor, angular_rate_factor
@@ -50,10 +53,12 @@ class ColumnProfile:
         Tells "dmy" from "mdy"; None: found from the data.
     name
         What the profile is called.
+    sensor
+        Which sensor of a table of several is on the arm, by its name there.
     """
 
-    acceleration: tuple[Place, Place, Place]
-    angular_rate: tuple[Place, Place, Place]
+    acceleration: tuple[Place, ...] = ()
+    angular_rate: tuple[Place, ...] = ()
     acceleration_unit: str = ""
     angular_rate_unit: str = ""
     acceleration_factor: float | None = None
@@ -63,6 +68,7 @@ class ColumnProfile:
     rate_hz: float | None = None
     date_order: DateOrder | None = None
     name: str = ""
+    sensor: str = ""
 
     def to_json(self) -> str:
         """The profile as it is saved."""
@@ -82,15 +88,18 @@ def parse_profile(text: str) -> ColumnProfile:
     except ValueError as error:
         raise UnusableProfile(why="json") from error
     known = {field.name for field in fields(ColumnProfile)}
-    if not isinstance(values, dict) or not {"acceleration", "angular_rate"} <= set(values) <= known:
+    if not isinstance(values, dict) or not set(values) <= known:
         raise UnusableProfile(why="names")
-    _check_places(values)
+    if not values.get("sensor"):
+        _check_places(values)
     _check_units(values)
     arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
     return ColumnProfile(**arguments)
 
 
 def _check_places(values: Mapping[str, Any]) -> None:
+    if not {"acceleration", "angular_rate"} <= set(values):
+        raise UnusableProfile(why="names")
     places = [values["acceleration"], values["angular_rate"], [values.get("time", 1)]]
     for three, count in zip(places, (3, 3, 1), strict=True):
         is_list = isinstance(three, list) and len(three) == count
@@ -119,8 +128,9 @@ def _check_units(values: Mapping[str, Any]) -> None:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if value is not None and not (is_number and 0 < value < 1e6):
             raise UnusableProfile(why="profile-numbers", name=name)
-    if not isinstance(values.get("name", ""), str):
-        raise UnusableProfile(why="names", name="name")
+    for name in ("name", "sensor"):
+        if not isinstance(values.get(name, ""), str):
+            raise UnusableProfile(why="names", name=name)
 
 
 def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
@@ -130,12 +140,16 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
     ------
     UnknownColumns
         A column that the profile names is not there.
+    fusion.errors.SeveralSensors
+        The sensor that it names is not there.
     """
+    if profile.sensor:
+        return _state_units(choose_sensor(layout, profile.sensor), profile)
     names = _find_names(layout, profile)
     columns = [Column(name, "other") for name in names]
     acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit or None
     gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit or None
-    vectors: tuple[tuple[Channel, tuple[Place, Place, Place], str | None], ...] = (
+    vectors: tuple[tuple[Channel, tuple[Place, ...], str | None], ...] = (
         ("acc", profile.acceleration, acc_unit),
         ("gyr", profile.angular_rate, gyr_unit),
     )
@@ -146,6 +160,15 @@ def apply_profile(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
     if profile.time is not None:
         at = _find_place(names, profile.time)
         columns[at] = Column(names[at], "time", unit=profile.time_unit or None)
+    return replace(layout, columns=tuple(columns))
+
+
+def _state_units(layout: TextLayout, profile: ColumnProfile) -> TextLayout:
+    """Give the columns of the chosen sensor the units that the profile states."""
+    acc_unit = "g" if profile.acceleration_factor else profile.acceleration_unit
+    gyr_unit = "dps" if profile.angular_rate_factor else profile.angular_rate_unit
+    units = {"acc": acc_unit, "gyr": gyr_unit, "time": profile.time_unit}
+    columns = (replace(column, unit=units.get(column.channel) or column.unit) for column in layout.columns)
     return replace(layout, columns=tuple(columns))
 
 
@@ -180,7 +203,8 @@ class ProfileProposal:
 
     ``columns``: the names as they stand, "" where there is none; ``rows``: the first rows, split;
     ``acceleration``, ``angular_rate``, ``time``: places as a column profile has them, None where
-    nothing tells; units "" where nothing tells: they can be found from the data.
+    nothing tells; units "" where nothing tells: they can be found from the data. ``sensors``: their names,
+    where the table holds several.
     """
 
     columns: tuple[str, ...]
@@ -191,6 +215,7 @@ class ProfileProposal:
     angular_rate_unit: str
     time: Place | None
     time_unit: str
+    sensors: tuple[str, ...] = ()
 
     @property
     def profile(self) -> ColumnProfile | None:
@@ -219,6 +244,8 @@ def propose_profile(head: bytes) -> ProfileProposal:
     """
     layout = _find_head_layout(head)
     columns = _find_columns(layout)
+    sensors = {} if choose_vector(columns, "acc") and choose_vector(columns, "gyr") else find_sensors(columns)
+    columns = next(iter(sensors.values())) if len(sensors) == 1 else columns
     acc, gyr = choose_vector(columns, "acc"), choose_vector(columns, "gyr")
     time, time_unit = _find_time(layout, columns)
     return ProfileProposal(
@@ -230,7 +257,25 @@ def propose_profile(head: bytes) -> ProfileProposal:
         angular_rate_unit=_unit_of(columns, gyr, GYR_UNITS_DPS),
         time=None if time is None else _format_place(columns, time),
         time_unit=time_unit,
+        sensors=tuple(sensors),
     )
+
+
+def identify_header(file: BinaryIO) -> str:
+    """Identify the header of a table, so that columns named once can be offered for the next file.
+
+    The same names in the same order between the same delimiters give the same 16 hexadecimal digits. They
+    begin with "-" where no line names the columns: then only their number is known, and tables of many
+    devices have the same. Empty where the file is no table.
+    """
+    try:
+        layout = _find_head_layout(unpack(open_source(file, is_hashed=False)).head)
+    except FusionError:
+        return ""
+    names = [column.name for column in _find_columns(layout)]
+    text = json.dumps([layout.delimiter, names])
+    mark = "" if any(names) else "-"
+    return mark + hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def check_profile(head: bytes, profile: ColumnProfile) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import TooShort
+from fusion.errors import NoSamples
 from fusion.readers.samples import SampleColumns, drop_blank_rows
 from fusion.readers.source import Source, read_chunks
 from fusion.readers.tables.careful_path import IGNORED, NUMERIC_TIME, STAMP
@@ -60,7 +60,7 @@ def read_binary(source: Source, rate_hz: float | None = None) -> Recording:  # n
 
     Raises
     ------
-    TooShort, fusion.errors.UnusableTime, fusion.errors.UnknownRate
+    NoSamples, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
     columns = SampleColumns(source)
     lost_bytes = 0
@@ -79,7 +79,7 @@ def read_text(source: Source, rate_hz: float | None = None) -> Recording:  # noq
 
     Raises
     ------
-    TooShort, fusion.errors.UnreadableRows, fusion.errors.UnusableTime, fusion.errors.UnknownRate
+    NoSamples, fusion.errors.UnreadableRows, fusion.errors.UnusableTime, fusion.errors.UnknownRate
     """
     layout = sniff_layout(source)
     assert layout is not None
@@ -107,7 +107,7 @@ def _take_block(columns: SampleColumns, block: NDArray[np.void]) -> None:
 
 def _build(columns: SampleColumns, flags: tuple[QualityFlag, ...], layout: str) -> Recording:
     if columns.rows == 0:
-        raise TooShort(s=0.0)
+        raise NoSamples
     columns.acc[:, 0] *= -1
     columns.gyr[:, 0] *= -1
     flags += repair_row_times(columns)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
+from math import isfinite
 from statistics import median
 from typing import NoReturn
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
-from fusion.errors import CutByExcel, NoGyroscope, UnknownColumns, UnreadableRows
+from fusion.errors import CutByExcel, NoGravity, NoGyroscope, SeveralSensors, UnknownColumns, UnreadableRows
 from fusion.readers.samples import MOST_ROWS, SampleColumns, drop_blank_rows
 from fusion.readers.source import Source
 from fusion.readers.tables.careful_path import (
@@ -32,10 +33,19 @@ from fusion.readers.tables.careful_path import (
     LineForm,
     Rules,
 )
-from fusion.readers.tables.columns import IN_MICROSECONDS, Column, TimeUnit, choose_vector, find_time_unit
+from fusion.readers.tables.columns import (
+    IN_MICROSECONDS,
+    Column,
+    TimeUnit,
+    choose_vector,
+    count_from_1970,
+    find_time_unit,
+    name_missing,
+)
 from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
 from fusion.readers.tables.fast_path import SPARE_MARKS, Piece, parse_lines, parse_plain_lines
-from fusion.readers.tables.layout import CALENDAR, TextLayout, drop_lines, read_line_pieces, read_text_pieces
+from fusion.readers.tables.header import CALENDAR, find_sensors
+from fusion.readers.tables.layout import TextLayout, drop_lines, read_line_pieces, read_text_pieces
 from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
 from fusion.readers.timebase.row_times import repair_row_times
 from fusion.recording import QualityFlag, flag_counts
@@ -91,11 +101,12 @@ def plan_table(layout: TextLayout) -> TablePlan:
 
     Raises
     ------
-    NoGyroscope, UnknownColumns
+    NoGyroscope, NoGravity, SeveralSensors, UnknownColumns
     """
+    layout = choose_sensor(layout)
     acc, gyr = choose_vector(layout.columns, "acc"), choose_vector(layout.columns, "gyr")
     if acc is None or gyr is None:
-        _refuse_columns(layout.columns)
+        _refuse_columns(layout)
     targets = [IGNORED] * layout.n_columns
     for axis in range(3):
         targets[acc[axis]], targets[gyr[axis]] = 1 + axis, 4 + axis
@@ -117,27 +128,64 @@ def plan_table(layout: TextLayout) -> TablePlan:
     )
 
 
-def _refuse_columns(columns: Sequence[Column]) -> NoReturn:
+def choose_sensor(layout: TextLayout, sensor: str = "") -> TextLayout:
+    """Leave the columns of one sensor, where a table holds several.
+
+    Raises
+    ------
+    SeveralSensors
+        Nobody said which one is on the arm, or none has that name.
+    """
+    sensors = find_sensors(layout.columns)
+    names = ", ".join(name for name in sensors if name)[:LONGEST_LIST]
+    if sensor and names and sensor not in sensors:
+        raise SeveralSensors(n=len(sensors), list=names, wanted=sensor)
+    if len(sensors) == 1:
+        sensor = next(iter(sensors))
+    if all(choose_vector(layout.columns, channel) for channel in ("acc", "gyr")):
+        return layout
+    if sensors and sensor not in sensors:
+        raise SeveralSensors(n=len(sensors), list=names)
+    return replace(layout, columns=sensors[sensor]) if sensors else layout
+
+
+LONGEST_LIST = 400
+
+
+def _refuse_columns(layout: TextLayout) -> NoReturn:
+    columns = layout.columns
     has_acc = any(column.channel == "acc" for column in columns)
     has_gyr = any(column.channel == "gyr" for column in columns)
+    if has_gyr and not has_acc and any(column.channel == "linear" for column in columns):
+        raise NoGravity
     if has_acc and not has_gyr:
         raise NoGyroscope
-    raise UnknownColumns(list=", ".join(column.name for column in columns)[:200])
+    raise UnknownColumns(list=(layout.header or "").strip()[:LONGEST_LIST], missing=name_missing(columns))
 
 
 def _choose_stamp(layout: TextLayout) -> tuple[int | None, int, TimeUnit]:
     """Place, kind and unit of the stamp column."""
     places = [k for k, column in enumerate(layout.columns) if column.channel == "time"]
     places.sort(key=lambda k: layout.columns[k].unit is None)
+    if layout.header is not None and not layout.columns[0].name:
+        places.append(0)  # the index that programs write before the columns has no name
     for place in places:
         fields = [row[place] for row in layout.sample_rows if len(row) > place]
         if all(CALENDAR.fullmatch(field) for field in fields):
             return place, CALENDAR_TIME, IN_MICROSECONDS
         times = read_times(fields, layout.decimal)
+        if is_row_number(times, layout.columns[place]):
+            continue
         unit = find_time_unit(times, layout.columns[place].unit) if times else None
         if unit is not None:
             return place, NUMERIC_TIME, unit
     return None, COUNTER, IN_MICROSECONDS
+
+
+def is_row_number(times: Sequence[float], column: Column) -> bool:
+    """Whether a column without a unit counts the rows: whole numbers, each one more than the one before."""
+    steps = {after - before for before, after in pairwise(times)}
+    return column.unit is None and steps == {1.0} and times[0] in (0.0, 1.0)
 
 
 def _find_packet_counter(layout: TextLayout) -> int | None:
@@ -152,11 +200,12 @@ def _find_packet_counter(layout: TextLayout) -> int | None:
 
 
 def read_times(fields: Sequence[str], decimal: str) -> list[float]:
-    """The fields as numbers; an empty list where one of them is no number."""
+    """The fields as numbers; an empty list where one of them is no number, or all are absent."""
     try:
-        return [float(field.replace(decimal, ".")) for field in fields if field]
+        times = [float(field.replace(decimal, ".")) for field in fields if field]
     except ValueError:
         return []
+    return times if any(map(isfinite, times)) else []
 
 
 # The rows, piece by piece.
@@ -237,9 +286,7 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
     has_reserved = False
     end = LastBytes()
     writer = StampWriter(layout.dates) if layout.dates and not layout.dates.is_iso else None
-    pieces = rewrite_pieces(end.watch(read_text_pieces(source)), writer)
-    if layout.is_single_spaced:
-        pieces = (piece.replace(b" ", b"\t") for piece in pieces)
+    pieces = _rewrite(end.watch(read_text_pieces(source)), layout, writer)
     for piece in drop_lines(read_line_pieces(pieces), layout.first_line):
         if len(marks) < len(piece) + SPARE_MARKS:
             marks, ends = (np.empty(len(piece) + SPARE_MARKS, np.int32) for _ in range(2))
@@ -257,10 +304,18 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
                 + len(piece) // row_bytes
             )
     columns.trim()
+    if plan.unit.is_days:
+        count_from_1970(columns.stamps)
     changes = tuple(writer.changes) if writer else ()
     rows = TableRows(plan, columns, tally, not end.is_whole, changes)
     _refuse_rows(rows)
     return rows if plan.stamp_kind == COUNTER else replace(rows, blank=drop_blank_rows(columns))
+
+
+def _rewrite(pieces: Iterable[bytes], layout: TextLayout, writer: StampWriter | None) -> Iterator[bytes]:
+    """Bring names within the rows, stamps and separators into the form that the kernels read."""
+    pieces = rewrite_pieces(rewrite_pieces(pieces, layout.labels), writer)
+    return (piece.replace(b" ", b"\t") for piece in pieces) if layout.is_single_spaced else iter(pieces)
 
 
 def make_rules(plan: TablePlan) -> Rules:
@@ -337,18 +392,16 @@ def repair_stamps(rows: TableRows) -> tuple[QualityFlag, ...]:
     flags = repair_row_times(
         rows.columns,
         tick_us=0 if is_calendar or is_epoch else find_tick_us(plan),
-        is_wall_clock=is_calendar and not has_offset,
+        is_wall_clock=plan.unit.is_days or (is_calendar and not has_offset),
     )
     if is_calendar and has_offset:
-        turned = any(flag.code == Caveat.REVERSED for flag in flags)
-        changes = [change.reverse() for change in reversed(rows.changes)] if turned else rows.changes
-        flags += flag_changes(changes, int(rows.columns.stamps[0]))
+        flags += flag_changes(rows.changes, int(rows.columns.stamps[0]))
     return flags
 
 
 def find_tick_us(plan: TablePlan) -> int:
     """Microseconds in a count of micros() or millis(), which start over; 0 for other stamps."""
-    if plan.stamp_kind != NUMERIC_TIME or plan.counts_packets or plan.stamp_exponent not in (0, 3):
+    if plan.stamp_kind != NUMERIC_TIME or plan.counts_packets or plan.stamp_exponent not in (0, 2, 3):
         return 0
     return int(10**plan.stamp_exponent)
 
@@ -361,7 +414,7 @@ def read_epoch(first_stamp_us: int) -> datetime | None:
 
 def counts_since_1970(plan: TablePlan, first_stamp_us: int) -> bool:
     """Whether the stamps of a table are numbers since 1970."""
-    is_number = plan.stamp_kind == NUMERIC_TIME and not plan.counts_packets
+    is_number = plan.stamp_kind == NUMERIC_TIME and not plan.counts_packets and not plan.unit.is_days
     return is_number and read_epoch(first_stamp_us) is not None
 
 
@@ -382,6 +435,8 @@ def find_clock(plan: TablePlan, first_stamp_us: int) -> TableClock:
             start = None
         elif layout.dates is not None and layout.dates.is_doubtful and start is not None:
             flags = (QualityFlag(Caveat.DATE_ORDER, facts={"date": f"{start:%Y-%m-%d}"}),)
+    elif start is None and plan.unit.is_days:
+        start = datetime_at_us(first_stamp_us)
     elif start is None and counts_since_1970(plan, first_stamp_us):
         start = read_epoch(first_stamp_us)
     return build_clock(start, flags)

@@ -186,6 +186,8 @@ def _fit_runs(
             line = fit_line(stamps[first:stop], inside.row, inside.added)
         if line[1] <= 0.0:
             raise UnusableTime(why="constant")
+        if not SLOWEST_HZ <= MICROSECONDS / line[1] <= FASTEST_HZ:
+            raise UnknownRate(m=round(MICROSECONDS / line[1], 4), cure="time unit")
         runs.append(FittedRun(first, stop, int(stamps[first]), *line, first in sets))
     return runs
 

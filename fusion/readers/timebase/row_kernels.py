@@ -66,16 +66,6 @@ def find_edges(stamps: NDArray[np.int64], longest_us: float, back_us: int, edges
     return found
 
 
-@njit(cache=True, nogil=True)
-def reverse_rows(values: NDArray[np.float32] | NDArray[np.int64], rows: int) -> None:
-    """Turn the first ``rows`` of an array, shape (n, m), round, in place."""
-    for row in range(rows // 2):
-        for place in range(values.shape[1]):
-            other = values[rows - 1 - row, place]
-            values[rows - 1 - row, place] = values[row, place]
-            values[row, place] = other
-
-
 # Rows that came late.
 
 
@@ -233,15 +223,6 @@ def count_alike(
 
 
 # Counters that start over.
-
-
-@njit(cache=True, nogil=True)
-def add_wraps(stamps: NDArray[np.int64], rows: NDArray[np.int64], wrap_us: int) -> None:
-    """Add a counter's range from each of ``rows`` on, in place."""
-    for wrap in range(len(rows)):
-        stop = rows[wrap + 1] if wrap + 1 < len(rows) else len(stamps)
-        for row in range(rows[wrap], stop):
-            stamps[row] += (wrap + 1) * wrap_us
 
 
 @njit(cache=True, nogil=True)

@@ -16,15 +16,24 @@ export class Bands {
   }
 
   windows() {
-    const needed = this.form.elements.pose.value === "two-point" ? 2 : 1;
+    const shown = this.kinds();
     const rows = [...this.form.querySelectorAll(".window")];
-    rows.forEach((row, place) => (row.hidden = place >= needed));
-    return rows.slice(0, needed).map((row, place) => {
+    for (const row of rows) row.hidden = !shown.includes(row.dataset.window);
+    for (const part of this.form.querySelectorAll("[data-of]")) part.hidden = !shown.includes(part.dataset.of);
+    if ($("axis")) $("axis").hidden = !shown.includes("axis");
+    return rows.filter((row) => !row.hidden).map((row, place) => {
       const [start, end] = row.querySelectorAll("input");
       const read = (field) => this.clock.read(field.value || field.placeholder || "");
-      const name = this.words.window + (needed > 1 ? " " + (place + 1) : "");
+      const name = this.words.window + (place ? " " + (place + 1) : "");
       return { row, kind: "calibration", name, startS: read(start), endS: read(end) };
     });
+  }
+
+  // What the form asks of each pose; without one, the axis.
+  kinds() {
+    const pose = this.form.elements.pose.value;
+    if (pose === "axis") return ["axis"];
+    return pose === "two-point" ? ["hanging", "level"] : ["hanging", "repeat"];
   }
 
   periods() {
@@ -46,6 +55,14 @@ export class Bands {
     end.value = this.clock.tell(endS);
   }
 
+  // The pose held again, in a row of its own.
+  repeat(start, end) {
+    const row = $("repeat").content.firstElementChild.cloneNode(true);
+    [row.querySelectorAll("input")[0].value, row.querySelectorAll("input")[1].value] = [start, end];
+    $("repeats").append(row);
+    return row;
+  }
+
   add(kind, label, start, end) {
     const row = $("period").content.firstElementChild.cloneNode(true);
     for (const [name, value] of Object.entries({ kind, label, start, end })) row.querySelector(`[name=${name}]`).value = value;
@@ -55,7 +72,7 @@ export class Bands {
 
   // Buttons are named after what they act on, so that a list of buttons makes sense.
   name() {
-    for (const { row, name } of this.periods()) {
+    for (const { row, name } of [...this.windows(), ...this.periods()]) {
       for (const button of row.querySelectorAll("[data-do]")) {
         button.hidden = false;
         button.setAttribute("aria-label", fill(this.words[button.dataset.do], { name }));
@@ -68,9 +85,10 @@ export class Bands {
   }
 
   snapshot() {
-    const windows = [...this.form.querySelectorAll(".window input")].map((field) => field.value);
+    const windows = [...this.form.querySelectorAll(".window")].map((row) => [...row.querySelectorAll("input")].map((field) => field.value));
     const rows = [...$("periods").rows].map((row) => ["kind", "label", "start", "end"].map((name) => row.querySelector(`[name=${name}]`).value));
-    return JSON.stringify({ pose: this.form.elements.pose.value, windows, rows });
+    const { pose, slips, axis } = this.form.elements;
+    return JSON.stringify({ pose: pose.value, slips: slips?.value, axis: axis?.value, windows, rows });
   }
 
   // Remember how it was before the change that has just been made.
@@ -84,9 +102,13 @@ export class Bands {
   undo() {
     const before = this.past.pop();
     if (!before) return false;
-    const { pose, windows, rows } = JSON.parse(before);
-    this.form.elements.pose.value = pose;
-    this.form.querySelectorAll(".window input").forEach((field, place) => (field.value = windows[place]));
+    const { windows, rows, ...others } = JSON.parse(before);
+    for (const [name, value] of Object.entries(others)) if (this.form.elements[name]) this.form.elements[name].value = value;
+    $("repeats")?.replaceChildren();
+    [...this.form.querySelectorAll(".window")].forEach((row, place) => {
+      row.querySelectorAll("input").forEach((field, end) => (field.value = windows[place][end]));
+    });
+    for (const [start, end] of windows.slice(2)) this.repeat(start, end);
     $("periods").replaceChildren();
     for (const row of rows) this.add(...row);
     this.last = before;

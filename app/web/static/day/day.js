@@ -74,8 +74,8 @@ export class Day {
     place.textContent = "";
     if (!(endS > startS)) return;
     const query = new URLSearchParams({ start_s: startS, end_s: endS });
-    const answer = await fetch(`${this.box.dataset.stillness}?${query}`);
-    if (answer.ok) place.textContent = this.tellStillness((await answer.json()).score);
+    const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // no network: nothing is said of stillness
+    if (answer?.ok) place.textContent = this.tellStillness((await answer.json()).score);
   }
 
   tellStillness(score) {

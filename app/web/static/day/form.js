@@ -3,12 +3,14 @@
 import { $, fill, say } from "../say.js";
 
 const NEW_PART = 0.1;
+const POSE_S = 10;
 
 export function listenToForm(day) {
   const { bands } = day;
   const form = bands.form;
   const empty = [...$("periods").rows].find((row) => !row.querySelector("[name=start]").value);
   if (empty) empty.remove(); // it serves those without a script
+  for (const row of form.querySelectorAll("#repeats .window")) if (!row.querySelector("input").value) row.remove();
   bands.last = bands.snapshot();
   form.addEventListener("change", () => day.changed(true));
   form.addEventListener("click", (event) => act(day, event.target.closest("button")));
@@ -24,7 +26,10 @@ export function listenToForm(day) {
     event.preventDefault();
     undo(day);
   });
-  for (const button of form.querySelectorAll(".window [data-do]")) button.hidden = false;
+  for (const button of document.querySelectorAll("[data-look]")) {
+    button.hidden = false;
+    button.addEventListener("click", () => look(day, button.dataset));
+  }
 }
 
 // All that a person has said, so that none of it is lost by leaving the page.
@@ -54,6 +59,7 @@ function act(day, button) {
   if (button.dataset.do === "remove") remove(day, row);
   if (button.dataset.accept) accept(day, button.dataset);
   if (button.id === "add") add(day);
+  if (button.id === "hold-again") holdAgain(day);
   if (button.id === "undo") undo(day);
 }
 
@@ -68,18 +74,39 @@ function add(day) {
   row.querySelector("[name=label]").focus();
 }
 
+// The pose held again, in the middle of what is in view.
+function holdAgain(day) {
+  const middle = Math.round((day.view.fromS + day.view.toS) / 2);
+  const [startS, endS] = [middle - POSE_S / 2, middle + POSE_S / 2];
+  const row = day.bands.repeat(day.clock.tell(Math.max(0, startS)), day.clock.tell(Math.min(day.view.durationS, endS)));
+  day.changed(true);
+  say(fill(day.words.added, { name: day.words.again }));
+  row.querySelector("input").focus();
+}
+
+function look(day, { from, to }) {
+  day.view.show(day.clock.read(from), day.clock.read(to));
+  $("day-heading").scrollIntoView({ block: "start" });
+}
+
 function remove(day, row) {
-  const name = day.bands.periods().find((band) => band.row === row).name;
+  const bands = [...day.bands.windows(), ...day.bands.periods()];
+  const name = bands.find((band) => band.row === row).name;
   const next = row.nextElementSibling || row.previousElementSibling;
+  const other = row.matches(".window") ? $("hold-again") : $("add");
   row.remove();
   day.changed(true);
   say(fill(day.words.removed, { name }));
-  (next ? next.querySelector("[data-do=remove]") : $("add")).focus();
+  (next?.querySelector("[data-do=remove]") || other).focus();
 }
 
 function accept(day, { accept: kind, from, to }) {
+  const { pose } = day.bands.form.elements;
+  if (kind === "still" && pose.value === "axis") pose.value = "n-pose";
   if (kind === "not_worn") {
     day.choose(day.bands.add("not_worn", "", from, to));
+  } else if (kind === "repeat") {
+    day.choose(day.bands.repeat(from, to));
   } else {
     const row = day.bands.form.querySelector(".window");
     [row.querySelectorAll("input")[0].value, row.querySelectorAll("input")[1].value] = [from, to];
@@ -99,8 +126,10 @@ function undo(day) {
 
 async function importDiary(day) {
   const field = $("import");
-  const answer = await fetch(field.dataset.to, { method: "POST", body: field.files[0], headers: { "Content-Type": "text/csv" } });
+  const answer = await fetch(field.dataset.to, { method: "POST", body: field.files[0], headers: { "Content-Type": "text/csv" } }).catch(() => null);
   field.value = "";
+  $("day-lost").hidden = answer !== null;
+  if (!answer) return;
   if (!answer.ok) return refuse(await answer.text());
   const rows = await answer.json();
   $("refused").hidden = true;
@@ -120,8 +149,9 @@ async function send(day, event) {
     const answer = await fetch(day.bands.form.action, { method: "POST", body: new URLSearchParams(new FormData(day.bands.form)) });
     if (answer.ok) return day.bands.form.dispatchEvent(new Event("sent")), location.assign(answer.url);
     refuse(await answer.text());
-  } catch (error) {
-    $("day-failed").hidden = false;
+    $("day-lost").hidden = true;
+  } catch {
+    $("day-lost").hidden = false;
   }
   [button.disabled, button.textContent] = [false, text];
 }

@@ -137,8 +137,9 @@ export class Queue {
     const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
     const recordingId = answer?.headers.get("Acromion-Recording");
     await giveUp(address);
-    if (!recordingId || (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items.length) return;
-    await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" });
+    const found = recordingId && (await this.get(`/analyses?recording_id=${recordingId}&limit=1`).catch(() => null));
+    if (!found || found.items.length) return;
+    await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" }).catch(() => null);
   }
 
   offer(entry, recordingId, { id, created_at: when }) {

@@ -1,0 +1,204 @@
+"""The settings of a study as ``settings.yaml``: what a run used, and what ``--config`` takes back.
+
+The names are those of the command's options. Which file, whose arm and how many at once are not settings of
+a study: they stand in the participants' table and on the command line.
+"""
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+from typing import Any, get_args
+
+import yaml
+
+from app.errors import UnusableSettings
+from app.request import (
+    SLIP_HINT,
+    WINDOW_HINT,
+    Language,
+    Paper,
+    ReportKind,
+    ReportRequest,
+    parse_slip_time,
+    write_profile,
+)
+from fusion.conventions import AXIS_HINT, MethodName, Pose, Side, parse_arm_axis
+from fusion.diary import KINDS, DiaryEntry, read_moment
+from fusion.errors import UnusableDiary
+
+Read = Callable[[Any], Any]
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Reads ``10:30`` as text, not as 630 (YAML 1.1 counts in sixties)."""
+
+
+_PlainLoader.yaml_implicit_resolvers = {
+    first: [
+        (tag, pattern)
+        for tag, pattern in resolvers
+        if tag.rpartition(":")[2] not in {"int", "float", "timestamp"}
+    ]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_PlainLoader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"[-+]?\d+$"), list("-+0123456789"))
+_PlainLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?$|[-+]?\d+[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A name in the file: the field of the request it fills, how its value is read, what is allowed."""
+
+    name: str
+    field: str
+    read: Read
+    allowed: str
+
+
+def _choose(values: Iterable[str], *, may_be_empty: bool = False) -> tuple[Read, str]:
+    allowed = tuple(values)
+
+    def read(value: Any) -> Any:
+        if (value is None and may_be_empty) or value in allowed:
+            return value
+        raise ValueError
+
+    return read, "|".join(allowed)
+
+
+def _read_window_list(value: Any) -> tuple[tuple[float, float], ...]:
+    windows = tuple((float(start_s), float(end_s)) for start_s, end_s in value or ())
+    if any(not 0 <= start_s < end_s < math.inf for start_s, end_s in windows):
+        raise ValueError
+    return windows
+
+
+def _read_slip_list(value: Any) -> tuple[float, ...]:
+    return tuple(parse_slip_time(time_s) for time_s in value or ())
+
+
+def _read_rate(value: Any) -> float | None:
+    if value is None:
+        return None
+    if not 1 <= float(value) <= 10_000:
+        raise ValueError
+    return float(value)
+
+
+def _read_kinds(value: Any) -> tuple[ReportKind, ...]:
+    known = get_args(ReportKind)
+    kinds = tuple(kind for kind in known if kind in value)
+    if not kinds or set(value) - set(known):
+        raise ValueError
+    return kinds
+
+
+def _read_diary(value: Any) -> tuple[DiaryEntry, ...]:
+    return tuple(_read_entry(**row) for row in value or ())
+
+
+def _read_entry(*, start: Any, end: Any = None, kind: Any, **others: Any) -> DiaryEntry:
+    if kind not in KINDS:
+        raise ValueError
+    try:
+        start, end = (None if moment is None else read_moment(0, str(moment)) for moment in (start, end))
+    except UnusableDiary:
+        raise ValueError from None
+    return DiaryEntry(start, end, kind, **others)
+
+
+def _read_profile(value: Any) -> str:
+    return write_profile(dict(value)) if value else ""
+
+
+SETTINGS: tuple[Setting, ...] = (
+    Setting("method", "method", *_choose(get_args(MethodName))),
+    Setting("pose", "pose", *_choose(get_args(Pose))),
+    Setting("side", "side", *_choose(get_args(Side), may_be_empty=True)),
+    Setting("calibration", "calibration_windows_s", _read_window_list, f"[[{WINDOW_HINT}]]"),
+    Setting("axis", "arm_axis", lambda value: None if value is None else parse_arm_axis(value), AXIS_HINT),
+    Setting("slip_at", "slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
+    Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
+    Setting("lang", "languages", lambda value: (_choose(get_args(Language))[0](value),), "en|fr"),
+    Setting("report", "kinds", _read_kinds, "[html, pdf]"),
+    Setting("paper", "paper", *_choose(get_args(Paper))),
+    Setting("diary", "diary", _read_diary, "[{start, end, kind, label}]"),
+    Setting("profile", "profile", _read_profile, "{acceleration, angular_rate, ...}"),
+)
+_BY_NAME = {setting.name: setting for setting in SETTINGS}
+
+
+def encode_settings(request: ReportRequest) -> bytes:
+    """Write the settings of a request as YAML, every one of them, in a fixed order."""
+    values = {
+        "method": request.method,
+        "pose": request.pose,
+        "side": request.side,
+        "calibration": [list(window) for window in request.calibration_windows_s],
+        "axis": request.arm_axis,
+        "slip_at": list(request.slip_times_s),
+        "rate_hz": request.rate_hz,
+        "lang": request.languages[0],
+        "report": list(request.kinds),
+        "paper": request.paper,
+        "diary": [_describe_entry(entry) for entry in request.diary],
+        "profile": json.loads(request.profile) if request.profile else None,
+    }
+    text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    return text.encode("utf-8")
+
+
+def _describe_entry(entry: DiaryEntry) -> dict[str, Any]:
+    """Give the settings in a row of the diary; its line in the file it came from is no setting."""
+    return {
+        name: value for name, value in asdict(entry).items() if value not in {None, ""} and name != "line"
+    }
+
+
+def read_settings(content: bytes) -> dict[str, Any]:
+    """Read a settings file: fields of :class:`ReportRequest` and their values, only those it names.
+
+    Raises
+    ------
+    UnusableSettings
+        With the line or the name, what is allowed and, for a name that is not known, the nearest that is.
+    """
+    return {_find(name).field: _convert(name, value) for name, value in _parse(content).items()}
+
+
+def _parse(content: bytes) -> dict[str, Any]:
+    try:
+        values = yaml.load(content, _PlainLoader)  # noqa: S506  a SafeLoader
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        raise UnusableSettings(line=mark.line + 1 if mark else 1, why="yaml") from None
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise UnusableSettings(line=1, why="yaml")
+    return {str(name): value for name, value in values.items()}
+
+
+def _find(name: str) -> Setting:
+    if name not in _BY_NAME:
+        nearest = get_close_matches(name, _BY_NAME, 1)
+        raise UnusableSettings(
+            name=name[:60], why="setting name", nearest="".join(nearest), allowed=", ".join(_BY_NAME)
+        )
+    return _BY_NAME[name]
+
+
+def _convert(name: str, value: Any) -> Any:
+    setting = _find(name)
+    try:
+        return setting.read(value)
+    except (TypeError, ValueError):
+        shown = str(value)[:60]
+        raise UnusableSettings(name=name, why="setting value", value=shown, allowed=setting.allowed) from None

@@ -1,0 +1,274 @@
+"""The known devices, as data: how each is recognised, and what its files leave unsaid.
+
+A table of a known device is recognised by its header line or by the lines above it. What the header itself
+states goes before the entry; what the entry states counts as stated by the header, and motion does not
+overrule it.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Form = Literal["binary", "table", "zip", "capture"]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownDevice:
+    """A device, or a program that exports its recordings.
+
+    Attributes
+    ----------
+    device
+        What :attr:`fusion.recording.Recording.device` holds.
+    name
+        As its maker calls it; the same in every language.
+    form
+        "binary", "table", "zip" of two tables or "capture" of ready angles.
+    header, above
+        Patterns of the header line and of the lines above it, without regard to case; either is enough.
+    acc_unit, gyr_unit, time_unit
+        Of columns whose names state none; "" where nothing is known.
+    frame
+        "right": right-handed, and what the header states is never overruled; "either": motion decides.
+    left_gyr_factor
+        What to multiply the rates by where the frame proves left-handed: an error of the device's library.
+    rate, axes, clock
+        What there is to know of them, for the page of formats.
+    source
+        The real file that was read, or "from documentation".
+    """
+
+    device: str
+    name: str
+    form: Form
+    header: str = ""
+    above: str = ""
+    acc_unit: str = ""
+    gyr_unit: str = ""
+    time_unit: str = ""
+    frame: Literal["right", "either"] = "right"
+    left_gyr_factor: float = 1.0
+    rate: str = "of the time column"
+    axes: str = "right-handed"
+    clock: str = "none"
+    source: str = "from documentation"
+
+    def matches(self, header: str, above: Sequence[str]) -> bool:
+        """Whether a header line, or a line above it, is this device's."""
+        if self.header and re.search(self.header, header.strip(), re.IGNORECASE):
+            return True
+        return bool(self.above) and any(re.search(self.above, line, re.IGNORECASE) for line in above)
+
+
+KNOWN_DEVICES = (
+    KnownDevice(
+        "gt9x",
+        "ActiGraph GT9X Link",
+        "binary",
+        rate="100 Hz, measured by seconds",
+        clock="local, or UTC of CentrePoint",
+        source="shared: GT9X Link, 179 s",
+    ),
+    KnownDevice(
+        "gt9x",
+        "ActiGraph GT9X Link, ActiLife IMU CSV",
+        "table",
+        above=r"data (table )?file created by actigraph",
+        acc_unit="g",
+        gyr_unit="deg/s",
+        rate="100 Hz, in the first line",
+        clock="local",
+        source="shared: the same 179 s",
+    ),
+    KnownDevice(
+        "ax6",
+        "Axivity AX6",
+        "binary",
+        rate="measured by blocks",
+        clock="local",
+        source="scikit-digital-health (MIT)",
+    ),
+    KnownDevice(
+        "ax6",
+        "Axivity AX6, CSV of OmGui",
+        "table",
+        header=r"^time,accel-x \(g\),.*gyro-x \((d|deg/s)\)",
+        acc_unit="g",
+        gyr_unit="deg/s",
+        clock="local",
+    ),
+    KnownDevice(
+        "mtw",
+        "Xsens MT Manager",
+        "table",
+        header=r"packetcounter\W+sampletimefine\W+(year|utc)|acc_x\W.*gyr_x\W.*(mat\[1\]\[1\]|quat_q0|roll\W+pitch)",
+        above=r"^//.*(update rate|sample rate|mt manager|deviceid|start time)",
+        acc_unit="m/s2",
+        gyr_unit="rad/s",
+        time_unit="100us",
+        rate="in the lines above, or asked for",
+        source="opensim-core (Apache-2.0)",
+    ),
+    KnownDevice(
+        "dot",
+        "Movella DOT",
+        "table",
+        above=r"^devicetag:",
+        acc_unit="m/s2",
+        gyr_unit="deg/s",
+        time_unit="us",
+        source="SportKight (MIT), angles only",
+    ),
+    KnownDevice("mvn", "Xsens MVN", "capture", rate="in the file", source="test_mocap (GPL-3.0)"),
+    KnownDevice(
+        "shimmer",
+        "Shimmer Consensys",
+        "table",
+        header=r"shimmer\w*_(accel|gyro)_|(wide range|low noise) accelerometer x",
+        acc_unit="m/s2",
+        gyr_unit="deg/s",
+        time_unit="ms",
+        clock="time since 1970",
+        source="machine-learning-pipeline-IMU-data (MIT)",
+    ),
+    KnownDevice(
+        "opal",
+        "APDM Opal, Mobility Lab",
+        "table",
+        above=r"\b(apdm|mobility lab|opal)\b",
+        acc_unit="m/s2",
+        gyr_unit="rad/s",
+        time_unit="us",
+        clock="time since 1970",
+    ),
+    KnownDevice(
+        "ngimu",
+        "x-io NGIMU",
+        "table",
+        header=r"^time \(s\),gyroscope x \(deg/s\),.*accelerometer z \(g\),magnetometer",
+        source="Fusion (MIT)",
+    ),
+    KnownDevice(
+        "x-imu3",
+        "x-io x-IMU3",
+        "table",
+        header=r"^timestamp \(us\),gyroscope x \(deg/s\)",
+        source="scikit-kinematics (BSD-2-Clause)",
+    ),
+    KnownDevice(
+        "x-imu",
+        "x-io x-IMU",
+        "table",
+        header=r"^packet number,gyroscope x \(deg/s\)",
+        rate="asked for: 256 Hz by default",
+        source="Gait-Tracking-With-x-IMU",
+    ),
+    KnownDevice(
+        "witmotion",
+        "WitMotion",
+        "table",
+        header=r"\bax\(g\)\W+ay\(g\).*\bwx\((deg|°)/s\)|acceleration x\(g\).*angular velocity x\(",
+        acc_unit="g",
+        gyr_unit="deg/s",
+        clock="local",
+    ),
+    KnownDevice(
+        "metawear",
+        "MbientLab MetaWear",
+        "zip",
+        header=r"^epoch? ?\(ms\),time",
+        clock="time since 1970",
+    ),
+    KnownDevice(
+        "phyphox",
+        "phyphox",
+        "zip",
+        header=r'^"?time \(s\)"?[,;\t]"?(x|(acceleration|gyroscope|accel_)\s*x) \((m/s\^2|rad/s)\)',
+        source="DFB_Lab04_GaitAnalysis",
+    ),
+    KnownDevice(
+        "sensorlogger",
+        "Sensor Logger",
+        "zip",
+        header=r"^time,seconds_elapsed,",
+        acc_unit="m/s2",
+        gyr_unit="rad/s",
+        clock="time since 1970",
+        source="imu_data (MIT)",
+    ),
+    KnownDevice(
+        "androsensor",
+        "AndroSensor",
+        "table",
+        header=r"accelerometer x \(m/s²\).*time since start in ms",
+        source="ActivityDetection",
+    ),
+    KnownDevice(
+        "picoquake",
+        "PicoQuake",
+        "table",
+        above=r"\bpicoquake\b",
+        acc_unit="g",
+        gyr_unit="deg/s",
+        rate="in the lines above",
+        clock="local",
+        source="PicoQuake",
+    ),
+    KnownDevice(
+        "racebox",
+        "RaceBox",
+        "table",
+        header=r"^record,time,latitude,longitude,.*gforcex,.*gyrox",
+        acc_unit="g",
+        gyr_unit="deg/s",
+        time_unit="s",
+        source="imu-data (AGPL-3.0)",
+    ),
+    KnownDevice(
+        "lsm9ds1",
+        "ST LSM9DS1, the form of docs/formats.md",
+        "table",
+        header=r"^time_us,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps$",
+        above=r"device:\s*\S*lsm9ds1",
+        frame="either",
+        axes="either hand: turned where it is the left",
+        clock="of the lines above",
+        source="simulated",
+    ),
+    KnownDevice(
+        "lsm9ds1",
+        "ST LSM9DS1, registers",
+        "binary",
+        rate="of the stamps",
+        axes="left-handed: x is turned",
+        clock="time since 1970",
+        source="rpi_lsm9ds1 (Apache-2.0)",
+    ),
+    KnownDevice(
+        "nano33",
+        "Arduino Nano 33 BLE, IMU_Capture",
+        "table",
+        header=r'^"?ax"?,"?ay"?,"?az"?,"?gx"?,"?gy"?,"?gz"?\s*$',
+        acc_unit="g",
+        gyr_unit="deg/s",
+        frame="either",
+        left_gyr_factor=0.07 * 32768.0 / 2000.0,
+        rate="119 Hz, by bursts of 119 rows; else asked for",
+        axes="left-handed: an LSM9DS1, whose library prints 61.04 mdps for 70",
+        source="Arduino-Nano-33-BLE",
+    ),
+)
+"""In the order in which a header is compared with them. Loggers of an LSM6, MPU-6050 or BNO055 have no header
+of their own: there the names of the columns state the units, or the motion does."""
+
+
+def find_known_device(header: str, above: Sequence[str] = ()) -> KnownDevice | None:
+    """Find the device of a table by its header line and the lines above it; None for an unknown one."""
+    return next((one for one in KNOWN_DEVICES if one.matches(header, above)), None)
+
+
+def find_device_name(device: str) -> str | None:
+    """Give the name of a kind of device; None for one that is not in the table."""
+    names = (one.name.partition(",")[0] for one in KNOWN_DEVICES if one.device == device)
+    return next(names, None)

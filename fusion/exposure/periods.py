@@ -1,0 +1,244 @@
+"""What the day consisted of: shift, tasks, breaks, not worn; placed on the recording, without overlap.
+
+A diary may give clock times or seconds. What its rows mean for the time account (CONTRACT.md §5 "Time"):
+breaks, time not worn and time outside the shift leave the denominator; everything else is analysed, under
+its own name. Arm supported and seated are analysed unless the row says otherwise (NFA 2018: a sensor
+cannot tell a supported arm from an unsupported one; EXPOSURE.md A10).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime, time, timedelta
+from itertools import pairwise
+
+from fusion.caveats import Caveat
+from fusion.diary import KINDS, DiaryEntry, Kind, refuse_slips
+from fusion.errors import UnusableDiary
+from fusion.recording import MICROSECONDS, QualityFlag, Span, flag_stretches
+
+REASONS: dict[str, str] = {"break": "break", "outside": "outside", "not_worn": "not-worn"}
+"""Kinds that leave the denominator, and the reason their time is excluded for."""
+
+NAMED = ("task", "seated", "supported")
+"""Kinds whose time is counted under a name of its own."""
+
+OVERLAP_US = MICROSECONDS
+"""Up to a second two rows of one kind may overlap, as they do when times are rounded; the later row wins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Period:
+    """A stretch of the day; integer microseconds from the first sample, inside the recording."""
+
+    start_us: int
+    end_us: int
+    kind: Kind
+    label: str = ""
+    reason: str = ""
+    """Why its time is excluded; empty where it is analysed."""
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """The periods of one recording in the order of the diary, and the caveats of placing them."""
+
+    periods: tuple[Period, ...] = ()
+    flags: tuple[QualityFlag, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A stretch that belongs to one period only, or to none (``period`` -1)."""
+
+    start_us: int
+    end_us: int
+    period: int
+    reason: str = ""
+
+
+def place_diary(entries: Sequence[DiaryEntry], start: datetime | None, duration_us: int) -> Placed:
+    """Place the rows of a diary on a recording that begins at ``start`` and lasts ``duration_us``.
+
+    A clock time without a date is put on the day that brings it into the recording, or nearest to it. What
+    reaches past the recording is cut; rows wholly outside are left aside with a flag, unless all are.
+
+    Raises
+    ------
+    UnusableDiary
+        With the line and the reason, when a row cannot be placed.
+    """
+    bounds = _bound_all(entries, start, duration_us)
+    whole = [_make_period(entry, *bound) for entry, bound in zip(entries, bounds, strict=True)]
+    inside = [period for period in whole if period.start_us < duration_us and period.end_us > 0]
+    if whole and not inside:
+        raise UnusableDiary(
+            line=whole[0].line, why="outside recording", cure="clock", value=_format_times(entries[0])
+        )
+    _refuse_overlap(inside)
+    cut = tuple(
+        replace(period, start_us=max(period.start_us, 0), end_us=min(period.end_us, duration_us))
+        for period in inside
+    )
+    outside = len(whole) - len(inside)
+    left_aside = (QualityFlag(Caveat.DIARY, outside),) if outside else ()
+    return Placed(cut, (*left_aside, *_flag_overlaps(cut)))
+
+
+def _bound_all(
+    entries: Sequence[DiaryEntry], start: datetime | None, duration_us: int
+) -> list[tuple[int, int]]:
+    """Bound every row, and refuse with all that cannot be placed."""
+    bounds: list[tuple[int, int]] = []
+    slips: list[UnusableDiary] = []
+    for entry, following in _pair_up(entries):
+        try:
+            bounds.append(_bound(entry, following, start, duration_us))
+        except UnusableDiary as slip:
+            slips.append(slip)
+    refuse_slips(slips)
+    return bounds
+
+
+def _flag_overlaps(periods: Sequence[Period]) -> tuple[QualityFlag, ...]:
+    """Flag where time that is left out lies over time that is counted under a name: the former has it."""
+    away = sorted((p for p in periods if p.reason), key=lambda p: p.start_us)
+    named = sorted((p for p in periods if not p.reason and p.kind in NAMED), key=lambda p: p.start_us)
+    shared = [span for kind in KINDS for span in _intersect(away, [p for p in named if p.kind == kind])]
+    if not shared:
+        return ()
+    spans_s = tuple(sorted((a / MICROSECONDS, b / MICROSECONDS) for a, b in shared))
+    return (flag_stretches(Caveat.OVERLAP, spans_s),)
+
+
+def _intersect(away: Sequence[Period], named: Sequence[Period]) -> Iterator[tuple[int, int]]:
+    """Give what two lists in order of time share, more than a second at a time."""
+    first = 0
+    for period in away:
+        while first < len(named) and named[first].end_us <= period.start_us:
+            first += 1
+        for other in named[first:]:
+            if other.start_us >= period.end_us:
+                break
+            start_us, end_us = max(period.start_us, other.start_us), min(period.end_us, other.end_us)
+            if end_us - start_us > OVERLAP_US:
+                yield start_us, end_us
+
+
+def _pair_up(entries: Sequence[DiaryEntry]) -> Iterator[tuple[DiaryEntry, DiaryEntry | None]]:
+    yield from pairwise([*entries, None])
+
+
+def _make_period(entry: DiaryEntry, start_us: int, end_us: int) -> Period:
+    reason = REASONS.get(entry.kind, "")
+    if entry.left_out is not None:
+        reason = (reason or entry.kind) if entry.left_out else ""
+    return Period(start_us, end_us, entry.kind, entry.label, reason, entry.line)
+
+
+def _bound(
+    entry: DiaryEntry, following: DiaryEntry | None, start: datetime | None, duration_us: int
+) -> tuple[int, int]:
+    """Give the first microsecond of a row and the first after it, not yet cut to the recording."""
+    start_us = _place_moment(entry.start, entry.line, start, duration_us)
+    if entry.end is not None:
+        end_us = _place_moment(entry.end, entry.line, start, duration_us)
+    elif following is not None:
+        end_us = _place_moment(following.start, following.line, start, duration_us)
+    else:
+        end_us = max(duration_us, start_us + 1)
+    if end_us <= start_us:
+        late, why = (entry, "end first") if entry.end is not None else (following or entry, "order")
+        raise UnusableDiary(line=late.line, why=why, cure="order", value=_format_times(late))
+    return start_us, end_us
+
+
+def _format_times(entry: DiaryEntry) -> str:
+    return f"{entry.start}" if entry.end is None else f"{entry.start} - {entry.end}"
+
+
+def _place_moment(moment: float | str, line: int, start: datetime | None, duration_us: int) -> int:
+    """Give a moment in microseconds from the first sample."""
+    if not isinstance(moment, str):
+        return round(moment * MICROSECONDS)
+    if start is None:
+        raise UnusableDiary(line=line, why="no clock", cure="seconds", value=moment)
+    if "T" in moment:
+        return _measure_from(start, _set_zone(datetime.fromisoformat(moment), start, line))
+    hour = time.fromisoformat(moment)
+    days = range(-1, duration_us // (86400 * MICROSECONDS) + 3)
+    places = [_measure_from(start, _on_day(start, hour, day)) for day in days]
+    nearest = sorted(places, key=lambda place_us: max(-place_us, place_us - duration_us, 0))
+    if 0 <= nearest[0] < duration_us and 0 <= nearest[1] < duration_us:
+        raise UnusableDiary(line=line, why="which day", cure="date", value=moment)
+    return nearest[0]
+
+
+def _on_day(start: datetime, hour: time, day: int) -> datetime:
+    on: date = start.date() + timedelta(days=day)
+    return datetime.combine(on, hour, tzinfo=start.tzinfo)
+
+
+def _set_zone(moment: datetime, start: datetime, line: int) -> datetime:
+    """Read a time without an offset as the recording's clock; one with an offset needs such a clock."""
+    if moment.tzinfo is None:
+        return moment.replace(tzinfo=start.tzinfo)
+    if start.tzinfo is None:
+        raise UnusableDiary(line=line, why="zone", cure="zone", value=moment.isoformat())
+    return moment
+
+
+def _measure_from(start: datetime, moment: datetime) -> int:
+    """Give the true time from ``start``; where the clock has a zone, across its change of clocks."""
+    if start.tzinfo is not None:
+        start, moment = start.astimezone(UTC), moment.astimezone(UTC)
+    return (moment - start) // timedelta(microseconds=1)
+
+
+def _refuse_overlap(periods: Sequence[Period]) -> None:
+    """Two rows of one kind cannot both own a moment."""
+    slips = []
+    for kind in KINDS:
+        same = sorted((period for period in periods if period.kind == kind), key=lambda p: p.start_us)
+        slips += [
+            UnusableDiary(
+                line=after.line, why="overlap", cure="overlap", other=before.line, value=after.label
+            )
+            for before, after in pairwise(same)
+            if before.end_us - after.start_us > OVERLAP_US
+        ]
+    refuse_slips(slips)
+
+
+def divide_day(periods: Sequence[Period], duration_us: int) -> tuple[Piece, ...]:
+    """Cut the recording into pieces that follow one another, each with at most one owner.
+
+    Where periods overlap, the kind that comes later in :data:`KINDS` owns the moment. With a shift in the
+    diary, what no shift covers is outside, unless another row names it.
+    """
+    edges = sorted({0, duration_us, *(edge for p in periods for edge in (p.start_us, p.end_us))})
+    ranked = sorted(range(len(periods)), key=lambda k: KINDS.index(periods[k].kind))
+    has_shift = any(period.kind == "shift" for period in periods)
+    pieces: list[Piece] = []
+    for start_us, end_us in pairwise(edges):
+        owners = [k for k in ranked if periods[k].start_us <= start_us < periods[k].end_us]
+        piece = _own(start_us, end_us, owners, periods, has_shift=has_shift)
+        if pieces and (pieces[-1].period, pieces[-1].reason) == (piece.period, piece.reason):
+            piece = replace(piece, start_us=pieces.pop().start_us)
+        pieces.append(piece)
+    return tuple(pieces)
+
+
+def _own(
+    start_us: int, end_us: int, owners: list[int], periods: Sequence[Period], *, has_shift: bool
+) -> Piece:
+    if owners:
+        return Piece(start_us, end_us, owners[-1], periods[owners[-1]].reason)
+    return Piece(start_us, end_us, -1, REASONS["outside"] if has_shift else "")
+
+
+def find_left_out(pieces: Sequence[Piece]) -> tuple[Span, ...]:
+    """Give the stretches that the diary takes out of the analysed time."""
+    return tuple(
+        Span(piece.start_us, piece.end_us - piece.start_us, piece.reason) for piece in pieces if piece.reason
+    )

@@ -1,0 +1,249 @@
+"""A zip with one table of the accelerometer and one of the gyroscope, as the apps of phones write it.
+
+phyphox, Sensor Logger and MetaWear's app do so. Both tables bear the times of one clock; the acceleration is
+laid on the times of the gyroscope, by straight lines where the two were not read at the same moment.
+"""
+
+import math
+import re
+import warnings
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import PurePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.caveats import Caveat
+from fusion.devices import KnownDevice, find_known_device
+from fusion.errors import (
+    NoGravity,
+    NoSamples,
+    UnknownColumns,
+    UnknownRate,
+    UnreadableRows,
+    UnsafeArchive,
+    UnusableTime,
+)
+from fusion.readers.archives import (
+    ANGULAR_RATE,
+    TOTAL,
+    PairNames,
+    find_pair,
+    open_archive,
+    read_member,
+    read_text,
+)
+from fusion.readers.samples import SampleColumns
+from fusion.readers.source import Source
+from fusion.readers.tables.columns import find_time_unit, parse_column_name, read_axis
+from fusion.readers.tables.header import split_fields
+from fusion.readers.tables.rows import MAX_BAD_PART, build_clock, read_epoch
+from fusion.readers.timebase.grid import cut_stamped
+from fusion.readers.timebase.row_times import repair_row_times
+from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, Recording, flag_counts
+from fusion.units import acc_scale_g, gyr_scale_dps
+
+MOST_BYTES = 1 << 29
+"""Of one table: eight hours at 100 Hz take 250 MB."""
+FEWEST_ROWS = 2
+JUDGED_ROWS = 1001
+LATEST_US, LARGEST = 9e18, 1e30
+PHYPHOX_CLOCK = "meta/time.csv"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ThreeAxes:
+    """One of the tables: times in microseconds, (n,), values (n, 3) as they stand, and their unit.
+
+    ``dropped``: rows that could not be read, or whose time does not advance.
+    """
+
+    time_us: NDArray[np.int64]
+    values: Float64Array
+    unit: str
+    device: KnownDevice | None
+    dropped: int = 0
+
+
+def recognise(source: Source) -> bool:
+    """Whether it is an archive with one table of each sensor."""
+    if not source.head.startswith(b"PK\x03\x04"):
+        return False
+    return find_pair(open_archive(source).namelist()) is not None
+
+
+def read(source: Source, rate_hz: float | None = None) -> Recording:  # noqa: ARG001 (the times tell it)
+    """Read both tables as one recording.
+
+    Raises
+    ------
+    NoGravity
+        The acceleration is without gravity, and no table holds it.
+    UnknownColumns
+        A table has not a time and three axes by name.
+    NoSamples, UnreadableRows, UnusableTime, fusion.errors.UnknownRate
+    """
+    archive = open_archive(source)
+    names = find_pair(archive.namelist())
+    assert names is not None
+    acc, gyr = (_read_table(archive, name) for name in (names.acceleration, names.angular_rate))
+    device = acc.device or gyr.device
+    if names.gravity:
+        acc = _add(acc, _read_table(archive, names.gravity))
+    elif names.is_linear or _is_app_acceleration(device, names):
+        raise NoGravity
+    columns = _merge(acc, gyr)
+    flags = flag_counts({Caveat.ROWS_DROPPED: acc.dropped + gyr.dropped}) + repair_row_times(columns)
+    first_us = int(columns.stamps[0])
+    grid = cut_stamped(columns)
+    start = read_epoch(first_us) or _read_start(archive, first_us)
+    clock = build_clock(start)
+    return Recording(
+        device=device.device if device else "other",
+        sha256="",
+        start=clock.start,
+        time_zone=clock.time_zone,
+        duration_us=grid.duration_us,
+        segments=grid.segments,
+        flags=(*flags, *grid.flags, *clock.flags),
+        understood={
+            "layout": "two tables in a zip",
+            "columns": f"{names.acceleration}, {names.angular_rate}",
+            "acceleration_unit": acc.unit,
+            "angular_rate_unit": gyr.unit,
+            "time": "number since 1970" if read_epoch(first_us) else "number",
+            "jitter_us": f"{grid.jitter_us:.1f}",
+            "samples": str(columns.rows),
+        },
+    )
+
+
+def _is_app_acceleration(device: KnownDevice | None, names: PairNames) -> bool:
+    """Whether it is Sensor Logger's "Accelerometer", from which gravity was taken out."""
+    is_total = TOTAL.search(names.acceleration)
+    return device is not None and device.device == "sensorlogger" and not is_total
+
+
+def _read_table(archive: zipfile.ZipFile, name: str) -> ThreeAxes:
+    lines = _read_lines(archive, name)
+    header = next(lines, "").lstrip("﻿").rstrip("\r\n")
+    delimiter = max(",;\t", key=header.count)
+    names = split_fields(header, delimiter)
+    device = find_known_device(header)
+    times = [k for k, field in enumerate(names) if parse_column_name(field).channel == "time"]
+    axes = [read_axis(field) for field in names]
+    places = [k for axis in "xyz" for k, found in enumerate(axes) if found and found[0] == axis]
+    if not times or len(places) != len("xyz"):
+        raise UnknownColumns(list=f"{PurePath(name).name}: {header}"[:200])
+    table = _load(archive, name, delimiter, [times[0], *places])
+    unit = (axes[places[0]] or ("", None))[1]
+    if unit is None and device is not None:
+        unit = device.gyr_unit if ANGULAR_RATE.search(PurePath(name).stem) else device.acc_unit
+    time_us = _count_microseconds(table[:, 0], parse_column_name(names[times[0]]).unit)
+    is_later = np.concatenate([[True], time_us[1:] > np.maximum.accumulate(time_us)[:-1]])
+    kept = is_later & np.isfinite(table).all(axis=1)
+    return ThreeAxes(time_us[kept], table[kept, 1:], unit or "", device, int(np.count_nonzero(~kept)))
+
+
+def _read_lines(archive: zipfile.ZipFile, name: str) -> Iterator[str]:
+    """Unpack the lines of a table, counted as they come out."""
+    if archive.getinfo(name).file_size > MOST_BYTES:
+        raise UnsafeArchive(reason="size", limit=MOST_BYTES)
+    carried = b""
+    for piece in read_member(archive, name, MOST_BYTES):
+        lines = (carried + piece).split(b"\n")
+        carried = lines.pop()
+        yield from (line.decode("utf-8", "replace") for line in lines)
+    if carried:
+        yield carried.decode("utf-8", "replace")
+
+
+def _load(archive: zipfile.ZipFile, name: str, delimiter: str, places: Sequence[int]) -> Float64Array:
+    """Read the columns at ``places``; lines that cannot be read become rows that are not numbers.
+
+    Raises
+    ------
+    UnreadableRows
+        They are more than 5 %.
+    """
+
+    def read_points() -> Iterator[str]:
+        lines = _read_lines(archive, name)
+        next(lines, "")
+        return lines if delimiter == "," else (line.replace(",", ".") for line in lines)
+
+    try:
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # a table without rows
+            table = np.loadtxt(
+                read_points(), delimiter=delimiter, usecols=places, ndmin=2, quotechar='"', comments=None
+            )
+    except (ValueError, IndexError):  # a torn last line, say: each line by itself
+        table = np.array([_read_row(line, delimiter, places) for line in read_points()]).reshape(-1, 4)
+        bad = int(np.isnan(table).any(axis=1).sum())
+        if bad > MAX_BAD_PART * len(table) and bad > 1:
+            first = int(np.flatnonzero(np.isnan(table).any(axis=1))[0])
+            raise UnreadableRows(k=bad, line=first + 2) from None
+    if len(table) < FEWEST_ROWS:
+        raise NoSamples
+    values = np.asarray(table, np.float64)
+    values[np.abs(values) > LARGEST] = math.nan
+    return values
+
+
+def _read_row(line: str, delimiter: str, places: Sequence[int]) -> list[float]:
+    fields = split_fields(line, delimiter)
+    try:
+        return [float(fields[place]) for place in places]
+    except (ValueError, IndexError):
+        return [math.nan] * len(places)
+
+
+def _count_microseconds(times: Float64Array, unit: str | None) -> NDArray[np.int64]:
+    found = find_time_unit(times[:JUDGED_ROWS].tolist(), unit)
+    if found is None:
+        raise UnknownRate
+    return np.rint(np.clip(np.nan_to_num(times) * 10.0**found.exponent, -LATEST_US, LATEST_US)).astype(
+        np.int64
+    )
+
+
+def _add(acc: ThreeAxes, gravity: ThreeAxes) -> ThreeAxes:
+    """Put gravity back, on the times of the acceleration."""
+    parts = [np.interp(acc.time_us, gravity.time_us, part) for part in gravity.values.T]
+    return replace(acc, values=acc.values + np.stack(parts, axis=1))
+
+
+def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
+    """Lay the acceleration on the gyroscope's times; where it has a hole, or has ended, there is no row."""
+    after = np.searchsorted(acc.time_us, gyr.time_us)
+    is_on = (after < len(acc.time_us)) & (acc.time_us[np.minimum(after, len(acc.time_us) - 1)] == gyr.time_us)
+    inside = (after > 0) & (after < len(acc.time_us))
+    step_us = np.zeros(len(after))
+    step_us[inside] = acc.time_us[after[inside]] - acc.time_us[after[inside] - 1]
+    kept = is_on | (inside & (step_us <= LONGEST_BRIDGE_US))
+    if np.count_nonzero(kept) < FEWEST_ROWS:
+        raise UnusableTime(why="rows")
+    time_us = gyr.time_us[kept]
+    columns = SampleColumns()
+    columns.reserve(len(time_us))
+    columns.rows = len(time_us)
+    columns.stamps[: columns.rows] = time_us
+    for axis in range(3):
+        columns.acc[: columns.rows, axis] = np.interp(time_us, acc.time_us, acc.values[:, axis])
+    columns.gyr[: columns.rows] = gyr.values[kept] * (gyr_scale_dps(gyr.unit) or 1.0)
+    columns.trim()
+    columns.acc *= acc_scale_g(acc.unit) or 1.0
+    return columns
+
+
+def _read_start(archive: zipfile.ZipFile, first_us: int) -> datetime | None:
+    """Read when phyphox was started, in its own table of events; None where there is none."""
+    with suppress(KeyError, ValueError, IndexError):
+        _, started = read_text(archive, PHYPHOX_CLOCK).decode("utf-8", "replace").splitlines()[:2]
+        experiment_s, system_s = (float(field.strip('"')) for field in re.split(r"[,;\t]", started)[1:3])
+        return read_epoch(round((system_s - experiment_s) * MICROSECONDS) + first_us)
+    return None

@@ -1,0 +1,259 @@
+"""What people see of the pose: in the report, in results.json and on the command line."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.batch.plan import Task
+from app.batch.run import Outcome
+from app.cli.output import format_question
+from app.report.export.results import build_results, encode_results, identify_report
+from app.report.findings import (
+    CalibrationFacts,
+    Findings,
+    PartFacts,
+    StillFacts,
+    decode_findings,
+    encode_findings,
+)
+from app.report.model import Report
+from app.request import ReportRequest
+from app.web.pairs import align_request
+from fusion.conventions import ArmAxis
+from tests.app.analysis_factory import make_analysis, make_calibration, make_subject
+from tests.app.report_reading import plain, report_of, section_of
+
+BIAS_DPS = (0.31, -0.12, 0.07)
+AGAIN = StillFacts(7242.0, 8.0, 0.9, BIAS_DPS, apart_deg=3.5)
+
+
+def still_at(start_s: float) -> StillFacts:
+    return StillFacts(start_s, 10.0, 0.9, BIAS_DPS)
+
+
+def with_calibration(
+    calibration: CalibrationFacts, *, arm_axis: ArmAxis | None = None, slip_times_s: tuple[float, ...] = ()
+) -> Findings:
+    findings = make_analysis()
+    settings = replace(findings.settings, arm_axis=arm_axis, slip_times_s=slip_times_s)
+    return replace(findings, settings=settings, calibration=calibration)
+
+
+def with_axis(arm_axis: ArmAxis) -> Findings:
+    calibration = CalibrationFacts("n-pose", None, found="axis", sigma_deg=8.0, gyro_bias_dps=BIAS_DPS)
+    return with_calibration(calibration, arm_axis=arm_axis)
+
+
+def asked() -> Findings:
+    """Nobody said which of three stretches was the pose; the first is in use."""
+    proposals = (still_at(108.0), still_at(228.0), still_at(408.0))
+    return with_calibration(
+        replace(make_calibration(), found="early", still=proposals[0], proposals=proposals)
+    )
+
+
+def told_of_method(report: Report) -> dict[str, str]:
+    return {pair.name: plain(pair.value) for pair in section_of(report, "method").pairs}
+
+
+def calibration_of(findings: Findings) -> dict[str, object]:
+    calibration = build_results(findings, make_subject())["calibration"]
+    assert isinstance(calibration, dict)
+    return calibration
+
+
+# The report.
+
+
+def test_the_report_says_how_the_axis_was_found_and_how_sure_it_is() -> None:
+    told = told_of_method(report_of())
+
+    assert told["Axis of the arm"] == (
+        "from the first still stretch, held within a minute of putting the sensor on"
+    )
+    assert told["Standard deviation of the axis"] == "5.0°"
+
+
+def test_the_report_names_the_sensors_axis_and_no_pose() -> None:
+    report = report_of(analysis=with_axis("-y"))
+
+    told = told_of_method(report)
+    assert "the sensor's −y axis, strapped along the arm" in told["Axis of the arm"]
+    assert "Calibration pose" not in told
+    assert "Calibration window" not in told
+
+
+def test_an_axis_has_not_the_error_of_the_n_pose() -> None:
+    assert report_of(analysis=with_axis("+y")).pose_caution == ""
+
+
+def test_every_pose_held_again_stands_with_its_time_and_its_angle() -> None:
+    told = told_of_method(
+        report_of(analysis=with_calibration(replace(make_calibration(), repeats=(AGAIN,), repeat_deg=3.5)))
+    )
+
+    assert told["Pose held again"] == "09:58:54 (3.5° from the first)"
+    assert told["Largest angle between the poses"] == "3.5°"
+
+
+def test_a_slip_that_a_person_reported_stands_with_its_time() -> None:
+    told = told_of_method(report_of(analysis=with_calibration(make_calibration(), slip_times_s=(3600.0,))))
+
+    assert told["Sensor slipped, as reported"] == "08:58:12"
+
+
+def test_the_report_asks_which_stretch_was_the_pose() -> None:
+    note = report_of(analysis=asked()).pose_note
+
+    assert note == (
+        "Which one was the calibration pose: the arm held still at 08:00:00, 08:02:00 or 08:05:00? "
+        "The first that walking does not contradict was used; name the pose and analyse again."
+    )
+
+
+def test_of_many_stretches_the_report_names_six() -> None:
+    proposals = tuple(still_at(108.0 + 30.0 * k) for k in range(9))
+    calibration = replace(make_calibration(), found="early", proposals=proposals)
+
+    note = report_of(analysis=with_calibration(calibration)).pose_note
+
+    assert note.count("08:0") == 6
+    assert "08:02:30 or 3 more times?" in note
+
+
+def test_the_report_asks_nothing_where_the_pose_is_known() -> None:
+    assert report_of().pose_note == ""
+
+
+@pytest.mark.parametrize(
+    ("found", "walking_deg", "note"),
+    [
+        ("given", 42.0, "In walking the arm hung 42° from this pose."),
+        (
+            "axis",
+            174.5,
+            (
+                "In walking the arm hung 174° from the axis that was given. "
+                "Check which axis it was, and its sign."
+            ),
+        ),
+        ("given", 30.0, ""),
+        ("given", None, ""),
+        ("held", 42.0, ""),
+    ],
+)
+def test_walking_beyond_30_deg_of_what_a_person_stated_is_noted(
+    found: str, walking_deg: float | None, note: str
+) -> None:
+    calibration = replace(make_calibration(), found=found, walking_deg=walking_deg)  # type: ignore[arg-type]
+
+    assert report_of(analysis=with_calibration(calibration)).pose_note == note
+
+
+# results.json and the stored findings.
+
+
+def test_an_axis_that_was_given_stands_in_place_of_the_pose() -> None:
+    told = calibration_of(with_axis("+y"))
+
+    names = ("pose", "start_s", "duration_s", "score", "axis", "sigma_deg")
+    assert [told[name] for name in names] == [None, None, None, None, "y", 8.0]
+
+
+def test_a_pose_held_again_says_how_far_it_lies_from_the_first() -> None:
+    told = calibration_of(with_calibration(replace(make_calibration(), repeats=(AGAIN,))))
+
+    assert told["repeats"] == [{"start_s": 7242.0, "duration_s": 8.0, "apart_deg": 3.5}]
+
+
+def test_a_stretch_between_two_poses_that_disagree_is_a_part_that_no_pose_reads() -> None:
+    part = PartFacts(3600.0, 7242.0, is_valid=False, pose_index=None, apart_deg=31.0)
+
+    told = calibration_of(with_calibration(replace(make_calibration(), parts=(part,))))
+
+    assert told["parts"] == [
+        {"start_s": 3600.0, "end_s": 7242.0, "valid": False, "pose_index": None, "apart_deg": 31.0}
+    ]
+
+
+def test_an_axis_and_a_slip_give_a_report_another_identity() -> None:
+    slipped = with_calibration(make_calibration(), slip_times_s=(3600.0,))
+    ids = {identify_report(each, make_subject()) for each in (make_analysis(), with_axis("+y"), slipped)}
+
+    assert len(ids) == 3
+
+
+def test_findings_of_an_earlier_version_are_read() -> None:
+    values = json.loads(encode_findings(make_analysis(), make_subject()))
+    facts = values["findings"]
+    values["findings"]["calibration"] = {
+        "pose": "n-pose",
+        "still": {"start_s": 42.5, "duration_s": 6.2, "score": 0.93, "gyro_bias_dps": [0.31, -0.12, 0.07]},
+        "second": None,
+    }
+    for name in ("arm_axis", "slip_times_s"):
+        del facts["settings"][name]
+
+    findings = decode_findings(json.dumps(values).encode()).findings
+
+    told = told_of_method(report_of(analysis=findings))
+    assert told["Axis of the arm"] == "window proposed by the software"
+    assert told["Gyroscope offset, x y z"] == "0.310 ; −0.120 ; 0.070 °/s"
+    assert "Standard deviation of the axis" not in told
+
+
+# Two days, analysed alike.
+
+WINDOWS_S = ((5.0, 15.0), (20.0, 30.0))
+
+
+def test_a_day_analysed_like_one_without_a_pose_takes_its_axis_and_drops_the_windows() -> None:
+    before = ReportRequest("a.gt3x", calibration_windows_s=WINDOWS_S)
+
+    asked = align_request(before, ReportRequest("b.gt3x", arm_axis="+y"))
+
+    assert (asked.file_name, asked.arm_axis, asked.calibration_windows_s) == ("a.gt3x", "+y", ())
+
+
+def test_windows_of_two_points_are_no_poses_held_again() -> None:
+    before = ReportRequest("a.gt3x", pose="two-point", calibration_windows_s=WINDOWS_S)
+
+    assert align_request(before, ReportRequest("b.gt3x")).calibration_windows_s == ()
+
+
+def test_windows_of_the_same_pose_are_kept() -> None:
+    before = ReportRequest("a.gt3x", calibration_windows_s=WINDOWS_S)
+
+    assert align_request(before, ReportRequest("b.gt3x")).calibration_windows_s == WINDOWS_S
+
+
+# The command line.
+
+
+def outcome_of(findings: Findings, folder: Path) -> Outcome:
+    (folder / "results.json").write_bytes(encode_results(findings, make_subject()))
+    return Outcome(Task(Path("shift.gt3x"), ReportRequest("shift.gt3x", languages=("en",)), folder))
+
+
+def test_the_command_line_asks_with_the_option_that_answers(tmp_path: Path) -> None:
+    question, *choices = format_question(outcome_of(asked(), tmp_path))
+
+    assert question.startswith("shift.gt3x: W-WHICH-POSE.")
+    assert choices == [
+        "  --calibration 108.00,118.00   the arm held still at 08:00:00 (in use)",
+        "  --calibration 228.00,238.00   the arm held still at 08:02:00",
+        "  --calibration 408.00,418.00   the arm held still at 08:05:00",
+    ]
+
+
+def test_the_command_line_asks_nothing_where_the_pose_is_known(tmp_path: Path) -> None:
+    assert format_question(outcome_of(make_analysis(), tmp_path)) == []
+
+
+def test_a_recording_without_a_clock_is_asked_about_in_elapsed_time(tmp_path: Path) -> None:
+    findings = asked()
+    clockless = replace(findings, recording=replace(findings.recording, start=None))
+
+    assert "at 0:01:48" in format_question(outcome_of(clockless, tmp_path))[1]

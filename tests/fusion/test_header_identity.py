@@ -1,0 +1,50 @@
+"""The identity of a table's header: the same names in the same order, whatever the rows hold."""
+
+import gzip
+import io
+
+import pytest
+
+from fusion.readers import identify_header
+
+HEADER = "t;a;b;c;d;e;f"
+
+
+def write_table(header: str, first: int = 0, delimiter: str = ";") -> bytes:
+    rows = [f"{10 * k};0.0{k % 9};0.0;1.0;0.1;0.2;0.3" for k in range(first, first + 300)]
+    return "\n".join([*([header] if header else []), *rows]).replace(";", delimiter).encode()
+
+
+def identify(content: bytes) -> str:
+    return identify_header(io.BytesIO(content))
+
+
+def test_the_rows_do_not_count() -> None:
+    assert identify(write_table(HEADER)) == identify(write_table(HEADER, 500))
+
+
+def test_nor_do_lines_before_the_header() -> None:
+    assert identify(b"# serial: A1\n" + write_table(HEADER)) == identify(write_table(HEADER))
+
+
+def test_nor_does_the_packing() -> None:
+    assert identify(gzip.compress(write_table(HEADER))) == identify(write_table(HEADER))
+
+
+@pytest.mark.parametrize("other", ["t;b;a;c;d;e;f", "t;a;b;c;d;e;g"])
+def test_another_name_or_order_is_another_header(other: str) -> None:
+    assert identify(write_table(other)) != identify(write_table(HEADER))
+
+
+def test_another_delimiter_is_another_header() -> None:
+    assert identify(write_table(HEADER, delimiter=",")) != identify(write_table(HEADER))
+
+
+def test_a_table_without_names_is_known_by_a_dash() -> None:
+    assert identify(write_table("")).startswith("-")
+    assert not identify(write_table(HEADER)).startswith("-")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a table", b"\x89PNG\r\n"])
+def test_what_is_no_table_has_none(content: bytes) -> None:
+    assert identify(content) == ""
