@@ -154,10 +154,12 @@ def test_the_offset_of_the_clocks_is_seen_at_the_head_of_the_page() -> None:
     assert header["Right began after left"] == "+1 min 20 s"
 
 
-def test_nothing_but_the_clocks_vouches_for_the_offset_and_that_is_said() -> None:
+def test_only_the_clocks_give_the_offset_and_that_is_said() -> None:
     told = plain(report_of(make_pair(-80.0)).pose_caution)
 
-    assert told.startswith("The right recording began 1 min 20 s before the left. This is what the clocks")
+    assert told.startswith(
+        "The right recording began 1 min 20 s before the left. The clocks of the two devices"
+    )
 
 
 def test_no_ratio_is_told_where_the_left_arm_was_never_up() -> None:

@@ -134,11 +134,11 @@ def test_the_range_of_a_speed_stands_under_it() -> None:
     assert rows[1] == ("95\u202f% range", "", "13.2–16.0", "", "", "")
 
 
-def test_the_range_of_rises_and_stays_stands_under_them() -> None:
+def test_the_range_of_rises_and_episodes_stands_under_them() -> None:
     names = ("entries_above_60_per_h", "episodes_above_60_longest_s")
     exposure = replace(make_exposure(), intervals=dict.fromkeys(names, Interval(20.0, 50.0)))
 
-    rows = table_of(report_of(exposure=exposure), "figures", "Repetitions").rows
+    rows = table_of(report_of(exposure=exposure), "figures", "Rises").rows
 
     assert [plain(cell) for cell in rows[2][1:]] == ["", "20–50", "", "", "20 s–50 s", ""]
 
@@ -152,6 +152,6 @@ def test_every_published_value_stands_in_the_table_behind_the_first_page(languag
     published = [plain(row[2]).replace(",", ".") for row in table.rows]
     assert published == ["≤ 50 %", "≤ 10 %", "≤ 60°/s", "49–124°", "2.0–4.0 h", "4.4–7.9 %", "1.0–2.8 %"]
     assert "1.23" in section.paragraphs[0].replace(",", ".")
-    assert {"en": "Nothing about one person follows", "fr": "rien pour une personne"}[
-        language
-    ] in section.paragraphs[0]
+    assert {"en": "nothing about one person", "fr": "rien pour une personne"}[language] in section.paragraphs[
+        0
+    ]

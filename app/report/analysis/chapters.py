@@ -26,9 +26,10 @@ from app.report.words.numbers import (
     format_number,
     format_percent,
     format_rate,
+    percent_sign,
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, find_device_name
+from app.report.words.wording import Language, Words, fill, find_device_name, join_clauses
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
 from fusion.conventions import UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, Interval, PartExposure
@@ -65,7 +66,7 @@ def _format_published(reference: Reference, language: Language) -> str:
 
 
 def _format_value(value: float, reference: Reference, language: Language, decimals: int) -> str:
-    sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s", "h": f"{NARROW}h"}[reference.unit]
+    sign = {"percent": percent_sign(language), "deg": "°", "dps": "°/s", "h": f"{NARROW}h"}[reference.unit]
     return f"{format_number(value, 0 if reference.unit == 'deg' else decimals, language)}{sign}"
 
 
@@ -160,7 +161,7 @@ def format_quality(findings: Findings, words: Words, language: Language) -> str:
     if not counted:
         return str(words["profile"]["no_fault"])
     more = len(counted) - MOST_REASONS
-    told = "; ".join(counted[:MOST_REASONS]).replace("; ", "\u00a0; " if language == "fr" else "; ")
+    told = join_clauses(counted[:MOST_REASONS], language)
     facts = {"reasons": told[0].upper() + told[1:], "more": str(more) if more > 0 else ""}
     return fill(words["profile"]["reasons"], facts)
 
@@ -173,15 +174,15 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
         return ""
     caveat = describe_flag(counted[0], language)
     told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
-    others = "; ".join(_format_flag(flag, language) for flag in counted[1:])
-    others = others.replace("; ", "\u00a0; ") if language == "fr" else others
+    others = join_clauses((_format_flag(flag, language) for flag in counted[1:]), language)
     return f"{told} {fill(words['heading']['also'], {'others': others})}" if others else told
 
 
 def _format_flag(flag: QualityFlag, language: Language) -> str:
     title = describe_flag(flag, language).title
     title = title[0].lower() + title[1:]
-    return f"{title} ({format_duration(flag.seconds, language)})" if flag.seconds else title
+    lasted = format_duration(flag.seconds, language) if flag.seconds else ""
+    return f"{title} ({lasted})" if lasted and lasted not in title else title
 
 
 def _format_not_analysed(findings: Findings, words: Words, language: Language) -> str:
@@ -470,7 +471,7 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
         (entry["pose"], "" if settings.arm_axis else words["pose"][calibration.pose]),
         (entry["window"], _format_still(calibration.still, clock, words)),
         (entry["second"], _format_still(calibration.second, clock, words)),
-        (entry["repeats"], "; ".join(repeats)),
+        (entry["repeats"], join_clauses(repeats, clock.language)),
         (entry["repeat"], _format_angle_of(calibration.repeat_deg, clock.language)),
         (entry["slips"], ", ".join(slips)),
         (entry["walking"], _format_walking(calibration, clock.language)),
@@ -505,7 +506,7 @@ def _format_score(still: StillFacts | None, language: Language) -> str:
 
 
 def _format_vector(values: tuple[float, ...], language: Language) -> str:
-    return " ; ".join(format_number(value, 3, language) for value in values)
+    return join_clauses((format_number(value, 3, language) for value in values), language)
 
 
 def _format_repeat(still: StillFacts, clock: Clock, words: Words) -> str:

@@ -24,7 +24,7 @@ from app.report.words.numbers import (
     format_number,
     format_percent,
 )
-from app.report.words.wording import Language, Words, fill
+from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.exposure.types import Eva, Exposure, PartExposure
 
 MARKED_PERCENTILES = (10, 50, 90, 99)
@@ -141,7 +141,9 @@ def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
     """Build the stacked bar of time in the classes of elevation."""
     slices = _slice_exposure(exposure, language)
     entry = words["bar"]
-    told = "; ".join(f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
+    told = join_clauses(
+        (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices), language
+    )
     described = fill(entry["alternative"], {"list": told})
     title = (entry["title"], described)
     rows = tuple((s.range_label, s.duration_label, s.percent_label) for s in slices)
@@ -187,8 +189,9 @@ def _build_labels(findings: Findings, day: Day, words: Words) -> DayLabels:
         "p10": format_angle(findings.exposure.percentiles_deg.get(10), clock.language),
         "p50": format_angle(findings.exposure.percentiles_deg.get(50), clock.language),
         "p90": format_angle(findings.exposure.percentiles_deg.get(90), clock.language),
-        "marks": "; ".join(
-            f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks
+        "marks": join_clauses(
+            (f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks),
+            clock.language,
         ),
     }
     return replace(
@@ -232,7 +235,7 @@ def build_parts(
     """Build one stacked bar for each hour (``key`` "hours") or period of the diary ("periods")."""
     entry = words[key]
     rows = [_stack_part(name, part, entry, language) for name, part in parts if is_shown(part)]
-    told = "; ".join(f"{row.name}, {row.label or row.left_out}" for row in rows)
+    told = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
     classes = format_classes(SHOWN_EDGES_DEG, "°")
     return Chart(

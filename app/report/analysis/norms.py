@@ -15,11 +15,11 @@ from app.report.charts.bars import Scale, draw_scale
 from app.report.findings import Findings
 from app.report.model import Reference
 from app.report.words.numbers import (
-    NARROW,
     format_angle_range,
     format_number,
     format_percent,
     format_range,
+    percent_sign,
 )
 from app.report.words.wording import Language, Words, fill
 from fusion.comparison import REFERENCES, WHOLE_DAY_S, find_measured
@@ -96,7 +96,7 @@ def _format_values(item: _Measured, language: Language) -> dict[str, str]:
 
 
 def _format_published(value: float | None, unit: str, language: Language) -> str:
-    sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s"}[unit]
+    sign = {"percent": percent_sign(language), "deg": "°", "dps": "°/s"}[unit]
     return f"{format_number(value, 0, language)}{sign}"
 
 

@@ -73,6 +73,7 @@ def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: 
     made_of = values.pop("made_of") or NO_CLOCK
     values["date"] = list(made_of.timetuple()[:6])
     values["paper"] = _TYPST_PAPERS[paper]
+    values["language"], _, values["region"] = report.language.partition("-")
     values["attached"] = [
         {"name": name, "mime": _MIME_TYPES.get(name.rsplit(".", 1)[-1], "application/octet-stream")}
         for name in attached
