@@ -31,13 +31,18 @@ def load() -> None:
     shared with them stays shared.
     """
     gc.disable()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small; threads wait busily
     for name in ROADS:
         importlib.import_module(name)
     importlib.import_module("fusion.numba_kernels").make_ready()
     gc.freeze()
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     gc.enable()
     importlib.import_module("app.jobs.children.preparing").prepare_beside()
 
+
+OBJECTS_BETWEEN_COLLECTIONS = 50_000
+"""A child lives for seconds: Python's 700 would have it look for waste hundreds of times."""
 
 PRELOAD = "app.jobs.children.preloaded"
 """The module that the fork server loads first."""
