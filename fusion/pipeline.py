@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import BinaryIO, Literal
 
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
@@ -244,9 +244,10 @@ def fuse_recording(
         slip_times_s=settings.slip_times_s,
         blocks=blocks,
     )
-    del blocks  # two per cent of the samples' room, while the angle needs room
+    del blocks  # while the angle needs room
     on_step("fusing")
     fused = estimate_elevation(samples, settings.method)
+    samples = replace(samples, runs=())  # while the figures need room
     return FusedRecording(samples, fused, leave_out(fused, exclusions), exclusions)
 
 

@@ -50,9 +50,12 @@ class Marker:
         return tuple(self.input.split())
 
 
-def make_marker(task: Task) -> Marker:
-    """Build the marker of a task: the same input, settings and software give the same figures."""
-    digest, settings = _hash_files(task), _write_settings(task)
+def make_marker(task: Task, digest: str = "") -> Marker:
+    """Build the marker of a task: the same input, settings and software give the same figures.
+
+    ``digest``: SHA-256 of its one log, where it is known.
+    """
+    digest, settings = digest or _hash_files(task), _write_settings(task)
     parts = [digest, task.request.file_name, settings, identify_engine()]
     fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
     language, paper = task.request.languages[0], task.request.paper
@@ -247,6 +250,14 @@ def write_version(folder: Path, figures: str, language: Language, make: Callable
 def find_earlier(folder: Path) -> Path:
     """Give the place next to a folder to which its former contents move."""
     return folder.with_name(f".{folder.name}.earlier")
+
+
+def read_digest(folder: Path, task: Task) -> str:
+    """Read the SHA-256 of the one log of a task off its results, whose reading took it; empty for several."""
+    if task.request.joined:
+        return ""
+    results = json.loads((folder / "results.json").read_bytes())
+    return str(results["recording"]["sha256"])
 
 
 def _hash_files(task: Task) -> str:

@@ -16,6 +16,7 @@ from app.batch.folder import (
     is_up_to_date,
     make_marker,
     open_staging,
+    read_digest,
     read_marker,
     refuse_foreign_folder,
     replace_folder,
@@ -144,8 +145,9 @@ def find_done(task: Task) -> Outcome | None:
 
 def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Outcome:
     restore_earlier(task.folder)
-    before, asked = read_marker(task.folder), make_marker(task)
-    if before is None or before.fingerprint != asked.fingerprint or task.force:
+    before = read_marker(task.folder)
+    asked = make_marker(task) if before else None
+    if before is None or asked is None or before.fingerprint != asked.fingerprint or task.force:
         return _do(task, before, asked, go_on)
     if not has_report(task.folder, before, task.request):
         return _rewrite(task, before, go_on)
@@ -154,30 +156,34 @@ def _do_or_repeat(task: Task, go_on: Callable[[str | None, float], bool]) -> Out
 
 
 def _do(
-    task: Task, before: Marker | None, asked: Marker, go_on: Callable[[str | None, float], bool]
+    task: Task, before: Marker | None, asked: Marker | None, go_on: Callable[[str | None, float], bool]
 ) -> Outcome:
-    """Analyse; other settings than before make the next version of the report."""
+    """Analyse; other settings than before make the next version of the report.
+
+    ``asked`` is None where nothing was made before: then the log is hashed while it is read.
+    """
     refuse_foreign_folder(task.folder)
-    marker = _number(before, asked, find_last_version(task.folder))
-    request = replace(task.request, version=marker.version, changes=marker.changes)
+    version, changes = _number(before, asked, find_last_version(task.folder))
+    request = replace(task.request, version=version, changes=changes)
     with open_staging(task.folder) as staging:
-        make = partial(load_and_make_report, known=KnownLogs(asked.list_digests()))
-        outcome = _attempt(task, request, staging, make, go_on)
+        known = KnownLogs(asked.list_digests() if asked else ())
+        outcome = _attempt(task, request, staging, partial(load_and_make_report, known=known), go_on)
         if outcome.code:
             return outcome
-        use_plain_names(staging, asked.language)
-        write_marker(staging, marker)
+        marker = asked or make_marker(task, read_digest(staging, task))
+        use_plain_names(staging, marker.language)
+        write_marker(staging, replace(marker, version=version, changes=changes))
         replace_folder(task.folder, staging)
-    return replace(outcome, answer=_read_answer(task), version=marker.version, changes=marker.changes)
+    return replace(outcome, answer=_read_answer(task), version=version, changes=changes)
 
 
-def _number(before: Marker | None, asked: Marker, last: int) -> Marker:
-    """Give the marker its version; the same analysis asked again (``--force``) is the same report."""
-    if before is None:
-        return replace(asked, version=last + 1)
+def _number(before: Marker | None, asked: Marker | None, last: int) -> tuple[int, tuple[str, ...]]:
+    """Give the report its version and what changed; the same asked again (``--force``) is the same report."""
+    if before is None or asked is None:
+        return last + 1, ()
     if before.fingerprint == asked.fingerprint:
-        return replace(asked, version=before.version, changes=before.changes)
-    return replace(asked, version=before.version + 1, changes=find_changes(before, asked))
+        return before.version, before.changes
+    return before.version + 1, find_changes(before, asked)
 
 
 def _rewrite(task: Task, before: Marker, go_on: Callable[[str | None, float], bool]) -> Outcome:

@@ -1,5 +1,7 @@
 """Samples while they are being read: columns that grow in place and are written once."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from fusion.caveats import Caveat
 from fusion.checks.stopped import find_runs, mark_fillers
 from fusion.checks.unmeasured import is_too_frequent, measure_usual
 from fusion.errors import TooLong, UnsafeArchive
+from fusion.readers.room import Room
 from fusion.readers.source import Source
 from fusion.readers.timebase.row_kernels import open_rows
 from fusion.recording import QualityFlag
@@ -79,10 +82,25 @@ class SampleColumns:
     def __init__(self, source: Source | None = None, *, has_stamps: bool = True) -> None:
         self.rows = 0
         self._source = source
-        self._has_stamps = has_stamps
-        self.acc: NDArray[np.float32] = np.empty((FIRST_CAPACITY, 3), np.float32)
-        self.gyr: NDArray[np.float32] = np.empty((FIRST_CAPACITY, 3), np.float32)
-        self.stamps: NDArray[np.int64] = np.empty(FIRST_CAPACITY * has_stamps, np.int64)
+        self._acc = Room(np.float32, FIRST_CAPACITY, 3)
+        self._gyr = Room(np.float32, FIRST_CAPACITY, 3)
+        self._stamps = Room(np.int64, FIRST_CAPACITY * has_stamps)
+        self._rooms: tuple[Room[Any], ...] = (self._acc, self._gyr, self._stamps)[: 2 + has_stamps]
+
+    @property
+    def acc(self) -> NDArray[np.float32]:
+        """Acceleration."""
+        return self._acc.values
+
+    @property
+    def gyr(self) -> NDArray[np.float32]:
+        """Angular rate."""
+        return self._gyr.values
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """Time of each row."""
+        return self._stamps.values
 
     @property
     def capacity(self) -> int:
@@ -105,14 +123,8 @@ class SampleColumns:
 
     def reserve(self, rows: int) -> None:
         """Take room for ``rows`` in all, which costs memory only as it is filled."""
-        if rows <= self.capacity:
-            return
-        filled = self.rows
-        acc, gyr = np.empty((rows, 3), np.float32), np.empty((rows, 3), np.float32)
-        stamps = np.empty(rows * self._has_stamps, np.int64)
-        acc[:filled], gyr[:filled] = self.acc[:filled], self.gyr[:filled]
-        stamps[:filled] = self.stamps[:filled]
-        self.acc, self.gyr, self.stamps = acc, gyr, stamps
+        if rows > self.capacity:
+            self._resize(rows)
 
     def foresee(self, read_bytes: int, to_come_bytes: int) -> None:
         """Take room for what is to come, if it holds as many rows a byte as what was read."""
@@ -126,15 +138,15 @@ class SampleColumns:
     def keep(self, chosen: NDArray[np.bool_]) -> None:
         """Keep some of the rows, shape (rows,), in place."""
         kept = int(chosen.sum())
-        for values in (self.acc, self.gyr, self.stamps):
-            values[:kept] = values[: self.rows][chosen]
+        for room in self._rooms:
+            room.values[:kept] = room.values[: self.rows][chosen]
         self.rows = kept
         self.trim()
 
     def arrange(self, rows: NDArray[np.int64]) -> None:
         """Put these rows, in this order, in the place of all; for damaged files, since it copies them."""
-        self.acc, self.gyr = self.acc[rows], self.gyr[rows]
-        self.stamps = self.stamps[rows] if self._has_stamps else self.stamps
+        for room in self._rooms:
+            room.replace(room.values[rows])
         self.rows = len(rows)
 
     def open_holes(self, rows: NDArray[np.int64], added: NDArray[np.int64]) -> None:
@@ -143,16 +155,14 @@ class SampleColumns:
         In place: no second copy of the samples is made. No view of them may exist yet.
         """
         total = self.rows + int(added.sum())
-        for values in (self.acc, self.gyr):
-            values.resize((max(total, len(values)), 3), refcheck=False)
-            open_rows(values, self.rows, rows, added)
+        for room in (self._acc, self._gyr):
+            room.resize(max(total, len(room.values)))
+            open_rows(room.values, self.rows, rows, added)
         self.rows = total
 
     def _resize(self, capacity_rows: int) -> None:
-        # ndarray.resize reallocates in place (mremap on Linux): no second copy of the shift in memory
-        self.acc.resize((capacity_rows, 3), refcheck=False)
-        self.gyr.resize((capacity_rows, 3), refcheck=False)
-        self.stamps.resize(capacity_rows * self._has_stamps, refcheck=False)
+        for room in self._rooms:
+            room.resize(capacity_rows)
 
 
 def drop_blank_rows(columns: SampleColumns) -> tuple[QualityFlag, ...]:

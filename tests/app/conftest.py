@@ -1,5 +1,6 @@
 """A data folder with its database, and an application over it."""
 
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from app.jobs import worker
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job
 from app.jobs.store import JobStore
-from app.jobs.worker import Bench, open_bench
+from app.jobs.worker import Bench, open_bench, run_next
 from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
@@ -30,6 +31,15 @@ on_both_set_ups = pytest.mark.parametrize(
     ids=["embedded", "distributed"],
     indirect=True,
 )
+
+
+def do_next(bench: Bench) -> bool:
+    """Do the next job beside a running server: a worker passes over a row that the server is writing."""
+    for _ in range(200):
+        if run_next(bench):
+            return True
+        time.sleep(0.05)
+    return False
 
 
 @pytest.fixture(autouse=True)

@@ -20,7 +20,6 @@ from app.errors import NotHere, ResultDamaged, StoreDamaged
 from app.jobs.children.attempt import MakeReport
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
-from app.jobs.worker import run_next
 from app.services import Services
 from app.settings import Settings
 from app.storage.folder import FolderStorage
@@ -34,7 +33,7 @@ from app.storage.store import (
     borrow_result,
 )
 from tests.app import stand_ins
-from tests.app.conftest import AddJob, OpenBench, on_both_set_ups
+from tests.app.conftest import AddJob, OpenBench, do_next, on_both_set_ups
 
 ALTERED = stand_ins.RESULTS.replace(b"12.34", b"92.34")
 Finish = Callable[..., Job]
@@ -74,7 +73,7 @@ def finish(add_job: AddJob, bench: OpenBench) -> Finish:
 
     def make(make_report: MakeReport = stand_ins.write_report, **about: Any) -> Job:
         job = add_job(**about)
-        run_next(bench(make_report))
+        do_next(bench(make_report))
         return job
 
     return make
@@ -191,7 +190,7 @@ def test_a_retry_of_a_damaged_analysis_makes_the_same_version_again(
     spoil(storage, format_result_name(store, job, "report.fr.pdf"), how)
 
     answer = client.post(f"/api/v1/analyses/{job.id}/retry")
-    run_next(bench(stand_ins.write_report))
+    do_next(bench(stand_ins.write_report))
 
     again = store.get(answer.json()["id"])
     assert answer.status_code == 202
@@ -234,7 +233,7 @@ def test_damaged_work_that_is_sent_again_is_done_again(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench
 ) -> None:
     first = client.post("/api/v1/analyze", content=b"recording").json()["id"]
-    run_next(bench(stand_ins.write_report))
+    do_next(bench(stand_ins.write_report))
     alter(storage, format_result_name(store, store.get(first), "results.json"))
 
     second, third = (client.post("/api/v1/analyze", content=b"recording").json()["id"] for _ in range(2))
@@ -247,7 +246,7 @@ def test_damaged_work_that_is_asked_for_again_is_done_again(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench
 ) -> None:
     first = client.post("/api/v1/analyze", content=b"recording", params={"file_name": "a.csv"}).json()
-    run_next(bench(stand_ins.write_report))
+    do_next(bench(stand_ins.write_report))
     alter(storage, format_result_name(store, store.get(first["id"]), "results.json"))
 
     again = client.post("/api/v1/analyses", json={"recording_ids": [first["recording_id"]]}).json()
@@ -261,7 +260,7 @@ def test_the_original_sent_again_is_kept_where_the_stored_one_is_damaged(
     client: TestClient, store: JobStore, storage: Storage, bench: OpenBench, how: str
 ) -> None:
     first = client.post("/api/v1/analyze", content=b"recording").json()
-    run_next(bench(stand_ins.write_report))
+    do_next(bench(stand_ins.write_report))
     spoil(storage, f"recordings/{first['recording_id']}", how)
 
     second = client.post("/api/v1/analyze", content=b"recording").json()
@@ -309,7 +308,7 @@ def test_a_damaged_reference_gives_no_comparison(
     assert job.request.reference is not None
     spoil(storage, f"recordings/{job.request.reference.path}", how)
 
-    run_next(bench(stand_ins.write_report))
+    do_next(bench(stand_ins.write_report))
 
     assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 
@@ -347,7 +346,7 @@ def test_the_button_leads_to_a_new_analysis_and_old_links_follow_it(
     alter(storage, format_result_name(store, job, "results.json"))
 
     pressed = client.post(f"/analyses/{job.id}/retry")
-    run_next(bench(stand_ins.write_report))
+    do_next(bench(stand_ins.write_report))
 
     new = store.get(job.id).replaced_by
     assert (pressed.status_code, pressed.headers["location"]) == (303, f"/analyses/{new}")
@@ -427,7 +426,7 @@ def test_the_tables_of_a_batch_name_a_damaged_result_and_it_can_be_retried(
 ) -> None:
     recording = client.post("/api/v1/recordings", content=b"recording").json()["id"]
     batch = client.post("/api/v1/batches", json={"items": [{"recording_id": recording}]}).json()["id"]
-    run_next(bench(stand_ins.write_report))
+    do_next(bench(stand_ins.write_report))
     (job,) = store.find_newest()
     alter(storage, format_result_name(store, job, "results.json"))
 
@@ -480,7 +479,7 @@ def test_a_replaced_report_is_not_what_counts_in_the_library(
     job = finish()
     alter(storage, format_result_name(store, job, "results.json"))
     client.post(f"/analyses/{job.id}/retry")
-    run_next(bench(stand_ins.refuse))
+    do_next(bench(stand_ins.refuse))
 
     page = client.get("/rows?lang=en").text
 
@@ -494,7 +493,7 @@ def test_a_failed_repetition_cannot_be_withdrawn_for_the_damaged_report(
     job = finish()
     alter(storage, format_result_name(store, job, "results.json"))
     again = store.repeat(job, "web")
-    run_next(bench(stand_ins.refuse))
+    do_next(bench(stand_ins.refuse))
 
     with pytest.raises(NotHere):
         store.withdraw(again.id)
@@ -588,7 +587,7 @@ def test_a_recording_that_is_damaged_while_it_is_analysed_gives_no_report(
 ) -> None:
     job = add_job()
 
-    run_next(bench(stand_ins.spoil_recording))
+    do_next(bench(stand_ins.spoil_recording))
 
     assert store.get(job.id).problem_code == "E-STORE-DAMAGED"
 

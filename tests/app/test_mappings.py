@@ -45,8 +45,8 @@ def add_failed(add_job: AddJob, bench: OpenBench, *headers: str) -> list[Job]:
 
 def run_all(bench: OpenBench) -> None:
     worker = bench(stand_ins.read_by_columns)
-    while run_next(worker):
-        pass
+    while any(job.state is JobState.QUEUED for job in worker.store.find_newest()):
+        run_next(worker)
 
 
 def find_states(store: JobStore) -> list[str]:

@@ -15,13 +15,12 @@ from app.api.housekeeping import grow_older
 from app.jobs.database.tables import metadata
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, WebhookStore
-from app.jobs.worker import run_next
 from app.services import Services, find_services
 from app.settings import Settings
 from app.storage.decoded import DecodedCache, hash_entry_key
 from app.storage.store import Storage
 from tests.app import stand_ins
-from tests.app.conftest import OpenBench, on_both_set_ups
+from tests.app.conftest import OpenBench, do_next, on_both_set_ups
 from tests.factories import hold
 
 CANARY = "canary-5f2c71d09ab84e36c1f7a2d8e"
@@ -91,10 +90,10 @@ def analyse_in_every_way(client: TestClient, bench: OpenBench, small_gt3x: bytes
     settings = {"subject": CANARY, "reason": CANARY, "periods": PERIODS}
     wish = {"recording_ids": [kept["id"]], "settings": settings}
     assert "id" in post(client, "analyses", json=wish)
-    assert run_next(bench(stand_ins.write_report))
+    assert do_next(bench(stand_ins.write_report))
     french = {"recording_ids": [kept["id"]], "settings": settings | {"lang": "fr"}}
     again = post(client, "analyses", json=french)
-    assert run_next(bench(stand_ins.refuse))
+    assert do_next(bench(stand_ins.refuse))
     retried = post(client, f"analyses/{again['id']}/retry")
     assert post(client, f"analyses/{retried['id']}/cancel")["state"] == "cancelled"
     assert post(client, "batches", json={"name": CANARY, "items": [{"recording_id": kept["id"]}]})["id"]

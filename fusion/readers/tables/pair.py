@@ -236,7 +236,7 @@ def _merge(acc: ThreeAxes, gyr: ThreeAxes) -> SampleColumns:
         columns.acc[: columns.rows, axis] = np.interp(time_us, acc.time_us, acc.values[:, axis])
     columns.gyr[: columns.rows] = gyr.values[kept] * (gyr_scale_dps(gyr.unit) or 1.0)
     columns.trim()
-    columns.acc *= acc_scale_g(acc.unit) or 1.0
+    columns.acc[...] *= acc_scale_g(acc.unit) or 1.0
     return columns
 
 
