@@ -1,4 +1,4 @@
-"""The report of a change: whether it is larger than days differ anyway, and what else differs.
+"""The report of a change: whether it is larger than the usual day-to-day variation, and what else differs.
 
 Pure. :func:`describe_comparison` is what ``comparison.json`` and the API give, :func:`build_comparison` the
 report for people; both come from :func:`fusion.comparison.compare_days`.

@@ -99,7 +99,7 @@ def _choose_entries(entries: Entries) -> str:
 
 
 def _format_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: SentenceContext) -> str:
-    """Write how long the longest stay was, with its range, and when it began where that is known."""
+    """Write the longest continuous time above 60°, with its range, and when it began where that is known."""
     if not episodes.longest_s:
         return ""
     interval = ranges.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
