@@ -87,6 +87,7 @@ class Section:
     figures: tuple[Chart, ...] = ()
     pairs: tuple[Pair, ...] = ()
     tables: tuple[Table, ...] = ()
+    sources: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

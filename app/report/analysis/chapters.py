@@ -9,6 +9,7 @@ from itertools import accumulate
 from app.report.analysis.charts import build_parts, build_spread, is_drawable
 from app.report.analysis.day import format_reason
 from app.report.analysis.tables import build_measures
+from app.report.bibliography import format_bibliography
 from app.report.export.results import SCHEMA, identify_report
 from app.report.findings import CalibrationFacts, Findings, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
@@ -77,6 +78,11 @@ def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
         return ""
     why = words["comparison"]["reason"][sorted(reasons)[0]]
     return fill(words["comparison"]["does_not_apply"], {"reason": why})
+
+
+def _build_bibliography(words: Words) -> Section:
+    entry = words["bibliography"]
+    return Section("bibliography", entry["title"], sources=format_bibliography())
 
 
 # ------------------------------------------------------------------ what limits the figures
@@ -240,8 +246,13 @@ def build_sections(
         _build_quality(findings, clock, words),
         _build_method(findings, clock, words),
         _build_provenance(findings, subject, clock, words),
+        _build_bibliography(words),
     )
-    return tuple(section for section in sections if section.pairs or section.tables or section.figures)
+    return tuple(
+        section
+        for section in sections
+        if section.pairs or section.tables or section.figures or section.sources
+    )
 
 
 # ------------------------------------------------------------------ by hour and by period
