@@ -93,7 +93,6 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
         range_note="",
         figures=(_build_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
-        references=(),
         limits=limits,
         intended_use=use,
         sections=(_build_changes(compared, words, language), build_sources(sides, language)),

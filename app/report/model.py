@@ -59,17 +59,6 @@ class VerdictLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
-    """A published value beside the measured one, or why the two cannot be compared (``scale`` empty)."""
-
-    name: str
-    source: str
-    statement: str
-    alternative: str
-    scale: str
-
-
-@dataclass(frozen=True, slots=True)
 class Note:
     """A titled paragraph, or several."""
 
@@ -161,8 +150,8 @@ class Report:
     ----------
     sentences
         The answer in three sentences.
-    figures, references
-        Beside the sentences; a report may have no references.
+    figures
+        Beside the sentences.
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
     range_note
@@ -190,7 +179,6 @@ class Report:
     pose_caution: str
     range_note: str
     figures: tuple[Chart, ...]
-    references: tuple[Reference, ...]
     limits: Note
     intended_use: Note
     sections: tuple[Section, ...]

@@ -285,56 +285,44 @@ def test_provenance_names_file_hash_version_and_report() -> None:
     assert pairs["Report"] == report_of().report_id
 
 
+def list_compared(report: Report) -> dict[str, str]:
+    """What was measured beside each published value."""
+    table = table_of(report, "published", "published")
+    return {row[0]: plain(row[3]) for row in table.rows}
+
+
 def test_a_working_day_is_compared_with_the_proposals() -> None:
-    statements = [plain(reference.statement) for reference in report_of().references]
-
-    assert statements[1] == "Measured 7.6 %; proposal at most 10 % of a working day."
-
-
-def test_a_scale_names_both_its_ends() -> None:
-    scales = [plain(reference.scale) for reference in report_of().references]
-
-    assert [">0</text>" in scale for scale in scales] == [True, True, False, True]
-    assert ">100 %</text>" in scales[0]
-    assert ">40 %</text>" in scales[1]
-    assert ">180°</text>" in scales[3]
-
-
-def test_a_scale_that_a_value_would_leave_ends_at_a_further_ten() -> None:
-    above = tuple(replace(item, percent=47.0) for item in make_exposure().time_above)  # 1.1 x 47 = 51.7
-
-    scale = report_of(exposure=replace(make_exposure(), time_above=above)).references[1].scale
-
-    assert ">60 %</text>" in plain(scale)
+    assert list_compared(report_of())["Time above 60°"] == "7.6 %"
 
 
 def test_a_fused_speed_is_never_compared_with_the_proposal() -> None:
-    velocity = report_of().references[2]
+    report = report_of()
 
-    assert (velocity.scale, velocity.statement.startswith("Does not apply because")) == ("", True)
+    assert list_compared(report)["Median speed, accelerometer-based"] == "–"
+    assert "a fused speed reads two to four times lower" in table_of(report, "published", "published").note
 
 
 def test_the_accelerometer_based_speed_is_compared_with_the_proposal() -> None:
     exposure = with_velocity(make_exposure(), "generalised_accelerometer", Velocity(5, 48.4, 160, 300, 70))
 
-    velocity = report_of(exposure=exposure).references[2]
+    report = report_of(exposure=exposure)
 
-    assert plain(velocity.statement) == "Measured 48°/s; proposal at most 60°/s over a working day."
+    assert list_compared(report)["Median speed, accelerometer-based"] == "48.4°/s"
+    assert table_of(report, "published", "published").note == ""
 
 
 def test_less_than_four_hours_are_not_compared_with_a_working_day() -> None:
-    short = replace(make_analysis(), time=TimeAccount(60_000_000, 60_000_000, 0, 0))
+    report = report_of(exposure=replace(make_exposure(), analysed_s=60.0))
 
-    references = report_of(analysis=short).references
-
-    assert [reference.scale for reference in references] == ["", "", "", ""]
-    assert "less than 4 h were analysed" in plain(references[0].statement)
+    assert set(list_compared(report).values()) == {"–"}
+    assert "less than 4 h were analysed" in plain(table_of(report, "published", "published").note)
 
 
 def test_poor_data_are_not_compared() -> None:
-    poor = make_analysis(quality=Quality("poor", (), ()))
+    report = report_of(analysis=make_analysis(quality=Quality("poor", (), ())))
 
-    assert "the data quality is poor" in report_of(analysis=poor).references[0].statement
+    assert set(list_compared(report).values()) == {"–"}
+    assert "the data quality is poor" in table_of(report, "published", "published").note
 
 
 def test_the_subject_code_is_cut_and_freed_of_what_cannot_be_seen() -> None:

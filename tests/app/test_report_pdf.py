@@ -91,6 +91,12 @@ def find_lowest_text(page: PageObject) -> float:
 
 @pytest.mark.parametrize("paper", PAPERS)
 @pytest.mark.parametrize("language", LANGUAGES)
+def test_the_appendix_of_a_day_is_four_pages_and_the_bibliography(paper: Paper, language: Language) -> None:
+    assert len(PdfReader(io.BytesIO(pdf_of(language, paper))).pages) <= 6
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+@pytest.mark.parametrize("language", LANGUAGES)
 def test_no_page_before_the_last_leaves_a_quarter_empty(paper: Paper, language: Language) -> None:
     pages = PdfReader(io.BytesIO(pdf_of(language, paper))).pages
 

@@ -110,13 +110,6 @@ def test_the_cycles_say_what_their_range_does_not_hold(language: Language) -> No
     assert re.search(r"4 (of|cas sur) 10", plain(note))
 
 
-def test_the_range_of_time_above_stands_beside_the_proposal() -> None:
-    report = report_of(exposure=make_exposure(above_60_interval=Interval(6.0, 9.5)))
-
-    statement = plain(report.references[1].statement)
-    assert statement == "Measured 7.6 % (range 6.0–9.5 %); proposal at most 10 % of a working day."
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_two_tables_bear_the_same_name(language: Language) -> None:
     report = report_of(language=language)
@@ -155,3 +148,20 @@ def test_every_published_value_stands_in_the_table_behind_the_first_page(languag
     assert {"en": "nothing about one person", "fr": "rien pour une personne"}[language] in section.paragraphs[
         0
     ]
+
+
+def test_a_table_of_many_hours_is_cut_and_says_so() -> None:
+    hour = make_exposure().by_hour[0]
+    hours = tuple(replace(hour, start_s=3600.0 * k, end_s=3600.0 * (k + 1), intervals={}) for k in range(20))
+    exposure = replace(make_exposure(), by_hour=hours)
+
+    table = table_of(report_of(exposure=exposure), "hours", "By clock hour")
+
+    assert len(table.rows) == 14
+    assert "The first 14 of 20 rows; periods.csv and results.json hold all." in plain(table.note)
+
+
+def test_a_table_of_a_shift_is_not_cut() -> None:
+    table = table_of(report_of(), "hours", "By clock hour")
+
+    assert "The first" not in table.note

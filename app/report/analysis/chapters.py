@@ -72,12 +72,14 @@ def _format_value(value: float, reference: Reference, language: Language, decima
 
 
 def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
-    """Give the reason why no reference has a measured value beside it, where all have the same one."""
-    reasons = {item.reason for item in compared} - {"not computed"}
-    if not reasons or "" in reasons:
-        return ""
-    why = words["comparison"]["reason"][sorted(reasons)[0]]
-    return fill(words["comparison"]["does_not_apply"], {"reason": why})
+    """Give the reason why no reference has a measured value beside it, or why the speed has none."""
+    reasons, told = {item.reason for item in compared} - {"not computed"}, words["comparison"]
+    if reasons and "" not in reasons:
+        return fill(told["does_not_apply"], {"reason": told["reason"][min(reasons)]})
+    if any(item.reason == "not computed" and item.reference.key == "velocity" for item in compared):
+        name, why = words["reference"]["velocity"]["name"], told["reason"]["not_computed_velocity"]
+        return f"{name} – {fill(told['does_not_apply'], {'reason': why})}"
+    return ""
 
 
 def _build_bibliography(words: Words) -> Section:
@@ -221,6 +223,8 @@ def _sum_exclusions(findings: Findings) -> dict[str, int]:
 SHORTEST_HOUR_S = 1.0
 SHORTEST_RATED_S = 600.0
 """In less than ten minutes of an hour or a period a rate per hour would only be a small count multiplied."""
+MOST_PARTS = 14
+"""Hours, periods or tasks in a table of the report; the CSV holds all."""
 LONGEST_NAME = 60
 """Of a period in its table; results.json and periods.csv hold the whole label."""
 
@@ -316,12 +320,13 @@ def _tabulate_parts(
 ) -> Table:
     language = clock.language
     rows: list[tuple[str, ...]] = []
-    for name, part in parts:
+    for name, part in parts[:MOST_PARTS]:
         rows += [
             _build_part_row(name, part, entry, language),
             *_build_part_ranges(part, range_name, language),
         ]
-    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+    cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=fill(entry["note"], cut))
 
 
 def _build_part_row(name: str, part: PartExposure, entry: Words, language: Language) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from math import isfinite, nan
 import numpy as np
 
 from app.report.analysis.day import MAIN_THRESHOLD_DEG, Block, Day, build_timeline
-from app.report.charts.bars import PartRow, Slice, draw_bar, draw_parts
+from app.report.charts.bars import PartRow, PartWords, Slice, draw_bar, draw_parts
 from app.report.charts.day import DayLabels, draw_day
 from app.report.charts.distribution import Distribution, HeatMap, MarkedPercentile, draw_apdf, draw_eva
 from app.report.charts.svg import NARROW, WIDE
@@ -23,6 +23,7 @@ from app.report.words.numbers import (
     format_duration,
     format_number,
     format_percent,
+    percent_sign,
 )
 from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.exposure.types import Eva, Exposure, PartExposure
@@ -237,12 +238,13 @@ def build_parts(
     rows = [_stack_part(name, part, entry, language) for name, part in parts if is_shown(part)]
     told = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
-    classes = format_classes(SHOWN_EDGES_DEG, "°")
+    classes, sign = format_classes(SHOWN_EDGES_DEG, "°"), percent_sign(language)
+    labels = PartWords(title, tuple(classes), ("0", f"50{sign}", f"100{sign}"))
     return Chart(
         title=entry["title"],
         alternative=title[1],
-        wide=draw_parts(key, rows, classes, title, WIDE),
-        narrow=draw_parts(key, rows, classes, title, NARROW),
+        wide=draw_parts(key, rows, labels, WIDE),
+        narrow=draw_parts(key, rows, labels, NARROW),
         table=Table(entry["title"], (entry["column"], *classes), _tabulate_rows(rows, language)),
     )
 

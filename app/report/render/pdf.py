@@ -22,7 +22,7 @@ from app.request import Paper
 
 STANDARDS = ("ua-1", "a-3a")
 NO_CLOCK = datetime(1970, 1, 1, tzinfo=UTC)
-_SCREEN_ONLY = {"narrow", "table"}
+_SCREEN_ONLY = {"table"}
 """Parts of a figure that paper does not show."""
 
 _TYPST_PAPERS: dict[Paper, str] = {"a4": "a4", "letter": "us-letter"}
