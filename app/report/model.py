@@ -130,6 +130,8 @@ class Profile:
         What to do next, each by a stated rule.
     not_a_diagnosis
         What the page is not.
+    amendment
+        On paper, that the report replaces another; empty for a first report.
     """
 
     quality: str
@@ -140,6 +142,7 @@ class Profile:
     next_title: str
     next_steps: tuple[str, ...]
     not_a_diagnosis: str
+    amendment: str = ""
 
 
 @dataclass(frozen=True, slots=True)

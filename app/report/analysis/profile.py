@@ -73,7 +73,16 @@ def build_profile(findings: Findings, subject: ReportSubject, clock: Clock, word
         next_title=page.entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), subject, page),
         not_a_diagnosis=page.entry["not_a_diagnosis"],
+        amendment=_format_amendment(subject, words),
     )
+
+
+def _format_amendment(subject: ReportSubject, words: Words) -> str:
+    """Write that a report replaces an earlier one; what changed and why need a page of their own."""
+    if subject.version < 2:
+        return ""
+    versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
+    return fill(words["heading"]["amended_short"], versions)
 
 
 # ------------------------------------------------------------------ tiles
