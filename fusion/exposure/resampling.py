@@ -21,8 +21,8 @@ LOW_HIGH_PERCENT = (2.5, 97.5)
 ERRORS = 11
 """Errors of the angle at which counts are made again; between them they are taken as linear."""
 
-STRIDE = 123
-"""Prime to 200 and near its golden section, so that shares and errors of the angle do not go together."""
+STRIDE = 147
+"""Of the strides prime to 200 the one that spreads shares and errors of the angle most evenly over both."""
 
 LEAST_BLOCKS = 6
 """Fewer blocks than these, drawn again, are no range by themselves: an error of the angle must be known."""
