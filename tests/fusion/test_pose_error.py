@@ -126,7 +126,9 @@ def test_the_range_with_the_pose_holds_the_range_without(seed: int) -> None:
 
 def test_without_the_n_pose_nothing_else_changes() -> None:
     day = elevate(move_at_random(1), rate_hz=10.0)
-    plain, posed = (summarise_exposure(day, bias_sigma_deg=5.0, is_npose=is_npose) for is_npose in (0, 1))
+    plain, posed = (
+        summarise_exposure(day, bias_sigma_deg=5.0, is_npose=is_npose) for is_npose in (False, True)
+    )
 
     assert all(i.low_pose is None and i.high_pose is None for i in plain.intervals.values())
     assert {name: (i.low, i.high) for name, i in posed.intervals.items()} == {
