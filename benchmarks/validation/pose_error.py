@@ -3,9 +3,10 @@
     python -m benchmarks.validation.pose_error [--shifts N] [--days N]
 
 A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), and counted with the range of the N-pose.
-The ranges assume an error that grows with the angle that was *read*, and is anything up to that: the error here
-is the largest, by the true angle. Once the pose is held exactly, once as people hold it (the axis turned any way
-by a normal deviate of its standard deviation). With 15 deg at every angle it is reported without a goal.
+The ranges assume an error that grows with the angle that was *read*, and is anything up to that: the error
+here is the largest, by the true angle. Once the pose is held exactly, once as people hold it (the axis
+turned any way by a normal deviate of its standard deviation). With 15 deg at every angle it is reported
+without a goal.
 """
 
 import argparse
@@ -32,11 +33,11 @@ from fusion.recording import Float64Array
 KINDS = ("time above", "bins", "entries", "percentiles")
 GOAL_PERCENT = 90.0
 PROSE = """\
-A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), the largest error that was published. *Truth in
-the range*: figures whose range from `low_pose` to `high_pose` holds the truth, with the pose held exactly / off
-by a normal deviate of {sigma:g} deg; {goal:g} % is the goal. *Without*: the same in the range from `low` to
-`high`. {shifts} shifts of 40 minutes of recorded motion and {days} simulated days of 8 h, {devices}. Of 15 deg at
-every angle nothing is asked: the ranges assume that a hanging arm reads right."""
+A fused angle is lowered by 15 deg x min(1, true angle / 90 deg), the largest error that was published.
+*Truth in the range*: figures whose range from `low_pose` to `high_pose` holds the truth, with the pose held
+exactly / off by a normal deviate of {sigma:g} deg; {goal:g} % is the goal. *Without*: the same in the range
+from `low` to `high`. {shifts} shifts of 40 minutes of recorded motion and {days} simulated days of 8 h,
+{devices}. Of 15 deg at every angle nothing is asked: the ranges assume that a hanging arm reads right."""
 
 Lower = Callable[[Float64Array], Float64Array]
 Ranged = tuple[str, Interval, float]
