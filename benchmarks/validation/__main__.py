@@ -6,7 +6,6 @@ Sections: recorded_people, simulated_people, pose_error, gait, tasks, broad, str
 invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes
 the tables that the document leaves out. Days of people are kept in ``--logs`` and not run twice. Needs the
 `bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
-(vqf, ahrs, imufusion). All but the speed section is deterministic.
 """
 
 import argparse
