@@ -46,7 +46,7 @@ def test_poor_data_are_not_told_in_green_and_the_page_says_why_they_are_poor(
     expect(row).to_have_class(re.compile("has-poor"))
     row.get_by_role("link", name="Details and files").click()
 
-    expect(page.locator(".verdict")).to_contain_text("Few hours analysed (less than 2)")
+    expect(page.locator(".verdict")).to_contain_text("Too short: 3 min analysed")
     page.get_by_role("link", name="Say which arm").click()
     expect(page.locator("#correct")).to_be_in_viewport()
 
