@@ -15,7 +15,7 @@ from fusion.diary import DiaryEntry
 from fusion.task_windows import TaskWindow
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
-Language = Literal["en", "fr"]
+Language = Literal["en", "fr", "fr-CA"]
 ReportKind = Literal["html", "pdf"]
 Paper = Literal["a4", "letter"]
 OnStage = Callable[[Stage, float], None]

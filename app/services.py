@@ -1,7 +1,7 @@
 """Composition: the stores, folders and settings that every route works with."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, cast
 
@@ -23,7 +23,7 @@ from app.jobs.results import ResultReader
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.jobs.webhooks import WebhookStore
-from app.report.words.wording import Language
+from app.report.words.wording import EVERY_LANGUAGE, Language
 from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
@@ -191,20 +191,27 @@ def find_services(request: Request) -> Services:
 def choose_language(request: Request) -> Language:
     """Choose French or English: ``?lang=``, else the choice made on the page, else as the browser prefers."""
     chosen = request.query_params.get("lang") or request.cookies.get(LANGUAGE_COOKIE)
-    if chosen in ("en", "fr"):
-        return "fr" if chosen == "fr" else "en"
-    return _prefer(request.headers.get("accept-language", ""))
+    known = next((language for language in EVERY_LANGUAGE if language == chosen), None)
+    return known or prefer_language(request, EVERY_LANGUAGE)
 
 
-def _prefer(header: str) -> Language:
-    """Read ``Accept-Language`` (RFC 9110, 12.5.4); English where neither is asked for."""
-    weights = {"en": 0.0, "fr": 0.0}
-    for part in header.split(","):
+def prefer_language(request: Request, among: Sequence[Language]) -> Language:
+    """Choose the language that the browser prefers by ``Accept-Language`` (RFC 9110, 12.5.4); else the first.
+
+    French of Québec is asked for by name; French of any other place is French.
+    """
+    weights = dict.fromkeys(among, 0.0)
+    for part in request.headers.get("accept-language", "").split(","):
         tag, _, parameters = part.strip().partition(";")
-        language = tag.strip().lower().partition("-")[0]
-        if language in weights:
-            weights[language] = max(weights[language], _read_weight(parameters))
-    return "fr" if weights["fr"] > weights["en"] else "en"
+        place = tag.strip().lower()
+        asked = next(
+            (language for language in among if language.lower() in (place, place.partition("-")[0])), None
+        )
+        if place == "fr-ca" and "fr-CA" in weights:
+            asked = "fr-CA"
+        if asked is not None:
+            weights[asked] = max(weights[asked], _read_weight(parameters))
+    return max(among, key=lambda language: weights[language])
 
 
 def _read_weight(parameters: str) -> float:

@@ -4,9 +4,9 @@ The truth is the exact angle of the simulated arm, through the same counting. A 
 the angle (of the fusion, and of a pose held 3 deg off) and of how the day was sampled in 5-minute blocks. The
 day is the same on both sides here, so that only the first part is put to the test: a range that is wide by
 its second part holds the truth more often than 95 %; one of the sampling alone (speeds) says nothing of an
-error of the angle, and one of the error alone (the most loaded windows, the longest stay) nothing of other
-days. The simulated pose is held exactly; the second count turns the arm's axis away from
-it, in a random direction, by what the range allows for.
+error of the angle, and one of the error alone (the windows with the most time above 60°, the longest
+episode) nothing of other days. The simulated pose is held exactly; the second count turns the arm's axis
+away from it, in a random direction, by what the range allows for.
 """
 
 from collections import Counter

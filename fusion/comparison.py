@@ -73,8 +73,9 @@ lower (Fan et al. 2021)."""
 STATEMENTS = {
     "svendsen": "Svendsen et al. 2004",
     "dalboge": "Dalboge et al. 2022",
+    "seidler": "Seidler et al. 2020, meta-analysis",
     "waersted": "Waersted et al. 2020, review of 34 studies",
-    "nfa": "NFA 2018, 197 workers of 12 occupations",
+    "nfa": "Palm et al. 2018, 197 workers of 12 occupations",
 }
 """Findings of studies of groups: given in words, beside no figure, and never turned into anyone's risk."""
 

@@ -14,6 +14,7 @@ from app.errors import NotHere, list_refusals
 from app.formats import FORMATS, find_added_formats
 from app.report.export.columns import describe_dictionary
 from app.report.words.messages import find_flag_codes
+from app.report.words.wording import is_french
 from app.services import UsedLanguage
 from app.version import installed_readers, software_revision, software_version
 
@@ -75,7 +76,7 @@ def list_formats() -> FormatList:
 @router.get("/dictionary")
 def get_dictionary(language: UsedLanguage) -> Dictionary:
     """Say what every column and field means."""
-    meaning = "french" if language == "fr" else "english"
+    meaning = "french" if is_french(language) else "english"
     names = ("file", "column", "kind", "unit")
     rows = describe_dictionary()
     return Dictionary(

@@ -42,7 +42,7 @@ from app.jobs.store import JobFilter
 from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
-from app.report.words.wording import Language
+from app.report.words.wording import Language, find_nearest
 from app.request import Paper, ReportRequest, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from app.storage.day_file import DAY_NAME
@@ -294,7 +294,9 @@ def _encode_event(view: AnalysisView) -> str:
 EXPORT_NAMES = tuple(name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap")))
 
 
-ReportLanguage = Annotated[Language | None, Query(description="en or fr; else the one asked for first")]
+ReportLanguage = Annotated[
+    Language | None, Query(description="en, fr or fr-CA, or the nearest made; else the one asked for first")
+]
 
 
 @router.get("/analyses", response_model_exclude_unset=True)
@@ -432,7 +434,9 @@ def _serve_report(
 ) -> Response:
     job = services.store.get(analysis_id)
     stem = "answer" if kind == "txt" else "report"
-    return serve_file(request, services, job, f"{stem}.{lang or job.request.languages[0]}.{kind}")
+    made = job.request.languages
+    language = find_nearest(lang, made) if lang else made[0]
+    return serve_file(request, services, job, f"{stem}.{language}.{kind}")
 
 
 def _serve(request: Request, services: Services, analysis_id: str, name: str) -> Response:

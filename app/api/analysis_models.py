@@ -25,7 +25,7 @@ from app.errors import BadParameter
 from app.jobs.job import Job
 from app.report.export.csv import encode_table
 from app.report.words.subject import MAX_TEXT, clean_text
-from app.report.words.wording import Language
+from app.report.words.wording import Language, find_other_language
 from app.request import (
     SUBJECT_HINT,
     WINDOW_HINT,
@@ -230,7 +230,7 @@ class AnalysisOptions(BaseModel):
             slip_times_s=tuple(self.slip_at),
             rate_hz=self.rate_hz,
             profile=write_profile({"sensor": self.sensor}) if self.sensor else "",
-            languages=(first, "en" if first == "fr" else "fr"),
+            languages=(first, find_other_language(first)),
             paper=self.paper or paper,
         )
 

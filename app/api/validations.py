@@ -15,7 +15,7 @@ from app.api.files import serve_file
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_problem
 from app.errors import BadParameter, NotHere
 from app.jobs.job import Job, JobState
-from app.report.words.wording import Language
+from app.report.words.wording import Language, find_nearest
 from app.request import (
     SUBJECT_HINT,
     WINDOW_HINT,
@@ -110,12 +110,16 @@ def get_validation_file(
     name: Literal["validation.json", "validation.csv", "validation.html", "validation.pdf"],
     request: Request,
     services: UsedServices,
-    lang: Annotated[Language | None, Query(description="en or fr; else the one asked for first")] = None,
+    lang: Annotated[
+        Language | None,
+        Query(description="en, fr or fr-CA, or the nearest made; else the one asked for first"),
+    ] = None,
 ) -> Response:
     """Every figure (JSON, CSV) or the sheet (HTML, PDF) of a comparison."""
     job = find_validation(services, validation_id)
     stem, _, kind = name.partition(".")
-    stored = f"{stem}.{lang or choose_language(request)}.{kind}" if kind in {"html", "pdf"} else name
+    language = find_nearest(lang or choose_language(request), job.request.languages)
+    stored = f"{stem}.{language}.{kind}" if kind in {"html", "pdf"} else name
     return serve_file(request, services, job, stored, name)
 
 

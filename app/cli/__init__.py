@@ -10,6 +10,7 @@ import typer
 
 from app.cli.admin import backup, doctor, recover, restore, serve, verify, worker
 from app.cli.compare import compare, pair, validate
+from app.cli.conformance import conformance
 from app.cli.inspection import inspect, version
 from app.cli.run import exposure, run
 from app.cli.samples import demo, simulate
@@ -24,7 +25,7 @@ app = typer.Typer(
 
 for command in (
     *(run, exposure, pair, compare, validate),
-    *(demo, simulate, inspect, version),
+    *(demo, simulate, conformance, inspect, version),
     *(serve, worker, backup, restore, recover, verify, doctor),
 ):
     app.command()(command)

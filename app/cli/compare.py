@@ -75,7 +75,7 @@ def compare(
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
 ) -> None:
-    """Set one day beside another, and say whether the change is larger than days differ anyway."""
+    """Compare two days, and say whether the change exceeds the usual day-to-day variation."""
     kinds = parse_kinds(report)
     asked = ReportRequest("", parse_subject(subject), side, languages=(lang,), paper=paper)
     first = _finish_first(before, out / "before", asked)

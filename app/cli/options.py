@@ -53,7 +53,9 @@ SensorOption = Annotated[
     str, typer.Option("--sensor", metavar="NAME", help="Which sensor of a table of several is on the arm.")
 ]
 PaperOption = Annotated[Paper, typer.Option(help="Paper of the PDF.")]
-LanguageOption = Annotated[Language, typer.Option("--lang", help="Language of the report.")]
+LanguageOption = Annotated[
+    Language, typer.Option("--lang", help="Language of the report; fr-CA: French of Québec.")
+]
 
 
 def read_diary_file(path: Path | None, language: Language) -> tuple[DiaryEntry, ...]:

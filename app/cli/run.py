@@ -89,7 +89,9 @@ def run(
         list[str] | None, typer.Option("--slip-at", metavar="SECONDS", help="When the sensor slipped.")
     ] = None,
     diary: DiaryOption = None,
-    lang: Annotated[Language | None, typer.Option(help="Language of the report  \\[default: en]")] = None,
+    lang: Annotated[
+        Language | None, typer.Option(help="Language of the report; fr-CA: French of Québec  \\[default: en]")
+    ] = None,
     rate_hz: Annotated[float | None, typer.Option(min=1, max=10_000, help="For logs without time.")] = None,
     profile: ProfileOption = None,
     sensor: SensorOption = "",

@@ -1,4 +1,4 @@
-"""The report of a change: whether it is larger than days differ anyway, and what else differs.
+"""The report of a change: whether it is larger than the usual day-to-day variation, and what else differs.
 
 Pure. :func:`describe_comparison` is what ``comparison.json`` and the API give, :func:`build_comparison` the
 report for people; both come from :func:`fusion.comparison.compare_days`.
@@ -93,7 +93,6 @@ def build_comparison(before: Kept, after: Kept, language: Language, *, same_subj
         range_note="",
         figures=(_build_bars(sides, language),)
         + ((build_curves(sides, language),) if can_draw_curves(sides) else ()),
-        references=(),
         limits=limits,
         intended_use=use,
         sections=(_build_changes(compared, words, language), build_sources(sides, language)),

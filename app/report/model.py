@@ -59,17 +59,6 @@ class VerdictLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
-    """A published value beside the measured one, or why the two cannot be compared (``scale`` empty)."""
-
-    name: str
-    source: str
-    statement: str
-    alternative: str
-    scale: str
-
-
-@dataclass(frozen=True, slots=True)
 class Note:
     """A titled paragraph, or several."""
 
@@ -87,6 +76,7 @@ class Section:
     figures: tuple[Chart, ...] = ()
     pairs: tuple[Pair, ...] = ()
     tables: tuple[Table, ...] = ()
+    sources: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +130,8 @@ class Profile:
         What to do next, each by a stated rule.
     not_a_diagnosis
         What the page is not.
+    amendment
+        On paper, that the report replaces another; empty for a first report.
     """
 
     quality: str
@@ -150,6 +142,7 @@ class Profile:
     next_title: str
     next_steps: tuple[str, ...]
     not_a_diagnosis: str
+    amendment: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +153,8 @@ class Report:
     ----------
     sentences
         The answer in three sentences.
-    figures, references
-        Beside the sentences; a report may have no references.
+    figures
+        Beside the sentences.
     pose_caution
         The known one-sided error of the calibration pose, in words beside the figures; may be empty.
     range_note
@@ -189,7 +182,6 @@ class Report:
     pose_caution: str
     range_note: str
     figures: tuple[Chart, ...]
-    references: tuple[Reference, ...]
     limits: Note
     intended_use: Note
     sections: tuple[Section, ...]

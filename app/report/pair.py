@@ -153,7 +153,6 @@ def build_pair(pair: ArmPair, language: Language) -> Report:
         pose_caution=" ".join(filter(None, cautions)),
         range_note=_format_ranges_note(pair, words),
         figures=(_build_bars(pair, words, language), _build_days(pair, sides, language)),
-        references=(),
         limits=limits,
         intended_use=use,
         sections=(

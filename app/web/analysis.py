@@ -19,7 +19,7 @@ from app.jobs.regeneration import retry as retry_job
 from app.jobs.store import JobFilter
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
-from app.report.words.wording import Language, fill, load_device_names, load_wording
+from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
 from app.storage.store import StoredRecording, seems_whole
@@ -200,7 +200,9 @@ def read_answer(services: Services, job: Job, asked: ReportRequest, language: La
         results = find_results(services, job)
         if results is None:
             return shown
-        brief = services.results.read(job, f"answer.{language}.txt").decode()
+        brief = services.results.read(
+            job, f"answer.{find_nearest(language, job.request.languages)}.txt"
+        ).decode()
         shown["answer"] = build_answer(results, brief, language)
         shown["hours"] = build_hours(results, language)
         shown["offers"] = find_offers(

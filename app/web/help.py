@@ -13,7 +13,7 @@ from app.errors import NotHere, find_outcome_of_code, list_refusals
 from app.intake import Intake
 from app.jobs.job import Job
 from app.report.words.messages import describe_flag, describe_problem, find_flag_codes
-from app.report.words.wording import Language, load_wording
+from app.report.words.wording import Language, find_other_language, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.rendering import find_base, render_page
@@ -82,9 +82,12 @@ def take_sample(request: Request, services: UsedServices, language: UsedLanguage
 
 
 def _add_sample(log: Path, services: Services, language: Language) -> Job:
-    other: Language = "en" if language == "fr" else "fr"
     request = ReportRequest(
-        log.name, SAMPLE_SUBJECT, "right", languages=(language, other), paper=services.settings.paper
+        log.name,
+        SAMPLE_SUBJECT,
+        "right",
+        languages=(language, find_other_language(language)),
+        paper=services.settings.paper,
     )
     return Intake(services.store, services.storage, services.settings).add(log, request, "web")
 

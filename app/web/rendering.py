@@ -19,8 +19,8 @@ from starlette.types import Scope
 
 from app.errors import NotHere
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
-from app.report.words.wording import Language, fill, load_wording
-from app.services import LANGUAGE_COOKIE
+from app.report.words.wording import Language, fill, is_french, load_wording
+from app.services import LANGUAGE_COOKIE, prefer_language
 
 # Scripts, styles and drawings of the pages, under an address that changes with them, so that browsers keep
 # them for good. plotly's script comes from the installed package: no page loads anything from another host.
@@ -147,6 +147,7 @@ def find_base(request: Request) -> str:
 
 
 def _turn_language(request: Request, language: Language) -> str:
-    """Give the same page in the other language."""
+    """Give the same page in the other language; French is that of the place that the browser names."""
     kept = {name: value for name, value in request.query_params.items() if name != "lang"}
-    return "?" + urlencode(kept | {"lang": "en" if language == "fr" else "fr"})
+    other = "en" if is_french(language) else prefer_language(request, ("fr", "fr-CA"))
+    return "?" + urlencode(kept | {"lang": other})

@@ -1,4 +1,4 @@
-"""Rest of the upper arm: hanging and slow, and for how long it has none (EXPOSURE.md A3).
+"""Rest of the upper arm: arm down and nearly still, and for how long it has none (EXPOSURE.md A3).
 
 Neutral and slow: elevation under 20 deg and generalised speed under 5 deg/s for 3 s or more without a gap;
 where there is no vertical (a ready angle series) the speed of inclination takes its place. The

@@ -262,17 +262,17 @@ class PartExposure:
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """Time in which the arm recovers: hanging and slow, or slow at any angle.
+    """Time in which the arm recovers: arm down and nearly still, or slow at any angle.
 
     Attributes
     ----------
     neutral_slow_percent, neutral_slow_per_hour
-        Hanging and slow: share of the analysed time, and periods for each analysed hour (None under half an
-        hour).
+        Arm down and nearly still: share of the analysed time, and periods for each analysed hour (None under
+        half an hour).
     slow_percent, slow_per_hour
         Slow at any angle: the same.
     longest_without_s
-        Longest time without a period that is hanging and slow.
+        Longest time without a period that is arm down and nearly still.
     """
 
     neutral_slow_percent: float

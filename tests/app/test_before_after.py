@@ -51,7 +51,8 @@ def test_a_change_above_the_least_detectable_one_is_called_larger() -> None:
 
     assert sentence == (
         "Time above 60° went from 7.6 % to 13.2 % of the analysed time (+5.6 points). "
-        "The change is larger than two days differ anyway (least detectable: 5.5 points)."
+        "The change is larger than the usual day-to-day variation "
+        "(minimal detectable change, 95 %: 5.5 points)."
     )
 
 
@@ -60,8 +61,8 @@ def test_a_change_below_it_is_not() -> None:
 
     assert sentence == (
         "Le temps au-dessus de 60° est passé de 7,6 % à 13,1 % du temps analysé (+5,5 points). "
-        "Le changement n'est pas plus grand que l'écart habituel entre deux jours "
-        "(plus petit décelable : 5,5 points)."
+        "Le changement ne dépasse pas la variation habituelle d'un jour à l'autre "
+        "(changement minimal détectable, 95 % : 5,5 points)."
     )
 
 
@@ -149,7 +150,7 @@ def test_two_people_are_no_change() -> None:
 
     assert (report.verdict.level, report.verdict.label) == ("poor", "Not the same person.")
     assert plain(report.sentences[0]).endswith(
-        "This is no change between two days of one arm of one person, so that none is judged."
+        "These are not two days of one arm of one person, so no judgement is made."
     )
 
 
@@ -186,11 +187,11 @@ def test_a_recording_beside_itself_is_said_to_be_no_change(language: Language) -
         "fr": "Les deux sont le même enregistrement.",
     }
     assert plainly[language] in told
-    assert {"en": "none is judged", "fr": "il n'est donc pas jugé"}[language] in told
+    assert {"en": "no judgement is made", "fr": "aucune conclusion n'est tirée"}[language] in told
 
 
 def test_the_left_arm_beside_the_right_is_said_to_be_no_change() -> None:
     report = report_of(kept_with(20.0, side="left"))
 
     assert report.verdict.label == "Not the same arm."
-    assert "none is judged" in report.sentences[0]
+    assert "no judgement is made" in report.sentences[0]

@@ -93,7 +93,7 @@ def test_the_ranges_stand_behind_the_figures() -> None:
 
     assert "above 60° for 4.0 % (2.5–6.0 %) and the right arm for 10.0 % of" in sentences[0]
     assert "(right to left 2.50, range 1.20–4.12)" in sentences[0]
-    assert sentences[1] == "Both arms were above 60° at once for 2.5 % (1.0–4.5 %) of that time."
+    assert sentences[1] == "Both arms were above 60° at the same time for 2.5 % (1.0–4.5 %) of that time."
 
 
 def test_the_ranges_stand_under_the_figures_of_the_table() -> None:
@@ -120,7 +120,10 @@ def test_the_ranges_stand_in_the_document() -> None:
     ("shared", "told"),
     [
         (RANGED, "95 % ranges in brackets"),
-        (replace(SHARED, shared_s=1799.0), "Less than half an hour was analysed of both arms at once"),
+        (
+            replace(SHARED, shared_s=1799.0),
+            "Less than half an hour was analysed of both arms at the same time",
+        ),
         (SHARED, "No range is given"),
     ],
     ids=["known", "short", "unknown"],
@@ -135,7 +138,7 @@ def test_the_answer_tells_both_arms_and_the_time_at_once() -> None:
             "In the 1 h in which both arms were analysed, the left arm was above 60° for 4.0 % and the right "
             "arm for 10.0 % of the time (right to left 2.50); above 90° for 1.0 % and 3.0 %."
         ),
-        "Both arms were above 60° at once for 2.5 % of that time.",
+        "Both arms were above 60° at the same time for 2.5 % of that time.",
         "The median elevation was 20° on the left and 30° on the right.",
     ]
 
@@ -154,10 +157,12 @@ def test_the_offset_of_the_clocks_is_seen_at_the_head_of_the_page() -> None:
     assert header["Right began after left"] == "+1 min 20 s"
 
 
-def test_nothing_but_the_clocks_vouches_for_the_offset_and_that_is_said() -> None:
+def test_only_the_clocks_give_the_offset_and_that_is_said() -> None:
     told = plain(report_of(make_pair(-80.0)).pose_caution)
 
-    assert told.startswith("The right recording began 1 min 20 s before the left. This is what the clocks")
+    assert told.startswith(
+        "The right recording began 1 min 20 s before the left. The clocks of the two devices"
+    )
 
 
 def test_no_ratio_is_told_where_the_left_arm_was_never_up() -> None:

@@ -47,7 +47,7 @@ def test_the_caveats_with_words_are_those_declared(language: Language) -> None:
 def test_the_words_of_a_caveat_name_only_facts_declared(caveat: Caveat) -> None:
     words = load_wording("en")["flag"][caveat]
 
-    assert set(re.findall(r"{(\w+)", words["title"] + words["detail"])) <= caveat.fact_meanings.keys()
+    assert set(re.findall(r"{(\w+)", words["title"] + words["detail"])) <= {*caveat.fact_meanings, "lasted"}
 
 
 def test_a_caveat_is_given_with_facts_declared() -> None:

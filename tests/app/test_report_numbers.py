@@ -30,7 +30,7 @@ def test_percent_has_one_decimal_always() -> None:
 
 
 def test_french_has_the_decimal_comma() -> None:
-    assert format_percent(7.6, "fr") == f"7,6{N}%"
+    assert format_percent(7.6, "fr") == "7,6\u00a0%"
 
 
 def test_thousands_are_grouped_with_a_narrow_space() -> None:

@@ -11,6 +11,7 @@ from pypdf import PageObject, PdfReader
 
 from app.report.analysis.report import build_report
 from app.report.export.results import encode_results
+from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
 from app.request import Paper
@@ -87,6 +88,12 @@ def find_lowest_text(page: PageObject) -> float:
 
     page.extract_text(visitor_text=note)
     return min(place for place in places if place > FOOTER)
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_appendix_of_a_day_is_four_pages_and_the_bibliography(paper: Paper, language: Language) -> None:
+    assert len(PdfReader(io.BytesIO(pdf_of(language, paper))).pages) <= 6
 
 
 @pytest.mark.parametrize("paper", PAPERS)
@@ -247,3 +254,15 @@ def test_the_heat_map_is_told_to_those_who_do_not_see_it() -> None:
     heat = next(s for s in report.sections if s.key == "spread").figures[1]
 
     assert heat.alternative.count("2.2") == 45
+
+
+def test_the_french_of_quebec_reaches_the_page_and_the_pdf() -> None:
+    shift = replace(make_exposure(), peak_windows=(PeakWindow(900, None, None),))
+    report = build_report(make_analysis(exposure=shift), make_subject(), "fr-CA")
+    document = render_pdf(report, {})
+
+    assert '<html lang="fr-CA">' in render_html(report).decode()
+    assert catalogue_of(document)["/Lang"] == "fr-CA"
+    told = " ".join(report.sentences)
+    assert "30\u00a0par heure); plus longue durée" in told.replace("30 par", "30\u00a0par")
+    assert "\u202f;" not in told

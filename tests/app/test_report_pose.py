@@ -200,7 +200,7 @@ def test_findings_of_an_earlier_version_are_read() -> None:
 
     told = told_of_method(report_of(analysis=findings))
     assert told["Axis of the arm"] == "window proposed by the software"
-    assert told["Gyroscope offset, x y z"] == "0.310 ; −0.120 ; 0.070 °/s"
+    assert told["Gyroscope offset, x y z"] == "0.310; −0.120; 0.070 °/s"
     assert "Standard deviation of the axis" not in told
 
 

@@ -329,12 +329,33 @@ DAYS: dict[str, Callable[[], Findings]] = {
     ),
     "crowded": crowded_day,
     "without a clock": lambda: make_analysis(start=None),
+    "crowded and amended": crowded_day,
 }
+AMENDED = replace(
+    make_subject(),
+    version=3,
+    changes=("diary", "side", "pose"),
+    reason="The diary was of the day before, and the arms were exchanged in the protocol of the visit. " * 2,
+)
 
 
 def print_of(day: str, language: Language, paper: Paper) -> tuple[Report, bytes]:
-    report = build_report(DAYS[day](), make_subject(), language)
+    subject = AMENDED if day == "crowded and amended" else make_subject()
+    report = build_report(DAYS[day](), subject, language)
     return report, render_pdf(report, {}, paper)
+
+
+def test_an_amended_report_says_so_on_page_1_and_why_behind_it() -> None:
+    report, document = print_of("crowded and amended", "en", "a4")
+    first, second = (flatten(page.extract_text()) for page in PdfReader(io.BytesIO(document)).pages[:2])
+
+    assert flatten("Version 3 replaces version 2: page 2 says why.") in first
+    assert flatten(report.amendment) in second
+    assert "exchanged in the protocol" in report.amendment
+
+
+def flatten(text: str) -> str:
+    return re.sub(r"\s", "", text)
 
 
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler (pdftotext) is not installed")

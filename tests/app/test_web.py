@@ -68,8 +68,25 @@ def test_a_choice_of_language_is_remembered(client: TestClient) -> None:
     assert 'lang="fr"' in client.get("/", headers={"accept-language": "en"}).text
 
 
-def test_without_a_choice_the_browsers_language_is_taken(client: TestClient) -> None:
-    assert '<html lang="fr">' in client.get("/", headers={"accept-language": "fr-CA"}).text
+@pytest.mark.parametrize(
+    ("asked", "given"),
+    [
+        ("fr-CA,fr;q=0.9,en;q=0.8", "fr-CA"),
+        ("fr-BE", "fr"),
+        ("fr;q=0.9,fr-CA;q=0.5", "fr"),
+        ("en-CA,fr-CA;q=0.5", "en"),
+        ("de", "en"),
+    ],
+)
+def test_without_a_choice_the_browsers_language_is_taken(client: TestClient, asked: str, given: str) -> None:
+    assert f'<html lang="{given}">' in client.get("/", headers={"accept-language": asked}).text
+
+
+def test_the_french_of_quebec_can_be_asked_for_by_name(client: TestClient) -> None:
+    page = client.get("/?lang=fr-CA").text
+
+    assert '<html lang="fr-CA">' in page
+    assert 'href="?lang=en"' in page
 
 
 def test_a_waiting_recording_shows_two_bars_and_can_be_cancelled(client: TestClient, add_job: AddJob) -> None:
@@ -111,7 +128,7 @@ def test_the_analysis_page_shows_the_figures_as_the_report_writes_them(
 
     page = client.get(f"/analyses/{job.id}?lang=fr").text
 
-    assert "12,3\u202f%" in page
+    assert "12,3\u00a0%" in page
     assert "7\u202fh\u00a042\u202fmin" in page
 
 

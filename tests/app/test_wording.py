@@ -10,7 +10,7 @@ import pytest
 
 import app.errors
 from app.report.words.messages import describe_flag, describe_problem
-from app.report.words.wording import LANGUAGES, Language, Part, fill, load_wording, set_spaces
+from app.report.words.wording import LANGUAGES, Language, Part, fill, find_nearest, load_wording, set_spaces
 from fusion.errors import FusionError
 from fusion.recording import QualityFlag
 
@@ -218,7 +218,7 @@ def test_a_part_of_a_sentence_whose_fact_is_unknown_is_left_out() -> None:
 def test_a_fixed_term_of_the_code_is_told_in_the_language() -> None:
     problem = describe_problem("E-ZIP-UNSAFE", {"reason": "encrypted"}, "fr")
 
-    assert problem.detail == "L’archive n’est pas ouverte\u202f: elle est chiffrée."
+    assert problem.detail == "L’archive n’est pas ouverte\u00a0: elle est chiffrée."
 
 
 def test_facts_from_a_file_are_only_text() -> None:
@@ -244,10 +244,68 @@ def test_a_caveat_of_an_earlier_version_still_has_words(code: str, language: Lan
     assert describe_flag(QualityFlag(code), language).detail != ""
 
 
-def test_french_punctuation_has_narrow_spaces() -> None:
-    assert set_spaces("« L'arc » : 5 % ; oui ?", "fr") == (
-        "«\u202fL’arc\u202f»\u202f: 5\u202f%\u202f; oui\u202f?"
+@pytest.mark.parametrize(
+    ("language", "told"),
+    [
+        ("en", "A (5\u202f%): 20\u00a0h; yes?"),
+        ("fr", "«\u00a0L’arc\u00a0»\u00a0: 5\u00a0%\u202f; oui\u202f? non\u202f!"),
+        ("fr-CA", "«\u00a0L’arc\u00a0»\u00a0: 5\u00a0%; oui? non!"),
+    ],
+)
+def test_each_language_has_its_own_spaces_before_punctuation(language: Language, told: str) -> None:
+    typed = "A (5 %): 20 h; yes?" if language == "en" else "« L'arc » : 5 % ; oui ? non !"
+
+    assert set_spaces(typed, language) == told
+
+
+def test_quebec_says_quart_where_france_says_poste() -> None:
+    assert set_spaces("Poste : la moitié du poste, deux postes à poste fixe", "fr-CA") == (
+        "Quart\u00a0: la moitié du quart, deux quarts à quart fixe"
     )
+
+
+def walk_french(language: Language) -> Iterator[str]:
+    """Every text of people in a French: the meanings of columns are read by programs and stay as typed."""
+    for part in get_args(Part):
+        if part != "tables":
+            yield from (text for _, text in walk_texts(load_wording(language, part)))
+
+
+def test_no_french_text_of_france_has_a_plain_space_before_its_punctuation_or_a_quart() -> None:
+    wrong = r" [;:!?%»]|« |[^\s\u202f][;!?](?=\s)|\u202f[:%»]|\bquarts?\b(?! d)"
+
+    assert [text for text in walk_french("fr") if re.search(wrong, text)] == []
+
+
+def test_no_french_text_of_quebec_has_a_space_before_a_semicolon_or_a_poste() -> None:
+    wrong = r"\s[;!?]|« | [:%»]|\u202f[:%»]|\bpostes?\b"
+
+    assert [text for text in walk_french("fr-CA") if re.search(wrong, text, re.IGNORECASE)] == []
+
+
+def test_both_frenches_hold_the_same_texts() -> None:
+    keys = [
+        [path for part in get_args(Part) for path, _ in walk_texts(load_wording(language, part))]
+        for language in ("fr", "fr-CA")
+    ]
+
+    assert keys[0] == keys[1]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "made", "chosen"),
+    [
+        ("fr-CA", ("en", "fr-CA"), "fr-CA"),
+        ("fr-CA", ("en", "fr"), "fr"),
+        ("fr", ("en", "fr-CA"), "fr-CA"),
+        ("fr", ("en",), "en"),
+        ("en", ("fr", "en"), "en"),
+    ],
+)
+def test_a_language_that_was_not_made_is_served_by_the_nearest(
+    wanted: Language, made: tuple[Language, ...], chosen: Language
+) -> None:
+    assert find_nearest(wanted, made) == chosen
 
 
 def test_both_languages_hold_the_same_words_of_the_page() -> None:

@@ -53,3 +53,20 @@ def test_axe_finds_nothing(
 
     page.close()
     assert [(item["id"], item["nodes"][0]["html"][:120]) for item in found] == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_values_of_the_tiles_stand_on_one_line_without_our_font(
+    language: Language, browser: Browser
+) -> None:
+    page = browser.new_page(viewport={"width": 1000, "height": 900}, bypass_csp=True)
+    page.set_content(render_html(REPORTS["one arm"](language)).decode())
+    page.add_style_tag(content="body { font-family: 'DejaVu Sans', Verdana, sans-serif; }")
+
+    tops = page.eval_on_selector_all(
+        ".tile .value", "tiles => tiles.map(tile => tile.getBoundingClientRect().top)"
+    )
+
+    page.close()
+    assert len(tops) == 4
+    assert max(tops) - min(tops) < 1

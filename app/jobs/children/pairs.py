@@ -22,6 +22,7 @@ from app.errors import RecordedProblem
 from app.jobs.children.attempt import Attempt, choose_limits, make_now
 from app.jobs.job import Job
 from app.jobs.results import ResultReader
+from app.report.words.wording import find_nearest
 from app.request import Language, OnStage, PairRequest, ReportRequest
 from app.settings import Settings
 from app.storage.store import hash_file
@@ -81,8 +82,8 @@ class PairReport:
     request: PairRequest
 
     def find(self, stem: str, kind: str, language: Language) -> Path:
-        """Give the place of the report or the answer in a language: ``report.en.pdf``, ``answer.fr.txt``."""
-        return self.folder / f"{stem}.{language}.{kind}"
+        """Give the place of the report or the answer: ``report.en.pdf``; in the nearest language made."""
+        return self.folder / f"{stem}.{find_nearest(language, self.request.languages)}.{kind}"
 
     def read_figures(self) -> dict[str, Any]:
         """Read the figures as ``pair.json`` or ``comparison.json`` holds them."""

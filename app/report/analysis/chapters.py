@@ -9,6 +9,7 @@ from itertools import accumulate
 from app.report.analysis.charts import build_parts, build_spread, is_drawable
 from app.report.analysis.day import format_reason
 from app.report.analysis.tables import build_measures
+from app.report.bibliography import format_bibliography
 from app.report.export.results import SCHEMA, identify_report
 from app.report.findings import CalibrationFacts, Findings, StillFacts
 from app.report.model import Pair, Section, Table, VerdictLine
@@ -26,9 +27,10 @@ from app.report.words.numbers import (
     format_number,
     format_percent,
     format_rate,
+    percent_sign,
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill, find_device_name
+from app.report.words.wording import Language, Words, fill, find_device_name, join_clauses
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
 from fusion.conventions import UNHELD
 from fusion.exposure.types import LEAST_RANGED_S, Exposure, Interval, PartExposure
@@ -65,17 +67,24 @@ def _format_published(reference: Reference, language: Language) -> str:
 
 
 def _format_value(value: float, reference: Reference, language: Language, decimals: int) -> str:
-    sign = {"percent": f"{NARROW}%", "deg": "°", "dps": "°/s", "h": f"{NARROW}h"}[reference.unit]
+    sign = {"percent": percent_sign(language), "deg": "°", "dps": "°/s", "h": f"{NARROW}h"}[reference.unit]
     return f"{format_number(value, 0 if reference.unit == 'deg' else decimals, language)}{sign}"
 
 
 def _format_why(compared: tuple[Compared, ...], words: Words) -> str:
-    """Give the reason why no reference has a measured value beside it, where all have the same one."""
-    reasons = {item.reason for item in compared} - {"not computed"}
-    if not reasons or "" in reasons:
-        return ""
-    why = words["comparison"]["reason"][sorted(reasons)[0]]
-    return fill(words["comparison"]["does_not_apply"], {"reason": why})
+    """Give the reason why no reference has a measured value beside it, or why the speed has none."""
+    reasons, told = {item.reason for item in compared} - {"not computed"}, words["comparison"]
+    if reasons and "" not in reasons:
+        return fill(told["does_not_apply"], {"reason": told["reason"][min(reasons)]})
+    if any(item.reason == "not computed" and item.reference.key == "velocity" for item in compared):
+        name, why = words["reference"]["velocity"]["name"], told["reason"]["not_computed_velocity"]
+        return f"{name} – {fill(told['does_not_apply'], {'reason': why})}"
+    return ""
+
+
+def _build_bibliography(words: Words) -> Section:
+    entry = words["bibliography"]
+    return Section("bibliography", entry["title"], sources=format_bibliography())
 
 
 # ------------------------------------------------------------------ what limits the figures
@@ -160,7 +169,7 @@ def format_quality(findings: Findings, words: Words, language: Language) -> str:
     if not counted:
         return str(words["profile"]["no_fault"])
     more = len(counted) - MOST_REASONS
-    told = "; ".join(counted[:MOST_REASONS]).replace("; ", "\u00a0; " if language == "fr" else "; ")
+    told = join_clauses(counted[:MOST_REASONS], language)
     facts = {"reasons": told[0].upper() + told[1:], "more": str(more) if more > 0 else ""}
     return fill(words["profile"]["reasons"], facts)
 
@@ -173,15 +182,15 @@ def _format_reasons(findings: Findings, words: Words, language: Language) -> str
         return ""
     caveat = describe_flag(counted[0], language)
     told = f"{caveat.title}. {caveat.detail}" if caveat.detail else caveat.title
-    others = "; ".join(_format_flag(flag, language) for flag in counted[1:])
-    others = others.replace("; ", "\u00a0; ") if language == "fr" else others
+    others = join_clauses((_format_flag(flag, language) for flag in counted[1:]), language)
     return f"{told} {fill(words['heading']['also'], {'others': others})}" if others else told
 
 
 def _format_flag(flag: QualityFlag, language: Language) -> str:
     title = describe_flag(flag, language).title
     title = title[0].lower() + title[1:]
-    return f"{title} ({format_duration(flag.seconds, language)})" if flag.seconds else title
+    lasted = format_duration(flag.seconds, language) if flag.seconds else ""
+    return f"{title} ({lasted})" if lasted and lasted not in title else title
 
 
 def _format_not_analysed(findings: Findings, words: Words, language: Language) -> str:
@@ -214,6 +223,8 @@ def _sum_exclusions(findings: Findings) -> dict[str, int]:
 SHORTEST_HOUR_S = 1.0
 SHORTEST_RATED_S = 600.0
 """In less than ten minutes of an hour or a period a rate per hour would only be a small count multiplied."""
+MOST_PARTS = 14
+"""Hours, periods or tasks in a table of the report; the CSV holds all."""
 LONGEST_NAME = 60
 """Of a period in its table; results.json and periods.csv hold the whole label."""
 
@@ -242,8 +253,13 @@ def build_sections(
         _build_quality(findings, clock, words),
         _build_method(findings, clock, words),
         _build_provenance(findings, subject, clock, words),
+        _build_bibliography(words),
     )
-    return tuple(section for section in sections if section.pairs or section.tables or section.figures)
+    return tuple(
+        section
+        for section in sections
+        if section.pairs or section.tables or section.figures or section.sources
+    )
 
 
 def _list_pose_ranges(findings: Findings, words: Words) -> tuple[str, ...]:
@@ -320,12 +336,13 @@ def _tabulate_parts(
 ) -> Table:
     language = clock.language
     rows: list[tuple[str, ...]] = []
-    for name, part in parts:
+    for name, part in parts[:MOST_PARTS]:
         rows += [
             _build_part_row(name, part, entry, language),
             *_build_part_ranges(part, range_name, language),
         ]
-    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=entry["note"])
+    cut = {"shown": str(MOST_PARTS), "all": str(len(parts))} if len(parts) > MOST_PARTS else {}
+    return Table(entry["caption"], tuple(entry["columns"]), tuple(rows), note=fill(entry["note"], cut))
 
 
 def _build_part_row(name: str, part: PartExposure, entry: Words, language: Language) -> tuple[str, ...]:
@@ -486,7 +503,7 @@ def _describe_calibration(findings: Findings, clock: Clock, words: Words) -> tup
         (entry["pose"], "" if settings.arm_axis else words["pose"][calibration.pose]),
         (entry["window"], _format_still(calibration.still, clock, words)),
         (entry["second"], _format_still(calibration.second, clock, words)),
-        (entry["repeats"], "; ".join(repeats)),
+        (entry["repeats"], join_clauses(repeats, clock.language)),
         (entry["repeat"], _format_angle_of(calibration.repeat_deg, clock.language)),
         (entry["slips"], ", ".join(slips)),
         (entry["walking"], _format_walking(calibration, clock.language)),
@@ -521,7 +538,7 @@ def _format_score(still: StillFacts | None, language: Language) -> str:
 
 
 def _format_vector(values: tuple[float, ...], language: Language) -> str:
-    return " ; ".join(format_number(value, 3, language) for value in values)
+    return join_clauses((format_number(value, 3, language) for value in values), language)
 
 
 def _format_repeat(still: StillFacts, clock: Clock, words: Words) -> str:

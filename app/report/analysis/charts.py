@@ -10,7 +10,7 @@ from math import isfinite, nan
 import numpy as np
 
 from app.report.analysis.day import MAIN_THRESHOLD_DEG, Block, Day, build_timeline
-from app.report.charts.bars import PartRow, Slice, draw_bar, draw_parts
+from app.report.charts.bars import PartRow, PartWords, Slice, draw_bar, draw_parts
 from app.report.charts.day import DayLabels, draw_day
 from app.report.charts.distribution import Distribution, HeatMap, MarkedPercentile, draw_apdf, draw_eva
 from app.report.charts.svg import NARROW, WIDE
@@ -23,8 +23,9 @@ from app.report.words.numbers import (
     format_duration,
     format_number,
     format_percent,
+    percent_sign,
 )
-from app.report.words.wording import Language, Words, fill
+from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.exposure.types import Eva, Exposure, PartExposure
 
 MARKED_PERCENTILES = (10, 50, 90, 99)
@@ -143,7 +144,9 @@ def build_bar(exposure: Exposure, words: Words, language: Language) -> Chart:
     """Build the stacked bar of time in the classes of elevation."""
     slices = _slice_exposure(exposure, language)
     entry = words["bar"]
-    told = "; ".join(f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices)
+    told = join_clauses(
+        (f"{s.range_label}, {s.duration_label} ({s.percent_label})" for s in slices), language
+    )
     described = fill(entry["alternative"], {"list": told})
     title = (entry["title"], described)
     rows = tuple((s.range_label, s.duration_label, s.percent_label) for s in slices)
@@ -189,8 +192,9 @@ def _build_labels(findings: Findings, day: Day, words: Words) -> DayLabels:
         "p10": format_angle(findings.exposure.percentiles_deg.get(10), clock.language),
         "p50": format_angle(findings.exposure.percentiles_deg.get(50), clock.language),
         "p90": format_angle(findings.exposure.percentiles_deg.get(90), clock.language),
-        "marks": "; ".join(
-            f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks
+        "marks": join_clauses(
+            (f"{m.label}, {clock.format(m.start_s)}–{clock.format(m.end_s)}" for m in day.marks),
+            clock.language,
         ),
     }
     return replace(
@@ -234,14 +238,15 @@ def build_parts(
     """Build one stacked bar for each hour (``key`` "hours") or period of the diary ("periods")."""
     entry = words[key]
     rows = [_stack_part(name, part, entry, language) for name, part in parts if is_shown(part)]
-    told = "; ".join(f"{row.name}, {row.label or row.left_out}" for row in rows)
+    told = join_clauses((f"{row.name}, {row.label or row.left_out}" for row in rows), language)
     title = (entry["title"], fill(entry["alternative"], {"list": told}))
-    classes = format_classes(SHOWN_EDGES_DEG, "°")
+    classes, sign = format_classes(SHOWN_EDGES_DEG, "°"), percent_sign(language)
+    labels = PartWords(title, tuple(classes), ("0", f"50{sign}", f"100{sign}"))
     return Chart(
         title=entry["title"],
         alternative=title[1],
-        wide=draw_parts(key, rows, classes, title, WIDE),
-        narrow=draw_parts(key, rows, classes, title, NARROW),
+        wide=draw_parts(key, rows, labels, WIDE),
+        narrow=draw_parts(key, rows, labels, NARROW),
         table=Table(entry["title"], (entry["column"], *classes), _tabulate_rows(rows, language)),
     )
 

@@ -13,7 +13,6 @@ from app.report.charts.profile import Doubt, Sureness, TileScale, draw_sureness,
 from app.report.findings import Findings
 from app.report.model import Drawing, Profile, Table, Tile
 from app.report.words.numbers import (
-    NARROW,
     NONE,
     Clock,
     format_duration,
@@ -21,9 +20,10 @@ from app.report.words.numbers import (
     format_percent,
     format_range,
     format_rate,
+    percent_sign,
 )
 from app.report.words.subject import ReportSubject, clean_text, cut_text
-from app.report.words.wording import Language, Words, fill
+from app.report.words.wording import Language, Words, fill, join_clauses
 from fusion.comparison import BETWEEN_DAY_SD, WHOLE_DAY_S, find_detectable_change
 from fusion.conventions import UNHELD
 from fusion.exposure.types import Interval, PartExposure, PeakWindow
@@ -73,7 +73,16 @@ def build_profile(findings: Findings, subject: ReportSubject, clock: Clock, word
         next_title=page.entry["next"]["title"],
         next_steps=_list_next_steps(blocks if tasks else (), subject, page),
         not_a_diagnosis=page.entry["not_a_diagnosis"],
+        amendment=_format_amendment(subject, words),
     )
+
+
+def _format_amendment(subject: ReportSubject, words: Words) -> str:
+    """Write that a report replaces an earlier one; what changed and why need a page of their own."""
+    if subject.version < 2:
+        return ""
+    versions = {"version": str(subject.version), "earlier": str(subject.version - 1)}
+    return fill(words["heading"]["amended_short"], versions)
 
 
 # ------------------------------------------------------------------ tiles
@@ -180,7 +189,7 @@ def _name_source(threshold: int, page: _Page) -> str:
 def _format_published(values: Sequence[float], language: Language) -> str:
     """Write a published value, or a range of two, with the digits it was published with."""
     told = "–".join(format_number(v, 0 if v >= 10 else 1, language) for v in values)
-    return f"{told}{NARROW}%" if told else ""
+    return told + percent_sign(language) if told else ""
 
 
 # ------------------------------------------------------------------ tasks
@@ -262,7 +271,7 @@ def _build_sureness(page: _Page) -> Drawing:
         return Drawing(entry["title"], "", "", entry["none"][choose_ranges(findings)])
     largest = max(doubt.span[1] for doubt in doubts if doubt.span)
     end = min(extend_scale(20.0, max(1.1 * above.percent, 1.05 * largest)), 100.0)
-    told = "; ".join(f"{doubt.name}, {doubt.told}" for doubt in doubts)
+    told = join_clauses((f"{doubt.name}, {doubt.told}" for doubt in doubts), page.language)
     alternative = fill(
         entry["alternative"], {"value": format_percent(above.percent, page.language), "list": told}
     )

@@ -15,7 +15,6 @@ from app.report.analysis.chapters import (
 )
 from app.report.analysis.charts import build_bar
 from app.report.analysis.day import MAIN_THRESHOLD_DEG, WORST_WINDOW_S
-from app.report.analysis.norms import compare_with_references
 from app.report.analysis.profile import build_profile
 from app.report.export.results import identify_report
 from app.report.findings import Findings
@@ -99,7 +98,7 @@ def _choose_entries(entries: Entries) -> str:
 
 
 def _format_longest(episodes: Episodes, ranges: Mapping[str, Interval], teller: SentenceContext) -> str:
-    """Write how long the longest stay was, with its range, and when it began where that is known."""
+    """Write the longest continuous time above 60°, with its range, and when it began where that is known."""
     if not episodes.longest_s:
         return ""
     interval = ranges.get(f"episodes_above_{MAIN_THRESHOLD_DEG}_longest_s")
@@ -153,7 +152,6 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         range_note=words["ranges"][choose_ranges(findings)],
         pose_caution=format_pose_caution(findings, words),
         figures=(build_bar(findings.exposure, words, language),),
-        references=compare_with_references(findings, words, language),
         limits=_build_limits(findings, words),
         intended_use=Note(words["intended_use"]["title"], (words["intended_use"]["text"],)),
         sections=build_sections(findings, subject, clock, words),

@@ -45,12 +45,12 @@ def build_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Tabl
     tables = (
         _tabulate_bins(exposure.bins, entry, language),
         _tabulate_above(exposure.time_above, entry, language),
+        _tabulate_cycles(exposure, entry, language),
+        _tabulate_windows(exposure, entry, clock),
         _tabulate_percentiles(exposure, entry, language),
         _tabulate_entries(exposure, entry, language),
-        _tabulate_cycles(exposure, entry, language),
-        _tabulate_velocities(exposure, entry, language),
-        _tabulate_windows(exposure, entry, clock),
         _tabulate_long_stays(exposure, entry["long_stays"], language),
+        _tabulate_velocities(exposure, entry, language),
         _tabulate_rest(exposure, entry["recovery"], language),
         _tabulate_variation(exposure, entry["variation"], language),
         _tabulate_conventions(exposure, entry["conventions"], language),
@@ -248,7 +248,7 @@ def _tabulate_conventions(exposure: Exposure, entry: Words, language: Language) 
         (
             entry["name"][convention.key],
             f"{part.lower_deg:g}–{part.upper_deg:g}°",
-            *_format_share(part, language),
+            *_format_share(part, language)[1:],
         )
         for convention in CONVENTIONS
         for part in exposure.conventions.get(convention.key, ())

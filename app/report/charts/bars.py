@@ -1,10 +1,10 @@
-"""Static charts as SVG: the stacked bar and the reference scales.
+"""Static charts as SVG: the stacked bar, and one bar for each part of the day.
 
 The same strings stand in the HTML and in the PDF. Elevation is a single-hue ramp from light to dark; what
 is pointed at is vermillion and always doubled by a shape or a word, so that grey paper loses nothing.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.report.charts import svg
@@ -32,6 +32,15 @@ class PartRow:
 
 
 @dataclass(frozen=True, slots=True)
+class PartWords:
+    """Title and description, names of the classes, and the scale's numbers: none, half and all."""
+
+    title: tuple[str, str]
+    classes: tuple[str, ...]
+    percents: tuple[str, str, str]
+
+
+@dataclass(frozen=True, slots=True)
 class _Sheet:
     left_px: float
     right_px: float
@@ -40,18 +49,26 @@ class _Sheet:
     bar_top_px: float
 
 
-def draw_parts(
-    key: str, rows: Sequence[PartRow], classes: Sequence[str], words: tuple[str, str], width_px: float
-) -> str:
+def draw_parts(key: str, rows: Sequence[PartRow], words: PartWords, width_px: float) -> str:
     """Draw a stacked bar for each part, all to one scale; at its end the share at or above 60 deg."""
     sheet = _lay_out(rows, width_px)
     own_key = f"{key}{width_px:.0f}"
     body = [svg.define_hatch(own_key), svg.text(width_px, 10, "≥ 60°", "soft", "end")]
     for rank, row in enumerate(rows):
         body += _draw_row(row, 14 + rank * sheet.row_height_px, sheet, own_key)
-    bottom = len(rows) * sheet.row_height_px + 30
-    keys, height = _draw_keys(classes, sheet.left_px, bottom, width_px)
-    return svg.picture(width_px, height, own_key, words, [*body, *keys])
+    bottom = len(rows) * sheet.row_height_px + 28
+    keys, height = _draw_keys(words.classes, sheet.left_px, bottom + 18, width_px)
+    scale = _number_scale(sheet, bottom, words.percents)
+    return svg.picture(width_px, height, own_key, words.title, [*body, *scale, *keys])
+
+
+def _number_scale(sheet: _Sheet, y_px: float, percents: tuple[str, str, str]) -> list[str]:
+    """Write 0, 50 and 100 % of a part's time under the bars."""
+    middle = (sheet.left_px + sheet.right_px) / 2
+    places = ((sheet.left_px, "start"), (middle, "middle"), (sheet.right_px, "end"))
+    return [
+        svg.text(x, y_px, told, "soft", anchor) for (x, anchor), told in zip(places, percents, strict=True)
+    ]
 
 
 def _lay_out(rows: Sequence[PartRow], width_px: float) -> _Sheet:
@@ -165,65 +182,3 @@ def _bar_legend(slices: Sequence[Slice], width_px: float, columns: int) -> list[
             body.append(svg.text(width_px - 100, y, item.percent_label, "ink", "end"))
             body.append(svg.text(width_px, y, item.duration_label, "soft", "end"))
     return body
-
-
-# ------------------------------------------------------------------ the reference scales
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """A reference beside a measured value. ``low`` is None for a single reference mark, else a range.
-
-    The scale goes from 0 to ``end``; ``end_labels`` name both.
-    """
-
-    key: str
-    words: tuple[str, str]
-    end: float
-    end_labels: tuple[str, str]
-    low: float | None
-    high: float
-    high_label: str
-    measured: float
-    measured_label: str
-    interval: tuple[float, float] | None = None
-
-
-def draw_scale(scale: Scale, width_px: float = 230.0) -> str:
-    """Draw a horizontal scale: the reference as a tick (or a range), the measured value as a diamond.
-
-    The interval of the measured value is a thick line under the diamond.
-    """
-    margins = [svg.estimate_width(label) + 6 for label in scale.end_labels]
-    left, right, y = margins[0], width_px - margins[1], 20.0
-
-    def x(value: float) -> float:
-        return left + (right - left) * min(max(value / scale.end, 0.0), 1.0)
-
-    rule = f'class="rule" stroke="{svg.SOFT}" stroke-width="1"'
-    body = [svg.line(left, y, right, y, rule), *_draw_reference(scale, x(scale.high), y, x)]
-    for place, label, anchor in zip((0.0, width_px), scale.end_labels, ("start", "end"), strict=True):
-        body.append(svg.text(place, y + 4, label, anchor=anchor))
-    if scale.interval is not None:
-        low, high = (x(value) for value in scale.interval)
-        body.append(svg.line(low, y, high, y, f'class="median" stroke="{svg.RAMP[3]}" stroke-width="3.5"'))
-    at = x(scale.measured)
-    diamond = f"M{svg.number(at)} {svg.number(y - 5.5)}l5.5 5.5l-5.5 5.5l-5.5 -5.5Z"
-    body.append(svg.path(diamond, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'))
-    half = svg.estimate_width(scale.measured_label) / 2
-    body.append(
-        svg.text(min(max(at, half), width_px - half), y + 17, scale.measured_label, "strong", "middle")
-    )
-    return svg.picture(width_px, 40, scale.key, scale.words, body)
-
-
-def _draw_reference(scale: Scale, high_px: float, y_px: float, place: Callable[[float], float]) -> list[str]:
-    tick = f'class="accent-line" stroke="{svg.ORANGE}" stroke-width="2"'
-    half = svg.estimate_width(scale.high_label) / 2
-    body = [svg.line(high_px, y_px - 7, high_px, y_px + 7, tick)]
-    centre = high_px
-    if scale.low is not None:
-        x_low = place(scale.low)
-        body += [svg.line(x_low, y_px - 7, x_low, y_px + 7, tick), svg.line(x_low, y_px, high_px, y_px, tick)]
-        centre = (x_low + high_px) / 2
-    return [*body, svg.text(max(centre, half), y_px - 10, scale.high_label, "accent", "middle")]

@@ -234,10 +234,12 @@ class _Grid:
 
 def draw_eva(shown: HeatMap, words: tuple[str, str], width_px: float) -> str:
     """Draw the map; on a telephone turned, so that its numbers stay as large."""
-    grid = _turn(shown) if width_px <= NARROW else _keep(shown)
+    is_turned = width_px <= NARROW
+    grid = _turn(shown) if is_turned else _keep(shown)
     left = max(svg.estimate_width(name) for name in (*grid.rows, grid.sums)) + 8
     cell = (width_px - left) / (len(grid.columns) + 1)
-    body = [svg.text(0, 25, grid.corner), svg.text(left if grid.corner else 0, 10, grid.above)]
+    corner = svg.text(left - 4, 25, grid.corner, anchor="end") if is_turned else svg.text(0, 25, grid.corner)
+    body = [corner, svg.text(0 if is_turned else left, 10, grid.above)]
     for rank, name in enumerate((*grid.columns, grid.sums)):
         body.append(svg.text(left + (rank + 0.5) * cell, 25, name, "soft", "middle"))
     for rank in range(len(grid.rows)):
@@ -265,14 +267,15 @@ def _keep(shown: HeatMap) -> _Grid:
 
 
 def _turn(shown: HeatMap) -> _Grid:
+    """Put elevation across; its sign stands once, in the corner, so that the names do not touch."""
     return _Grid(
         shown.columns,
-        shown.rows,
+        tuple(name.removesuffix("°") for name in shown.rows),
         list(zip(*shown.percent, strict=True)),
         list(zip(*shown.told, strict=True)),
         shown.column_sums,
         shown.row_sums,
-        corner="",
+        corner="°",
         above=shown.axes[1],
         sums=shown.axes[2],
     )

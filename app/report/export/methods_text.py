@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from app.report.bibliography import format_bibliography
 from app.report.words.numbers import HOUR_S, format_number, format_rate
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.version import software_revision, software_version
@@ -25,7 +26,9 @@ def write_methods(every: Sequence[Results], failed: int, language: Language) -> 
         told.insert(told.index("elevation"), "axis")
     told += ["npose"] if "n-pose" in _count(every, "calibration", "pose") else []
     text = " ".join(fill(words[name], facts) for name in (*told, "limits", "settings"))
-    return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n".encode()
+    sources = "\n".join(f"- {source}" for source in format_bibliography())
+    cited = f"## {words['bibliography']}\n\n{sources}\n"
+    return f"# {words['title']}\n\n{text}\n\n> {words['note']}\n\n{cited}".encode()
 
 
 def _describe_run(every: Sequence[Results], failed: int, words: Words, language: Language) -> dict[str, str]:

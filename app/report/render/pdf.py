@@ -22,7 +22,7 @@ from app.request import Paper
 
 STANDARDS = ("ua-1", "a-3a")
 NO_CLOCK = datetime(1970, 1, 1, tzinfo=UTC)
-_SCREEN_ONLY = {"narrow", "table"}
+_SCREEN_ONLY = {"table"}
 """Parts of a figure that paper does not show."""
 
 _TYPST_PAPERS: dict[Paper, str] = {"a4": "a4", "letter": "us-letter"}
@@ -73,6 +73,7 @@ def _encode(report: Report | AgreementReport, attached: tuple[str, ...], paper: 
     made_of = values.pop("made_of") or NO_CLOCK
     values["date"] = list(made_of.timetuple()[:6])
     values["paper"] = _TYPST_PAPERS[paper]
+    values["language"], _, values["region"] = report.language.partition("-")
     values["attached"] = [
         {"name": name, "mime": _MIME_TYPES.get(name.rsplit(".", 1)[-1], "application/octet-stream")}
         for name in attached

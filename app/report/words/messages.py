@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from app.errors import InternalError
-from app.report.words.numbers import format_exact
+from app.report.words.numbers import format_duration, format_exact
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language, Words, fill, load_wording
 
@@ -56,6 +56,8 @@ def describe_flag(flag: "QualityFlag", language: Language) -> CaveatWords:
     if entry is None:
         return CaveatWords(flag.code, "")
     told = format_facts(flag.facts, language)
+    if flag.seconds:
+        told["lasted"] = format_duration(flag.seconds, language)
     return CaveatWords(fill(entry["title"], told), fill(entry["detail"], told))
 
 

@@ -1,7 +1,7 @@
 """Numbers, durations, clock times and dates as English and French readers write them.
 
-Both languages group thousands with a narrow no-break space and put one before the per cent sign
-(ISO 80000-1); French has the decimal comma and "10 h 42".
+Both languages group thousands with a narrow no-break space and put a no-break space before the per cent sign
+(ISO 80000-1; narrow in English); French has the decimal comma and "10 h 42".
 """
 
 import math
@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from typing import TYPE_CHECKING
 
-from app.report.words.wording import Language, load_wording
+from app.report.words.wording import Language, is_french, load_wording
 
 if TYPE_CHECKING:
     from fusion.exposure import Interval  # the page uses this module without the science
 
 
 NARROW = "\u202f"
+NO_BREAK = "\u00a0"
 NONE = "–"
 MINUTE_S = 60
 HOUR_S = 3600
@@ -30,13 +31,13 @@ def format_number(value: float | None, decimals: int, language: Language) -> str
     if not text.strip("−0.,"):
         text = text.lstrip("−")
     whole, _, fraction = text.partition(".")
-    mark = "," if language == "fr" else "."
+    mark = "," if is_french(language) else "."
     return whole.replace(",", NARROW) + (mark + fraction if fraction else "")
 
 
 def format_exact(value: float, language: Language) -> str:
     """Write up to six decimals, without the closing zeros, so that sums can be checked by hand."""
-    mark = "," if language == "fr" else "."
+    mark = "," if is_french(language) else "."
     text = format_number(value, 6, language).rstrip("0")
     return text.removesuffix(mark)
 
@@ -44,7 +45,12 @@ def format_exact(value: float, language: Language) -> str:
 def format_percent(percent: float | None, language: Language) -> str:
     """One decimal, always."""
     text = format_number(percent, 1, language)
-    return text if text == NONE else f"{text}{NARROW}%"
+    return text if text == NONE else text + percent_sign(language)
+
+
+def percent_sign(language: Language) -> str:
+    """Give the sign with the space before it: no-break in French, narrow in English."""
+    return f"{NO_BREAK if is_french(language) else NARROW}%"
 
 
 def format_angle(angle_deg: float | None, language: Language, decimals: int = 0) -> str:
@@ -115,7 +121,7 @@ def format_clock(moment: datetime, language: Language, *, with_seconds: bool = F
 
 def format_hour(moment: datetime, language: Language) -> str:
     """Write a clock time for an axis, short where it is a whole hour in French: "8 h"."""
-    if language == "fr" and moment.minute == 0:
+    if is_french(language) and moment.minute == 0:
         return f"{moment.hour}{NARROW}h"
     return format_clock(moment, language)
 
@@ -129,7 +135,7 @@ def format_elapsed(elapsed_s: float) -> str:
 def format_date(day: date, language: Language) -> str:
     """Write a date that cannot be misread: "3 March 2026", "3 mars 2026"."""
     month = load_wording(language)["months"][day.month - 1]
-    number = "1er" if language == "fr" and day.day == 1 else str(day.day)
+    number = "1er" if is_french(language) and day.day == 1 else str(day.day)
     return f"{number}\u00a0{month}\u00a0{day.year}"
 
 

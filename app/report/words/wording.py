@@ -5,7 +5,7 @@ The code knows only the keys.
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -15,7 +15,7 @@ from app.report.words.subject import clean_text
 from fusion.devices import KNOWN_DEVICES
 from fusion.devices import find_device_name as find_known_name
 
-Language = Literal["en", "fr"]
+Language = Literal["en", "fr", "fr-CA"]
 Part = Literal[
     "report",
     "pairs",
@@ -31,7 +31,9 @@ Part = Literal[
     "operations",
 ]
 Words = Mapping[str, Any]
-LANGUAGES: tuple[Language, ...] = get_args(Language)
+LANGUAGES: tuple[Language, ...] = ("en", "fr")
+"""Those with a file of words; the French of Québec is made from the French one by rules."""
+EVERY_LANGUAGE: tuple[Language, ...] = get_args(Language)
 
 _FOLDER = Path(__file__).parent
 _TABLES = re.compile(r"^(?=\[)", re.MULTILINE)
@@ -42,6 +44,11 @@ _COUNTED = re.compile(r"\{(\w+):(en|fr)\|([^{}|]*)\|([^{}|]*)\}")
 _OPTIONAL = re.compile(r"\[([^\[\]]*)\]")
 _NARROW_SPACE = "\u202f"
 _NO_BREAK_SPACE = "\u00a0"
+_QUEBEC_WORDS = tuple(
+    (re.compile(rf"\b{france}(s?)\b"), rf"{quebec}\1")
+    for france, quebec in (("poste", "quart"), ("Poste", "Quart"))
+)
+"""What Québec calls otherwise: a shift. Both are masculine and begin with a consonant, so articles stay."""
 
 
 @cache
@@ -52,12 +59,12 @@ def load_wording(language: Language, part: Part = "report") -> Words:
     punctuation and the curly apostrophe are set here, so that no translator has to type them. The meanings
     of columns ("tables") stay as they are: programs read them.
     """
-    words = tomllib.loads(_split_language(language)[part])[part]
+    words = tomllib.loads(_split_language(language[:2])[part])[part]
     return MappingProxyType(words if part == "tables" else _set_all(words, language))
 
 
 @cache
-def _split_language(language: Language) -> Mapping[str, str]:
+def _split_language(language: str) -> Mapping[str, str]:
     """Give the text of each part: to parse all of them takes ten times as long as most need."""
     texts: dict[str, str] = {}
     for table in _TABLES.split((_FOLDER / f"{language}.toml").read_text(encoding="utf-8")):
@@ -65,6 +72,28 @@ def _split_language(language: Language) -> Mapping[str, str]:
         if part:
             texts[part[1]] = texts.get(part[1], "") + table
     return texts
+
+
+def is_french(language: Language) -> bool:
+    """Return whether a language is French, of France or of Québec."""
+    return language != "en"
+
+
+def find_other_language(language: Language) -> Language:
+    """Give the second language of a report that is made in two."""
+    return "en" if is_french(language) else "fr"
+
+
+def find_nearest(wanted: Language, made: Sequence[Language]) -> Language:
+    """Choose a language that a report was made in: the one wanted, else one like it, else the first."""
+    if wanted in made:
+        return wanted
+    return next((one for one in made if is_french(one) == is_french(wanted)), made[0] if made else wanted)
+
+
+def join_clauses(clauses: Iterable[str], language: Language) -> str:
+    """Put clauses side by side, with a semicolon between them."""
+    return {"en": "; ", "fr": f"{_NARROW_SPACE}; ", "fr-CA": "; "}[language].join(clauses)
 
 
 def find_device_name(words: Words, device: str) -> str:
@@ -130,18 +159,21 @@ def _set_all(value: Any, language: Language) -> Any:
 
 
 def set_spaces(text: str, language: Language) -> str:
-    """Set the apostrophes and the spaces that must not break.
+    """Set the apostrophes and the spaces that must not break, and the words of Québec.
 
-    Source of the French spaces: Imprimerie nationale, *Lexique des règles typographiques* (narrow before
-    ``; ! ? %`` and inside guillemets; we take the narrow one before the colon too, as in Québec and France
-    both are accepted).
+    In French a no-break space stands before ``:`` and ``%`` and inside guillemets; before ``; ! ?`` a narrow
+    one in France (Imprimerie nationale, *Lexique des règles typographiques*), none in Québec (Office
+    québécois de la langue française).
     """
-    text = _PLURAL.sub(rf"{{\1:{language}|\2|\3}}", text)
+    text = _PLURAL.sub(rf"{{\1:{language[:2]}|\2|\3}}", text)
     text = re.sub(r"(?<=\w)'(?=\w)|(?<=[sS])'(?=\s)", "’", text)
-    text = re.sub(r" (?=%)", _NARROW_SPACE, text)
     text = re.sub(r"(?<=[\d}]) (?=(?:h|min|s|g|Hz|kB|ko|bytes|octets)\b|\{\w+:)", _NO_BREAK_SPACE, text)
+    if not is_french(language):
+        return re.sub(r" (?=%)", _NARROW_SPACE, text)
+    text = re.sub(r"(?<=\d) (?=\d{3}\b)", _NARROW_SPACE, text)
+    text = re.sub(r" (?=[:»%])|(?<=«) ", _NO_BREAK_SPACE, text)
     if language == "fr":
-        text = re.sub(r"(?<=\d) (?=\d{3}\b)", _NARROW_SPACE, text)
-        text = re.sub(r" (?=[;:!?»])", _NARROW_SPACE, text)
-        text = re.sub(r"(?<=«) ", _NARROW_SPACE, text)
-    return text
+        return re.sub(r" (?=[;!?])", _NARROW_SPACE, text)
+    for france, quebec in _QUEBEC_WORDS:
+        text = france.sub(quebec, text)
+    return re.sub(r" (?=[;!?])", "", text)

@@ -1,0 +1,139 @@
+"""Angle series whose figures on page 1 are known in closed form, for software that gives the same figures.
+
+The definitions are those of docs/profile.md. An expected value is worked out from the curve, not by our own
+code; the tolerance leaves room for the low-pass filter (or none) and for a sample at the edge of a hold.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import asin, pi
+
+import numpy as np
+
+from fusion.recording import Float64Array
+
+RATE_HZ = 20.0
+"""Of every series; the samples lie half a period in, so that none sits on a threshold."""
+SWING_S = 4.0123
+"""No multiple of the sample period, so that the samples fall evenly on the arc."""
+SHARE_POINTS = 0.3
+ANGLE_DEG = 0.5
+EDGE_S = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """A figure of page 1 by its name in results: its value, and how far from it another's may lie."""
+
+    figure: str
+    unit: str
+    value: float
+    tolerance: float
+
+
+@dataclass(frozen=True, slots=True)
+class TestSignal:
+    """A curve of elevation (deg over s, NaN where missing), how long it is, and its figures."""
+
+    name: str
+    duration_s: float
+    curve: Callable[[Float64Array], Float64Array]
+    expected: tuple[Expected, ...]
+
+    def sample(self) -> tuple[Float64Array, Float64Array]:
+        """Give times (s) and elevations (deg), both of shape (n,)."""
+        count = round(self.duration_s * RATE_HZ)
+        time_s = np.asarray((np.arange(count) + 0.5) / RATE_HZ, np.float64)
+        return time_s, np.asarray(self.curve(time_s), np.float64)
+
+
+def _swing(time_s: Float64Array) -> Float64Array:
+    """45 deg plus and minus 40 deg, a swing about every 4 s."""
+    return np.asarray(45 + 40 * np.sin(2 * pi * time_s / SWING_S), np.float64)
+
+
+def _hold(time_s: Float64Array) -> Float64Array:
+    """10 deg for 60 s, then 70 deg for 30 s, and again."""
+    return np.where(time_s % 90 < 60, 10.0, 70.0)
+
+
+def _day(time_s: Float64Array) -> Float64Array:
+    """20 deg for five hours, but ten minutes at 100 deg after two."""
+    return np.where((time_s >= 7200) & (time_s < 7800), 100.0, 20.0)
+
+
+def _ripple(time_s: Float64Array) -> Float64Array:
+    """60 deg plus and minus 3 deg, a ripple every 2 s: it never crosses the hysteresis."""
+    return np.asarray(60 + 3 * np.sin(2 * pi * time_s / 2), np.float64)
+
+
+def _hole(time_s: Float64Array) -> Float64Array:
+    """35 deg for 20 min, nothing for 20 min, 75 deg for 20 min: what is missing is neither."""
+    return np.where(time_s < 1200, 35.0, np.where(time_s < 2400, np.nan, 75.0))
+
+
+def _above_sine(threshold_deg: float) -> float:
+    """Share of the time, percent, that 45 + 40 sin is at or above a threshold."""
+    return 100 * (0.5 - asin((threshold_deg - 45) / 40) / pi)
+
+
+def _shares(above_30: float, above_60: float, above_90: float) -> tuple[Expected, ...]:
+    values = {30: above_30, 60: above_60, 90: above_90}
+    return tuple(
+        Expected(f"time_above_{threshold}_percent", "%", value, SHARE_POINTS)
+        for threshold, value in values.items()
+    )
+
+
+SIGNALS = (
+    TestSignal(
+        "swing",
+        3600.0,
+        _swing,
+        (
+            *_shares(_above_sine(30), _above_sine(60), 0.0),
+            Expected("entries_above_60_per_h", "per h", 3600 / SWING_S, 1.0),
+            Expected("elevation_p50_deg", "deg", 45.0, ANGLE_DEG),
+        ),
+    ),
+    TestSignal(
+        "hold",
+        3600.0,
+        _hold,
+        (
+            *_shares(100 / 3, 100 / 3, 0.0),
+            Expected("entries_above_60_per_h", "per h", 40.0, 0.5),
+            Expected("episodes_above_60_longest_s", "s", 30.0, EDGE_S),
+        ),
+    ),
+    TestSignal(
+        "day",
+        5 * 3600.0,
+        _day,
+        (
+            *_shares(100 / 30, 100 / 30, 100 / 30),
+            Expected("entries_above_60_per_h", "per h", 0.2, 0.01),
+            Expected("episodes_above_60_longest_s", "s", 600.0, EDGE_S),
+            Expected("worst_15_min_above_60_percent", "%", 200 / 3, SHARE_POINTS),
+            Expected("worst_15_min_start_s", "s", 6900.0, 1.0),
+        ),
+    ),
+    TestSignal(
+        "ripple",
+        3600.0,
+        _ripple,
+        (*_shares(100.0, 50.0, 0.0), Expected("entries_above_60_per_h", "per h", 0.0, 0.0)),
+    ),
+    TestSignal(
+        "hole",
+        3600.0,
+        _hole,
+        (
+            *_shares(100.0, 50.0, 0.0),
+            Expected("analysed_s", "s", 2400.0, EDGE_S),
+            Expected("entries_above_60_per_h", "per h", 0.0, 0.0),
+            Expected("episodes_above_60_longest_s", "s", 1200.0, EDGE_S),
+        ),
+    ),
+)
+"""The start of the worst 15 minutes of ``day`` is the earliest that holds all ten minutes: 7800 - 900 s."""
