@@ -11,6 +11,7 @@ import typer
 from app.cli.admin import backup, doctor, recover, restore, serve, verify, worker
 from app.cli.compare import compare, pair, validate
 from app.cli.inspection import inspect, version
+from app.cli.profile import profile
 from app.cli.run import exposure, run
 from app.cli.samples import demo, simulate
 
@@ -23,7 +24,7 @@ app = typer.Typer(
 )
 
 for command in (
-    *(run, exposure, pair, compare, validate),
+    *(run, exposure, pair, compare, profile, validate),
     *(demo, simulate, inspect, version),
     *(serve, worker, backup, restore, recover, verify, doctor),
 ):

@@ -84,8 +84,26 @@ def overlay_days(days: Sequence[Float64Array]) -> tuple[ClockBand, ...]:
     They stand in the order of a shift: the first follows the longest time of the clock without a day.
     """
     bands = [_overlay_quarter(quarter, days) for quarter in range(QUARTERS)]
-    first = _find_first([band.days > 0 for band in bands])
-    return tuple(band for band in (*bands[first:], *bands[:first]) if band.days)
+    used = tuple(band for band in bands if band.days)
+    first_s = find_first_quarter([used])
+    return tuple(sorted(used, key=lambda band: (band.start_s - first_s) % _DAY_S))
+
+
+def find_first_quarter(overlays: Sequence[Sequence[ClockBand]]) -> float:
+    """Find where an axis of the clock begins that holds all overlays: after the longest time without a day.
+
+    Seconds from midnight, the clock taken as a ring; 0 without any day, or with days at all hours.
+    """
+    used = {round(band.start_s / QUARTER_S) for bands in overlays for band in bands if band.days}
+    longest, first, unused = 0, 0, 0
+    for place in range(2 * QUARTERS):
+        if place % QUARTERS not in used:
+            unused += 1
+            continue
+        if QUARTERS > unused > longest:
+            longest, first = unused, place % QUARTERS
+        unused = 0
+    return first * QUARTER_S
 
 
 def _overlay_quarter(quarter: int, days: Sequence[Float64Array]) -> ClockBand:
@@ -97,16 +115,3 @@ def _overlay_quarter(quarter: int, days: Sequence[Float64Array]) -> ClockBand:
     places = find_percentile_cells(pooled[np.newaxis], np.array(PERCENTS, np.float64))[0]
     angles = {p: float(place) / CELLS_PER_DEG for p, place in zip(PERCENTS, places, strict=True)}
     return ClockBand(quarter * QUARTER_S, len(shares), angles)
-
-
-def _find_first(is_used: Sequence[bool]) -> int:
-    """Find the quarter hour that follows the longest unused time, the clock taken as a ring."""
-    longest, first, unused = 0, 0, 0
-    for place in range(2 * QUARTERS):
-        if not is_used[place % QUARTERS]:
-            unused += 1
-            continue
-        if QUARTERS > unused > longest:
-            longest, first = unused, place % QUARTERS
-        unused = 0
-    return first

@@ -8,7 +8,7 @@ people with different numbers of days may enter.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, sqrt
 from typing import Literal
 
 import numpy as np
@@ -115,8 +115,8 @@ class GroupChange:
     change_range: Interval | None
 
 
-def describe_days(values: Sequence[float]) -> DayMean:
-    """Describe the days of one person.
+def describe_days(values: Sequence[float], most: float = inf) -> DayMean:
+    """Describe the days of one person; no range exceeds ``most``, the largest value there can be.
 
     Raises
     ------
@@ -129,10 +129,10 @@ def describe_days(values: Sequence[float]) -> DayMean:
     if n < 2:
         return DayMean(n, mean)
     sd = float(np.std(values, ddof=1))
-    return DayMean(n, mean, sd, _find_mean_range(values), _find_sd_range(sd, n))
+    return DayMean(n, mean, sd, _find_mean_range(values, most), _find_sd_range(sd, n))
 
 
-def _find_mean_range(values: Sequence[float]) -> Interval | None:
+def _find_mean_range(values: Sequence[float], most: float) -> Interval | None:
     """Give the range of a mean; a figure that cannot be negative has no negative end."""
     n = len(values)
     if n < 2:
@@ -140,7 +140,7 @@ def _find_mean_range(values: Sequence[float]) -> Interval | None:
     mean = float(np.mean(values))
     half = float(stdtrit(n - 1, 1.0 - _TAIL)) * float(np.std(values, ddof=1)) / sqrt(n)
     low = mean - half
-    return Interval(max(low, 0.0) if min(values) >= 0.0 else low, mean + half)
+    return Interval(max(low, 0.0) if min(values) >= 0.0 else low, min(mean + half, most))
 
 
 def _find_sd_range(sd: float, n: int) -> Interval | None:
@@ -179,8 +179,10 @@ def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None
     return sqrt(squares / freedom), freedom
 
 
-def describe_group(people: Mapping[str, Sequence[float]]) -> GroupSpread:
+def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> GroupSpread:
     """Split the spread of a group, which holds each person's days, into that between and within people.
+
+    No range exceeds ``most``, the largest value there can be.
 
     Raises
     ------
@@ -196,7 +198,7 @@ def describe_group(people: Mapping[str, Sequence[float]]) -> GroupSpread:
     within_sd = pooled[0] if pooled else None
     between_sd = _find_between(series, within_sd) if within_sd is not None else None
     return GroupSpread(
-        len(series), days, float(np.mean(means)), _find_mean_range(means), within_sd, between_sd
+        len(series), days, float(np.mean(means)), _find_mean_range(means, most), within_sd, between_sd
     )
 
 

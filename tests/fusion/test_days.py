@@ -114,11 +114,19 @@ def test_the_range_of_a_share_does_not_fall_below_nothing() -> None:
     assert (days.mean_range.low, days.mean_range.high) == pytest.approx((0.0, 17.706), abs=1e-3)
 
 
+def test_the_range_of_a_share_does_not_exceed_the_whole() -> None:
+    days = describe_days([94.0, 96.0], most=100.0)
+
+    assert days.mean_range is not None
+    assert days.mean_range.high == 100.0
+
+
 def test_the_deviation_of_five_days_is_known_to_a_factor() -> None:
     days = describe_days([1.0, 2.0, 3.0, 4.0, 5.0])
 
     assert days.sd == pytest.approx(sqrt(2.5))
-    assert days.sd_range and days.sd  # chi2(4): 11.143 and 0.4844
+    assert days.sd_range
+    assert days.sd
     factors = [end / days.sd for end in (days.sd_range.low, days.sd_range.high)]
     assert factors == pytest.approx([0.599, 2.874], abs=1e-3)
 

@@ -19,6 +19,7 @@ Language = Literal["en", "fr"]
 Part = Literal[
     "report",
     "pairs",
+    "days",
     "agreement",
     "run",
     "fields",
