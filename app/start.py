@@ -8,7 +8,7 @@ import gc
 import importlib
 import sys
 
-from app.jobs.children.fork_server import PRELOAD_READING, warm_up
+from app.jobs.children.fork_server import warm_up
 
 _ANALYSING = frozenset({"run", "exposure"})
 
@@ -17,7 +17,7 @@ def main() -> None:
     """Run the command line."""
     asked = sys.argv[1:]
     if asked and asked[0] in _ANALYSING and "--help" not in asked:
-        warm_up(PRELOAD_READING)
+        warm_up()
     gc.disable()
     command_line = importlib.import_module("app.cli")
     gc.freeze()

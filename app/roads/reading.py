@@ -1,20 +1,11 @@
-"""From the logs of a request to one recording, read now or taken from the cache.
+"""From the logs of a request to one recording, read now or taken from the cache."""
 
-It loads no more than reading takes, so that the first recording of a run is read while the rest of the
-science is still being loaded.
-"""
-
-import importlib
 import json
 import logging
-import sys
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.request import OnStage, ReportRequest
+from app.request import ReportRequest
 from app.storage.decoded import hash_entry_key
 from app.storage.known import KnownLogs
 from app.storage.store import hash_file
@@ -22,7 +13,6 @@ from app.version import identify_engine
 from fusion.caveats import Caveat
 from fusion.errors import FailedReader, FusionError
 from fusion.readers import (
-    holds_device_format,
     identify_header,
     join_recordings,
     parse_profile,
@@ -31,9 +21,6 @@ from fusion.readers import (
 from fusion.recording import Recording
 
 _FAILED = "the reader plug-in %s %s failed: %s"
-
-_SWITCH_S = 1e-4
-"""Between kernels the reader waits so long for the interpreter, not Python's 5 ms."""
 
 logger = logging.getLogger(__name__)
 
@@ -48,8 +35,6 @@ class Logs:
 
     def read(self) -> Recording:
         """Read the log and those joined to it."""
-        if self.known.recording is not None:
-            return self.known.recording
         paths = (self.log, *map(Path, self.request.joined))
         digests = self.known.digests or ("",) * len(paths)
         recordings = [self._read(path, digest) for path, digest in zip(paths, digests, strict=True)]
@@ -100,39 +85,3 @@ def read_file(path: Path, request: ReportRequest, sha256: str = "") -> Recording
         if flag.code == Caveat.READER:
             logger.error(_FAILED, *flag.facts.values())
     return recording
-
-
-def read_ahead(log: Path, request: ReportRequest, known: KnownLogs, on_stage: OnStage) -> KnownLogs:
-    """Read a device's own file while :mod:`app.roads.analyse` is being loaded; what is known then holds it.
-
-    Where that is loaded already, or the file may be something else than a recording of samples, it is left
-    for later.
-
-    Raises
-    ------
-    fusion.errors.FusionError
-        As :func:`fusion.readers.read_recording`.
-    """
-    if "app.roads.analyse" in sys.modules or request.source == "angles" or not _is_of_device(log):
-        return known
-    on_stage("reading", 0.0)
-    with _frequent_switching(), ThreadPoolExecutor(1) as loader:
-        loading = loader.submit(importlib.import_module, "app.roads.analyse")
-        recording = Logs(log, request, known).read()
-        loading.result()
-    return replace(known, recording=recording)
-
-
-def _is_of_device(log: Path) -> bool:
-    with log.open("rb") as file:
-        return holds_device_format(file)
-
-
-@contextmanager
-def _frequent_switching() -> Iterator[None]:
-    before_s = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH_S)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before_s)

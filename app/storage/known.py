@@ -5,19 +5,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from app.storage.decoded import DecodedCache
-    from fusion.recording import Recording
 
 
 @dataclass(frozen=True, slots=True)
 class KnownLogs:
-    """What is known of the files before they are read: their SHA-256, and the cache of their samples.
-
-    ``recording`` holds their content where they have been read already.
-    """
+    """What is known of the files before they are read: their SHA-256, and the cache of their samples."""
 
     digests: tuple[str, ...] = ()
     cache: "DecodedCache | None" = None
-    recording: "Recording | None" = None
 
 
 NOTHING_KNOWN = KnownLogs()

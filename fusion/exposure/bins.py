@@ -125,7 +125,9 @@ def find_percentile_cells(weights, percents):  # type: ignore[no-untyped-def]
     """
     places = np.full((len(weights), len(percents)), np.nan)
     for row in range(len(weights)):
-        total = weights[row].sum()
+        total = 0.0
+        for weight in weights[row]:
+            total += weight
         below, cell = 0.0, 0
         for k in range(len(percents) if total > 0 else 0):
             # a trillionth of the whole keeps a sum that should be equal from being a hair too small

@@ -14,7 +14,7 @@ from fusion.exposure.bins import THRESHOLDS_DEG, PartHistograms, find_percentile
 from fusion.exposure.metric_filter import MetricAngle
 from fusion.exposure.parts import BLOCK_MINUTES, Stretches, sum_groups
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
-from fusion.exposure.rows import add_rows, find_part_rows
+from fusion.exposure.rows import add_rows, find_part, find_part_rows
 from fusion.exposure.types import Entries, Episodes, Interval
 from fusion.numba_kernels import inner, kernel
 from fusion.recording import MICROSECONDS, BoolArray, Float64Array, IntArray
@@ -289,7 +289,7 @@ def _move(x, row, above, state, limits, counts):  # type: ignore[no-untyped-def]
     counted, above = above >= 0, max(above, 0)
     while above < len(levels) and x > levels[above] + HALF_HYSTERESIS_DEG:
         if counted:
-            stretch = np.searchsorted(limits.stretch_rows, row, side="right") - 1
+            stretch = find_part(limits.stretch_rows, row)
             counts.entries[above, stretch] += 1
         if state[above, 0] < 0 or row - state[above, 1] >= limits.merged_rows:
             _record(above, state, limits, counts)

@@ -17,7 +17,7 @@ from fusion.elevation import ElevationSegment
 from fusion.exposure.bins import find_percentile_cells
 from fusion.exposure.metric_filter import PADDING_ROWS, MetricAngle, design_filter
 from fusion.exposure.resampling import Resampling, find_interval, name_intervals, scale_interval
-from fusion.exposure.rows import EvenRun, find_part_rows, find_runs
+from fusion.exposure.rows import EvenRun, find_part, find_part_rows, find_runs
 from fusion.exposure.types import Frequency, Interval, Velocity
 from fusion.numba_kernels import inner, kernel, kernel_making_arrays
 from fusion.orientation.on_demand import Vertical
@@ -327,7 +327,7 @@ def _tally_speeds(speeds_dps, period_s, where, cells):  # type: ignore[no-untype
     """Add each step's speed to its cell, and to that of its 5-minute block."""
     start_us, step_us, edges_us, coarse_of_cell = where
     cell_s, block_s, way_deg = cells
-    block = max(np.searchsorted(edges_us, start_us, side="right") - 1, 0)
+    block = max(find_part(edges_us, start_us), 0)
     last = len(block_s) - 1
     next_row = (edges_us[block + 1] - start_us) / step_us
     for i in range(len(speeds_dps)):

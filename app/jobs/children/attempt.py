@@ -117,7 +117,6 @@ def load_and_make_report(
     if request.reference is not None:
         importlib.import_module("app.roads.validate").make_validation(log, request, out, on_stage)
     else:
-        known = importlib.import_module("app.roads.reading").read_ahead(log, request, known, on_stage)
         importlib.import_module("app.roads.analyse").make_report(log, request, out, on_stage, known)
 
 

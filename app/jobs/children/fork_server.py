@@ -20,28 +20,32 @@ from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-READING = ("app.jobs.children.attempt", "app.roads.reading")
-ALL = (*READING, "app.roads.analyse", "app.roads.inspect")
+ROADS = ("app.jobs.children.attempt", "app.roads.analyse", "app.roads.inspect")
 
 
-def load(names: tuple[str, ...]) -> None:
-    """Load modules, and the part of the compiler that reads the cache of compiled code.
+def load() -> None:
+    """Load what every child needs, and the part of the compiler that reads the cache of compiled code.
 
     The garbage collector is off meanwhile: nothing that is loaded here is ever freed, and the collections
     take a sixth of the time. Frozen objects are not visited in the children either, so that the memory
     shared with them stays shared.
     """
     gc.disable()
-    for name in names:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small; threads wait busily
+    for name in ROADS:
         importlib.import_module(name)
     importlib.import_module("fusion.numba_kernels").make_ready()
     gc.freeze()
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     gc.enable()
     importlib.import_module("app.jobs.children.preparing").prepare_beside()
 
 
-PRELOAD_ALL, PRELOAD_READING = "app.jobs.children.preloaded", "app.jobs.children.preloaded_reading"
-"""The modules that the fork server loads first: everything, or only what the first child begins with."""
+OBJECTS_BETWEEN_COLLECTIONS = 50_000
+"""A child lives for seconds: Python's 700 would have it look for waste hundreds of times."""
+
+PRELOAD = "app.jobs.children.preloaded"
+"""The module that the fork server loads first."""
 
 TICK_S = 1.0
 START_TICKS, START_TRIES = 180, 3
@@ -55,21 +59,18 @@ class NotStarted(Exception):
     """No child could be started: the machine is at fault, never a file."""
 
 
-def choose_context(preloaded: str = PRELOAD_ALL) -> Any:
-    """Choose the fork server where there is one: it has imported the science, and has no threads of ours.
-
-    ``preloaded`` has an effect only until the server runs.
-    """
+def choose_context() -> Any:
+    """Choose the fork server where there is one: it has imported the science, and has no threads of ours."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([preloaded])
+    context.set_forkserver_preload([PRELOAD])
     return context
 
 
-def warm_up(preloaded: str = PRELOAD_ALL) -> None:
+def warm_up() -> None:
     """Start the fork server, which imports the science, so that the first job need not wait for it."""
-    if choose_context(preloaded).get_start_method() == "forkserver":
+    if choose_context().get_start_method() == "forkserver":
         forkserver.ensure_running()
 
 

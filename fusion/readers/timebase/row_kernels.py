@@ -297,7 +297,9 @@ def fit_line(
     long file.
     """
     n = len(stamps)
-    last = np.float64(n - 1 + added.sum())
+    last = np.float64(n - 1)
+    for rows_added in added:
+        last += rows_added
     guess = (stamps[n - 1] - stamps[0]) / last
     sum_x = sum_y = sum_xx = sum_xy = sum_yy = 0.0
     shift = np.int64(0)
@@ -327,7 +329,9 @@ def open_rows(
 
     ``values`` has room for them after its ``n_rows``.
     """
-    to = n_rows + added.sum()
+    to = n_rows
+    for rows_added in added:
+        to += rows_added
     source = n_rows
     for hole in range(len(rows) - 1, -1, -1):
         while source > rows[hole]:
