@@ -217,7 +217,8 @@ class ProfileRequest:
 
     ``before_count``: so many of them, the first, are before a change and the rest after it; None without a
     change. ``same_subject`` as in :class:`PairRequest`; ``mixed_methods``: figures of several methods, or
-    versions of one, may stand beside one another.
+    versions of one, may stand beside one another. ``has_drawings``: the drawings are wanted by themselves,
+    too, as ``drawings.<language>.json``, which the page shows.
     """
 
     before_count: int | None = None
@@ -226,6 +227,12 @@ class ProfileRequest:
     paper: Paper = "a4"
     same_subject: bool = False
     mixed_methods: bool = False
+    has_drawings: bool = False
+
+    @property
+    def kind(self) -> str:
+        """As :attr:`PairRequest.kind`."""
+        return "profile"
 
     @property
     def figures_name(self) -> str:

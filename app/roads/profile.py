@@ -4,8 +4,9 @@ It starts from the folders that finished analyses leave; nothing is fused again.
 all take it.
 """
 
+import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from app.errors import CannotProfile
@@ -13,11 +14,14 @@ from app.report.days.document import describe_profile, encode_day_table, encode_
 from app.report.days.people import ArmDays, MeasuredDay, Stage, StudiedDays, group_days
 from app.report.days.report import build_days
 from app.report.findings import Kept
+from app.report.model import Table
 from app.report.pairs import encode_document
 from app.report.render.write import read_kept, write_report
 from app.request import ProfileRequest
 from app.roads.pair import ELEVATION, read_analysed
 from fusion.days import lay_on_clock, overlay_days
+
+_NO_TABLE = Table("", (), ())
 
 
 def make_profile(folders: Sequence[Path], request: ProfileRequest, out: Path) -> None:
@@ -73,3 +77,6 @@ def _write(studied: StudiedDays, request: ProfileRequest, out: Path) -> None:
     for language in request.languages:
         report = build_days(studied, language)
         write_report(report, request.kinds, request.paper, {"profile.json": body}, out)
+        if request.has_drawings:
+            shown = [asdict(replace(chart, table=_NO_TABLE)) for chart in report.figures]
+            (out / f"drawings.{language}.json").write_text(json.dumps(shown), "utf-8")

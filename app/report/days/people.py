@@ -183,7 +183,7 @@ def _refuse_same_hours(days: Sequence[MeasuredDay]) -> None:
 
 
 def _name(day: MeasuredDay) -> str:
-    return clean_text(day.place or day.kept.subject.file_name)
+    return clean_text(day.kept.subject.file_name)
 
 
 def _is_same_arm(one: ArmDays, other: ArmDays) -> bool:
