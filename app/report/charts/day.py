@@ -132,9 +132,9 @@ def draw_overlays(panels: Sequence[Overlay], labels: DayLabels, width_px: float)
     room = (width_px + 16) / across - 16
     body, bottom = [svg.define_hatch(key)], 0.0
     for rank, overlay in enumerate(panels):
-        left, top = (rank % across) * (room + 16), 20 + (rank // across) * 220.0
+        left, top = (rank % across) * (room + 16), 24 + (rank // across) * 224.0
         plot = _Plot(left + 36, left + room - 4, top, top + 130, max(overlay.day.duration_s, 1.0))
-        body += [svg.text(left, top - 8, overlay.name, "strong"), *_draw_overlay(overlay, plot, key)]
+        body += [svg.text(left, top - 13, overlay.name, "strong"), *_draw_overlay(overlay, plot, key)]
         bottom = plot.bottom_px + 76
     legend, height = _draw_day_legend([panel.day for panel in panels], labels, bottom, key, width_px)
     return svg.picture(width_px, height, key, (labels.title, labels.description), body + legend)

@@ -9,7 +9,6 @@ from app.report.charts import svg
 from app.report.charts.svg import NARROW
 
 _ROW_PX = 24.0
-_HEAD_PX = 34.0
 _GAP_PX = 10.0
 _MOST_OVER = 1.3
 """Of the largest value: where a column ends; a range that goes on is cut without an end mark."""
@@ -46,21 +45,23 @@ def draw_rows(
     rows: Sequence[FigureRow], columns: Sequence[str], words: tuple[str, str], width_px: float
 ) -> str:
     """Draw the rows below their heads; each column has its own scale."""
-    left = 150.0 if width_px > NARROW else 84.0
+    is_narrow = width_px <= NARROW  # there a label stands above its bars
+    left, above = (0.0, 15.0) if is_narrow else (150.0, 0.0)
     room = (width_px - left) / len(columns)
     ends = [_find_end(rows, column) for column in range(len(columns))]
-    body = []
-    for column, name in enumerate(columns):
-        for line, part in enumerate(svg.break_lines(name, room - _GAP_PX)[:2]):
+    body, lines = [], [svg.break_lines(name, room - _GAP_PX) for name in columns]
+    for column, parts in enumerate(lines):
+        for line, part in enumerate(parts):
             body.append(svg.text(left + column * room, 12 + 15 * line, part))
-    for rank, row in enumerate(rows):
-        top = _HEAD_PX + rank * _ROW_PX
-        label = svg.shorten(row.label, left - 6)
+    top = 15.0 * max(map(len, lines)) + 8
+    for row in rows:
+        label = svg.shorten(row.label, (width_px if is_narrow else left) - 6)
         body.append(svg.text(0, top + 11, label, "strong" if row.is_mean else "ink"))
+        top += above
         for column, end in enumerate(ends):
             body += _draw_cell(row, column, (left + column * room, top, room - _GAP_PX), end)
-    height = _HEAD_PX + _ROW_PX * len(rows) + 4
-    return svg.picture(width_px, height, f"rows{width_px:.0f}", words, body)
+        top += _ROW_PX
+    return svg.picture(width_px, top + 4, f"rows{width_px:.0f}", words, body)
 
 
 def _find_end(rows: Sequence[FigureRow], column: int) -> float:

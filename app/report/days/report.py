@@ -26,9 +26,9 @@ from app.report.days.tables import (
     build_sources,
     format_points,
     format_span,
-    list_columns,
     load_days_words,
     name_arm,
+    name_short,
 )
 from app.report.figures import format_figure
 from app.report.model import Chart, Note, Pair, Report, Section, VerdictLine
@@ -113,7 +113,8 @@ def _list_cautions(studied: StudiedDays, words: Words, language: Language) -> tu
     told = (format_pose_caution(day.kept.findings, load_wording(language)) for day in studied.days)
     person = "" if studied.one_person == "no" else format_person(studied.one_person, language)
     rule = fill(words["caution"], {"source": SOURCE, "own": str(LEAST_OWN_DAYS)})
-    return (person, rule, *filter(None, dict.fromkeys(told)))
+    is_group = len(studied.people) > 1  # of which no days are asked
+    return (person, "" if is_group else rule, words["cause"], *filter(None, dict.fromkeys(told)))
 
 
 # ------------------------------------------------------------------ the answer in sentences
@@ -208,9 +209,9 @@ def _list_change_sentences(studied: StudiedDays, words: Words, language: Languag
 
 def _list_figures(studied: StudiedDays, words: Words, language: Language) -> tuple[Chart, ...]:
     """One person's days are overlaid; of a group each person is a row."""
-    columns = list_columns(language)
+    columns = words["rows"]["columns"]
     if len(studied.people) > 1:
-        rows = [_lay_mean(arm, _name_row(arm, studied, language), language) for arm in studied.arms]
+        rows = [_lay_mean(arm, name_short(arm, studied, language), language) for arm in studied.arms]
         heads = (words["rows"]["people"], words["rows"]["person"])
         return (build_rows([row for row in rows if row][: 2 * MOST_ROWS], heads, columns, words),)
     shown = [
@@ -221,12 +222,6 @@ def _list_figures(studied: StudiedDays, words: Words, language: Language) -> tup
     overlays = (build_overlays(shown, words, language),) if shown else ()
     heads = (words["rows"]["days"], words["rows"]["day"])
     return (*overlays, build_rows(_lay_days(studied, words, language), heads, columns, words))
-
-
-def _name_row(arm: ArmDays, studied: StudiedDays, language: Language) -> str:
-    several = len(studied.sides) > 1 or len(studied.stages) > 1
-    name = name_arm(arm.side, arm.stage, language)
-    return f"{arm.subject}, {name}" if several else arm.subject
 
 
 def _lay_days(studied: StudiedDays, words: Words, language: Language) -> list[FigureRow]:

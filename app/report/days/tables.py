@@ -41,10 +41,16 @@ def name_arm(side: Side | None, stage: Stage, language: Language) -> str:
     return arm if stage == "all" else fill(words["arm_stage"], {"arm": arm, "stage": words["stage"][stage]})
 
 
-def list_columns(language: Language) -> list[str]:
-    """Name the figures of the tiles."""
-    names = load_pair_words(language)["compare"]["table"]["figure"]
-    return [names[key] for key in TILES]
+def name_short(arm: ArmDays, studied: StudiedDays, language: Language) -> str:
+    """Name an arm by what tells it from the others of the study: "P01, left, before"."""
+    words = load_days_words(language)
+    side = str(load_wording(language)["side"][arm.side or "unknown"])
+    told = (
+        cut_text(arm.subject, _LONGEST_NAME) if len(studied.people) > 1 else "",
+        side if len(studied.sides) > 1 else "",
+        str(words["stage"][arm.stage]) if len(studied.stages) > 1 else "",
+    )
+    return ", ".join(part for part in told if part)
 
 
 def format_span(interval: Interval | None, name: str, language: Language) -> str:
@@ -177,10 +183,8 @@ def build_days_table(studied: StudiedDays, words: Words, language: Language) -> 
 def _name_day(arm: ArmDays, day: MeasuredDay, studied: StudiedDays, words: Words, language: Language) -> str:
     """Name a day by its date, with person and arm where there are several."""
     date = format_date(day.start, language) if day.start else words["no_clock"]
-    who = (cut_text(arm.subject, _LONGEST_NAME),) if len(studied.people) > 1 else ()
-    is_several = len(studied.sides) > 1 or len(studied.stages) > 1
-    which = (name_arm(arm.side, arm.stage, language),) if is_several else ()
-    return ", ".join((*who, *which, date))
+    name = name_short(arm, studied, language)
+    return f"{name}, {date}" if name else date
 
 
 def _format_analysed(day: MeasuredDay, words: Words, language: Language) -> str:
