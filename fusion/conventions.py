@@ -21,6 +21,16 @@ a minute of the start of wear ("held") or later; how the arm hung in walking; th
 """
 UNHELD: frozenset[Found] = frozenset({"axis", "walking", "moment"})
 """Where no pose was held."""
+
+
+def is_npose(pose: Pose, found: Found) -> bool:
+    """Whether the arm was held along the body, so that a raised arm may read too low.
+
+    A strapped axis has no pose; of an axis from walking or a stillest moment the error is not known.
+    """
+    return pose == "n-pose" and found not in UNHELD
+
+
 AXIS_HINT = "x, y, z, -x, -y, -z"
 
 

@@ -8,7 +8,7 @@ from typing import BinaryIO, Literal
 from fusion.angle_files import AngleFile, calibrate_alone, resample_file
 from fusion.angle_series import read_angle_series
 from fusion.caveats import Caveat
-from fusion.conventions import ArmAxis, MethodName, Pose
+from fusion.conventions import ArmAxis, MethodName, Pose, is_npose
 from fusion.diary import DiaryEntry
 from fusion.elevation import Elevation, estimate_elevation
 from fusion.errors import UnknownAxis
@@ -187,6 +187,7 @@ def analyse(
             samples.calibration.gyro_bias_dps,
             math.hypot(samples.calibration.sigma_deg, elevation.bias_sigma_deg or 0.0),
             division=day.division,
+            is_npose=is_npose(samples.calibration.pose, samples.calibration.found),
         )
     )
     time = _divide_time(recording, day, exposure)
@@ -330,7 +331,11 @@ def _count_ready(
     day = _divide(recording, elevation, (), placed)
     exposure = withhold_short(
         summarise_exposure(
-            day.counted, recording.start, bias_sigma_deg=UNKNOWN_SIGMA_DEG, division=day.division
+            day.counted,
+            recording.start,
+            bias_sigma_deg=UNKNOWN_SIGMA_DEG,
+            division=day.division,
+            is_npose=any(flag.code == Caveat.NPOSE for flag in recording.flags),
         )
     )
     time = _divide_time(recording, day, exposure)

@@ -32,6 +32,8 @@ Results = Mapping[str, Any]
 """A document ``results.json``."""
 
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
+RANGE_ENDS = ("_low", "_high", "_low_pose", "_high_pose")
+"""What the names of the columns of a range end in: the 95 % range, and with the error of the N-pose."""
 _UNITS = (
     ("_percent", "%"),
     ("_per_h", "1/h"),
@@ -255,13 +257,23 @@ def read_figures(results: Results) -> dict[str, Cell]:
 
 def read_ranges(results: Results) -> dict[str, tuple[Cell, Cell]]:
     """Read both ends of the 95 % ranges by the names of their figures; what has no range is absent."""
+    return _read_ends(results, ("low", "high"), "intervals")
+
+
+def read_pose_ranges(results: Results) -> dict[str, tuple[Cell, Cell]]:
+    """Read both ends of the ranges with the error of the N-pose; none in any other, or from before them."""
+    return _read_ends(results, ("low_pose", "high_pose"), "intervals_pose")
+
+
+def _read_ends(results: Results, ends: tuple[str, str], named: str) -> dict[str, tuple[Cell, Cell]]:
+    """Read the ends that records hold themselves, and those that stand by the names of figures."""
     own = {
-        figure.spell(record): (record["low"], record["high"])
+        figure.spell(record): (record.get(ends[0]), record.get(ends[1]))
         for group, figure in ((TIME_ABOVE, SHARE_ABOVE), (BINS, _SHARE))
         for record in _find_records(results, group.path.split("."))
     }
-    named = {name: (low, high) for name, (low, high) in results["exposure"]["intervals"].items()}
-    return {name: ends for name, ends in {**named, **own}.items() if None not in ends}
+    others = {name: (low, high) for name, (low, high) in results["exposure"].get(named, {}).items()}
+    return {name: pair for name, pair in {**others, **own}.items() if None not in pair}
 
 
 def _find_records(value: Any, steps: list[str], name: str = "") -> Iterator[dict[str, Any]]:
@@ -295,7 +307,7 @@ class Column:
 
     @property
     def name(self) -> str:
-        """The name, which ends in the unit; that of the end of a range in ``_low`` or ``_high``."""
+        """The name, which ends in the unit; behind it the end of a range, of :data:`RANGE_ENDS`."""
         return fill(self.pattern, self._texts)
 
     @property
@@ -339,6 +351,16 @@ SUMMARY: tuple[Column, ...] = (
     ),
     *(Column(name, kind="text") for name in ("path", "folder", "pose_found")),
     Column("pose_sigma_deg"),
+    *(Column("{figure}_" + end, {"figure": "entries_above_60_per_h"}) for end in ("low", "high")),
+    *(
+        Column("{figure}_" + end, {"figure": name})
+        for name in (
+            *(f"time_above_{threshold_deg}_percent" for threshold_deg in (30, 60, 90)),
+            *(f"elevation_p{p}_deg" for p in (10, 50, 90, 99)),
+            "entries_above_60_per_h",
+        )
+        for end in ("low_pose", "high_pose")
+    ),
 )
 """The columns of ``summary.csv``, for each recording one row. A new one follows all others."""
 
@@ -365,7 +387,7 @@ PERIODS: tuple[Column, ...] = (
 
 def find_unit(name: str) -> str:
     """Read the unit off the end of a name, where it always stands; ends of ranges stand behind it."""
-    stem = name.removesuffix("_low").removesuffix("_high").removesuffix("[]")
+    stem = name.removesuffix("_pose").removesuffix("_low").removesuffix("_high").removesuffix("[]")
     return next((unit for ending, unit in _UNITS if stem.endswith(ending)), "")
 
 

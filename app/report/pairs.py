@@ -125,10 +125,13 @@ def _read_wall_clock(moment: datetime) -> datetime:
 
 
 def format_cautions(sides: tuple[PairSide, PairSide], language: Language) -> str:
-    """Give the known one-sided errors of the poses the figures were calibrated in; each once."""
-    words = load_wording(language)
-    told = (format_pose_caution(side.kept.findings, words) for side in sides)
-    return " ".join(filter(None, dict.fromkeys(told)))
+    """Say which of the two has the one-sided error of the N-pose, and what that does to the difference."""
+    words, entry = load_wording(language), load_pair_words(language)["pose_error"]
+    posed = [side for side in sides if format_pose_caution(side.kept.findings, words)]
+    if not posed:
+        return ""
+    told = entry["both"] if len(posed) == len(sides) else fill(entry["one"], {"name": posed[0].name})
+    return f"{told} {entry['no_range']}"
 
 
 def build_limits(sides: tuple[PairSide, PairSide], language: Language) -> tuple[Note, Note]:

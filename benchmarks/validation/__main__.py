@@ -2,7 +2,7 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
-Sections: recorded_people, simulated_people, gait, tasks, broad, stress, shifts, speed, invariance,
+Sections: recorded_people, simulated_people, pose_error, gait, tasks, broad, stress, shifts, speed, invariance,
 good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes the tables
 that the document leaves out. Days of people are kept in ``--logs`` and not run twice. Needs the `bench` extra
 (vqf, ahrs, imufusion). All but the speed section is deterministic.
@@ -26,6 +26,7 @@ from benchmarks.validation.document import (
 from benchmarks.validation.gait import compare_gaits
 from benchmarks.validation.good_sensors import compare_good_sensors
 from benchmarks.validation.invariance import compare_changes
+from benchmarks.validation.pose_error import compare_pose_error
 from benchmarks.validation.real_motion import compare_on_recorded
 from benchmarks.validation.recorded import compare_on_broad, stress
 from benchmarks.validation.shifts import compare_on_shifts
@@ -39,6 +40,7 @@ PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion")
 SECTIONS = (
     "recorded_people",
     "simulated_people",
+    "pose_error",
     "gait",
     "tasks",
     "broad",
@@ -56,6 +58,7 @@ recorded human motion with a simulated sensor, a simulated person, or optical mo
 sensor worn by a real person with a reference for the upper arm is among the data. `smoothed` is the default
 for an uploaded recording, `published` the algorithm of Boyer, Frasie, Bouyer, Roy, Poitras and
 Campeau-Lecours, `live` the causal one for feedback. What is left out here, `--details FILE` writes."""
+POSE_SHIFTS, POSE_DAYS = 12, 6
 LIMITS = Path(__file__).with_name("limits.md")
 """What the figures cannot show, and what became of every goal that was missed: written by hand."""
 
@@ -99,6 +102,7 @@ def _list_makers(arguments: argparse.Namespace) -> Mapping[str, Callable[[], Sec
     return {
         "recorded_people": partial(compare_on_recorded, data / "real_motion", arguments.recorded, recorded),
         "simulated_people": partial(compare_on_simulated, arguments.days, simulated),
+        "pose_error": partial(compare_pose_error, data / "real_motion", POSE_SHIFTS, POSE_DAYS),
         "gait": partial(compare_gaits, data / "real_motion"),
         "tasks": compare_on_tasks,
         "broad": partial(compare_on_broad, data / "broad"),

@@ -1,12 +1,12 @@
 """Give every figure of the day its interval (EXPOSURE.md A12, CONTRACT.md §5 "Interval")."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.conventions import CONVENTIONS
+from fusion.conventions import CONVENTIONS, Convention
 from fusion.exposure.bins import (
     BIN_EDGES_DEG,
     CELLS_PER_DEG,
@@ -17,7 +17,22 @@ from fusion.exposure.bins import (
 )
 from fusion.exposure.episodes import name_busy_intervals, name_stay_intervals
 from fusion.exposure.eva import draw_eva
-from fusion.exposure.parts import PART_PERCENTS, AnyArray, Group, Stretches, sum_groups, sum_time
+from fusion.exposure.parts import (
+    PART_PERCENTS,
+    AnyArray,
+    Group,
+    Stretches,
+    sum_groups,
+    sum_last_groups,
+    sum_time,
+)
+from fusion.exposure.pose_error import (
+    LEAST_BIN_DEG,
+    LoweredEntries,
+    lower_thresholds,
+    raise_angles,
+    widen,
+)
 from fusion.exposure.resampling import (
     Resampling,
     can_draw,
@@ -56,18 +71,24 @@ class DrawnDistribution:
     draws: Resampling
 
     def find_shares(self, angles_deg: Float64Array) -> Float64Array:
-        """Give the share of each draw's time below angles, shape (k,), read with its error: (200, k)."""
-        cells = (angles_deg - self.draws.error_deg[:, np.newaxis]) * CELLS_PER_DEG
+        """Give the share of each draw's time below angles, shape (k,), read with its errors: (200, k)."""
+        error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
+        cells = lower_thresholds(angles_deg - error_deg, share) * CELLS_PER_DEG
         shares = np.empty(cells.shape)
         _read_shares(self.below, self.draws.times, np.clip(cells, 0.0, len(self.below) - 1.0), shares)
         return shares
 
     def find_percentiles(self, percents: Sequence[int]) -> Float64Array:
-        """Give percentiles of each draw, read with its error and kept inside the scale, shape (200, p)."""
+        """Give percentiles of each draw, read with its errors and kept inside the scale, shape (200, p)."""
         places = np.empty((len(self.draws.times), len(percents)))
         _find_places(self.below, self.draws.times, np.array(percents) / 100.0, places)
-        angles_deg = places / CELLS_PER_DEG + self.draws.error_deg[:, np.newaxis]
+        error_deg, share = self.draws.error_deg[:, np.newaxis], self.draws.share[:, np.newaxis]
+        angles_deg = raise_angles(places / CELLS_PER_DEG, share) + error_deg
         return np.clip(angles_deg, 0.0, 180.0)
+
+    def raise_read(self) -> "DrawnDistribution":
+        """Give the same with the error of the N-pose in the draws."""
+        return replace(self, draws=self.draws.raise_read())
 
 
 def sum_below(blocks: AnyArray, draws: Resampling) -> DrawnDistribution:
@@ -129,9 +150,30 @@ class Draws:
     percentiles_deg: Float64Array
 
 
-def draw_figures(blocks: AnyArray, draws: Resampling) -> Draws:
-    """Give the figures of each draw from the blocks' histograms, shape (b, 1800)."""
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnDay:
+    """The figures of the draws, and with the error of the N-pose, where that was the pose."""
+
+    draws: Draws
+    raised: Draws | None = None
+
+    def find_ranges(self, pick: Callable[[Draws], Float64Array]) -> list[Interval]:
+        """Give the interval of each column of figures, shape (200, k)."""
+        intervals = find_ranges(pick(self.draws))
+        if self.raised is None:
+            return intervals
+        pairs = zip(intervals, find_ranges(pick(self.raised)), strict=True)
+        return [widen(interval, raised) for interval, raised in pairs]
+
+
+def draw_day(blocks: AnyArray, draws: Resampling, *, is_npose: bool) -> DrawnDay:
+    """Draw a day from the blocks' histograms, shape (b, 1800)."""
     day = sum_below(blocks, draws)
+    return DrawnDay(draw_figures(day), draw_figures(day.raise_read()) if is_npose else None)
+
+
+def draw_figures(day: DrawnDistribution) -> Draws:
+    """Give the figures of each draw."""
     edges_deg = np.array(BIN_EDGES_DEG[1:-1], np.float64)
     below = day.find_shares(edges_deg)
     above = 1.0 - day.find_shares(np.array(THRESHOLDS_DEG, np.float64))
@@ -139,34 +181,49 @@ def draw_figures(blocks: AnyArray, draws: Resampling) -> Draws:
     return Draws(bins_percent, 100.0 * above, day.find_percentiles(PERCENTS))
 
 
-def add_bin_intervals(bins: tuple[ElevationBin, ...], draws: Draws) -> tuple[ElevationBin, ...]:
+def add_bin_intervals(bins: tuple[ElevationBin, ...], day: DrawnDay) -> tuple[ElevationBin, ...]:
     """Give each bin the interval of its percentage."""
-    intervals = find_ranges(draws.bins_percent)
-    return tuple(replace(part, interval=interval) for part, interval in zip(bins, intervals, strict=True))
+    intervals = day.find_ranges(lambda draws: draws.bins_percent)
+    return tuple(_add_range(part, interval) for part, interval in zip(bins, intervals, strict=True))
+
+
+def _add_range(part: ElevationBin, interval: Interval) -> ElevationBin:
+    if part.lower_deg < LEAST_BIN_DEG:
+        interval = Interval(interval.low, interval.high)
+    return replace(part, interval=interval)
 
 
 def add_class_intervals(
-    conventions: dict[str, tuple[ElevationBin, ...]], draws: Draws
+    conventions: dict[str, tuple[ElevationBin, ...]], day: DrawnDay
 ) -> dict[str, tuple[ElevationBin, ...]]:
     """Give each class of the conventions the interval of its percentage."""
     return {
         convention.key: tuple(
-            replace(part, interval=find_ranges(draws.bins_percent[:, inside].sum(axis=1, keepdims=True))[0])
-            for part, (_, inside) in zip(conventions[convention.key], list_classes(convention), strict=True)
+            _add_range(part, interval)
+            for part, interval in zip(
+                conventions[convention.key], _find_class_ranges(convention, day), strict=True
+            )
         )
         for convention in CONVENTIONS
     }
 
 
-def add_above_intervals(above: tuple[TimeAbove, ...], draws: Draws) -> tuple[TimeAbove, ...]:
+def _find_class_ranges(convention: Convention, day: DrawnDay) -> list[Interval]:
+    classes = [inside for _, inside in list_classes(convention)]
+    return day.find_ranges(
+        lambda draws: np.stack([draws.bins_percent[:, inside].sum(axis=1) for inside in classes], axis=1)
+    )
+
+
+def add_above_intervals(above: tuple[TimeAbove, ...], day: DrawnDay) -> tuple[TimeAbove, ...]:
     """Give each time above a threshold the interval of its percentage."""
-    intervals = find_ranges(draws.above_percent)
+    intervals = day.find_ranges(lambda draws: draws.above_percent)
     return tuple(replace(part, interval=interval) for part, interval in zip(above, intervals, strict=True))
 
 
-def name_percentile_intervals(draws: Draws) -> dict[str, Interval]:
+def name_percentile_intervals(day: DrawnDay) -> dict[str, Interval]:
     """Give the intervals of the percentiles by the names of their columns: ``elevation_p90_deg``."""
-    intervals = find_ranges(draws.percentiles_deg)
+    intervals = day.find_ranges(lambda draws: draws.percentiles_deg)
     return {f"elevation_p{p}_deg": interval for p, interval in zip(PERCENTS, intervals, strict=True)}
 
 
@@ -244,6 +301,9 @@ def describe_values(values: Float64Array) -> tuple[Float64Array, Float64Array, F
     return coefficient, values.max(axis=1) - values.min(axis=1), values[:, -1] - values[:, 0]
 
 
+MAIN_THRESHOLD_DEG = 60
+
+
 # The figures of a part of the day in each draw: an hour, a period, a task.
 #
 # As for the day, but from the part's own 5-minute blocks, those at its edges as long as they are. The
@@ -254,10 +314,18 @@ DrawnFigures = dict[str, Float64Array]
 """Each figure of a part in every draw, shape (200,), by its name."""
 
 
+@dataclass(frozen=True, slots=True)
+class DrawnPart:
+    """The figures of a part, and with the error of the N-pose; empty where there are none."""
+
+    figures: DrawnFigures = field(default_factory=dict)
+    raised: DrawnFigures = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PartDrawer:
     """What parts are drawn from: the cells of the stretches, shape (s, 1800), and their entries above 60 deg
-    at each error of the angle, shapes (g, s) and (g,).
+    at each error of the angle, shapes (g, s) and (g,); of the N-pose also the entries at lowered triggers.
     """
 
     stretches: Stretches
@@ -265,39 +333,49 @@ class PartDrawer:
     entries: Float64Array
     errors_deg: Float64Array
     sigma_deg: float
+    lowered: LoweredEntries | None = None
 
-    def draw(self, chosen: BoolArray) -> DrawnFigures:
+    def draw(self, chosen: BoolArray) -> DrawnPart:
         """Draw the part that the chosen stretches make up; ``chosen`` has shape (s,). Empty where the error
         of the angle is not known and the part too short to be drawn again.
         """
         block_of = self.stretches.block_of[chosen]
         blocks = sum_time(self.cell_us[chosen], block_of)
-        if not can_draw(blocks.sum(axis=1), self.sigma_deg):
-            return {}
-        draws = draw_blocks(blocks.sum(axis=1), self.sigma_deg)
-        below = sum_below(blocks, draws)
-        percentiles_deg = below.find_percentiles(PART_PERCENTS)
-        above = 100.0 * (1.0 - below.find_shares(np.array(THRESHOLDS_DEG, np.float64)))
-        return {
-            **{f"elevation_p{p}_deg": percentiles_deg[:, k] for k, p in enumerate(PART_PERCENTS)},
-            **{f"time_above_{c}_percent": above[:, k] for k, c in enumerate(THRESHOLDS_DEG)},
-            "entries_above_60_per_h": self._draw_entries(chosen, block_of, blocks, draws),
-        }
-
-    def _draw_entries(
-        self,
-        chosen: BoolArray,
-        block_of: IntArray,
-        blocks: IntArray,
-        draws: Resampling,
-    ) -> Float64Array:
+        block_us = blocks.sum(axis=1)
+        if not can_draw(block_us, self.sigma_deg):
+            return DrawnPart()
+        part = sum_below(blocks, draw_blocks(block_us, self.sigma_deg))
+        hours = part.draws.sum(block_us) / (3600.0 * MICROSECONDS)
         entries = sum_groups(self.entries[:, chosen].T, block_of).T
-        hours = draws.sum(blocks.sum(axis=1)) / (3600.0 * MICROSECONDS)
-        return draws.sum_with_error(entries, self.errors_deg) / hours
+        figures = _name_drawn(part, part.draws.sum_with_error(entries, self.errors_deg) / hours)
+        if self.lowered is None:
+            return DrawnPart(figures)
+        raised = part.raise_read()
+        entries = sum_last_groups(self.lowered.entries[..., chosen], block_of)
+        drawn = self.lowered.draw(MAIN_THRESHOLD_DEG, entries, raised.draws)
+        return DrawnPart(figures, _name_drawn(raised, drawn / hours))
 
 
-def find_part_intervals(drawn: DrawnFigures) -> dict[str, Interval]:
+def _name_drawn(part: DrawnDistribution, entries_per_h: Float64Array) -> DrawnFigures:
+    percentiles_deg = part.find_percentiles(PART_PERCENTS)
+    above = 100.0 * (1.0 - part.find_shares(np.array(THRESHOLDS_DEG, np.float64)))
+    return {
+        **{f"elevation_p{p}_deg": percentiles_deg[:, k] for k, p in enumerate(PART_PERCENTS)},
+        **{f"time_above_{c}_percent": above[:, k] for k, c in enumerate(THRESHOLDS_DEG)},
+        "entries_above_60_per_h": entries_per_h,
+    }
+
+
+def find_part_intervals(drawn: DrawnPart) -> dict[str, Interval]:
     """Give the interval of each figure of a part."""
+    intervals = _name_ranges(drawn.figures)
+    raised = _name_ranges(drawn.raised)
+    return {name: widen(interval, raised.get(name)) for name, interval in intervals.items()}
+
+
+def _name_ranges(drawn: DrawnFigures) -> dict[str, Interval]:
+    if not drawn:
+        return {}
     return dict(zip(drawn, find_ranges(np.stack(list(drawn.values()), axis=1)), strict=True))
 
 
@@ -331,9 +409,6 @@ def _centre(drawn: Float64Array, value: float | None) -> Interval | None:
     return find_interval(np.maximum(drawn - np.nanmedian(drawn) + value, 0.0))
 
 
-MAIN_THRESHOLD_DEG = 60
-
-
 def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Exposure:
     """Add the intervals of the day and of its parts.
 
@@ -346,7 +421,7 @@ def add_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Expo
     if not can_draw(block_us, errors.sigma_deg):
         return exposure
     draws = draw_blocks(block_us, errors.sigma_deg)
-    figures = draw_figures(blocks, draws)
+    figures = draw_day(blocks, draws, is_npose=errors.lowered is not None)
     eva = draw_eva(day.eva, draws)
     named = {
         **name_percentile_intervals(figures),
@@ -387,8 +462,11 @@ def _name_counts(
 ) -> dict[str, Interval]:
     """Name the intervals of what is counted: stays, cycles, windows, rest, changes of direction, speeds."""
     minutes = day.stretches.sum_minutes(day.by_stretch)
+    stays = name_stay_intervals(errors.stays, exposure.episodes, draws, block_s)
+    if errors.lowered is not None:
+        stays |= _widen_entries(stays, errors.lowered, day.stretches, draws, block_s)
     named = {
-        **name_stay_intervals(errors.stays, exposure.episodes, draws, block_s),
+        **stays,
         **name_busy_intervals(errors.stays, minutes, draws),
         **day.cycles.name_intervals(draws, block_s),
         **errors.seconds.name_intervals(exposure.peak_windows, draws),
@@ -401,6 +479,26 @@ def _name_counts(
     return named
 
 
+def _widen_entries(
+    stays: dict[str, Interval],
+    lowered: LoweredEntries,
+    stretches: Stretches,
+    draws: Resampling,
+    block_s: Float64Array,
+) -> dict[str, Interval]:
+    """Add the error of the N-pose to the intervals of the entries; ``block_s``, shape (b,)."""
+    raised = draws.raise_read()
+    hours, drawn_h = float(block_s.sum()) / 3600.0, draws.sum(block_s) / 3600.0
+    entries = sum_last_groups(lowered.entries, stretches.block_of)
+    found: dict[str, Interval] = {}
+    for c in THRESHOLDS_DEG:
+        per_h = lowered.draw(c, entries, raised) / drawn_h
+        for name, drawn in ((f"entries_above_{c}_per_h", per_h), (f"entries_above_{c}_count", per_h * hours)):
+            if name in stays:
+                found[name] = widen(stays[name], find_interval(drawn))
+    return found
+
+
 def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -> Exposure:
     drawer = PartDrawer(
         day.stretches,
@@ -408,20 +506,23 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
         errors.stays.pick(errors.stays.entries, MAIN_THRESHOLD_DEG),
         errors.stays.errors_deg,
         errors.sigma_deg,
+        errors.lowered,
     )
     hour_of, piece_of = day.stretches.hour_of, day.stretches.piece_of
     by_hour = [
-        drawer.draw(hour_of == k) if hour.analysed_s else {} for k, hour in enumerate(exposure.by_hour)
+        drawer.draw(hour_of == k) if hour.analysed_s else DrawnPart()
+        for k, hour in enumerate(exposure.by_hour)
     ]
 
     def add(parts: Sequence[PartExposure], groups: Sequence[Group]) -> tuple[PartExposure, ...]:
         drawn = (
-            drawer.draw(np.isin(piece_of, group)) if part.analysed_s else {}
+            drawer.draw(np.isin(piece_of, group)) if part.analysed_s else DrawnPart()
             for part, group in zip(parts, groups, strict=True)
         )
         return _tell_ranges(parts, list(drawn))
 
-    varied = name_variation_intervals(exposure.by_hour, by_hour, exposure.hour_variation)
+    figures = [hour.figures for hour in by_hour]
+    varied = name_variation_intervals(exposure.by_hour, figures, exposure.hour_variation)
     return replace(
         exposure,
         by_hour=_tell_ranges(exposure.by_hour, by_hour),
@@ -431,8 +532,8 @@ def _add_part_intervals(exposure: Exposure, day: DayTally, errors: ErrorTally) -
     )
 
 
-def _tell_ranges(parts: Sequence[PartExposure], drawn: Sequence[DrawnFigures]) -> tuple[PartExposure, ...]:
+def _tell_ranges(parts: Sequence[PartExposure], drawn: Sequence[DrawnPart]) -> tuple[PartExposure, ...]:
     return tuple(
-        replace(part, intervals=find_part_intervals(figures)) if figures else part
-        for part, figures in zip(parts, drawn, strict=True)
+        replace(part, intervals=find_part_intervals(one)) if one.figures else part
+        for part, one in zip(parts, drawn, strict=True)
     )

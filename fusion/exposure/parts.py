@@ -84,6 +84,11 @@ def sum_groups(rows: Float64Array, group_of: IntArray) -> Float64Array:
     return np.asarray(np.add.reduceat(rows, _find_first(group_of), axis=0), np.float64)
 
 
+def sum_last_groups(counts: Float64Array, group_of: IntArray) -> Float64Array:
+    """Sum the columns, shape (..., s), of each group; the groups follow one another."""
+    return np.asarray(np.add.reduceat(counts, _find_first(group_of), axis=-1), np.float64)
+
+
 def sum_time(cell_us: IntArray | NDArray[np.int32], group_of: IntArray) -> IntArray:
     """Sum the histograms, shape (s, 1800), of each group; the groups follow one another."""
     first = np.append(_find_first(group_of), len(group_of))

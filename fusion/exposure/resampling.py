@@ -2,9 +2,10 @@
 
 200 draws. Draw k takes the error at quantile (k + 0.5)/200 of a normal distribution, and as many blocks as
 the day has analysed ones, with replacement, by PCG64(0): the same recording always gives the same interval.
+For the N-pose the same draws once more, with a share of its one-sided error that runs through [0, 1].
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -20,6 +21,9 @@ LOW_HIGH_PERCENT = (2.5, 97.5)
 ERRORS = 11
 """Errors of the angle at which counts are made again; between them they are taken as linear."""
 
+STRIDE = 147
+"""Of the strides prime to 200 the one that spreads shares and errors of the angle most evenly over both."""
+
 LEAST_BLOCKS = 6
 """Fewer blocks than these, drawn again, are no range by themselves: an error of the angle must be known."""
 
@@ -27,12 +31,18 @@ LEAST_BLOCKS = 6
 @dataclass(frozen=True, slots=True, eq=False)
 class Resampling:
     """The draws. ``kept``, shape (b,), are the blocks with analysed time; ``times``, shape (200, kept),
-    how often each is in a draw; ``error_deg``, shape (200,), the error of the angle.
+    how often each is in a draw; ``error_deg``, shape (200,), the error of the angle; ``share``, shape (200,),
+    how much of the N-pose's error the read angles are raised by (:mod:`fusion.exposure.pose_error`).
     """
 
     kept: BoolArray
     times: Float64Array
     error_deg: Float64Array
+    share: Float64Array = field(default_factory=lambda: np.zeros(DRAWS))
+
+    def raise_read(self) -> "Resampling":
+        """Give the same draws with the error of the N-pose: every 200th of [0, 1] is one draw's share."""
+        return replace(self, share=(np.arange(DRAWS) * STRIDE % DRAWS + 0.5) / DRAWS)
 
     def sum(self, blocks: AnyArray) -> Float64Array:
         """Sum blocks, shape (b, ...), over each draw: shape (200, ...)."""

@@ -45,6 +45,7 @@ def summarise_exposure(  # noqa: PLR0913  each is an input of its own
     bias_sigma_deg: float | None = None,
     *,
     division: DayDivision = UNDIVIDED,
+    is_npose: bool = False,
 ) -> Exposure:
     """Summarise how much the arm was raised; only valid rows count.
 
@@ -63,13 +64,16 @@ def summarise_exposure(  # noqa: PLR0913  each is an input of its own
         the intervals are of the sampling of the day alone. Without it no interval.
     division
         The periods of the diary, for the figures by period; what they leave out must not be valid.
+    is_npose
+        Whether the arm's axis is that of the N-pose, whose one-sided error then widens the intervals of time
+        above, bins from 30 deg, percentiles and entries (:mod:`fusion.exposure.pose_error`).
 
     Raises
     ------
     TooShort
         When there is no valid row at all.
     """
-    day = start_day(_measure_length(elevation, samples), start, division, bias_sigma_deg)
+    day = start_day(_measure_length(elevation, samples), start, division, bias_sigma_deg, is_npose=is_npose)
     segments = {segment.start_us: segment for segment in samples.segments} if samples else {}
     for segment in elevation.segments:
         if len(segment) > 0:

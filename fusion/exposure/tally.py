@@ -15,6 +15,7 @@ from fusion.exposure.eva import EvaTally, start_eva
 from fusion.exposure.metric_filter import MetricAngle, is_filtered
 from fusion.exposure.parts import DayDivision, DayParts, Stretches, cut_day, split_hours, split_minutes
 from fusion.exposure.peaks import SecondTally, ShiftedSeconds
+from fusion.exposure.pose_error import LoweredEntries, start_lowered_entries
 from fusion.exposure.recovery import RecoveryTally, start_recovery
 from fusion.exposure.resampling import spread_errors
 from fusion.exposure.speeds import FrequencyTally, SpeedTally, measure_generalised, measure_inclination
@@ -77,11 +78,14 @@ class ErrorTally:
     sigma_deg: float
     stays: ShiftedStays
     seconds: ShiftedSeconds
+    lowered: LoweredEntries | None = None
 
     def add(self, angle: MetricAngle) -> None:
         """Count one segment's angle."""
         self.stays.add(angle)
         self.seconds.add(angle)
+        if self.lowered is not None:
+            self.lowered.add(angle)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,14 +125,22 @@ class DayTally:
 
 
 def start_day(
-    duration_us: int, start: datetime | None, division: DayDivision, bias_sigma_deg: float | None
+    duration_us: int,
+    start: datetime | None,
+    division: DayDivision,
+    bias_sigma_deg: float | None,
+    *,
+    is_npose: bool = False,
 ) -> DayTally:
     """Start with nothing counted; without a known error of the angle, no figure gets an interval."""
     hours = split_hours(start, duration_us)
     stretches = cut_day(split_minutes(duration_us), hours.edges_us, division.list_edges())
     block_edges_us = stretches.block_edges_us
     seconds = -(-duration_us // MICROSECONDS)
-    errors_deg = EXACT if bias_sigma_deg is None else spread_errors(bias_sigma_deg)
+    errors_deg, errors = EXACT, None
+    if bias_sigma_deg is not None:
+        errors_deg = spread_errors(bias_sigma_deg)
+        errors = _start_errors(seconds, stretches, bias_sigma_deg, is_npose=is_npose)
     return DayTally(
         duration_us,
         hours,
@@ -144,15 +156,18 @@ def start_day(
             SpeedTally(block_edges_us),
             start_recovery(errors_deg, block_edges_us),
         ),
-        None if bias_sigma_deg is None else _start_errors(seconds, stretches, bias_sigma_deg, errors_deg),
+        errors,
         FrequencyTally(block_edges_us),
         start_eva(errors_deg, block_edges_us),
         start_cycles(errors_deg, block_edges_us),
     )
 
 
-def _start_errors(
-    duration_s: int, stretches: Stretches, sigma_deg: float, errors_deg: Float64Array
-) -> ErrorTally:
-    shifted = ShiftedSeconds(errors_deg, np.zeros((duration_s, len(errors_deg) + 1), np.float32))
-    return ErrorTally(sigma_deg, start_shifted_stays(errors_deg, stretches), shifted)
+def _start_errors(duration_s: int, stretches: Stretches, sigma_deg: float, *, is_npose: bool) -> ErrorTally:
+    errors_deg = spread_errors(sigma_deg)
+    return ErrorTally(
+        sigma_deg,
+        start_shifted_stays(errors_deg, stretches),
+        ShiftedSeconds(errors_deg, np.zeros((duration_s, len(errors_deg) + 1), np.float32)),
+        start_lowered_entries(errors_deg, stretches.edges_us) if is_npose else None,
+    )

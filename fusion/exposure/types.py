@@ -26,6 +26,13 @@ class Interval:
     low_pose: float | None = None
     high_pose: float | None = None
 
+    @property
+    def with_pose(self) -> "Interval | None":
+        """The range that also holds the error of the N-pose; None where there is none."""
+        if self.low_pose is None or self.high_pose is None:
+            return None
+        return Interval(self.low_pose, self.high_pose)
+
 
 @dataclass(frozen=True, slots=True)
 class ElevationBin:

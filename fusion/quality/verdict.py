@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from fusion.caveats import FEW_H, POOR_H, TIME_LOST, Caveat, Grade
-from fusion.conventions import NPOSE_ERROR_DEG, UNHELD
+from fusion.conventions import NPOSE_ERROR_DEG, is_npose
 from fusion.exposure.types import LEAST_RANGED_S, Exposure
 from fusion.pose.calibrate import Calibration
 from fusion.quality.time_account import count_beside_us
@@ -116,7 +116,7 @@ def _find_own_flags(
     yield from flag_spans(Caveat.CLIP, [span for span in exclusions if span.reason == "clipped"])
     yield from _flag_untrusted(recording, time, holes, exclusions)
     yield from _flag_length(recording, time, exclusions)
-    if calibration is not None and calibration.pose == "n-pose" and calibration.found not in UNHELD:
+    if calibration is not None and is_npose(calibration.pose, calibration.found):
         yield QualityFlag(Caveat.NPOSE, facts={"reads_low_by_up_to_deg": NPOSE_ERROR_DEG})
 
 

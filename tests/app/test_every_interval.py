@@ -16,7 +16,8 @@ from fusion.recording import Recording, Segment
 from fusion.simulation.shift import simulate_shift
 from tests.app.analysis_factory import make_subject
 
-KEYS = ("lower_deg", "upper_deg", "threshold_deg", "length_s", "than_s", "start_s", "end_s", "low", "high")
+ENDS = ("low", "high", "low_pose", "high_pose")
+KEYS = ("lower_deg", "upper_deg", "threshold_deg", "length_s", "than_s", "start_s", "end_s", *ENDS)
 """What names a figure, says where it lies or is a range."""
 
 EXCEPTIONS = {
@@ -26,7 +27,7 @@ EXCEPTIONS = {
     r"variation\.by_hour\..*\.hours": "how many hours were compared, known exactly",
     r"quarter_hours\.percent_above_60": "where to look; the worst has its range as the worst 15 min",
     r"(angle_edges_deg|duration_edges_s)": "edges of classes",
-    r"intervals\..*": "the ranges themselves",
+    r"intervals(_pose)?\..*": "the ranges themselves",
 }
 
 

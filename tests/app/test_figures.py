@@ -9,6 +9,7 @@ from app.report.export.results import encode_results
 from app.report.figures import (
     GROUPS,
     PERIODS,
+    RANGE_ENDS,
     REST_TABLE,
     SUMMARY,
     Column,
@@ -62,7 +63,7 @@ def test_a_range_is_read_by_the_name_of_its_figure() -> None:
 @pytest.mark.parametrize("columns", [SUMMARY, PERIODS], ids=["summary", "periods"])
 def test_every_number_in_a_table_is_a_declared_figure(columns: tuple[Column, ...]) -> None:
     declared = {figure.name for group in GROUPS for figure in group.figures}
-    known = {*declared, *read_figures(results_of()), "{figure}_low", "{figure}_high"}
+    known = {*declared, *read_figures(results_of()), *(f"{{figure}}{end}" for end in RANGE_ENDS)}
 
     numbers = {column.pattern for column in columns if column.kind == "number"}
     assert numbers - known == ({"start_s", "end_s", "periods"} if columns is PERIODS else set())

@@ -82,14 +82,15 @@ def test_a_ready_angle_series_has_no_calibration_and_no_method() -> None:
 def test_the_figures_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
     assert list(results["exposure"]) == [
         "bins", "time_above", "percentiles_deg", "entries", "cycles", "episodes", "velocity_dps", "peak",
-        "eva", "by_hour", "by_period", "by_task", "intervals", "recovery", "frequency", "variation",
-        "conventions",
+        "eva", "by_hour", "by_period", "by_task", "intervals", "intervals_pose", "recovery", "frequency",
+        "variation", "conventions",
     ]  # fmt: skip
 
 
 def test_a_bin_without_an_interval_has_nulls(results: dict[str, Any]) -> None:
     assert results["exposure"]["bins"][0] == {
-        "lower_deg": 0, "upper_deg": 20, "duration_s": 11781.0, "percent": 46.2, "low": None, "high": None
+        "lower_deg": 0, "upper_deg": 20, "duration_s": 11781.0, "percent": 46.2,
+        "low": None, "high": None, "low_pose": None, "high_pose": None,
     }  # fmt: skip
 
 
@@ -156,6 +157,7 @@ def test_an_hour_has_units_in_its_names(results: dict[str, Any]) -> None:
         "time_above_90_percent": 1.4,
         "entries_above_60_per_h": 25.0,
         "intervals": {},
+        "intervals_pose": {},
     }
 
 

@@ -10,7 +10,7 @@ from scipy.stats import norm
 from fusion.elevation import Elevation
 from fusion.exposure import Exposure, Interval, summarise_exposure, withhold_short
 from fusion.exposure.bins import CELLS
-from fusion.exposure.intervals import draw_figures, name_speed_intervals
+from fusion.exposure.intervals import draw_day, name_speed_intervals
 from fusion.exposure.resampling import DRAWS, Resampling, draw_blocks
 from fusion.exposure.speeds import SpeedTally
 from fusion.exposure.types import Velocity
@@ -72,7 +72,7 @@ def test_blocks_that_differ_widen_the_interval_of_an_exact_angle() -> None:
 def test_the_bins_of_every_draw_add_up() -> None:
     random = np.random.default_rng(4)
     blocks = random.integers(0, 40_000, (7, CELLS))
-    draws = draw_figures(blocks, draw_blocks(blocks.sum(axis=1), 4.0))
+    draws = draw_day(blocks, draw_blocks(blocks.sum(axis=1), 4.0), is_npose=False).draws
 
     assert draws.bins_percent.sum(axis=1) == pytest.approx(np.full(DRAWS, 100.0))
 

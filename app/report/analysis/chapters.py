@@ -31,7 +31,7 @@ from app.report.words.subject import ReportSubject, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name
 from fusion.comparison import STATEMENTS, Compared, Reference, compare_with_references
 from fusion.conventions import UNHELD
-from fusion.exposure.types import LEAST_RANGED_S, Interval, PartExposure
+from fusion.exposure.types import LEAST_RANGED_S, Exposure, Interval, PartExposure
 from fusion.quality.types import TimePart
 from fusion.recording import MICROSECONDS, QualityFlag
 
@@ -232,7 +232,10 @@ def build_sections(
         Section(
             "figures",
             words["section"]["figures"],
-            paragraphs=(words["ranges"]["every"][choose_ranges(findings)],),
+            paragraphs=(
+                words["ranges"]["every"][choose_ranges(findings)],
+                *_list_pose_ranges(findings, words),
+            ),
             tables=build_measures(findings.exposure, clock, words),
         ),
         build_published(findings, words, clock.language),
@@ -241,6 +244,18 @@ def build_sections(
         _build_provenance(findings, subject, clock, words),
     )
     return tuple(section for section in sections if section.pairs or section.tables or section.figures)
+
+
+def _list_pose_ranges(findings: Findings, words: Words) -> tuple[str, ...]:
+    """Say what the ranges with the error of the pose are, and which there are; nothing in another pose."""
+    if not has_pose_ranges(findings.exposure):
+        return ()
+    return (f"{words['ranges']['pose']} {words['pose_caution']['ranges']}",)
+
+
+def has_pose_ranges(exposure: Exposure) -> bool:
+    """Whether ranges hold the error of the N-pose, too."""
+    return any(above.interval and above.interval.with_pose for above in exposure.time_above)
 
 
 # ------------------------------------------------------------------ by hour and by period
@@ -268,7 +283,8 @@ def _build_parts(findings: Findings, clock: Clock, words: Words) -> Section:
         if any(is_drawable(part) for _, part in parts)
     ]
     title = words["section"]["periods" if periods else "hours"]
-    return Section("hours", title, figures=tuple(figures), tables=tuple(tables))
+    notes = (words["part"]["pose_note"],) if tables and has_pose_ranges(exposure) else ()
+    return Section("hours", title, notes, figures=tuple(figures), tables=tuple(tables))
 
 
 def _is_told(hour: PartExposure) -> bool:

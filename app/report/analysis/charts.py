@@ -56,6 +56,7 @@ def build_apdf(exposure: Exposure, words: Words, language: Language) -> Chart:
         wide=draw_apdf(shown, title, WIDE),
         narrow=draw_apdf(shown, title, NARROW),
         table=_tabulate_curve(shown.below_percent, entry, language),
+        note=entry["pose_note"] if any(mark.raised_deg is not None for mark in marks) else "",
     )
 
 
@@ -70,7 +71,8 @@ def _mark(percent: int, exposure: Exposure, entry: Words, language: Language) ->
     interval = exposure.intervals.get(f"elevation_p{percent}_deg")
     told = f" ({format_angle_range(interval, language)})" if interval else ""
     label = fill(entry["mark"], {"percent": str(percent), "angle": format_angle(angle_deg, language)}) + told
-    return MarkedPercentile(percent, angle_deg, (interval.low, interval.high) if interval else None, label)
+    ends = (interval.low, interval.high) if interval else None
+    return MarkedPercentile(percent, angle_deg, ends, label, interval.high_pose if interval else None)
 
 
 def _tabulate_curve(below_percent: Sequence[float], entry: Words, language: Language) -> Table:

@@ -36,7 +36,7 @@ from app.report.words.numbers import (
 )
 from app.report.words.wording import Language, Words, fill
 from fusion.conventions import CONVENTIONS
-from fusion.exposure.types import Cycles, ElevationBin, Exposure, PeakWindow, TimeAbove
+from fusion.exposure.types import Cycles, ElevationBin, Exposure, Interval, PeakWindow, TimeAbove
 
 
 def build_measures(exposure: Exposure, clock: Clock, words: Words) -> tuple[Table, ...]:
@@ -68,9 +68,11 @@ def _tabulate_above(above: Sequence[TimeAbove], entry: Words, language: Language
     return _tabulate(entry["time_above"], rows)
 
 
-def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str]:
-    told = format_range(item.interval, language) or NONE
-    return format_duration(item.duration_s, language), format_percent(item.percent, language), told
+def _format_share(item: ElevationBin | TimeAbove, language: Language) -> tuple[str, str, str, str]:
+    """Write time, share, its range, and the one that also holds the error of the pose."""
+    posed = item.interval.with_pose if item.interval else None
+    known, pose = (format_range(interval, language) or NONE for interval in (item.interval, posed))
+    return format_duration(item.duration_s, language), format_percent(item.percent, language), known, pose
 
 
 def _tabulate_percentiles(exposure: Exposure, entry: Words, language: Language) -> Table:
@@ -82,6 +84,9 @@ def _tabulate_percentiles(exposure: Exposure, entry: Words, language: Language) 
     rows = [(said["row"], *(format_angle(exposure.percentiles_deg[p], language, 1) for p in ranks))]
     if any(intervals):
         rows.append((said["range"], *(format_angle_range(i, language) or NONE for i in intervals)))
+    posed = [interval.with_pose if interval else None for interval in intervals]
+    if any(posed):
+        rows.append((said["pose"], *(format_angle_range(i, language) or NONE for i in posed)))
     columns = (said["column"], *(f"P{p}" for p in ranks))
     return Table(said["caption"], columns, tuple(rows), note=said["note"])
 
@@ -103,8 +108,17 @@ def _tabulate_entries(exposure: Exposure, entry: Words, language: Language) -> T
         above = {"threshold_deg": item.threshold_deg}
         per_h, median, longest = (f.spell(above) for f in (ENTRIES_PER_H, STAY_MEDIAN_S, STAY_LONGEST_S))
         ranges = _build_ranges(exposure, ("", per_h, "", median, longest, ""), entry, language)
-        rows += [row, *ranges]
+        posed = exposure.intervals.get(per_h)
+        rows += [row, *ranges, *_build_pose_range(posed.with_pose if posed else None, entry, language)]
     return _tabulate(entry["entries"], rows)
+
+
+def _build_pose_range(posed: Interval | None, entry: Words, language: Language) -> list[tuple[str, ...]]:
+    """Give the row of the range of a rate that holds the error of the pose; none in another pose."""
+    if posed is None:
+        return []
+    ends = "–".join(format_rate(end, language) for end in (posed.low, posed.high))
+    return [(entry["percentiles"]["pose"], "", ends, "", "", "", "")]
 
 
 def _build_ranges(
@@ -234,14 +248,12 @@ def _tabulate_conventions(exposure: Exposure, entry: Words, language: Language) 
         (
             entry["name"][convention.key],
             f"{part.lower_deg:g}–{part.upper_deg:g}°",
-            format_duration(part.duration_s, language),
-            format_percent(part.percent, language),
-            format_range(part.interval, language) or NONE,
+            *_format_share(part, language),
         )
         for convention in CONVENTIONS
         for part in exposure.conventions.get(convention.key, ())
     ]
-    return _make(entry, rows)
+    return _tabulate(entry, rows)
 
 
 def _tabulate_variation(exposure: Exposure, entry: Words, language: Language) -> Table:

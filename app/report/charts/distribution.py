@@ -1,7 +1,8 @@
 """The distribution of elevation as SVG: how much of the time the arm stayed below each angle (APDF).
 
 Amplitude probability distribution function (Jonsson 1982): the curve rises from 0 % at 0 deg to 100 % at
-180 deg; four percentiles are marked, each with the range allowing for measurement error where one is known.
+180 deg; four percentiles are marked, each with the range allowing for measurement error where one is known;
+what the error of the N-pose may add to it is hatched.
 """
 
 from collections.abc import Sequence
@@ -16,12 +17,13 @@ GUIDES_DEG = (30, 60, 90)
 
 @dataclass(frozen=True, slots=True)
 class MarkedPercentile:
-    """A percentile on the curve; ``interval`` in degrees."""
+    """A percentile on the curve; ``interval``, and where the N-pose's error may raise it to, in degrees."""
 
     percent: int
     angle_deg: float
     interval: tuple[float, float] | None
     label: str
+    raised_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +52,15 @@ class _Plot:
 
 def draw_apdf(shown: Distribution, words: tuple[str, str], width_px: float) -> str:
     """Draw the curve with its percentiles; guide lines at 30, 60 and 90 deg."""
-    plot = _Plot(40, width_px - 8, 22, 200 if width_px > NARROW else 230)
+    plot, key = _Plot(40, width_px - 8, 22, 200 if width_px > NARROW else 230), f"apdf{width_px:.0f}"
+    is_hatched = any(mark.raised_deg is not None for mark in shown.marks)
     body = [
+        *([svg.define_hatch(key)] if is_hatched else []),
         *_draw_frame(plot, shown.axes),
         _draw_curve(shown.below_percent, plot),
-        *(stroke for mark in shown.marks for stroke in _draw_mark(mark, plot)),
+        *(stroke for mark in shown.marks for stroke in _draw_mark(mark, plot, key)),
     ]
-    return svg.picture(width_px, plot.bottom_px + 34, f"apdf{width_px:.0f}", words, body)
+    return svg.picture(width_px, plot.bottom_px + 34, key, words, body)
 
 
 def _draw_frame(plot: _Plot, axes: tuple[str, str]) -> list[str]:
@@ -88,7 +92,7 @@ def _draw_curve(below_percent: Sequence[float], plot: _Plot) -> str:
     return svg.path("M" + "L".join(points), f'{stroke} stroke-linejoin="round"')
 
 
-def _draw_mark(mark: MarkedPercentile, plot: _Plot) -> list[str]:
+def _draw_mark(mark: MarkedPercentile, plot: _Plot, key: str) -> list[str]:
     """Mark the point; its label stands to the right, where the curve has already risen above it."""
     x, y = plot.x(mark.angle_deg), plot.y(mark.percent)
     body, end = [], x
@@ -99,6 +103,10 @@ def _draw_mark(mark: MarkedPercentile, plot: _Plot) -> list[str]:
             svg.line(low, y, end, y, bar),
             *(svg.line(at, y - 3, at, y + 3, bar) for at in (low, end)),
         ]
+    if mark.raised_deg is not None and plot.x(mark.raised_deg) > end:
+        raised = plot.x(mark.raised_deg)
+        body += svg.hatch(end, y - 3, raised - end, 6, key)
+        end = raised
     dot = f"M{svg.number(x - 4)} {svg.number(y)}l4 -4l4 4l-4 4Z"
     body.append(svg.path(dot, f'class="mark" fill="{svg.RAMP[3]}" stroke="{svg.PAPER}"'))
     return [*body, *_label(mark, x if mark.percent > 50 else max(x, end), y, plot)]

@@ -69,11 +69,7 @@ def _draw_ranges(scale: TileScale, place: Callable[[float], float], y_px: float)
 
 def _hatch(place: Callable[[float], float], span: Span, y_px: float, key: str) -> list[str]:
     low, high = map(place, span)
-    edge = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-width="0.6"'
-    return [
-        svg.rect(low, y_px, high - low, 10, f'fill="url(#{key}-h)"'),
-        svg.rect(low, y_px, high - low, 10, edge),
-    ]
+    return svg.hatch(low, y_px, high - low, 10, key)
 
 
 def _draw_diamond(x_px: float, y_px: float) -> str:

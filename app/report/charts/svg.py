@@ -92,6 +92,15 @@ def break_lines(words: str, room_px: float) -> list[str]:
     return lines
 
 
+def hatch(x_px: float, y_px: float, width_px: float, height_px: float, key: str) -> list[str]:
+    """Hatch a framed stretch, by the definition of :func:`define_hatch`."""
+    edge = f'class="edge" fill="none" stroke="{SOFT}" stroke-width="0.6"'
+    return [
+        rect(x_px, y_px, width_px, height_px, f'fill="url(#{key}-h)"'),
+        rect(x_px, y_px, width_px, height_px, edge),
+    ]
+
+
 def define_hatch(key: str) -> str:
     """Define the hatch of a drawing, for ``fill="url(#key-h)"``."""
     stroke = line(0, 0, 0, 5, f'class="hatch" stroke="{SOFT}" stroke-width="1.1"')

@@ -6,7 +6,16 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from app.report.export.csv import INTERNATIONAL, Dialect, Origin, Row, encode_table, find_place
-from app.report.figures import PERIODS, SUMMARY, Column, Results, find_unit, read_figures, read_ranges
+from app.report.figures import (
+    PERIODS,
+    SUMMARY,
+    Column,
+    Results,
+    find_unit,
+    read_figures,
+    read_pose_ranges,
+    read_ranges,
+)
 from app.report.words.wording import LANGUAGES, load_wording
 
 
@@ -15,6 +24,8 @@ def summarise_results(results: Results) -> Row:
     told = read_figures(results)
     for name, (low, high) in read_ranges(results).items():
         told |= {f"{name}_low": low, f"{name}_high": high}
+    for name, (low, high) in read_pose_ranges(results).items():
+        told |= {f"{name}_low_pose": low, f"{name}_high_pose": high}
     told["warnings"] = " ".join(warning["code"] for warning in results["quality"]["warnings"])
     told |= {place: find_place(results, place) for place in ("path", "folder")}
     return {column.name: told.get(column.name) for column in SUMMARY}

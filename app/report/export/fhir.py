@@ -16,13 +16,12 @@ from typing import Any
 
 from app.report.export.columns import summarise_results
 from app.report.export.naming import format_report_name
-from app.report.figures import SUMMARY, Column, Results, find_unit, read_ranges
+from app.report.figures import RANGE_ENDS, SUMMARY, Column, Results, find_unit, read_pose_ranges, read_ranges
 from app.report.words.wording import Language
 
 CODES = "urn:acromion:dictionary"
 SUBJECTS = "urn:acromion:subject"
 _UCUM = {"%": "%", "1/h": "/h", "deg/s": "deg/s", "deg": "deg", "Hz": "Hz", "s": "s"}
-_RANGE_ENDS = ("_low", "_high")
 
 
 def encode_fhir(results: Results, pdfs: Mapping[Language, bytes], conclusion: str, version: int = 1) -> bytes:
@@ -81,11 +80,12 @@ def _build_observations(
     results: Results, common: Mapping[str, Any]
 ) -> Iterable[tuple[Column, dict[str, Any]]]:
     """Give one observation for each figure there is, with the ends of its range where they are known."""
-    row, ranges = summarise_results(results), read_ranges(results)
+    row, ranges, posed = summarise_results(results), read_ranges(results), read_pose_ranges(results)
     for column in SUMMARY:
-        if column.kind != "number" or row[column.name] is None or column.name.endswith(_RANGE_ENDS):
+        if column.kind != "number" or row[column.name] is None or column.name.endswith(RANGE_ENDS):
             continue
-        ends = zip(_RANGE_ENDS, ranges.get(column.name, ()), strict=False)
+        every = (*ranges.get(column.name, ()), *posed.get(column.name, ()))  # no pose's without the others
+        ends = zip(RANGE_ENDS, every, strict=False)
         ranged = [
             {
                 "code": _build_code(f"{column.name}{end}", f"{column.name}{end}"),

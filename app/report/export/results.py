@@ -31,11 +31,21 @@ from app.report.words.numbers import Clock
 from app.report.words.subject import ReportSubject
 from fusion.caveats import Caveat
 from fusion.conventions import CONVENTIONS, Convention
-from fusion.exposure.types import ElevationBin, Episodes, Eva, Exposure, Interval, PartExposure, PeakWindow
+from fusion.exposure.types import (
+    ElevationBin,
+    Entries,
+    Episodes,
+    Eva,
+    Exposure,
+    Interval,
+    PartExposure,
+    PeakWindow,
+)
 from fusion.quality.types import TimeAccount
 from fusion.recording import MICROSECONDS, QualityFlag
 
 SCHEMA = "acromion.results/1"
+POSE_ENDS = ("low_pose", "high_pose")
 _DECIMALS = 6
 
 
@@ -178,7 +188,10 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
             TIME_ABOVE.describe(above) | _describe_range(above.interval) for above in exposure.time_above
         ],
         "percentiles_deg": {str(p): angle_deg for p, angle_deg in exposure.percentiles_deg.items()},
-        "entries": [ENTRIES.describe(entries) for entries in exposure.entries],
+        "entries": [
+            ENTRIES.describe(entries) | _describe_entries_pose(entries, exposure)
+            for entries in exposure.entries
+        ],
         "cycles": [CYCLES.describe(cycles) for cycles in exposure.cycles],
         "episodes": [_describe_episodes(episodes) for episodes in exposure.episodes],
         "velocity_dps": {kind: _describe(VELOCITY, exposure.velocity_dps.get(kind)) for kind in VELOCITIES},
@@ -192,6 +205,7 @@ def _describe_exposure(exposure: Exposure, clock: Clock) -> dict[str, object]:
         "by_period": [_describe_period(part) for part in exposure.by_period],
         "by_task": [{"periods": part.periods, **_describe_period(part)} for part in exposure.by_task],
         "intervals": _describe_intervals(exposure.intervals),
+        "intervals_pose": _describe_pose_intervals(exposure.intervals),
         **{group.key: _describe(group, getattr(exposure, group.key)) for group in SINGLE_GROUPS},
         "variation": {
             "by_hour": {
@@ -213,12 +227,25 @@ def _describe(group: Group, record: object) -> dict[str, object] | None:
 
 
 def _describe_range(interval: Interval | None) -> dict[str, object]:
-    """Describe the range that a record holds itself."""
-    return {"low": interval.low if interval else None, "high": interval.high if interval else None}
+    """Describe the range that a record holds itself, and the one with the error of the N-pose."""
+    ends = ("low", "high", *POSE_ENDS)
+    return {end: getattr(interval, end) if interval else None for end in ends}
+
+
+def _describe_entries_pose(entries: Entries, exposure: Exposure) -> dict[str, object]:
+    """Describe the range of the rate per hour with the error of the N-pose."""
+    interval = exposure.intervals.get(ENTRIES_PER_H.spell({"threshold_deg": entries.threshold_deg}))
+    return {end: getattr(interval, end) if interval else None for end in POSE_ENDS}
 
 
 def _describe_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
     return {name: [interval.low, interval.high] for name, interval in sorted(intervals.items())}
+
+
+def _describe_pose_intervals(intervals: Mapping[str, Interval]) -> dict[str, object]:
+    """Describe the ranges with the error of the N-pose; empty in any other pose."""
+    posed = {name: interval.with_pose for name, interval in intervals.items()}
+    return _describe_intervals({name: interval for name, interval in posed.items() if interval})
 
 
 def _describe_episodes(episodes: Episodes) -> dict[str, object]:
@@ -262,6 +289,7 @@ def _describe_part(part: PartExposure) -> dict[str, object]:
         **{SHARE_ABOVE.spell({"threshold_deg": c}): share for c, share in part.percent_above.items()},
         ENTRIES_PER_H.spell({"threshold_deg": 60}): part.entries_above_60_per_h,
         "intervals": _describe_intervals(part.intervals),
+        "intervals_pose": _describe_pose_intervals(part.intervals),
     }
 
 
