@@ -145,6 +145,17 @@ Stage = Literal["all", "before", "after"]
 Ends = tuple[float, float]
 
 
+class RangeView(BaseModel):
+    """The range of a figure on one day, and the one that also holds the N-pose's error."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    low: float
+    high: float
+    low_pose: float | None
+    high_pose: float | None
+
+
 class DayView(SourceView):
     """One day. ``left_out``: why it does not count in means and spread; null where it does."""
 
@@ -153,10 +164,14 @@ class DayView(SourceView):
     pose: str | None
     left_out: Literal["short", "long"] | None
     figures: dict[str, float | None]
+    ranges: dict[str, RangeView | None]
 
 
 class MeanView(BaseModel):
-    """A figure over the days of one arm; ranges are 95 % ranges, null of one day."""
+    """A figure over the days of one arm; ranges are 95 % ranges, null of one day.
+
+    ``low_pose`` and ``high_pose``: means of those of the days; null unless each has them.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
@@ -165,6 +180,8 @@ class MeanView(BaseModel):
     sd: float | None
     mean_range: Ends | None
     sd_range: Ends | None
+    low_pose: float | None
+    high_pose: float | None
 
 
 class TellingView(BaseModel):
@@ -218,6 +235,8 @@ class SpreadView(BaseModel):
     mean_range: Ends | None
     within_sd: float | None
     between_sd: float | None
+    low_pose: float | None
+    high_pose: float | None
 
 
 class GroupView(BaseModel):

@@ -19,6 +19,7 @@ from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf, spell_uncovered
 from app.report.words.wording import LANGUAGES, Language
 from fusion.days import ClockBand
+from fusion.exposure.types import Interval
 from tests.app.analysis_factory import make_quality
 from tests.app.days_factory import MONDAY, change_findings, change_recording, make_day
 
@@ -163,6 +164,33 @@ def test_the_document_holds_mean_and_spread_of_the_days() -> None:
     assert (figures["days"], figures["mean"]) == (5, 6.0)
     assert figures["sd"] == pytest.approx(sqrt(2), abs=1e-6)
     assert figures["mean_range"] == pytest.approx([6 - 1.75597, 6 + 1.75597], abs=1e-4)
+
+
+def with_pose(day: MeasuredDay, high_pose: float) -> MeasuredDay:
+    exposure = day.kept.findings.exposure
+    above = tuple(
+        replace(item, interval=Interval(5.0, 9.0, 4.0, high_pose)) if item.threshold_deg == 60 else item
+        for item in exposure.time_above
+    )
+    return change_findings(day, exposure=replace(exposure, time_above=above))
+
+
+def test_the_error_of_the_pose_is_the_mean_of_the_days_and_not_made_smaller() -> None:
+    figures = figures_of(group_days([with_pose(make_day(0), 12.0), with_pose(make_day(1), 14.0)]))
+
+    assert (figures["low_pose"], figures["high_pose"]) == (4.0, 13.0)
+
+
+def test_a_day_in_another_pose_leaves_the_error_of_the_pose_unknown() -> None:
+    figures = figures_of(group_days([with_pose(make_day(0), 12.0), make_day(1)]))
+
+    assert (figures["low_pose"], figures["high_pose"]) == (None, None)
+
+
+def test_the_answer_states_how_far_the_pose_may_raise_the_mean() -> None:
+    mean = plain(report_of([with_pose(make_day(0), 12.0), with_pose(make_day(1), 14.0)]).sentences[0])
+
+    assert "up to 13.0 % with the N-pose's error" in mean
 
 
 def test_five_days_are_judged_by_the_persons_own_deviation() -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from math import inf
+from statistics import fmean
 from typing import Any
 
-from app.report.days.people import ArmDays, MeasuredDay, Side, Stage, StudiedDays
+from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from app.report.export.csv import Row, encode_table
 from app.report.export.results import round_all
 from app.report.pairs import describe_source
@@ -48,8 +49,15 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
             "differences": list(studied.differences),
             "arms": [_describe_arm(arm) for arm in studied.arms],
             "group": [
-                {"side": side, "stage": stage, "figures": _spell_all(spread)}
-                for side, stage, spread in list_groups(studied)
+                {
+                    "side": side,
+                    "stage": stage,
+                    "figures": {
+                        name: _spell(spread) | _spell_pose(find_group_pose(studied, name, side, stage))
+                        for name, spread in figures.items()
+                    },
+                }
+                for side, stage, figures in list_groups(studied)
             ],
             "change": [{"side": side, "figures": changes} for side, changes in list_changes(studied)],
             "rules": {
@@ -70,7 +78,10 @@ def _describe_arm(arm: ArmDays) -> dict[str, Any]:
         "side": arm.side,
         "stage": arm.stage,
         "days": [_describe_day(day) for day in arm.days],
-        "figures": _spell_all(describe_arm(arm)),
+        "figures": {
+            name: _spell(figure) | _spell_pose(arm.find_pose_ends(name))
+            for name, figure in describe_arm(arm).items()
+        },
         "telling": asdict(telling) if telling else None,
         "overlay": [_describe_band(band) for band in arm.bands],
     }
@@ -85,7 +96,12 @@ def _describe_day(day: MeasuredDay) -> dict[str, Any]:
         "pose": findings.calibration.pose if findings.calibration else None,
         "left_out": day.left_out,
         "figures": day.list_figures(),
+        "ranges": {name: _spell_range(day.find_interval(name)) for name in FIGURES},
     }
+
+
+def _spell_range(interval: Interval | None) -> dict[str, float | None] | None:
+    return None if interval is None else asdict(interval)
 
 
 def _describe_band(band: ClockBand) -> dict[str, Any]:
@@ -103,16 +119,16 @@ def format_quarter(start_s: float) -> str:
     return f"{hours:02d}:{rest // 60:02d}"
 
 
-def _spell_all(figures: Mapping[str, DayMean | GroupSpread]) -> dict[str, Any]:
-    return {name: _spell(figure) for name, figure in figures.items()}
-
-
 def _spell(figure: DayMean | GroupSpread | GroupChange) -> dict[str, Any]:
     spelled = {name: getattr(figure, name) for name in type(figure).__slots__}
     return {
         name: [value.low, value.high] if isinstance(value, Interval) else value
         for name, value in spelled.items()
     }
+
+
+def _spell_pose(ends: PoseEnds | None) -> dict[str, float | None]:
+    return {"low_pose": ends[0], "high_pose": ends[1]} if ends else {"low_pose": None, "high_pose": None}
 
 
 # ------------------------------------------------------------------ what the report needs, too
@@ -146,6 +162,15 @@ def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict
             }
             if known:
                 yield side, stage, known
+
+
+def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
+    """Give the mean over people of the ends of the range that holds the pose's error, each person once."""
+    arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage) and arm.counted]
+    ends = [ends for arm in arms if (ends := arm.find_pose_ends(name))]
+    if not ends or len(ends) < len(arms):
+        return None
+    return fmean(low for low, _ in ends), fmean(high for _, high in ends)
 
 
 def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, dict[str, Any]]]]:

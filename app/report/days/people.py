@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
+from statistics import fmean
 from typing import Literal
 
 from app.errors import CannotProfile
@@ -14,6 +15,7 @@ from app.report.pairs import OnePerson
 from app.report.words.subject import clean_text
 from fusion.comparison import WHOLE_DAY_S
 from fusion.days import ClockBand
+from fusion.exposure.types import Interval
 from fusion.recording import MICROSECONDS
 
 Stage = Literal["all", "before", "after"]
@@ -22,6 +24,8 @@ Side = Literal["left", "right"]
 Difference = Literal[
     "method", "pose", "sensor", "metric filter", "side", "date", "order", "clock", "short", "long", "poor"
 ]
+PoseEnds = tuple[float, float]
+"""``low_pose`` and ``high_pose``, as in :class:`fusion.exposure.types.Interval`."""
 LONGEST_DAY_S = 86_400.0
 _ORDER: tuple[Side | None, ...] = ("left", "right", None)
 
@@ -68,6 +72,12 @@ class MeasuredDay:
             "elevation_p50_deg": exposure.percentiles_deg[50],
         }
 
+    def find_interval(self, name: str) -> Interval | None:
+        """Give the range of one of these figures on this day; None where it is not known."""
+        exposure = self.kept.findings.exposure
+        above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
+        return above[name] if name in above else exposure.intervals.get(name)
+
 
 @dataclass(frozen=True, slots=True)
 class ArmDays:
@@ -91,6 +101,19 @@ class ArmDays:
         """Give a figure of every day that counts."""
         values = (day.list_figures()[name] for day in self.counted)
         return [value for value in values if value is not None]
+
+    def find_pose_ends(self, name: str) -> PoseEnds | None:
+        """Give the mean over the days that count of the ends of the range that holds the pose's error.
+
+        The error is the same every day, so that no number of days makes it smaller. None unless every day
+        has both ends.
+        """
+        intervals = [day.find_interval(name) for day in self.counted]
+        ends = [(i.low_pose, i.high_pose) for i in intervals if i is not None]
+        known = [(low, high) for low, high in ends if low is not None and high is not None]
+        if not known or len(known) < len(intervals):
+            return None
+        return fmean(low for low, _ in known), fmean(high for _, high in known)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,11 +12,12 @@ from app.report.days.document import (
     MAIN,
     describe_arm,
     describe_profile,
+    find_group_pose,
     list_changes,
     list_groups,
     tell_days,
 )
-from app.report.days.people import ArmDays, MeasuredDay, StudiedDays
+from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, StudiedDays
 from app.report.days.tables import (
     TILES,
     build_changes,
@@ -138,6 +139,7 @@ def _list_arm_sentences(arm: ArmDays, words: Words, language: Language) -> list[
         "days": str(days.days),
         "mean": format_figure(days.mean, MAIN, language),
         "range": format_span(days.mean_range, MAIN, language),
+        "pose": _format_pose(arm.find_pose_ends(MAIN), language),
         "low": format_figure(min(values), MAIN, language),
         "high": format_figure(max(values), MAIN, language),
         "sd": format_points(days.sd, MAIN, language) if days.sd is not None else "",
@@ -166,6 +168,7 @@ def _list_group_sentences(studied: StudiedDays, words: Words, language: Language
             "days": str(spread.days),
             "mean": format_figure(spread.mean, MAIN, language),
             "range": format_span(spread.mean_range, MAIN, language),
+            "pose": _format_pose(find_group_pose(studied, MAIN, side, stage), language),
             "between": _format_sd(spread.between_sd, language),
             "within": _format_sd(spread.within_sd, language),
         }
@@ -173,6 +176,10 @@ def _list_group_sentences(studied: StudiedDays, words: Words, language: Language
         known = spread.between_sd is not None
         told.append(fill(words["sentence"]["split" if known else "unsplit"], facts))
     return told
+
+
+def _format_pose(ends: PoseEnds | None, language: Language) -> str:
+    return format_figure(ends[1], MAIN, language) if ends else ""
 
 
 def _format_sd(sd: float | None, language: Language) -> str:

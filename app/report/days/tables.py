@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from app.report.days.document import FIGURES, describe_arm, list_changes, list_groups
-from app.report.days.people import ArmDays, MeasuredDay, Side, Stage, StudiedDays
+from app.report.days.document import FIGURES, describe_arm, find_group_pose, list_changes, list_groups
+from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from app.report.export.results import identify_report
 from app.report.figures import format_figure, format_figure_range
 from app.report.model import Section, Table
@@ -95,6 +95,7 @@ def _tabulate_means(arm: ArmDays, words: Words, language: Language) -> Table:
             str(figure.days),
             format_figure(figure.mean, name, language),
             format_span(figure.mean_range, name, language) or NONE,
+            _format_pose(arm.find_pose_ends(name), name, language),
             NONE if figure.sd is None else format_points(figure.sd, name, language),
             _format_sds(figure.sd_range, language),
         )
@@ -102,6 +103,10 @@ def _tabulate_means(arm: ArmDays, words: Words, language: Language) -> Table:
     )
     name = name_arm(arm.side, arm.stage, language)
     return Table(name, tuple(entry["columns"]), rows, note=entry["note"])
+
+
+def _format_pose(ends: PoseEnds | None, name: str, language: Language) -> str:
+    return format_figure(ends[1], name, language) if ends else NONE
 
 
 def _format_sds(interval: Interval | None, language: Language) -> str:
@@ -121,6 +126,7 @@ def build_group(studied: StudiedDays, words: Words, language: Language) -> Secti
                 f"{spread.people} / {spread.days}",
                 format_figure(spread.mean, name, language),
                 format_span(spread.mean_range, name, language) or NONE,
+                _format_pose(find_group_pose(studied, name, side, stage), name, language),
                 NONE if spread.between_sd is None else format_points(spread.between_sd, name, language),
                 NONE if spread.within_sd is None else format_points(spread.within_sd, name, language),
             )
