@@ -2,10 +2,18 @@
 
 from dataclasses import replace
 from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
 
 from app.report.days.people import MeasuredDay, Stage
-from app.report.findings import Kept
+from app.report.export.parquet import write_elevation
+from app.report.findings import Findings, Kept, encode_findings
+from app.report.words.subject import ReportSubject
+from app.request import OnStage, ReportRequest
+from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import TimeAbove
+from tests.app import stand_ins
 from tests.app.analysis_factory import ANALYSED_S, make_analysis, make_exposure, make_quality, make_subject
 
 MONDAY = datetime.fromisoformat("2026-03-02T08:00:00")
@@ -31,6 +39,22 @@ def make_day(
     sha256 = f"{subject}{side}{day}".encode().hex().ljust(64, "0")
     findings = replace(findings, recording=replace(findings.recording, start=start, sha256=sha256))
     return MeasuredDay(Kept(findings, make_subject(subject, side=side)), stage, place)
+
+
+def write_day(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -> None:
+    """Take ``make_report``'s place: the recording holds a day and its percentage, ``b"0 4.0"``."""
+    stand_ins.write_report(log, request, out, on_stage)
+    day, percent = log.read_text().split()
+    made = make_day(int(day), float(percent), subject=request.subject, side=request.side).kept
+    finish_day(out, made.findings, replace(made.subject, file_name=request.file_name))
+
+
+def finish_day(folder: Path, findings: Findings, subject: ReportSubject) -> None:
+    """Leave what a report of several days is made from; the angle is 20 deg for an hour."""
+    (folder / "findings.json").write_bytes(encode_findings(findings, subject))
+    (folder / "results.json").write_bytes(stand_ins.RESULTS)
+    segment = ElevationSegment(0, 1.0, np.full(3600, 20.0, np.float32), np.full(3600, True))
+    write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
 
 
 def change_findings(day: MeasuredDay, **changes: object) -> MeasuredDay:

@@ -7,21 +7,21 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.api.pairs import ProfileView
-from app.jobs.children.attempt import load_and_make_report
 from app.jobs.worker import run_next
 from app.request import ProfileRequest
 from app.roads.profile import make_profile
 from tests.app.conftest import OpenBench
+from tests.app.days_factory import write_day
 from tests.app.test_api_pairs import send, take_folder
 
 Finished = tuple[str, str]
 
 
 @pytest.fixture
-def days(client: TestClient, bench: OpenBench, shift_gt3x: Path, small_gt3x: bytes) -> Finished:
-    """Two recordings of one person, analysed as the left arm and as the right."""
-    ids = send(client, shift_gt3x.read_bytes(), "left"), send(client, small_gt3x, "right")
-    at_work = bench(load_and_make_report)
+def days(client: TestClient, bench: OpenBench) -> Finished:
+    """Two days of a right arm, 4 and 8 % of the time above 60 deg."""
+    ids = send(client, b"0 4.0", "right"), send(client, b"1 8.0", "right")
+    at_work = bench(write_day)
     assert run_next(at_work)
     assert run_next(at_work)
     return ids
@@ -56,10 +56,8 @@ def test_the_figures_are_as_the_openapi_document_says(client: TestClient, days: 
     figures = client.get("/api/v1/profile/profile.json", params={"analysis": list(days)})
 
     view = ProfileView.model_validate_json(figures.content)
-    assert [(arm.subject, arm.side, len(arm.days)) for arm in view.arms] == [
-        ("S012", "left", 1),
-        ("S012", "right", 1),
-    ]
+    (arm,) = view.arms
+    assert (arm.subject, arm.side, arm.figures["time_above_60_percent"].mean) == ("S012", "right", 6.0)
 
 
 def test_one_analysis_is_no_profile_and_no_place_of_the_server_is_told(
@@ -68,7 +66,7 @@ def test_one_analysis_is_no_profile_and_no_place_of_the_server_is_told(
     refused = client.get("/api/v1/profile/profile.json", params={"analysis": [days[0], days[0]]})
 
     assert (refused.status_code, refused.json()["code"]) == (422, "E-DAYS")
-    assert "left.gt3x" in refused.json()["detail"]
+    assert "right.gt3x" in refused.json()["detail"]
 
 
 def test_an_unknown_analysis_is_not_here(client: TestClient, days: Finished) -> None:
@@ -82,15 +80,24 @@ def test_the_page_shows_the_answer_and_leads_to_the_report(client: TestClient, d
     page = client.get("/days", params={"analysis": list(days)})
 
     assert page.status_code == 200
-    assert "Left arm: no day of at least 4 h" in plain(page.text)
+    assert "Right arm, 2 days: time above 60° was 6.0 %" in plain(page.text)
     (pdf,) = re.findall(r'href="([^"]*report\.pdf[^"]*)"', page.text)
     assert client.get(pdf.replace("&amp;", "&")).content.startswith(b"%PDF-")
+
+
+def test_days_after_a_change_are_compared_with_those_before(client: TestClient, days: Finished) -> None:
+    asked = {"analysis": days[0], "after": days[1]}
+
+    (change,) = client.get("/api/v1/profile/profile.json", params=asked).json()["change"]
+
+    above = change["figures"]["time_above_60_percent"]  # least detectable: 1.96 x 2.0 x sqrt(2)
+    assert (above["change"], above["detectable"], above["verdict"]) == (4.0, 5.543717, "not larger")
 
 
 def test_the_page_speaks_french(client: TestClient, days: Finished) -> None:
     page = client.get("/days", params={"analysis": list(days), "lang": "fr"})
 
-    assert "Bras gauche : aucun jour d’au moins 4 h" in plain(page.text)
+    assert "Bras droit, 2 jours : temps au-dessus de 60° de 6,0 %" in plain(page.text)
 
 
 def test_an_analysis_leads_to_the_days_of_its_person(client: TestClient, days: Finished) -> None:

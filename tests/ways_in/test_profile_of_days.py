@@ -4,14 +4,10 @@ import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 from pypdf import PdfReader
 
-from app.report.export.parquet import write_elevation
-from app.report.findings import encode_findings
-from fusion.elevation import Elevation, ElevationSegment
-from tests.app.days_factory import make_day
+from tests.app.days_factory import change_recording, finish_day, make_day
 from tests.ways_in.typed import read_table, run
 
 
@@ -19,11 +15,7 @@ def finish(folder: Path, day: int, above_60_percent: float, *, subject: str = "S
     """The folder of a finished day; its angle is 20 deg for an hour from 08:00 on."""
     folder.mkdir(parents=True)
     kept = make_day(day, above_60_percent, subject=subject).kept
-    (folder / "findings.json").write_bytes(encode_findings(kept.findings, kept.subject))
-    (folder / "results.json").write_text("{}")
-    angle = np.full(3600, 20.0, np.float32)
-    segment = ElevationSegment(0, 1.0, angle, np.full(3600, True))
-    write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
+    finish_day(folder, kept.findings, kept.subject)
     return folder
 
 
@@ -122,6 +114,25 @@ def test_a_missing_code_is_asked_about(week: Path, tmp_path: Path) -> None:
     told = run("profile", week, nobody, "-o", tmp_path / "told", "--report", "html", "--same-subject")
 
     assert ("--same-subject" in asked.output, "--same-subject" in told.output) == (True, False)
+
+
+def test_a_day_without_a_clock_is_in_the_means_and_not_in_the_overlay(week: Path, tmp_path: Path) -> None:
+    kept = change_recording(make_day(9, 6.0), start=None).kept
+    (tmp_path / "clockless").mkdir()
+    finish_day(tmp_path / "clockless", kept.findings, kept.subject)
+
+    result = run("profile", week, tmp_path / "clockless", "-o", tmp_path / "out", "--report", "html")
+
+    assert result.exit_code == 0, result.output
+    (arm,) = json.loads((tmp_path / "out" / "days" / "profile.json").read_bytes())["arms"]
+    assert (arm["figures"]["time_above_60_percent"]["days"], arm["overlay"][0]["days"]) == (6, 5)
+
+
+def test_results_without_findings_are_refused(week: Path, tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "results.json").write_text("{}")
+
+    assert "E-DAYS" in run("profile", week, tmp_path / "old", "-o", tmp_path / "out").output
 
 
 def test_more_days_make_a_new_version(week: Path, tmp_path: Path) -> None:
