@@ -194,6 +194,7 @@ class TellingView(BaseModel):
     days: int
     more_days: int
     detectable: float
+    detectable_range: Ends | None
 
 
 class BandView(BaseModel):

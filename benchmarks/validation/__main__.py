@@ -2,10 +2,10 @@
 
     python -m benchmarks.validation --date 2026-11-21 [--only broad stress] [--details FILE] [--output FILE]
 
-Sections: recorded_people, simulated_people, pose_error, gait, tasks, broad, stress, shifts, speed, invariance,
-good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes the tables
-that the document leaves out. Days of people are kept in ``--logs`` and not run twice. Needs the `bench` extra
-(vqf, ahrs, imufusion). All but the speed section is deterministic.
+Sections: recorded_people, simulated_people, pose_error, gait, tasks, broad, stress, shifts, speed,
+invariance, good_sensors. With ``--only`` the others stay as they are in the document. ``--details`` writes
+the tables that the document leaves out. Days of people are kept in ``--logs`` and not run twice. Needs the
+`bench` extra (vqf, ahrs, imufusion). All but the speed section is deterministic.
 """
 
 import argparse

@@ -65,6 +65,8 @@ class Telling:
         Still to be measured for one side.
     detectable
         The least change that ``days`` on each side, or as many as there are if more, tell.
+    detectable_range
+        The same by both ends of the range of the person's own deviation; None by the published one.
     """
 
     sd: float
@@ -72,6 +74,7 @@ class Telling:
     days: int
     more_days: int
     detectable: float
+    detectable_range: Interval | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +159,15 @@ def find_telling(days: DayMean, published_sd: float) -> Telling:
     sd = published_sd if own is None else own
     enough = (k for k in DAYS if find_detectable_change(sd, k) <= WORTHWHILE_SHARE * days.mean)
     needed = next(enough, DAYS[-1])
+    most = max(needed, days.days)
+    span = days.sd_range if own is not None else None
     return Telling(
         sd,
         "published" if own is None else "person",
         needed,
         max(needed - days.days, 0),
-        find_detectable_change(sd, max(needed, days.days)),
+        find_detectable_change(sd, most),
+        Interval(*(find_detectable_change(end, most) for end in (span.low, span.high))) if span else None,
     )
 
 

@@ -312,7 +312,7 @@ def test_the_answer_states_mean_range_and_spread() -> None:
     )
     assert spread == (
         "Days differ by 1.4 points (standard deviation, 95 % range 0.8–4.1). These days tell a change of "
-        "1.8 points from as many later ones, by this person's own deviation."
+        "1.8 points (1.1–5.0) from as many later ones, by this person's own deviation."
     )
 
 
@@ -322,6 +322,25 @@ def test_the_answer_says_how_many_days_are_still_needed() -> None:
     assert spread.endswith(
         "Encore 3 jours : 5 jours décèlent un changement de 2,5 points par rapport à "
         "autant de jours ultérieurs, d'après l'écart publié."
+    )
+
+
+def test_a_change_is_the_whole_answer() -> None:
+    days = [*week(10.0, 12.0, stage="before"), make_day(30, 5.0, stage="after")]
+
+    (told,) = map(plain, report_of(days).sentences)
+
+    assert told == (
+        "Right arm: mean time above 60° went from 11.0 % (2 days) to 5.0 % (1 day): −6.0 points. The change "
+        "is larger than these numbers of days differ anyway (least detectable: 4.8 points)."
+    )
+
+
+def test_without_a_day_on_both_sides_no_change_is_given() -> None:
+    days = [make_day(0, stage="before"), make_day(30, side="left", stage="after")]
+
+    assert report_of(days).sentences == (
+        "Nobody has days that count both before and after, so that no change is given.",
     )
 
 

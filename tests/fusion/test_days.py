@@ -159,6 +159,14 @@ def test_five_days_are_judged_by_their_own() -> None:
     assert telling.detectable == pytest.approx(1.96 * sqrt(2 / 5) * sqrt(0.5))
 
 
+def test_what_five_days_tell_is_known_as_well_as_their_deviation_is() -> None:
+    telling = find_telling(describe_days([9.0, 10.0, 10.0, 10.0, 11.0]), 2.0)
+
+    assert telling.detectable_range is not None
+    ends = (telling.detectable_range.low, telling.detectable_range.high)
+    assert [end / telling.detectable for end in ends] == pytest.approx([0.599, 2.874], abs=1e-3)
+
+
 def test_a_change_between_unequal_numbers_of_days() -> None:
     assert find_detectable_between(BETWEEN_DAY_SD["time_above_60_percent"], 4, 1) == pytest.approx(
         1.96 * 2.0 * sqrt(1.25)

@@ -82,7 +82,7 @@ def _describe_arm(arm: ArmDays) -> dict[str, Any]:
             name: _spell(figure) | _spell_pose(arm.find_pose_ends(name))
             for name, figure in describe_arm(arm).items()
         },
-        "telling": asdict(telling) if telling else None,
+        "telling": _spell(telling) if telling else None,
         "overlay": [_describe_band(band) for band in arm.bands],
     }
 
@@ -119,7 +119,7 @@ def format_quarter(start_s: float) -> str:
     return f"{hours:02d}:{rest // 60:02d}"
 
 
-def _spell(figure: DayMean | GroupSpread | GroupChange) -> dict[str, Any]:
+def _spell(figure: DayMean | GroupSpread | GroupChange | Telling) -> dict[str, Any]:
     spelled = {name: getattr(figure, name) for name in type(figure).__slots__}
     return {
         name: [value.low, value.high] if isinstance(value, Interval) else value

@@ -17,7 +17,7 @@ from app.report.days.document import (
     list_groups,
     tell_days,
 )
-from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, StudiedDays
+from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
 from app.report.days.tables import (
     TILES,
     build_changes,
@@ -40,6 +40,7 @@ from app.report.words.subject import cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.comparison import SOURCE
 from fusion.days import LEAST_OWN_DAYS
+from fusion.exposure.types import Interval
 
 MOST_ROWS = 14
 """Rows of the drawing of days; all of them are in the table behind and in profile.csv."""
@@ -122,11 +123,12 @@ def _list_cautions(studied: StudiedDays, words: Words, language: Language) -> tu
 
 
 def _list_sentences(studied: StudiedDays, words: Words, language: Language) -> tuple[str, ...]:
+    """State the change, where there is one; else mean and spread, which then stand in the tables."""
+    if "after" in studied.stages:
+        return tuple(_list_change_sentences(studied, words, language))
     if len(studied.people) > 1:
-        told = _list_group_sentences(studied, words, language)
-    else:
-        told = [s for arm in studied.arms for s in _list_arm_sentences(arm, words, language)]
-    return (*told, *_list_change_sentences(studied, words, language))
+        return tuple(_list_group_sentences(studied, words, language))
+    return tuple(told for arm in studied.arms for told in _list_arm_sentences(arm, words, language))
 
 
 def _list_arm_sentences(arm: ArmDays, words: Words, language: Language) -> list[str]:
@@ -143,11 +145,13 @@ def _list_arm_sentences(arm: ArmDays, words: Words, language: Language) -> list[
         "low": format_figure(min(values), MAIN, language),
         "high": format_figure(max(values), MAIN, language),
         "sd": format_points(days.sd, MAIN, language) if days.sd is not None else "",
-        "sd_low": format_number(days.sd_range.low, 1, language) if days.sd_range else "",
-        "sd_high": format_number(days.sd_range.high, 1, language) if days.sd_range else "",
+        "sd_low": _format_end(days.sd_range, 0, language),
+        "sd_high": _format_end(days.sd_range, 1, language),
         "needed": str(max(telling.days, days.days)),
         "more": str(telling.more_days),
         "points": format_points(telling.detectable, MAIN, language),
+        "points_low": _format_end(telling.detectable_range, 0, language),
+        "points_high": _format_end(telling.detectable_range, 1, language),
         "own": entry["own"][telling.sd_from],
     }
     if days.days < 2:
@@ -178,6 +182,10 @@ def _list_group_sentences(studied: StudiedDays, words: Words, language: Language
     return told
 
 
+def _format_end(interval: Interval | None, end: int, language: Language) -> str:
+    return format_number((interval.low, interval.high)[end], 1, language) if interval else ""
+
+
 def _format_pose(ends: PoseEnds | None, language: Language) -> str:
     return format_figure(ends[1], MAIN, language) if ends else ""
 
@@ -189,7 +197,7 @@ def _format_sd(sd: float | None, language: Language) -> str:
 def _list_change_sentences(studied: StudiedDays, words: Words, language: Language) -> list[str]:
     entry, told = words["sentence"]["change"], []
     changes = dict(list_changes(studied))
-    if "after" in studied.stages and not changes:
+    if not changes:
         return [entry["nobody"]]
     for side, figures in changes.items():
         change = figures.get(MAIN)
@@ -199,6 +207,8 @@ def _list_change_sentences(studied: StudiedDays, words: Words, language: Languag
         facts = {
             "arm": name_arm(side, "all", language),
             "people": str(change["people"]),
+            "before_days": str(_count_days(studied, side, "before")),
+            "after_days": str(_count_days(studied, side, "after")),
             "before": format_figure(change["before"], MAIN, language),
             "after": format_figure(change["after"], MAIN, language),
             "change": format_points(change["change"], MAIN, language, is_signed=True),
@@ -209,6 +219,11 @@ def _list_change_sentences(studied: StudiedDays, words: Words, language: Languag
         kind = "group" if span else "person"
         told.append(f"{fill(entry[kind]['told'], facts)} {fill(entry[kind][change['verdict']], facts)}")
     return told
+
+
+def _count_days(studied: StudiedDays, side: Side | None, stage: Stage) -> int:
+    """Count the days of an arm on one side of the change."""
+    return sum(len(arm.counted) for arm in studied.arms if (arm.side, arm.stage) == (side, stage))
 
 
 # ------------------------------------------------------------------ drawings and chapters
