@@ -1,7 +1,8 @@
 """Uploads that may be broken off and gone on with: tus 1.0.0 (https://tus.io/protocols/resumable-upload).
 
 Core, creation, creation-with-upload, termination, checksum and expiration. A whole upload becomes a
-recording at once; its id comes with the last answer and with every later one.
+recording at once; its id comes with the last answer and with every later one. An upload that is announced
+with ``settings`` is analysed as soon as its last byte is here, whether or not somebody still asks.
 """
 
 import base64
@@ -22,8 +23,9 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
+from app.api.analysis_models import AnalysisOptions
 from app.api.intake import PIECE_BYTES, check_room, copy_body, read_small_body
-from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS, validate_model
+from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
 from app.api.recording_models import RecordingWords
 from app.errors import (
     BadChecksum,
@@ -37,9 +39,10 @@ from app.errors import (
     WrongOffset,
     WrongVerb,
 )
+from app.jobs.queue import WayIn
 from app.jobs.recordings import UploadRow
 from app.request import ReportRequest
-from app.services import Services, UsedServices
+from app.services import Services, UsedServices, find_way_in
 from app.storage.incoming import GrowingFile
 from app.storage.store import borrow_recording
 from fusion.errors import EmptyFile
@@ -83,7 +86,7 @@ async def _append_alone(
             await run_in_threadpool(body.check)
         finally:
             await run_in_threadpool(body.end)
-        return await run_in_threadpool(finish_upload, services, body.row)
+        return await run_in_threadpool(finish_upload, services, body.row, find_way_in(request))
     finally:
         services.incoming.release(upload_id)
 
@@ -109,8 +112,8 @@ def get_upload_row(services: Services, upload_id: str) -> UploadRow:
     return row
 
 
-def finish_upload(services: Services, row: UploadRow) -> UploadRow:
-    """Make a whole upload a recording; any other is given back as it is.
+def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> UploadRow:
+    """Make a whole upload a recording, and begin its analysis if one was declared; else give it back.
 
     The bytes keep their name among the uploads until the recording's row is committed: whatever is cut
     short in between is done again by the next request.
@@ -122,11 +125,21 @@ def finish_upload(services: Services, row: UploadRow) -> UploadRow:
         stored = services.storage.adopt(services.incoming.path(row.id), sha256, row.length_bytes)
     except FileNotFoundError:  # a peer was quicker
         return services.uploads.get(row.id)
-    counts = services.uploads.finish(row, stored)
+    counts = services.uploads.finish(row, stored, _build_declared(services, row), way_in)
     if counts != stored.id:
         services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
     return replace(row, recording_id=counts)
+
+
+def _build_declared(services: Services, row: UploadRow) -> ReportRequest | None:
+    """Build the analysis that was declared; None for none, and where no more may wait: ask later."""
+    settings = read_declared(row.metadata)
+    if settings is None or services.store.count_waiting() >= services.settings.max_queued:
+        return None
+    stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
+    whole = AnalysisOptions.model_validate(stated)
+    return whole.build_request(row.about.file_name, settings.lang or "en", services.settings.paper)
 
 
 def drop_upload(services: Services, row: UploadRow) -> None:
@@ -326,6 +339,7 @@ def _read_tail(path: Path) -> bytes:
 # Metadata of the file, in ``Upload-Metadata``.
 
 
+DECLARED = "settings"
 NAMES = {"filename": "file_name", "name": "file_name"} | {name: name for name in RecordingWords.model_fields}
 
 
@@ -339,6 +353,24 @@ def read_metadata(header: str) -> RecordingWords:
     pairs = dict(_read_pair(pair) for pair in header.split(",") if pair.strip())
     known = {NAMES[name]: value for name, value in pairs.items() if name in NAMES and value}
     return validate_model(RecordingWords, known)
+
+
+def read_declared(header: str) -> AnalysisOptions | None:
+    """Read the analysis that begins with the last byte (``settings``: JSON); None where none is declared.
+
+    Raises
+    ------
+    BadParameter
+    """
+    declared = dict(_read_pair(pair) for pair in header.split(",") if pair.strip()).get(DECLARED)
+    return None if declared is None else validate_model(AnalysisOptions, parse_json(declared.encode()))
+
+
+def _declare(header: str, settings: AnalysisOptions) -> str:
+    """Put the settings into the metadata, in the place of those before."""
+    kept = [pair for pair in header.split(",") if pair.strip() and _read_pair(pair)[0] != DECLARED]
+    text = settings.model_dump_json(exclude_unset=True).encode()
+    return ",".join([*kept, f"{DECLARED} {base64.b64encode(text).decode()}"])
 
 
 def _read_pair(pair: str) -> tuple[str, str]:
@@ -389,6 +421,14 @@ class UploadView(BaseModel):
     links: dict[str, str]
 
 
+class UploadWords(RecordingWords):
+    """What is said of a file that is still coming, and the analysis that begins with its last byte."""
+
+    settings: Annotated[
+        AnalysisOptions | None, Field(description="As in ``POST /analyses``; absent: as declared before.")
+    ] = None
+
+
 class HeadView(BaseModel):
     """What the first and the last bytes of a file show; null: not yet, or not in them."""
 
@@ -423,6 +463,7 @@ async def create_upload(request: Request, services: UsedServices, tus: TusReques
         raise EmptyFile
     check_room(services, tus.upload_length)
     about = read_metadata(tus.upload_metadata).describe()
+    read_declared(tus.upload_metadata)
     row = await run_in_threadpool(services.uploads.open, tus.upload_length, tus.upload_metadata, about)
     services.inspector.get_ready()
     if request.headers.get("content-type") == OFFSET_BODY:
@@ -481,6 +522,17 @@ async def override_method(
     raise WrongVerb(allowed="HEAD, GET, PATCH, DELETE")
 
 
+@router.put("/{upload_id}/words")
+def change_words(upload_id: str, words: UploadWords, services: UsedServices) -> UploadView:
+    """Change what is said of a file while it comes, and the analysis that begins with its last byte.
+
+    Once ``recording_id`` is there, nothing is changed: the recording has an address of its own.
+    """
+    row = services.uploads.get(upload_id)
+    metadata = row.metadata if words.settings is None else _declare(row.metadata, words.settings)
+    return view_upload(services.uploads.describe(upload_id, words.describe(), metadata))
+
+
 @router.put("/{upload_id}/tail", status_code=204, openapi_extra={"requestBody": {"content": {TAIL_BODY: {}}}})
 async def send_tail_ahead(upload_id: str, request: Request, services: UsedServices) -> Response:
     """Take the last bytes of a file, 64 KiB at most, ahead of the rest: they tell when the recording ends.
@@ -514,7 +566,7 @@ def inspect_upload(
 def view_upload(row: UploadRow) -> UploadView:
     """Show an upload."""
     own = f"/api/v1/uploads/{row.id}"
-    links = {"self": own, "inspection": f"{own}/inspection", "tail": f"{own}/tail"}
+    links = {"self": own, "inspection": f"{own}/inspection", "tail": f"{own}/tail", "words": f"{own}/words"}
     if row.recording_id:
         links["recording"] = f"/api/v1/recordings/{row.recording_id}"
     return UploadView(

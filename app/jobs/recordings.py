@@ -22,7 +22,7 @@ from app.jobs.queries import (
     format_now,
     read_diary,
 )
-from app.jobs.queue import cancel_job
+from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
@@ -384,13 +384,32 @@ class UploadStore(RowStore):
             connection.execute(lost.values(offset_bytes=offset_bytes))
         return self.get(row.id)
 
-    def finish(self, row: UploadRow, stored: StoredRecording) -> str:
-        """Make the upload a recording, once, in one commit; gives the id of that recording."""
+    def describe(self, upload_id: str, about: Description, metadata: str) -> UploadRow:
+        """Change what is said of an upload; one that is a recording by now stays as it is."""
+        mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
+        with self._engine.begin() as connection:
+            connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
+        return self.get(upload_id)
+
+    def finish(
+        self,
+        row: UploadRow,
+        stored: StoredRecording,
+        request: ReportRequest | None = None,
+        way_in: WayIn = "api",
+    ) -> str:
+        """Make the upload a recording, once, and queue the analysis it asks for, in one commit.
+
+        Bytes of which another recording has an analysis are not analysed again unasked. Gives the id of the
+        recording that counts.
+        """
         unfinished = (uploads.c.id == row.id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
             change = update(uploads).where(*unfinished).values(recording_id=stored.id)
             if connection.execute(change).rowcount == 1:
                 insert_recording(connection, stored, row.about)
+                if request is not None and not _is_analysed_elsewhere(connection, stored):
+                    enqueue(connection, (stored.id, stored.sha256), request, way_in)
                 return stored.id
         return self.get(row.id).recording_id or stored.id
 
@@ -413,3 +432,10 @@ class UploadStore(RowStore):
             connection.execute(update(uploads).values(idle_s=uploads.c.idle_s + elapsed_s))
             due = select(uploads.c.id).where(uploads.c.idle_s >= term_s)
             return tuple(connection.execute(due).scalars())
+
+
+def _is_analysed_elsewhere(connection: Connection, stored: StoredRecording) -> bool:
+    """Whether another recording of the same bytes has an analysis."""
+    twins = (recordings.c.sha256 == stored.sha256, recordings.c.id != stored.id, recordings.c.state == STORED)
+    query = select(analyses.c.id).join(recordings, analyses.c.recording_id == recordings.c.id).where(*twins)
+    return connection.execute(query.limit(1)).first() is not None

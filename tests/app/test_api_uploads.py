@@ -3,7 +3,9 @@
 import base64
 import gzip
 import hashlib
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -379,3 +381,85 @@ def test_an_upload_is_taken_on_postgresql_too(client: TestClient) -> None:
 
     assert append(client, address, 0, b"01234") == 204
     assert client.get(address).json()["recording_id"]
+
+
+# The analysis that is declared when an upload begins.
+
+
+def send_declared(client: TestClient, content: bytes, **settings: object) -> str:
+    """Send a whole file that declares its analysis; gives the id of its recording."""
+    said = {"filename": "shift.csv", "side": "left", "settings": json.dumps(settings)}
+    address = announce(client, len(content), **said)
+    assert append(client, address, 0, content) == 204
+    recording: str = client.get(address).json()["recording_id"]
+    return recording
+
+
+def list_analyses(client: TestClient, recording_id: str) -> list[dict[str, Any]]:
+    listed: list[dict[str, Any]] = client.get(f"/api/v1/analyses?recording_id={recording_id}").json()["items"]
+    return listed
+
+
+def test_a_declared_analysis_begins_with_the_last_byte(client: TestClient) -> None:
+    (analysis,) = list_analyses(client, send_declared(client, b"0123456789", pose="side-lean"))
+
+    assert analysis["state"] == "queued"
+    request = client.get(f"/api/v1/analyses/{analysis['id']}").json()["settings"]
+    assert (request["pose"], request["side"]) == ("side-lean", "left")
+
+
+def test_before_its_last_byte_nothing_begins(client: TestClient) -> None:
+    address = announce(client, 10, filename="shift.csv", settings="{}")
+    append(client, address, 0, b"01234")
+
+    assert client.get("/api/v1/analyses").json()["items"] == []
+
+
+def test_an_upload_without_a_declaration_is_only_stored(client: TestClient) -> None:
+    address = announce(client, 10, filename="shift.csv")
+    append(client, address, 0, b"0123456789")
+
+    assert list_analyses(client, client.get(address).json()["recording_id"]) == []
+
+
+def test_a_declaration_that_cannot_be_kept_is_refused_before_the_first_byte(client: TestClient) -> None:
+    metadata = f"filename {code('shift.csv')},settings {code(json.dumps({'pose': 'handstand'}))}"
+    answer = client.post(URL, headers=TUS | {"upload-length": "10", "upload-metadata": metadata})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "E-PARAMETER")
+
+
+def test_what_is_said_while_the_file_comes_counts(client: TestClient) -> None:
+    address = announce(client, 10, filename="shift.csv", side="left", settings="{}")
+    append(client, address, 0, b"01234")
+    words = {"file_name": "shift.csv", "subject": "S012", "side": "right", "settings": {"pose": "side-lean"}}
+    assert client.put(f"{address}/words", json=words).status_code == 200
+    append(client, address, 5, b"56789")
+
+    recording = client.get(client.get(address).json()["links"]["recording"]).json()
+    (analysis,) = list_analyses(client, recording["id"])
+    request = client.get(f"/api/v1/analyses/{analysis['id']}").json()["settings"]
+    assert (recording["subject"], recording["side"]) == ("S012", "right")
+    assert (request["subject"], request["side"], request["pose"]) == ("S012", "right", "side-lean")
+
+
+def test_what_is_said_too_late_changes_nothing_and_names_the_recording(client: TestClient) -> None:
+    address = announce(client, 10, filename="shift.csv", subject="S012", settings="{}")
+    append(client, address, 0, b"0123456789")
+
+    late = client.put(f"{address}/words", json={"file_name": "shift.csv", "subject": "S013"}).json()
+
+    recording = client.get(f"/api/v1/recordings/{late['recording_id']}").json()
+    assert recording["subject"] == "S012"
+
+
+def test_bytes_that_were_analysed_before_are_not_analysed_again_unasked(client: TestClient) -> None:
+    send_declared(client, b"0123456789")
+
+    assert list_analyses(client, send_declared(client, b"0123456789")) == []
+
+
+def test_where_no_more_may_wait_the_upload_is_kept_and_nothing_begins(settings: Settings) -> None:
+    full = settings.model_copy(update={"max_queued": 0})
+    with TestClient(create_app(full), base_url="http://localhost") as client:
+        assert list_analyses(client, send_declared(client, b"0123456789")) == []

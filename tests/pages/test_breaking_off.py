@@ -12,6 +12,7 @@ from tests.ways_in.servers import RunningServer
 pytestmark = pytest.mark.browser
 
 UPLOADS, ANALYSES = "**/api/v1/uploads/*", "**/api/v1/analyses"
+RECORDINGS = "**/api/v1/recordings/*"
 
 
 def lose_pieces(route: Route) -> None:
@@ -21,6 +22,10 @@ def lose_pieces(route: Route) -> None:
 def lose_later_pieces(route: Route) -> None:
     is_later = route.request.method == "PATCH" and route.request.headers["upload-offset"] != "0"
     route.abort() if is_later else route.continue_()
+
+
+def lose(route: Route) -> None:
+    route.abort()
 
 
 def lose_wishes(route: Route) -> None:
@@ -104,40 +109,50 @@ def test_what_has_come_of_a_cancelled_upload_is_dropped_even_while_a_piece_is_ta
     assert server.client.head(piece.value.url, headers=headers).status_code == 404
 
 
-def test_where_the_analysis_could_not_be_asked_for_another_try_sends_no_byte_again(
+def test_a_network_that_is_lost_behind_the_last_byte_loses_nothing_and_heals(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
     open_home(page, server)
-    page.route(ANALYSES, lose_wishes)
-    page.set_input_files("#files", make_file(tmp_path, "asked.csv"))
-    row = find_upload(page, "asked.csv")
-    expect(row).to_contain_text("The connection was lost")
-    page.unroute(ANALYSES)
+    page.route(RECORDINGS, lose)
     sent = list_sent(page)
+    page.set_input_files("#files", make_file(tmp_path, "healed.csv"))
+    expect(find_upload(page, "healed.csv").locator(".pill")).to_have_text("Waiting for the network")
+    assert "PATCH" in sent
+    sent.clear()
 
-    row.get_by_role("button", name="Try again").click()
+    page.unroute(RECORDINGS)
 
-    expect(find_row(page, "asked.csv")).to_be_visible()
-    assert sent == ["HEAD"]
+    expect(find_row(page, "healed.csv")).to_be_visible()
+    assert sent == []
 
 
-def test_a_page_closed_before_the_analysis_was_asked_for_says_which_file_to_choose_again(
+def test_a_page_that_is_closed_behind_the_last_byte_finds_its_analysis_and_asks_nothing(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
-    file = make_file(tmp_path, "closed_early.csv")
+    page.on("dialog", lambda dialog: dialog.accept())
     open_home(page, server)
-    page.route(ANALYSES, lose_wishes)
-    page.set_input_files("#files", file)
-    expect(find_upload(page, "closed_early.csv")).to_contain_text("The connection was lost")
-    page.unroute(ANALYSES)
+    page.route(RECORDINGS, lose)
+    page.set_input_files("#files", make_file(tmp_path, "closed_early.csv"))
+    expect(find_upload(page, "closed_early.csv").locator(".pill")).to_have_text("Waiting for the network")
 
     page.reload()
-    expect(page.locator("#interrupted")).to_contain_text("closed_early.csv")
-    sent = list_sent(page)
-    page.set_input_files("#files", file)
 
     expect(find_row(page, "closed_early.csv")).to_be_visible()
-    assert sent == ["HEAD"]
+    expect(page.locator("#interrupted")).to_be_hidden()
+
+
+def test_what_is_said_behind_the_last_byte_is_what_counts(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    open_home(page, server)
+    page.route(RECORDINGS, lose)
+    page.set_input_files("#files", make_file(tmp_path, "said_late.csv"))
+    row = find_upload(page, "said_late.csv")
+    expect(row.locator(".pill")).to_have_text("Waiting for the network")
+    row.get_by_label("Arm").select_option("left")
+    page.unroute(RECORDINGS)
+
+    expect(find_row(page, "said_late.csv")).to_contain_text("left arm")
 
 
 def test_what_was_said_of_a_file_outlasts_a_reload(page: Page, server: RunningServer, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import { $, fill, say } from "./say.js";
 import { refresh, showTitle } from "./rows.js";
 import { keepRecordings, readDrop } from "./upload/drop.js";
-import { recall, write } from "./upload/memory.js";
+import { forgetPrint, recall, write } from "./upload/memory.js";
 import { Queue } from "./upload/queue.js";
 
 const form = $("drop");
@@ -26,6 +26,12 @@ function showInterrupted() {
 function listInterrupted() {
   const going = new Set([...queue.all].map((entry) => entry.file.name));
   return Object.entries(recall()).filter(([, { name }]) => !going.has(name));
+}
+
+// What the server has whole, and analyses, needs nobody any more.
+async function forgetArrived() {
+  await Promise.all(listInterrupted().map(async ([print, { address }]) => (await queue.isBegun(address)) && forgetPrint(print)));
+  showInterrupted();
 }
 
 // The person wants them no more: neither the browser nor the server keeps anything of them.
@@ -68,4 +74,4 @@ function listen() {
 }
 
 listen();
-showInterrupted();
+forgetArrived();

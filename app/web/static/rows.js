@@ -58,13 +58,14 @@ function place(fresh) {
 
 // "(3/12)" before the title while work goes on: uploads on this page and analyses on the server.
 const title = document.title;
-let own = []; // of each upload that is not over the key of its row, "" until the server has it
+let own = []; // of each upload that is not over its name and the key of its row, "" until it is known
 let most = 0;
 
 export function showTitle(uploads = own) {
   own = uploads;
-  const rows = [...document.querySelectorAll("#rows [data-active]")].map((row) => row.id);
-  const open = rows.length + own.filter((key) => !rows.includes(key)).length;
+  const rows = [...document.querySelectorAll("#rows [data-active]")];
+  const isRow = ({ key, name }) => rows.some((row) => (key ? row.id === key : row.querySelector(".name")?.textContent.trim() === name));
+  const open = rows.length + own.filter((upload) => !isRow(upload)).length;
   most = open ? Math.max(most, open) : 0;
   document.title = most ? `(${most - open}/${most}) ${title}` : title;
 }

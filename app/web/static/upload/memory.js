@@ -23,8 +23,12 @@ export function remember(file, told) {
 }
 
 export function forget(file) {
+  forgetPrint(fingerprint(file));
+}
+
+export function forgetPrint(print) {
   const kept = recall();
-  delete kept[fingerprint(file)];
+  delete kept[print];
   write(kept);
 }
 

@@ -1,7 +1,7 @@
-// All chosen files: three on their way at a time, the others wait. When the bytes of one are safe, its
-// analysis is asked for; from then on the server alone knows it.
+// All chosen files: three on their way at a time, the others wait. The analysis of each is declared when its
+// upload begins, and starts with the last byte, whether or not this page is still open.
 
-import { $, fill, say } from "../say.js";
+import { $, fill, rest, say } from "../say.js";
 import { forget, recall, fingerprint } from "./memory.js";
 import { Row } from "./row.js";
 import { giveUp, Refusal, TUS, TusUpload } from "./tus.js";
@@ -10,6 +10,8 @@ import { tellSize } from "./sizes.js";
 const AT_ONCE = 3;
 const LOOK_MS = 400;
 const MOST_LOOKS = 20;
+const MOST_TRIES = 12;
+const LONGEST_PAUSE_MS = 20000;
 
 export class Queue {
   constructor(api, onChange, onAdded) {
@@ -32,9 +34,10 @@ export class Queue {
     return this.going.size + this.waiting.length > 0;
   }
 
-  // Of each file that is not refused nor here already: the key of its row in the list, "" before it has one.
+  // Of each file that is not refused nor here already: its name, and the key of its row in the list, "" before
+  // that is known (the analysis may begin before the page hears of the recording).
   get open() {
-    return [...this.all].filter(({ row }) => !row.isOver).map((entry) => entry.key || "");
+    return [...this.all].filter(({ row }) => !row.isOver).map((entry) => ({ key: entry.key || "", name: entry.file.name }));
   }
 
   next() {
@@ -48,19 +51,42 @@ export class Queue {
     if (file.size > Number(words.maxBytes)) return this.refuseLarge(entry);
     this.going.add(entry);
     row.show("uploading");
+    row.part(".asked").addEventListener("change", () => this.tell(entry));
     entry.upload = new TusUpload(file, row.wishes(), this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.look(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
       waiting: () => row.show("lost"),
+      resumed: () => this.tell(entry),
     });
     try {
-      await this.hand(entry, await entry.upload.send());
+      const recordingId = await entry.upload.send();
+      await this.persist(entry, () => this.hand(entry, recordingId));
     } catch (error) {
       if (!entry.upload.stopped) error instanceof Refusal ? row.refuse(error.problem) : row.loseNetwork();
     }
     this.going.delete(entry);
     this.next();
+  }
+
+  // What is said while the file comes is told to the server at once, for its analysis begins by itself.
+  tell({ file, row, upload }) {
+    const { subject, side } = row.wishes();
+    const body = JSON.stringify({ file_name: file.name, subject, side: side || null });
+    if (upload.address) fetch(upload.address + "/words", { method: "PUT", headers: { "Content-Type": "application/json" }, body }).catch(() => null);
+  }
+
+  // A network that is lost when all bytes are safe loses nothing: the server is asked until it answers.
+  async persist(entry, act) {
+    for (let tries = 1; ; tries += 1) {
+      try {
+        return await act();
+      } catch (error) {
+        if (error instanceof Refusal || tries > MOST_TRIES || entry.isCancelled) throw error;
+        entry.row.show("lost");
+        await rest(Math.min(500 * 2 ** tries, LONGEST_PAUSE_MS));
+      }
+    }
   }
 
   refuseLarge({ row, file }) {
@@ -106,12 +132,16 @@ export class Queue {
     return fill(words.fromTo, { start: from, end: to.startsWith(from.slice(0, 11)) ? to.slice(11) : to });
   }
 
-  // The bytes are safe: ask for the analysis, unless the same bytes have one. Until it is asked for, the file
-  // is remembered: another try, or the same file after a reload, goes on from here.
+  // The bytes are safe, and the analysis has begun, unless other bytes alike have one or no more may wait: then
+  // it is asked for here. Until it is known to be there, the file is remembered.
   async hand(entry, recordingId) {
     entry.key = `of-${recordingId}`;
     const recording = await this.get(`/recordings/${recordingId}`);
+    const begun = (await this.get(`/analyses?recording_id=${recordingId}&limit=1`)).items[0];
     const { subject, side } = entry.row.wishes();
+    const isAsSaid = subject === recording.subject && side === (recording.side || "");
+    if (begun && isAsSaid) return this.added(entry);
+    if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // what was said last came too late
     if (recording.duplicate_of) {
       const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
       if (earlier.items.length) {
@@ -120,7 +150,7 @@ export class Queue {
       }
     }
     if (entry.isCancelled) return this.drop(entry, recordingId);
-    if (subject !== recording.subject || side !== (recording.side || "")) {
+    if (!isAsSaid) {
       await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
     }
     await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: { lang: document.documentElement.lang } });
@@ -130,6 +160,15 @@ export class Queue {
   async drop(entry, recordingId) {
     await fetch(`${this.api}/recordings/${recordingId}?purge=true`, { method: "DELETE" });
     forget(entry.file);
+  }
+
+  // Whether an upload is whole and its analysis has begun.
+  async isBegun(address) {
+    if (!address) return false;
+    const answer = await fetch(address, { method: "HEAD", headers: TUS }).catch(() => null);
+    const recordingId = answer?.headers.get("Acromion-Recording");
+    const found = recordingId && (await this.get(`/analyses?recording_id=${recordingId}&limit=1`).catch(() => null));
+    return Boolean(found?.items.length);
   }
 
   // Of an upload that nobody wants any more nothing is kept, nor the recording it became, unless that is analysed.

@@ -26,7 +26,7 @@ export class Refusal extends Error {
 class Lost extends Error {}
 
 export class TusUpload {
-  // on: {progress(bytes), piece(), smaller(bytes), waiting()}
+  // on: {progress(bytes), piece(), smaller(bytes), waiting(), resumed()}
   constructor(file, words, root, on) {
     Object.assign(this, { file, words, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
     Object.assign(this, { tail: null, isTailDone: true });
@@ -65,11 +65,12 @@ export class TusUpload {
       const answer = await this.ask("HEAD", known, {});
       if (answer.status === 200) {
         this.address = known;
+        this.on.resumed();
         return this.read(answer);
       }
       forget(this.file);
     }
-    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, this.words) });
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis() }) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
     remember(this.file, { address: this.address, ...this.words });
@@ -160,6 +161,11 @@ function pack(blob) {
 function describe(file, words) {
   const said = Object.entries({ filename: file.name, ...words }).filter(([, value]) => value);
   return said.map(([name, value]) => `${name} ${toBase64(value)}`).join(",");
+}
+
+// The analysis begins with the last byte, in the language of this page.
+function declareAnalysis() {
+  return JSON.stringify({ lang: document.documentElement.lang });
 }
 
 function toBase64(text) {
