@@ -435,7 +435,8 @@ class UploadStore(RowStore):
 
 
 def _is_analysed_elsewhere(connection: Connection, stored: StoredRecording) -> bool:
-    """Whether another recording of the same bytes has an analysis."""
+    """Whether another recording of the same bytes has an analysis that was neither refused nor cancelled."""
     twins = (recordings.c.sha256 == stored.sha256, recordings.c.id != stored.id, recordings.c.state == STORED)
-    query = select(analyses.c.id).join(recordings, analyses.c.recording_id == recordings.c.id).where(*twins)
-    return connection.execute(query.limit(1)).first() is not None
+    query = select(analyses.c.id).join(recordings, analyses.c.recording_id == recordings.c.id)
+    counts = analyses.c.state.in_((JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED))
+    return connection.execute(query.where(*twins, counts).limit(1)).first() is not None

@@ -459,6 +459,13 @@ def test_bytes_that_were_analysed_before_are_not_analysed_again_unasked(client: 
     assert list_analyses(client, send_declared(client, b"0123456789")) == []
 
 
+def test_bytes_whose_analysis_was_given_up_are_analysed_again(client: TestClient) -> None:
+    (first,) = list_analyses(client, send_declared(client, b"0123456789"))
+    client.post(f"/api/v1/analyses/{first['id']}/cancel")
+
+    assert len(list_analyses(client, send_declared(client, b"0123456789"))) == 1
+
+
 def test_where_no_more_may_wait_the_upload_is_kept_and_nothing_begins(settings: Settings) -> None:
     full = settings.model_copy(update={"max_queued": 0})
     with TestClient(create_app(full), base_url="http://localhost") as client:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, Request, Route, expect
 
+from fusion.simulation import write_recordings
 from tests.pages.steps import END_MS, find_row, find_upload, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
 
@@ -141,6 +142,19 @@ def test_a_page_that_is_closed_behind_the_last_byte_finds_its_analysis_and_asks_
     expect(page.locator("#interrupted")).to_be_hidden()
 
 
+def test_a_refused_file_that_is_sent_again_is_analysed_again(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = make_file(tmp_path, "refused.csv")
+    see_end(server, server.send(file)["id"])
+    open_home(page, server)
+
+    page.set_input_files("#files", file)
+
+    expect(find_upload(page, "refused.csv")).to_have_count(0)
+    assert len(server.client.get("/api/v1/analyses?limit=2").json()["items"]) == 2
+
+
 def test_what_is_said_behind_the_last_byte_is_what_counts(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
@@ -194,12 +208,11 @@ def test_uploads_that_were_cut_are_given_up_by_a_click(
 def test_a_known_file_is_analysed_again_at_the_second_try(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
-    file = make_file(tmp_path, "known.csv")
-    job = server.send(file)
-    see_end(server, job["id"])
+    file = write_recordings(tmp_path, "gt9x", 0.05, 8)[0].rename(tmp_path / "known.gt3x")
+    see_end(server, server.send(file)["id"])
     open_home(page, server)
     page.set_input_files("#files", file)
-    row = find_upload(page, "known.csv")
+    row = find_upload(page, "known.gt3x")
     again = row.get_by_role("button", name="Analyse again")
     page.route(ANALYSES, lose_wishes)
 
@@ -209,4 +222,4 @@ def test_a_known_file_is_analysed_again_at_the_second_try(
     again.click()
 
     expect(row).to_have_count(0)
-    expect(find_row(page, "known.csv")).to_be_visible()
+    expect(find_row(page, "known.gt3x")).to_be_visible()

@@ -144,7 +144,7 @@ export class Queue {
     if (begun) await this.send("POST", `/analyses/${begun.id}/cancel`); // what was said last came too late
     if (recording.duplicate_of) {
       const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
-      if (earlier.items.length) {
+      if (earlier.items.some(({ state }) => !["failed", "cancelled"].includes(state))) {
         await this.drop(entry, recordingId);
         return this.offer(entry, recording.duplicate_of, earlier.items[0]);
       }
