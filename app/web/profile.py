@@ -103,11 +103,13 @@ def get_days_table(name: Literal["profile", "overlay"], asked: Asked, services: 
 
 
 def find_days_address(services: Services, job: Job) -> str:
-    """Give the address of the days of a person: all recordings with a report; empty where there is one."""
+    """Give the address of the days of a person: all recordings with a report; empty where there is one.
+
+    What states no arm, as a sensor on the trunk, is left out beside what does.
+    """
     others = Library(services.store.reader).find_others(job, MOST_OFFERED - 1)
-    if not others:
-        return ""
-    return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *(other.job.id for other in others)))
+    ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
+    return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
 
 
 def _make(services: Services, asked: ProfiledJobs, language: Language) -> PairReport | Problem:

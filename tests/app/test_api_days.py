@@ -107,6 +107,19 @@ def test_an_analysis_leads_to_the_days_of_its_person(client: TestClient, days: F
     assert all(each in address for each in days)
 
 
+def test_a_sensor_on_the_trunk_is_no_day_of_an_arm(
+    client: TestClient, bench: OpenBench, days: Finished
+) -> None:
+    asked = {"file_name": "trunk.gt3x", "subject": "S012"}
+    trunk = client.post("/api/v1/analyze", params=asked, content=b"2 1.0").json()["id"]
+    assert run_next(bench(write_day))
+
+    (address,) = re.findall(r'href="([^"]*/days\?[^"]*)"', client.get(f"/analyses/{days[0]}").text)
+
+    assert days[1] in address
+    assert trunk not in address
+
+
 def test_the_page_offers_every_recording_of_the_person_to_choose_from(
     client: TestClient, days: Finished
 ) -> None:
