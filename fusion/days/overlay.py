@@ -1,8 +1,8 @@
 """Days overlaid by the clock, as the Ambulatory Glucose Profile overlays days of glucose.
 
-The layout follows Bergenstal et al. 2013 (Diabetes Technol Ther 15:198): median, 25 to 75 % and 10 to 90 % by
-clock time over all days. Here each day that is analysed for half of a quarter hour counts once in it, so that
-a long day weighs no more than a short one.
+The layout follows the Ambulatory Glucose Profile (J Diabetes Sci Technol 2013;7:562): median, 25 to 75 %
+and 10 to 90 % by clock time over all days. Here each day that is analysed for half of a quarter hour counts
+once in it, so that a long day weighs no more than a short one.
 """
 
 from collections.abc import Sequence
