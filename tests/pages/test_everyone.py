@@ -204,7 +204,7 @@ def test_french_numbers_have_commas_and_dates_cannot_be_misread(
 ) -> None:
     open_analysis(page, server, right, "fr")
 
-    expect(page.locator(".figures dd").first).to_have_text(re.compile(r"^\d+,\d\u202f%$"))
+    expect(page.locator(".figures dd").first).to_have_text(re.compile(r"^\d+,\d\u00a0%$"))
     expect(page.locator(".meta")).to_have_text(re.compile(r"\d{4}-\d{2}-\d{2} \d{2}:\d{2}"))
 
 

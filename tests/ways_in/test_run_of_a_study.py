@@ -72,7 +72,7 @@ def test_what_is_typed_goes_before_the_settings_file(study: Path, tmp_path: Path
 def test_the_methods_count_what_was_done(studied: tuple[Result, Path]) -> None:
     text = (studied[1] / "methods.md").read_text("utf-8")
 
-    assert "Enregistrements analysés\u202f: 2" in text
+    assert "Enregistrements analysés\u00a0: 2" in text
 
 
 def test_a_row_that_fits_no_recording_is_told(studied: tuple[Result, Path]) -> None:
@@ -83,12 +83,12 @@ def test_exit_code_total_and_problems_come_from_one_list(studied: tuple[Result, 
     result, out = studied
 
     assert result.exit_code == 1
-    assert "en échec\u202f: 1" in result.stderr
+    assert "en échec\u00a0: 1" in result.stderr
     assert [row["code"] for row in read_table(out / "problems.csv")] == ["E-EMPTY"]
 
 
 def test_files_that_are_no_recordings_are_counted(studied: tuple[Result, Path]) -> None:
-    assert "laissés de côté\u202f: 1" in studied[0].stderr
+    assert "laissés de côté\u00a0: 1" in studied[0].stderr
 
 
 def test_a_list_names_the_recordings(study: Path, tmp_path: Path) -> None:
