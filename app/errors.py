@@ -269,6 +269,14 @@ class CannotPair(AppError):
     fact_meanings = name_facts(why=TERM)
 
 
+class CannotProfile(AppError):
+    """Analyses that are no days of one person or of one group."""
+
+    code = "E-DAYS"
+    outcome = Outcome(422, 3)
+    fact_meanings = name_facts(why=TERM, name="file or folder", other="file or folder")
+
+
 class NotFinished(AppError):
     """The analysis has not ended yet."""
 

@@ -72,6 +72,7 @@ from app.web.day import router as day_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
 from app.web.pairs import router as pair_pages
+from app.web.profile import router as profile_pages
 from app.web.rendering import FOLDER, Assets, find_assets
 from app.web.rendering import router as asset_routes
 from app.web.validations import router as validation_pages
@@ -95,6 +96,7 @@ PAGES = (
     day_routes,
     library_routes,
     pair_pages,
+    profile_pages,
     column_routes,
     help_routes,
     asset_routes,

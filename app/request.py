@@ -211,6 +211,35 @@ class PairRequest:
         return "pair.json" if self.kind == "pair" else "comparison.json"
 
 
+@dataclass(frozen=True, slots=True)
+class ProfileRequest:
+    """Everything a person asks of a report of several finished analyses.
+
+    ``before_count``: so many of them, the first, are before a change and the rest after it; None without a
+    change. ``same_subject`` as in :class:`PairRequest`; ``mixed_methods``: figures of several methods, or
+    versions of one, may stand beside one another. ``has_drawings``: the drawings are wanted by themselves,
+    too, as ``drawings.<language>.json``, which the page shows.
+    """
+
+    before_count: int | None = None
+    languages: tuple[Language, ...] = ("en", "fr")
+    kinds: tuple[ReportKind, ...] = ("html", "pdf")
+    paper: Paper = "a4"
+    same_subject: bool = False
+    mixed_methods: bool = False
+    has_drawings: bool = False
+
+    @property
+    def kind(self) -> str:
+        """As :attr:`PairRequest.kind`."""
+        return "profile"
+
+    @property
+    def figures_name(self) -> str:
+        """Name of the JSON file that holds the figures."""
+        return "profile.json"
+
+
 def compare_settings(before: Mapping[str, object], after: Mapping[str, object]) -> tuple[str, ...]:
     """Name the settings that differ, of two as :meth:`ReportRequest.describe_settings` gives them."""
     return tuple(name for name in after if name in before and before[name] != after[name])

@@ -1,4 +1,4 @@
-"""Reports of two finished analyses: both arms of one shift, or one day beside an earlier one."""
+"""Reports of several finished analyses: both arms of a shift, one day beside another, days of people."""
 
 import hashlib
 from typing import Annotated, Any, Literal, Self
@@ -10,10 +10,10 @@ from app.api.analysis_models import view_settings
 from app.api.files import MEDIA_TYPES, build_file_headers, format_ascii, is_known
 from app.api.problems import PROBLEM_RESPONSES
 from app.errors import BadParameter
-from app.jobs.children.pairs import PairedJobs
+from app.jobs.children.pairs import AskedJobs, PairedJobs, ProfiledJobs
 from app.report.pairs import OnePerson
 from app.report.words.wording import Language
-from app.request import LONGEST_OFFSET_S, PairRequest, Paper
+from app.request import LONGEST_OFFSET_S, PairRequest, Paper, ProfileRequest
 from app.services import Services, UsedLanguage, UsedServices
 
 router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
@@ -139,6 +139,155 @@ class ChangeView(BaseModel):
     source: str
 
 
+MOST_DAYS = 100
+"""Analyses of one profile, on each side of a change."""
+Stage = Literal["all", "before", "after"]
+Ends = tuple[float, float]
+
+
+class RangeView(BaseModel):
+    """The range of a figure on one day, and the one that also holds the N-pose's error."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    low: float
+    high: float
+    low_pose: float | None
+    high_pose: float | None
+
+
+class DayView(SourceView):
+    """One day. ``left_out``: why it does not count in means and spread; null where it does."""
+
+    device: str
+    method: str | None
+    pose: str | None
+    left_out: Literal["short", "long"] | None
+    figures: dict[str, float | None]
+    ranges: dict[str, RangeView | None]
+
+
+class MeanView(BaseModel):
+    """A figure over the days of one arm; ranges are 95 % ranges, null of one day.
+
+    ``low_pose`` and ``high_pose``: means of those of the days; null unless each has them.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    days: int
+    mean: float
+    sd: float | None
+    mean_range: Ends | None
+    sd_range: Ends | None
+    low_pose: float | None
+    high_pose: float | None
+
+
+class TellingView(BaseModel):
+    """The days that tell a change of half the time above 60 deg, and by whose deviation."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    sd: float
+    sd_from: Literal["person", "published"]
+    days: int
+    more_days: int
+    detectable: float
+    detectable_range: Ends | None
+
+
+class BandView(BaseModel):
+    """A quarter hour of the clock over the days; null where too few days are analysed in it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    clock: str
+    days: int
+    p10_deg: float | None
+    p25_deg: float | None
+    p50_deg: float | None
+    p75_deg: float | None
+    p90_deg: float | None
+
+
+class ArmDaysView(BaseModel):
+    """One arm of one person, on one side of a change ("all" without a change)."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str
+    side: Side | None
+    stage: Stage
+    days: list[DayView]
+    figures: dict[str, MeanView]
+    telling: TellingView | None
+    overlay: list[BandView]
+
+
+class SpreadView(BaseModel):
+    """A figure over a group: standard deviations between and within people."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    people: int
+    days: int
+    mean: float
+    mean_range: Ends | None
+    within_sd: float | None
+    between_sd: float | None
+    low_pose: float | None
+    high_pose: float | None
+
+
+class GroupView(BaseModel):
+    """The spread of a group, for one arm on one side of a change."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    side: Side | None
+    stage: Stage
+    figures: dict[str, SpreadView]
+
+
+class PeopleChangeView(BaseModel):
+    """After less before, of the people with days on both sides; ``detectable``: of one person alone."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    people: int
+    before: float
+    after: float
+    change: float
+    change_range: Ends | None
+    detectable: float | None
+    verdict: Literal["larger", "not larger", "unknown"]
+
+
+class SideChangeView(BaseModel):
+    """The change of one arm."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    side: Side | None
+    figures: dict[str, PeopleChangeView]
+
+
+class ProfileView(BaseModel):
+    """Several days of a person, or of a group."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    layout: Annotated[Literal["acromion.profile/1"], Field(alias="schema")]
+    one_person: OnePersonView
+    differences: list[str]
+    arms: list[ArmDaysView]
+    group: list[GroupView]
+    change: list[SideChangeView]
+    rules: dict[str, float]
+    source: str
+
+
 class ComparisonQuery(BaseModel):
     """The two analyses, the earlier first."""
 
@@ -205,12 +354,52 @@ class PairQuery(BaseModel):
         return PairedJobs(left, right, trunk, request)
 
 
+class ProfileQuery(BaseModel):
+    """The analyses of the days; with ``after``, those before a change and those after it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    analysis: Annotated[
+        list[str], Field(min_length=1, max_length=MOST_DAYS, description="Once for each day.")
+    ]
+    after: Annotated[
+        list[str], Field(max_length=MOST_DAYS, description="Once for each day after a change.")
+    ] = []
+    same_subject: SameSubject = False
+    mixed_methods: Annotated[
+        bool, Field(description="Several methods, or versions of one, may stand beside one another.")
+    ] = False
+    paper: PaperChoice = None
+    lang: Language | None = None
+
+    def find(self, services: Services) -> ProfiledJobs:
+        """Find the analyses.
+
+        Raises
+        ------
+        NotHere
+        """
+        jobs = tuple(services.store.get(each) for each in (*self.analysis, *self.after))
+        request = ProfileRequest(
+            len(self.analysis) if self.after else None,
+            paper=self.paper or jobs[0].request.paper,
+            same_subject=self.same_subject,
+            mixed_methods=self.mixed_methods,
+            has_drawings=True,
+        )
+        return ProfiledJobs(jobs, request)
+
+
 PairChoice = Annotated[PairQuery, Query()]
+ProfileChoice = Annotated[ProfileQuery, Query()]
 ChangeChoice = Annotated[ChangeQuery, Query()]
 ReportName = Literal["report.html", "report.pdf", "answer.txt"]
 REPORT_RESPONSE: dict[int | str, dict[str, Any]] = {
     200: {"content": {kind: {} for kind in ("text/html", "application/pdf", "text/plain")}}
 }
+
+
+TABLE_RESPONSE: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {}}}}
 
 
 @router.get("/compare", tags=["about"])
@@ -268,19 +457,56 @@ def get_pair_report(
     return _serve_report(request, services, asked.find(services), (name, language))
 
 
-def build_pair_download_name(asked: PairedJobs, ending: str) -> str:
-    """Name a download by its subject: ``S012_pair.en.pdf``."""
-    subject = "".join(c for c in asked.first.request.subject if c.isalnum() or c in "-_") or "report"
+@router.get(
+    "/profile/profile.json", tags=["pairs"], response_class=Response, responses={200: {"model": ProfileView}}
+)
+def get_profile(request: Request, services: UsedServices, asked: ProfileChoice) -> Response:
+    """Every figure of several days, byte for byte as ``acromion profile`` writes it."""
+    return _serve_figures(request, services, asked.find(services))
+
+
+@router.get(
+    "/profile/{name}.csv",
+    tags=["pairs"],
+    response_class=Response,
+    responses={200: {"content": {"text/csv": {}}}},
+)
+def get_profile_table(
+    name: Literal["profile", "overlay"], request: Request, services: UsedServices, asked: ProfileChoice
+) -> Response:
+    """A row for each day, or for each quarter hour of the clock."""
+    found = asked.find(services)
+    body = (services.pairs.make(found).folder / f"{name}.csv").read_bytes()
+    return _serve(request, body, build_pair_download_name(found, f"{name}.csv"))
+
+
+@router.get("/profile/{name}", tags=["pairs"], response_class=Response, responses=REPORT_RESPONSE)
+def get_profile_report(
+    name: ReportName,
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
+    asked: ProfileChoice,
+) -> Response:
+    """The report of several days of a person or of a group, or its answer in a few lines."""
+    return _serve_report(request, services, asked.find(services), (name, language))
+
+
+def build_pair_download_name(asked: AskedJobs, ending: str) -> str:
+    """Name a download by its subject: ``S012_pair.en.pdf``; several are a group."""
+    is_group = isinstance(asked, ProfiledJobs) and len({job.request.subject for job in asked.jobs}) > 1
+    code = "group" if is_group else asked.jobs[0].request.subject
+    subject = "".join(c for c in code if c.isalnum() or c in "-_") or "report"
     return f"{subject}_{asked.request.kind}.{ending}"
 
 
-def _serve_figures(request: Request, services: Services, asked: PairedJobs) -> Response:
+def _serve_figures(request: Request, services: Services, asked: AskedJobs) -> Response:
     body = (services.pairs.make(asked).folder / asked.request.figures_name).read_bytes()
     return _serve(request, body, build_pair_download_name(asked, "json"))
 
 
 def _serve_report(
-    request: Request, services: Services, asked: PairedJobs, wanted: tuple[str, Language]
+    request: Request, services: Services, asked: AskedJobs, wanted: tuple[str, Language]
 ) -> Response:
     name, language = wanted
     stem, _, kind = name.partition(".")

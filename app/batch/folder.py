@@ -24,7 +24,14 @@ from app.version import identify_engine
 if sys.platform != "win32":
     import fcntl
 
-_FIGURES = ("results.json", "findings.json", "elevation.parquet", "pair.json", "comparison.json")
+_FIGURES = (
+    "results.json",
+    "findings.json",
+    "elevation.parquet",
+    "pair.json",
+    "comparison.json",
+    "profile.json",
+)
 _REPORT_FILES = ("answer.txt", "report.html", "report.pdf")
 
 
@@ -231,7 +238,7 @@ def _empty(folder: Path) -> None:
 
 
 def write_version(folder: Path, figures: str, language: Language, make: Callable[[Path], None]) -> Marker:
-    """Write a report of two into its folder, as a new version where its figures changed."""
+    """Write a report of several analyses into its folder, as a new version where its figures changed."""
     restore_earlier(folder, figures)
     refuse_foreign_folder(folder)
     with open_staging(folder) as staging:

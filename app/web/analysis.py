@@ -28,6 +28,7 @@ from app.web.day import find_day
 from app.web.day_views import DayClock, DayView, build_day, build_hours
 from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
 from app.web.pairs import find_offers
+from app.web.profile import find_days_address
 from app.web.rendering import find_base, render_page
 from app.web.views import (
     Fact,
@@ -195,7 +196,14 @@ def read_answer(services: Services, job: Job, asked: ReportRequest, language: La
 
     Where a file is damaged, what is read before it is shown, and the damage is named.
     """
-    shown: dict[str, Any] = {"answer": None, "hours": [], "day": None, "offers": (), "damage": None}
+    shown: dict[str, Any] = {
+        "answer": None,
+        "hours": [],
+        "day": None,
+        "offers": (),
+        "days": "",
+        "damage": None,
+    }
     try:
         results = find_results(services, job)
         if results is None:
@@ -208,6 +216,7 @@ def read_answer(services: Services, job: Job, asked: ReportRequest, language: La
         shown["offers"] = find_offers(
             services, job, results.get("recording", {}).get("start") or "", language
         )
+        shown["days"] = find_days_address(services, job)
         shown["day"] = _build_day(services, job, asked, language)
     except ResultDamaged as damaged:
         shown["damage"] = build_damage(services, damaged.facts, language)
@@ -344,6 +353,7 @@ def analysis(
         "entry": build_entry(Entry(job, None), language),
         "d": load_wording(language, "day"),
         "b": load_wording(language, "pair_pages"),
+        "days_link": load_wording(language, "days")["page"]["link"],
         "c": load_wording(language, "columns"),
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),

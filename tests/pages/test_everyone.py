@@ -35,6 +35,8 @@ PAGES = {
     "pair": "beside/pair?first={left}&second={right}",
     "trunk": "beside/pair?first={left}&second={right}&trunk={trunk}",
     "compare": "beside/compare?first={left}&second={right}",
+    "days": "days?analysis={left}&analysis={right}",
+    "no days": "days?analysis={left}",
     "columns": "analyses/{unknown}/columns",
     "failed": "analyses/{unknown}",
     "offered": "analyses/{offered}/columns",

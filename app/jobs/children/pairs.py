@@ -1,4 +1,4 @@
-"""Reports of two finished analyses: made in a child process when first asked for, then kept as a cache.
+"""Reports of several finished analyses: made in a child process when first asked for, then kept as a cache.
 
     folder/<key>/             the files of one report; seal.json holds the SHA-256 of each
     folder/<key>.<hex>.part/  what is being made, with copies of the files that it is made from
@@ -23,7 +23,7 @@ from app.jobs.children.attempt import Attempt, choose_limits, make_now
 from app.jobs.job import Job
 from app.jobs.results import ResultReader
 from app.report.words.wording import find_nearest
-from app.request import Language, OnStage, PairRequest, ReportRequest
+from app.request import Language, OnStage, PairRequest, ProfileRequest, ReportRequest
 from app.settings import Settings
 from app.storage.store import hash_file
 from app.version import software_revision
@@ -38,14 +38,17 @@ SEAL = "seal.json"
 
 def load_and_make_pair(
     sources: tuple[Path, ...],
-    pair: PairRequest,
+    asked: PairRequest | ProfileRequest,
     _log: Path,
     _request: ReportRequest,
     out: Path,
     _on_stage: OnStage,
 ) -> None:
-    """Make a report of two in the child process, from the folders of finished analyses."""
-    importlib.import_module("app.roads.pair").make_report_of_two(sources, pair, out)
+    """Make a report of several in the child process, from the folders of finished analyses."""
+    if isinstance(asked, ProfileRequest):
+        importlib.import_module("app.roads.profile").make_profile(sources, asked, out)
+    else:
+        importlib.import_module("app.roads.pair").make_report_of_two(sources, asked, out)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,18 +78,42 @@ class PairedJobs:
 
 
 @dataclass(frozen=True, slots=True)
+class ProfiledJobs:
+    """The finished analyses of several days, those before a change first, and what is asked of them."""
+
+    jobs: tuple[Job, ...]
+    request: ProfileRequest
+
+    def identify(self) -> str:
+        """Hash attempts, request and software, as :meth:`PairedJobs.identify`."""
+        asked = self.request
+        tokens = tuple(job.token for job in self.jobs)
+        choices = (asked.before_count, asked.paper, asked.same_subject, asked.mixed_methods)
+        parts = (asked.kind, tokens, *choices, software_revision())
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+
+
+AskedJobs = PairedJobs | ProfiledJobs
+
+
+@dataclass(frozen=True, slots=True)
 class PairReport:
-    """The files of a report of two, in their folder."""
+    """The files of a report of several analyses, in their folder."""
 
     folder: Path
-    request: PairRequest
+    request: PairRequest | ProfileRequest
 
     def find(self, stem: str, kind: str, language: Language) -> Path:
         """Give the place of the report or the answer: ``report.en.pdf``; in the nearest language made."""
         return self.folder / f"{stem}.{find_nearest(language, self.request.languages)}.{kind}"
 
+    def read_drawings(self, language: Language) -> list[dict[str, str]]:
+        """Read the drawings of several days: title, alternative, note, and both SVGs of each."""
+        drawings: list[dict[str, str]] = json.loads(self.find("drawings", "json", language).read_bytes())
+        return drawings
+
     def read_figures(self) -> dict[str, Any]:
-        """Read the figures as ``pair.json`` or ``comparison.json`` holds them."""
+        """Read the figures as ``pair.json``, ``comparison.json`` or ``profile.json`` holds them."""
         figures: dict[str, Any] = json.loads((self.folder / self.request.figures_name).read_bytes())
         return figures
 
@@ -119,13 +146,14 @@ class PairReports:
         with self._publishing:
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def make(self, asked: PairedJobs) -> PairReport:
+    def make(self, asked: AskedJobs) -> PairReport:
         """Give a report of two, made now unless it is there and whole.
 
         Raises
         ------
         RecordedProblem, Crashed, Interrupted
-            As the child process met them; among the first is E-PAIR (:class:`app.errors.CannotPair`).
+            As the child process met them; among the first are E-PAIR and E-DAYS
+            (:class:`app.errors.CannotPair`, :class:`app.errors.CannotProfile`).
         NotHere, NotFinished, NoSuchFile, ResultDamaged
             One of the analyses cannot be read.
         """
@@ -136,7 +164,7 @@ class PairReports:
                     self._make(asked, kept)
         return PairReport(kept, asked.request)
 
-    def _make(self, asked: PairedJobs, kept: Path) -> None:
+    def _make(self, asked: AskedJobs, kept: Path) -> None:
         staging = kept.with_name(f"{kept.name}.{secrets.token_hex(4)}.part")
         out = staging / "out"
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -159,13 +187,13 @@ class PairReports:
                 shutil.copyfile(path, folder / name)
         return folder
 
-    def _run(self, asked: PairedJobs, sources: tuple[Path, ...], out: Path) -> None:
+    def _run(self, asked: AskedJobs, sources: tuple[Path, ...], out: Path) -> None:
         make = partial(load_and_make_pair, sources, asked.request)
         limits = choose_limits(self.settings, sum(job.size_bytes for job in asked.jobs))
         files = make_now(Attempt(sources[0], ReportRequest(""), out, make, limits))
         (out / SEAL).write_text(json.dumps({file.name: file.sha256 for file in files}))
 
-    def _publish(self, asked: PairedJobs, out: Path, kept: Path) -> None:
+    def _publish(self, asked: AskedJobs, out: Path, kept: Path) -> None:
         """Keep what was made, unless one of the analyses was deleted meanwhile."""
         with self._publishing:
             self._check_there(asked)
@@ -173,7 +201,7 @@ class PairReports:
             out.rename(kept)
             self._make_room()
 
-    def _check_there(self, asked: PairedJobs) -> None:
+    def _check_there(self, asked: AskedJobs) -> None:
         """Raise NotHere where one of the analyses was deleted meanwhile."""
         for job in asked.jobs:
             self.results.store.get(job.id)

@@ -22,6 +22,8 @@ _LANE_PX = 22.0
 _SHORTEST_NAME = 5
 """Signs of a name, its rank included, that are worth writing."""
 
+_INNER = f'class="band" fill="{svg.RAMP[1]}"'
+_OUTER = f'{_INNER} fill-opacity="0.45"'
 _TICK_STEPS_S = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 
 
@@ -37,6 +39,8 @@ class DayLabels:
     missing: str
     worst: str = ""
     longest: str = ""
+    inner: str = ""
+    """P25 to P75, where the band is drawn lighter around it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,76 @@ def draw_two_days(days: Sequence[tuple[str, Day]], labels: DayLabels, width_px: 
     legend, bottom = _draw_day_legend(shown, labels, plot.bottom_px + 38, key, width_px)
     body += _draw_time_axis(days[-1][1], plot) + legend
     return svg.picture(width_px, bottom, key, (labels.title, labels.description), body)
+
+
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """Several days on one clock.
+
+    Attributes
+    ----------
+    name
+        Of which arm, say.
+    day
+        P10 to P90 and median by quarter hour; missing where too few days are.
+    inner
+        P25 to P75, in the same runs.
+    counts
+        Quarter hours with the days that they rest upon: start and end, s on the axis, and days.
+    days
+        All days.
+    counts_label
+        Words of the lane of counts.
+    """
+
+    name: str
+    day: Day
+    inner: tuple[tuple[MinuteBand, ...], ...]
+    counts: tuple[tuple[float, float, int], ...]
+    days: int
+    counts_label: str
+
+
+def draw_overlays(panels: Sequence[Overlay], labels: DayLabels, width_px: float) -> str:
+    """Draw days laid over one another, two panels beside one another where there is room.
+
+    Below each axis stand the days that each time rests upon.
+    """
+    key, across = f"over{width_px:.0f}", 2 if len(panels) > 1 and width_px > NARROW else 1
+    room = (width_px + 16) / across - 16
+    body, bottom = [svg.define_hatch(key)], 0.0
+    for rank, overlay in enumerate(panels):
+        left, top = (rank % across) * (room + 16), 24 + (rank // across) * 224.0
+        plot = _Plot(left + 36, left + room - 4, top, top + 130, max(overlay.day.duration_s, 1.0))
+        body += [svg.text(left, top - 13, overlay.name, "strong"), *_draw_overlay(overlay, plot, key)]
+        bottom = plot.bottom_px + 76
+    legend, height = _draw_day_legend([panel.day for panel in panels], labels, bottom, key, width_px)
+    return svg.picture(width_px, height, key, (labels.title, labels.description), body + legend)
+
+
+def _draw_overlay(overlay: Overlay, plot: _Plot, key: str) -> list[str]:
+    day = overlay.day
+    return [
+        *_draw_guides(plot),
+        *(stroke for mark in day.marks for stroke in _draw_mark(mark, plot, key)),
+        *(_draw_band(run, plot, _OUTER) for run in day.runs),
+        *(_draw_band(run, plot) for run in overlay.inner),
+        *(_draw_median(run, plot, 1.8) for run in day.runs),
+        *_draw_time_axis(day, plot),
+        *_draw_counts(overlay, plot),
+    ]
+
+
+def _draw_counts(overlay: Overlay, plot: _Plot) -> list[str]:
+    """Draw a bar for each quarter hour, as high as its share of all days."""
+    bottom = plot.bottom_px + 56
+    body = [svg.line(plot.left_px, bottom, plot.right_px, bottom, f'class="rule" stroke="{svg.SOFT}"')]
+    for start_s, end_s, days in overlay.counts:
+        x, height = plot.x(start_s), 18.0 * days / max(overlay.days, 1)
+        place = (x, bottom - height, max(plot.x(end_s) - x - 0.5, 0.5), height)
+        body.append(svg.rect(*place, f'class="mark" fill="{svg.RAMP[2]}"'))
+    body.append(svg.text(plot.left_px - 5, bottom, str(overlay.days), "soft", "end"))
+    return [*body, svg.text(plot.left_px, bottom - 22, overlay.counts_label)]
 
 
 def _draw_panel(day: Day, plot: _Plot, key: str) -> list[str]:
@@ -144,13 +218,18 @@ def _draw_mark_label(mark: Mark, plot: _Plot) -> list[str]:
 
 def _draw_run(run: tuple[MinuteBand, ...], plot: _Plot) -> list[str]:
     """Draw minutes as steps, for a value belongs to its whole minute."""
-    upper = _step_through(run, [band.high_deg for band in run], plot)
-    lower = _step_back(run, plot)
+    return [_draw_band(run, plot), _draw_median(run, plot, 0.9 if plot.duration_s > LONG_S else 1.5)]
+
+
+def _draw_band(run: tuple[MinuteBand, ...], plot: _Plot, attributes: str = _INNER) -> str:
+    upper, lower = _step_through(run, [band.high_deg for band in run], plot), _step_back(run, plot)
+    return svg.path(f"M{upper}L{lower}Z", attributes)
+
+
+def _draw_median(run: tuple[MinuteBand, ...], plot: _Plot, weight: float) -> str:
     middle = _step_through(run, [band.middle_deg for band in run], plot)
-    band = svg.path(f"M{upper}L{lower}Z", f'class="band" fill="{svg.RAMP[1]}"')
-    weight = 0.9 if plot.duration_s > LONG_S else 1.5
     stroke = f'class="median" fill="none" stroke="{svg.RAMP[3]}" stroke-width="{weight}"'
-    return [band, svg.path(f"M{middle}", f'{stroke} stroke-linejoin="round"')]
+    return svg.path(f"M{middle}", f'{stroke} stroke-linejoin="round"')
 
 
 def _step_through(run: tuple[MinuteBand, ...], degrees: Sequence[float], plot: _Plot) -> str:
@@ -254,7 +333,8 @@ def _list_keys(
     hatch = f'class="edge" fill="url(#{key}-h)" stroke="{svg.SOFT}" stroke-width="0.5"'
     dots = f'class="edge" fill="none" stroke="{svg.SOFT}" stroke-dasharray="1.5 2"'
     keys = (
-        (True, labels.band, partial(_draw_key, attributes=f'class="band" fill="{svg.RAMP[1]}"')),
+        (True, labels.band, partial(_draw_key, attributes=_OUTER if labels.inner else _INNER)),
+        (True, labels.inner, partial(_draw_key, attributes=_INNER)),
         (True, labels.median, partial(_draw_key, attributes="")),
         ("left out" in kinds, labels.left_out, partial(_draw_key, attributes=hatch)),
         ("missing" in kinds, labels.missing, partial(_draw_key, attributes=dots)),

@@ -19,6 +19,7 @@ Language = Literal["en", "fr", "fr-CA"]
 Part = Literal[
     "report",
     "pairs",
+    "days",
     "agreement",
     "run",
     "fields",

@@ -1,0 +1,263 @@
+"""``profile.json`` and its tables: every figure of several days, in no language."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from math import inf
+from statistics import fmean
+from typing import Any
+
+from app.report.days.people import ArmDays, MeasuredDay, PoseEnds, Side, Stage, StudiedDays
+from app.report.export.csv import Row, encode_table
+from app.report.export.results import round_all
+from app.report.pairs import describe_source
+from fusion.comparison import BETWEEN_DAY_SD, SOURCE, WHOLE_DAY_S
+from fusion.days import (
+    LEAST_OWN_DAYS,
+    DayMean,
+    GroupChange,
+    GroupSpread,
+    Telling,
+    compare_people,
+    describe_days,
+    describe_group,
+    find_detectable_between,
+    find_telling,
+    pool_deviation,
+)
+from fusion.days.overlay import LEAST_DAYS, PERCENTS, ClockBand
+from fusion.exposure.types import Interval
+
+SCHEMA = "acromion.profile/1"
+MAIN = "time_above_60_percent"
+FIGURES = (
+    "time_above_30_percent",
+    MAIN,
+    "time_above_90_percent",
+    "entries_above_60_per_h",
+    "elevation_p50_deg",
+)
+
+
+def describe_profile(studied: StudiedDays) -> dict[str, Any]:
+    """Give every day, mean, spread, overlay and change, for JSON."""
+    document: dict[str, Any] = round_all(
+        {
+            "schema": SCHEMA,
+            "one_person": studied.one_person,
+            "differences": list(studied.differences),
+            "arms": [_describe_arm(arm) for arm in studied.arms],
+            "group": [
+                {
+                    "side": side,
+                    "stage": stage,
+                    "figures": {
+                        name: _spell(spread) | _spell_pose(find_group_pose(studied, name, side, stage))
+                        for name, spread in figures.items()
+                    },
+                }
+                for side, stage, figures in list_groups(studied)
+            ],
+            "change": [{"side": side, "figures": changes} for side, changes in list_changes(studied)],
+            "rules": {
+                "whole_day_s": WHOLE_DAY_S,
+                "overlay_least_days": LEAST_DAYS,
+                "own_deviation_least_days": LEAST_OWN_DAYS,
+            },
+            "source": SOURCE,
+        }
+    )
+    return document
+
+
+def _describe_arm(arm: ArmDays) -> dict[str, Any]:
+    telling = tell_days(arm)
+    return {
+        "subject": arm.subject,
+        "side": arm.side,
+        "stage": arm.stage,
+        "days": [_describe_day(day) for day in arm.days],
+        "figures": {
+            name: _spell(figure) | _spell_pose(arm.find_pose_ends(name))
+            for name, figure in describe_arm(arm).items()
+        },
+        "telling": _spell(telling) if telling else None,
+        "overlay": [_describe_band(band) for band in arm.bands],
+    }
+
+
+def _describe_day(day: MeasuredDay) -> dict[str, Any]:
+    findings = day.kept.findings
+    return {
+        **describe_source(day.kept),
+        "device": findings.recording.device,
+        "method": f"{findings.method.name} {findings.method.version}" if findings.method else None,
+        "pose": findings.calibration.pose if findings.calibration else None,
+        "left_out": day.left_out,
+        "figures": day.list_figures(),
+        "ranges": {name: _spell_range(day.find_interval(name)) for name in FIGURES},
+    }
+
+
+def _spell_range(interval: Interval | None) -> dict[str, float | None] | None:
+    return None if interval is None else asdict(interval)
+
+
+def _describe_band(band: ClockBand) -> dict[str, Any]:
+    angles: Mapping[int, float] = band.percentiles_deg or {}
+    return {
+        "clock": format_quarter(band.start_s),
+        "days": band.days,
+        **{f"p{p}_deg": angles.get(p) for p in PERCENTS},
+    }
+
+
+def format_quarter(start_s: float) -> str:
+    """Write when a quarter hour begins: "07:45"."""
+    hours, rest = divmod(round(start_s), 3600)
+    return f"{hours:02d}:{rest // 60:02d}"
+
+
+def _spell(figure: DayMean | GroupSpread | GroupChange | Telling) -> dict[str, Any]:
+    spelled = {name: getattr(figure, name) for name in type(figure).__slots__}
+    return {
+        name: [value.low, value.high] if isinstance(value, Interval) else value
+        for name, value in spelled.items()
+    }
+
+
+def _spell_pose(ends: PoseEnds | None) -> dict[str, float | None]:
+    return {"low_pose": ends[0], "high_pose": ends[1]} if ends else {"low_pose": None, "high_pose": None}
+
+
+# ------------------------------------------------------------------ what the report needs, too
+
+
+def describe_arm(arm: ArmDays) -> dict[str, DayMean]:
+    """Describe the days of an arm by figure; empty where none counts."""
+    every = {name: arm.list_values(name) for name in FIGURES}
+    return {name: describe_days(values, _find_most(name)) for name, values in every.items() if values}
+
+
+def _find_most(name: str) -> float:
+    return 100.0 if name.endswith("_percent") else 180.0 if name.endswith("_deg") else inf
+
+
+def tell_days(arm: ArmDays) -> Telling | None:
+    """Find how many days tell a change of half the time above 60 deg; None where no day counts."""
+    values = arm.list_values(MAIN)
+    return find_telling(describe_days(values), BETWEEN_DAY_SD[MAIN]) if values else None
+
+
+def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict[str, GroupSpread]]]:
+    """Give the spread of each arm and side of the change between and within people; nothing of one person."""
+    if len(studied.people) < 2:
+        return
+    for side in studied.sides:
+        for stage in studied.stages:
+            figures = {name: _collect(studied, name, side, stage) for name in FIGURES}
+            known = {
+                name: describe_group(people, _find_most(name)) for name, people in figures.items() if people
+            }
+            if known:
+                yield side, stage, known
+
+
+def find_group_pose(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> PoseEnds | None:
+    """Give the mean over people of the ends of the range that holds the pose's error, each person once."""
+    arms = [arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage) and arm.counted]
+    ends = [ends for arm in arms if (ends := arm.find_pose_ends(name))]
+    if not ends or len(ends) < len(arms):
+        return None
+    return fmean(low for low, _ in ends), fmean(high for _, high in ends)
+
+
+def list_changes(studied: StudiedDays) -> Iterator[tuple[Side | None, dict[str, dict[str, Any]]]]:
+    """Give the change of each arm, after less before, by figure; nothing without a change."""
+    if "after" not in studied.stages:
+        return
+    for side in studied.sides:
+        changes = {name: _find_change(studied, name, side) for name in FIGURES}
+        known = {name: change for name, change in changes.items() if change}
+        if known:
+            yield side, known
+
+
+def _collect(studied: StudiedDays, name: str, side: Side | None, stage: Stage) -> dict[str, list[float]]:
+    """Give the figure of each person's days that count; people without any are left out."""
+    arms = (arm for arm in studied.arms if (arm.side, arm.stage) == (side, stage))
+    values = {arm.subject: arm.list_values(name) for arm in arms}
+    return {subject: days for subject, days in values.items() if days}
+
+
+def _find_change(studied: StudiedDays, name: str, side: Side | None) -> dict[str, Any] | None:
+    before, after = (_collect(studied, name, side, stage) for stage in ("before", "after"))
+    change = compare_people(before, after)
+    if change is None:
+        return None
+    detectable = _find_detectable(name, before, after) if change.people == 1 else None
+    return {**_spell(change), "detectable": detectable, "verdict": _judge(change, detectable)}
+
+
+def _find_detectable(
+    name: str, before: Mapping[str, list[float]], after: Mapping[str, list[float]]
+) -> float | None:
+    """Give the least change of the one person that days do not make, by their own deviation where known."""
+    code = next(code for code in before if code in after)
+    pooled = pool_deviation([before[code], after[code]])
+    sd = BETWEEN_DAY_SD.get(name)
+    if pooled and pooled[1] >= LEAST_OWN_DAYS - 1:
+        sd = pooled[0]
+    return None if sd is None else find_detectable_between(sd, len(before[code]), len(after[code]))
+
+
+def _judge(change: GroupChange, detectable: float | None) -> str:
+    """One person's change is judged by the days, a group's by its own range."""
+    if change.change_range is not None:
+        holds_none = change.change_range.low <= 0.0 <= change.change_range.high
+        return "not larger" if holds_none else "larger"
+    if detectable is None:
+        return "unknown"
+    return "larger" if abs(change.change) > detectable else "not larger"
+
+
+# ------------------------------------------------------------------ tables
+
+
+def encode_day_table(studied: StudiedDays) -> bytes:
+    """Write ``profile.csv``: a row for each day."""
+    names = [
+        "subject",
+        "side",
+        "stage",
+        "start",
+        "file_name",
+        "sha256",
+        "report_id",
+        "device",
+        "method",
+        "pose",
+        "verdict",
+        "analysed_s",
+        "left_out",
+        *FIGURES,
+    ]
+    return encode_table(names, (_lay_day(arm, day) for arm in studied.arms for day in arm.days))
+
+
+def _lay_day(arm: ArmDays, day: MeasuredDay) -> Row:
+    told = _describe_day(day)
+    row: Row = round_all({**told, **told["figures"], "subject": arm.subject, "stage": arm.stage})
+    return row
+
+
+def encode_overlay_table(studied: StudiedDays) -> bytes:
+    """Write ``overlay.csv``: a row for each quarter hour of each arm; empty where too few days are."""
+    names = ["subject", "side", "stage", "clock", "days", *(f"p{p}_deg" for p in PERCENTS)]
+    rows = (
+        round_all({"subject": arm.subject, "side": arm.side, "stage": arm.stage, **_describe_band(band)})
+        for arm in studied.arms
+        for band in arm.bands
+    )
+    return encode_table(names, rows)

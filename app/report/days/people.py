@@ -1,0 +1,280 @@
+"""Finished analyses put in order: by person, arm and side of a change; what cannot be is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from itertools import pairwise
+from statistics import fmean
+from typing import Literal
+
+from app.errors import CannotProfile
+from app.report.findings import Findings, Kept
+from app.report.pairs import OnePerson
+from app.report.words.subject import clean_text
+from fusion.comparison import WHOLE_DAY_S
+from fusion.days import ClockBand
+from fusion.exposure.types import Interval
+from fusion.recording import MICROSECONDS
+
+Stage = Literal["all", "before", "after"]
+LeftOut = Literal["short", "long"]
+Side = Literal["left", "right"]
+Difference = Literal[
+    "method", "pose", "sensor", "metric filter", "side", "date", "order", "clock", "short", "long", "poor"
+]
+PoseEnds = tuple[float, float]
+"""``low_pose`` and ``high_pose``, as in :class:`fusion.exposure.types.Interval`."""
+LONGEST_DAY_S = 86_400.0
+_ORDER: tuple[Side | None, ...] = ("left", "right", None)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredDay:
+    """One finished analysis. ``place`` says where it lies, for whoever reads it again."""
+
+    kept: Kept
+    stage: Stage = "all"
+    place: str = ""
+
+    @property
+    def subject(self) -> str:
+        """Code of the person; empty where none was given."""
+        return clean_text(self.kept.subject.subject).strip()
+
+    @property
+    def start(self) -> datetime | None:
+        """When it began by its clock; a zone is dropped, for days are compared by what clocks showed."""
+        start = self.kept.findings.recording.start
+        return start.replace(tzinfo=None) if start else None
+
+    @property
+    def end(self) -> datetime | None:
+        """When it ended by its clock."""
+        lasted = timedelta(microseconds=self.kept.findings.recording.duration_us)
+        return self.start + lasted if self.start else None
+
+    @property
+    def left_out(self) -> LeftOut | None:
+        """Why it does not count as a day; None where it does."""
+        if self.kept.findings.recording.duration_us > LONGEST_DAY_S * MICROSECONDS:
+            return "long"
+        return "short" if self.kept.findings.exposure.analysed_s < WHOLE_DAY_S else None
+
+    def list_figures(self) -> dict[str, float | None]:
+        """Give the figures that days are compared by."""
+        exposure = self.kept.findings.exposure
+        rises = next(e for e in exposure.entries if e.threshold_deg == 60)
+        return {
+            **{f"time_above_{item.threshold_deg:g}_percent": item.percent for item in exposure.time_above},
+            "entries_above_60_per_h": rises.per_hour,
+            "elevation_p50_deg": exposure.percentiles_deg[50],
+        }
+
+    def find_interval(self, name: str) -> Interval | None:
+        """Give the range of one of these figures on this day; None where it is not known."""
+        exposure = self.kept.findings.exposure
+        above = {f"time_above_{item.threshold_deg:g}_percent": item.interval for item in exposure.time_above}
+        return above[name] if name in above else exposure.intervals.get(name)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmDays:
+    """The days of one arm of one person, on one side of a change, in order of time.
+
+    ``bands``: the days overlaid by the clock (:func:`fusion.days.overlay_days`).
+    """
+
+    subject: str
+    side: Side | None
+    stage: Stage
+    days: tuple[MeasuredDay, ...]
+    bands: tuple[ClockBand, ...] = ()
+
+    @property
+    def counted(self) -> tuple[MeasuredDay, ...]:
+        """The days that count in means and spread."""
+        return tuple(day for day in self.days if day.left_out is None)
+
+    def list_values(self, name: str) -> list[float]:
+        """Give a figure of every day that counts."""
+        values = (day.list_figures()[name] for day in self.counted)
+        return [value for value in values if value is not None]
+
+    def find_pose_ends(self, name: str) -> PoseEnds | None:
+        """Give the mean over the days that count of the ends of the range that holds the pose's error.
+
+        The error is the same every day, so that no number of days makes it smaller. None unless every day
+        has both ends.
+        """
+        intervals = [day.find_interval(name) for day in self.counted]
+        ends = [(i.low_pose, i.high_pose) for i in intervals if i is not None]
+        known = [(low, high) for low, high in ends if low is not None and high is not None]
+        if not known or len(known) < len(intervals):
+            return None
+        return fmean(low for low, _ in known), fmean(high for _, high in known)
+
+
+@dataclass(frozen=True, slots=True)
+class StudiedDays:
+    """All days, and what they differ in besides the work."""
+
+    arms: tuple[ArmDays, ...]
+    one_person: OnePerson
+    differences: tuple[Difference, ...]
+
+    @property
+    def days(self) -> tuple[MeasuredDay, ...]:
+        """Every day."""
+        return tuple(day for arm in self.arms for day in arm.days)
+
+    @property
+    def people(self) -> tuple[str, ...]:
+        """The codes; one empty one where none was given."""
+        return tuple(dict.fromkeys(arm.subject for arm in self.arms))
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The sides of the change; one, "all", without a change."""
+        return tuple(dict.fromkeys(arm.stage for arm in self.arms))
+
+    @property
+    def sides(self) -> tuple[Side | None, ...]:
+        """The arms that were measured."""
+        return tuple(side for side in _ORDER if any(arm.side == side for arm in self.arms))
+
+
+def group_days(
+    days: Sequence[MeasuredDay], *, same_subject: bool = False, mixed_methods: bool = False
+) -> StudiedDays:
+    """Put days in order.
+
+    Parameters
+    ----------
+    days
+        In any order.
+    same_subject
+        Somebody says that all are of one person, where a code is missing.
+    mixed_methods
+        Figures of several methods, or versions of one, are wanted beside one another.
+
+    Raises
+    ------
+    CannotProfile
+        With a single recording; one twice; the same hours of one arm twice; several codes beside recordings
+        without one; several methods that nobody asked to mix.
+    """
+    if len(days) < 2:
+        raise CannotProfile(why="one")
+    _refuse_twice(days)
+    one_person = _judge_people({day.subject for day in days}, is_stated=same_subject)
+    code = max(day.subject for day in days)  # the only one, where a missing code is taken for it
+    if len({_name_method(day.kept.findings) for day in days}) > 1 and not mixed_methods:
+        raise CannotProfile(why="methods")
+    arms = _split_arms(days, code if one_person != "no" else "")
+    for arm in arms:
+        _refuse_same_hours([day for other in arms if _is_same_arm(arm, other) for day in other.days])
+    return StudiedDays(arms, one_person, _find_differences(arms))
+
+
+def _judge_people(codes: set[str], *, is_stated: bool) -> OnePerson:
+    """Several codes are a group, in which none may be missing."""
+    if len(codes - {""}) > 1:
+        if "" in codes:
+            raise CannotProfile(why="codes")
+        return "no"
+    if "" not in codes:
+        return "codes"
+    return "person" if is_stated else "unknown"
+
+
+def _refuse_twice(days: Iterable[MeasuredDay]) -> None:
+    seen: dict[str, MeasuredDay] = {}
+    for day in days:
+        sha256 = day.kept.findings.recording.sha256
+        if sha256 in seen:
+            raise CannotProfile(why="same", name=_name(seen[sha256]), other=_name(day))
+        seen[sha256] = day
+
+
+def _refuse_same_hours(days: Sequence[MeasuredDay]) -> None:
+    placed = sorted((day.start, day.end, _name(day)) for day in days if day.start and day.end)
+    for (_, end, first), (start, _, second) in pairwise(placed):
+        if start < end:
+            raise CannotProfile(why="hours", name=first, other=second)
+
+
+def _name(day: MeasuredDay) -> str:
+    return clean_text(day.kept.subject.file_name)
+
+
+def _is_same_arm(one: ArmDays, other: ArmDays) -> bool:
+    return (one.subject, one.side) == (other.subject, other.side)
+
+
+def _split_arms(days: Sequence[MeasuredDay], code: str) -> tuple[ArmDays, ...]:
+    """Split by person, arm and side of the change; a missing code is ``code``."""
+    stages: tuple[Stage, ...] = ("all", "before", "after")
+    keys = {(day.subject or code, day.kept.subject.side, day.stage) for day in days}
+    ordered = sorted(keys, key=lambda key: (key[0], _ORDER.index(key[1]), stages.index(key[2])))
+    return tuple(
+        ArmDays(*key, tuple(sorted(_select(days, key, code), key=_place_in_time))) for key in ordered
+    )
+
+
+def _select(
+    days: Iterable[MeasuredDay], key: tuple[str, Side | None, Stage], code: str
+) -> Iterable[MeasuredDay]:
+    return (day for day in days if (day.subject or code, day.kept.subject.side, day.stage) == key)
+
+
+def _place_in_time(day: MeasuredDay) -> tuple[bool, datetime, str]:
+    return day.start is None, day.start or datetime.min, day.kept.findings.recording.sha256  # noqa: DTZ901
+
+
+def _name_method(findings: Findings) -> str:
+    return f"{findings.method.name} {findings.method.version}" if findings.method else ""
+
+
+def _name_pose(findings: Findings) -> str:
+    if findings.calibration is None:
+        return ""
+    return "axis" if findings.settings.arm_axis else findings.calibration.pose
+
+
+def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:
+    """Name what days differ in that should be alike, the gravest first."""
+    days = [day for arm in arms for day in arm.days]
+    every = [day.kept.findings for day in days]
+    unlike: dict[Difference, bool] = {
+        "method": len({_name_method(findings) for findings in every}) > 1,
+        "pose": len({_name_pose(findings) for findings in every}) > 1,
+        "sensor": len({findings.recording.device for findings in every}) > 1,
+        "metric filter": len({findings.exposure.metric_filter_hz for findings in every}) > 1,
+        "side": len({day.kept.subject.side is None for day in days}) > 1,
+        "date": any(_has_one_date_twice(arm) for arm in arms),
+        "order": any(_is_out_of_order(arm, arms) for arm in arms if arm.stage == "after"),
+        "clock": any(day.start is None for day in days),
+        "short": any(day.left_out == "short" for day in days),
+        "long": any(day.left_out == "long" for day in days),
+        "poor": any(findings.quality.verdict == "poor" for findings in every),
+    }
+    return tuple(name for name, holds in unlike.items() if holds)
+
+
+def _has_one_date_twice(arm: ArmDays) -> bool:
+    dates = [day.start.date() for day in arm.counted if day.start]
+    return len(set(dates)) < len(dates)
+
+
+def _is_out_of_order(after: ArmDays, arms: Sequence[ArmDays]) -> bool:
+    """Whether a day after the change is earlier than one before it."""
+    before = [
+        day.start
+        for arm in arms
+        if arm.stage == "before" and _is_same_arm(arm, after)
+        for day in arm.days
+        if day.start
+    ]
+    return any(day.start < max(before) for day in after.days if day.start) if before else False

@@ -1,0 +1,171 @@
+"""The page of several days: of one person, of both arms, of a group, before and after a change."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi.responses import FileResponse
+from markupsafe import Markup
+from pydantic import BaseModel, Field
+
+from app.api.guard import REPORT_POLICY
+from app.api.pairs import MOST_DAYS, build_pair_download_name
+from app.errors import CannotProfile, RecordedProblem
+from app.jobs.children.pairs import PairReport, ProfiledJobs
+from app.jobs.job import Job
+from app.jobs.library import Entry, Library
+from app.report.words.messages import Problem, describe_problem
+from app.report.words.numbers import format_percent
+from app.report.words.wording import Language, load_wording
+from app.request import ProfileRequest
+from app.services import Services, UsedLanguage, UsedServices
+from app.web.rendering import render_page
+
+MOST_OFFERED = 60
+"""Recordings of one person in the form."""
+router = APIRouter(include_in_schema=False)
+
+
+class DaysQuery(BaseModel):
+    """The analyses of the days, those after a change apart, and what a person says of them."""
+
+    analysis: Annotated[list[str], Field(min_length=1, max_length=MOST_DAYS)]
+    after: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    same_subject: bool = False
+    mixed_methods: bool = False
+
+
+def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> ProfiledJobs:
+    """Find the analyses that an address names; one that stands on both sides is after the change."""
+    after = tuple(dict.fromkeys(query.after))
+    first = tuple(each for each in dict.fromkeys(query.analysis) if each not in after)
+    jobs = tuple(services.store.get(each) for each in (*first, *after))
+    request = ProfileRequest(
+        len(first) if after and first else None,
+        paper=jobs[0].request.paper,
+        same_subject=query.same_subject,
+        mixed_methods=query.mixed_methods,
+        has_drawings=True,
+    )
+    return ProfiledJobs(jobs, request)
+
+
+Asked = Annotated[ProfiledJobs, Depends(find_days)]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A recording in the form: its analysis, what it is called, and on which side it stands."""
+
+    id: str
+    name: str
+    when: str
+    side: str
+    above_60: str
+    is_chosen: bool
+    is_after: bool
+
+
+@router.get("/days")
+def show_days(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+    """Show several days laid over one another, with a form of the person's recordings to choose from."""
+    values: dict[str, Any] = {
+        **_show(_make(services, asked, language), language),
+        "query": request.url.query,
+        "choices": _list_choices(services, asked, language),
+        "asked": asked.request,
+        "one_person_ask": load_wording(language, "pair_pages")["one_person_ask"],
+        "one_person_yes": load_wording(language, "pair_pages")["one_person_yes"],
+        "d": load_wording(language, "days")["page"],
+        "title": load_wording(language, "days")["title"],
+    }
+    return render_page(request, "days.html", language, values)
+
+
+@router.get("/days/report.{form}", response_class=FileResponse)
+def get_days_report(
+    form: Literal["html", "pdf"], asked: Asked, services: UsedServices, language: UsedLanguage
+) -> Response:
+    """Get the report of several days, to read or to file."""
+    path = services.pairs.make(asked).find("report", form, language)
+    if form == "html":
+        return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+    name = build_pair_download_name(asked, f"{language}.pdf")
+    return FileResponse(path, media_type="application/pdf", filename=name)
+
+
+@router.get("/days/{name}.csv", response_class=FileResponse)
+def get_days_table(name: Literal["profile", "overlay"], asked: Asked, services: UsedServices) -> Response:
+    """Get a row for each day, or for each quarter hour of the clock."""
+    path = services.pairs.make(asked).folder / f"{name}.csv"
+    return FileResponse(path, media_type="text/csv", filename=build_pair_download_name(asked, f"{name}.csv"))
+
+
+def find_days_address(services: Services, job: Job) -> str:
+    """Give the address of the days of a person: all recordings with a report; empty where there is one.
+
+    What states no arm, as a sensor on the trunk, is left out beside what does.
+    """
+    others = Library(services.store.reader).find_others(job, MOST_OFFERED - 1)
+    ids = [other.job.id for other in others if other.job.request.side or not job.request.side]
+    return "/days?" + "&".join(f"analysis={each}" for each in (job.id, *ids)) if ids else ""
+
+
+def _make(services: Services, asked: ProfiledJobs, language: Language) -> PairReport | Problem:
+    """Make the report, or say why these days cannot be set together."""
+    try:
+        return services.pairs.make(asked)
+    except RecordedProblem as refused:
+        if refused.code != CannotProfile.code:
+            raise
+        return describe_problem(refused.code, refused.facts, language)
+
+
+def _show(made: PairReport | Problem, language: Language) -> dict[str, Any]:
+    """Give answer and drawings, or the refusal in their place."""
+    if isinstance(made, PairReport):
+        return {
+            "problem": None,
+            "sentences": made.read_sentences(language),
+            "drawings": [
+                {**chart, "wide": Markup(chart["wide"]), "narrow": Markup(chart["narrow"])}  # noqa: S704  ours
+                for chart in made.read_drawings(language)
+            ],
+            "figures": made.read_figures(),
+        }
+    return {"problem": made, "sentences": (), "drawings": (), "figures": {}}
+
+
+def _list_choices(services: Services, asked: ProfiledJobs, language: Language) -> tuple[Choice, ...]:
+    """List the chosen recordings and the others of the same people."""
+    chosen = [job.id for job in asked.jobs]
+    count = asked.request.before_count
+    after = set(chosen[count:]) if count is not None else set()
+    entries = _find_entries(services, asked.jobs)
+    listed = [
+        Choice(
+            entry.job.id,
+            entry.job.file_name,
+            ((entry.headline.start if entry.headline else None) or "")[:16].replace("T", " "),
+            load_wording(language)["side"][entry.job.request.side or "unknown"],
+            format_percent(entry.headline.above_60_percent if entry.headline else None, language),
+            entry.job.id in chosen and entry.job.id not in after,
+            entry.job.id in after,
+        )
+        for entry in entries
+    ]
+    return tuple(sorted(listed, key=lambda choice: (choice.when, choice.side)))
+
+
+def _find_entries(services: Services, jobs: Sequence[Job]) -> list[Entry]:
+    """Find the entries of all recordings of the same people; what has no subject code stands by itself."""
+    library = Library(services.store.reader)
+    found: dict[str, Entry] = {}
+    for job in {job.request.subject: job for job in jobs}.values():
+        every = library.find_others(replace(job, recording_id=""), MOST_OFFERED)  # its own among them
+        found |= {entry.job.recording_id: entry for entry in every}
+    for job in jobs:
+        known = found.get(job.recording_id)
+        found[job.recording_id] = Entry(job, known.headline if known else None)
+    return list(found.values())

@@ -1,0 +1,237 @@
+"""Spread of a figure between the days of a person and between the people of a group.
+
+Pure statistics of daily values. Days of one person are taken for independent of one another. A deviation from
+few days is uncertain itself, so that it always has its own range. Between and within people: one-way random
+effects analysis of variance (Searle, Casella and McCulloch 1992, Variance Components, section 3.6), which
+people with different numbers of days may enter.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, sqrt
+from typing import Literal
+
+import numpy as np
+from scipy.special import chdtri, stdtrit
+
+from fusion.comparison import find_detectable_change
+from fusion.exposure.types import Interval
+
+LEAST_OWN_DAYS = 5
+"""Days whose deviation takes the place of the published one: the 95 % range of a deviation is 0.60 to 2.87
+times itself with 5 days, 0.57 to 3.73 with 4, 0.52 to 6.28 with 3."""
+DAYS = (1, 2, 3, 5)
+WORTHWHILE_SHARE = 0.5
+"""Of a mean: the change that the days asked for can tell (docs/profile.md)."""
+_TAIL = 0.025
+
+
+@dataclass(frozen=True, slots=True)
+class DayMean:
+    """A figure over days, in its own unit.
+
+    Attributes
+    ----------
+    days
+        Days that count.
+    mean
+        Their mean, each day once.
+    sd
+        Standard deviation between days (n - 1); None of one day.
+    mean_range
+        95 % range of the mean, t with n - 1 degrees of freedom; None of one day.
+    sd_range
+        95 % range of the deviation, by chi square; None of one day, or where the days do not differ.
+    """
+
+    days: int
+    mean: float
+    sd: float | None = None
+    mean_range: Interval | None = None
+    sd_range: Interval | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Telling:
+    """What a number of days on each side can tell.
+
+    Attributes
+    ----------
+    sd, sd_from
+        Deviation between days, and whose.
+    days
+        The fewest of 1, 2, 3, 5 that tell a change of half the mean; 5 where none does.
+    more_days
+        Still to be measured for one side.
+    detectable
+        The least change that ``days`` on each side, or as many as there are if more, tell.
+    detectable_range
+        The same by both ends of the range of the person's own deviation; None by the published one.
+    """
+
+    sd: float
+    sd_from: Literal["person", "published"]
+    days: int
+    more_days: int
+    detectable: float
+    detectable_range: Interval | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GroupSpread:
+    """A figure over the days of several people.
+
+    Attributes
+    ----------
+    people, days
+        How many of each.
+    mean
+        Of the people's means, each person once.
+    mean_range
+        95 % range of it, t with people - 1 degrees of freedom.
+    within_sd
+        Between the days of one person; None where nobody has two days.
+    between_sd
+        Between people, the days' part taken off; 0 where the people differ no more than their days do; None
+        where ``within_sd`` is.
+    """
+
+    people: int
+    days: int
+    mean: float
+    mean_range: Interval | None
+    within_sd: float | None
+    between_sd: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class GroupChange:
+    """After less before, of the people who have days on both sides, each person once.
+
+    ``change_range``: 95 % range of the mean change, t with people - 1 degrees of freedom; None of one person.
+    """
+
+    people: int
+    before: float
+    after: float
+    change: float
+    change_range: Interval | None
+
+
+def describe_days(values: Sequence[float], most: float = inf) -> DayMean:
+    """Describe the days of one person; no range exceeds ``most``, the largest value there can be.
+
+    Raises
+    ------
+    ValueError
+        Without any day.
+    """
+    if not values:
+        raise ValueError("no days")
+    n, mean = len(values), float(np.mean(values))
+    if n < 2:
+        return DayMean(n, mean)
+    sd = float(np.std(values, ddof=1))
+    return DayMean(n, mean, sd, _find_mean_range(values, most), _find_sd_range(sd, n))
+
+
+def _find_mean_range(values: Sequence[float], most: float) -> Interval | None:
+    """Give the range of a mean; a figure that cannot be negative has no negative end."""
+    n = len(values)
+    if n < 2:
+        return None
+    mean = float(np.mean(values))
+    half = float(stdtrit(n - 1, 1.0 - _TAIL)) * float(np.std(values, ddof=1)) / sqrt(n)
+    low = mean - half
+    return Interval(max(low, 0.0) if min(values) >= 0.0 else low, min(mean + half, most))
+
+
+def _find_sd_range(sd: float, n: int) -> Interval | None:
+    if sd == 0.0:
+        return None
+    low, high = (sd * sqrt((n - 1) / float(chdtri(n - 1, tail))) for tail in (_TAIL, 1.0 - _TAIL))
+    return Interval(low, high)
+
+
+def find_telling(days: DayMean, published_sd: float) -> Telling:
+    """Find how many days tell a change of half the mean, by the person's own deviation where it is known."""
+    own = days.sd if days.days >= LEAST_OWN_DAYS else None
+    sd = published_sd if own is None else own
+    enough = (k for k in DAYS if find_detectable_change(sd, k) <= WORTHWHILE_SHARE * days.mean)
+    needed = next(enough, DAYS[-1])
+    most = max(needed, days.days)
+    span = days.sd_range if own is not None else None
+    return Telling(
+        sd,
+        "published" if own is None else "person",
+        needed,
+        max(needed - days.days, 0),
+        find_detectable_change(sd, most),
+        Interval(*(find_detectable_change(end, most) for end in (span.low, span.high))) if span else None,
+    )
+
+
+def find_detectable_between(sd: float, before_days: int, after_days: int) -> float:
+    """Give MDC95 between the means of two numbers of days: 1.96 SD sqrt(1/k1 + 1/k2)."""
+    return 1.96 * sd * sqrt(1.0 / before_days + 1.0 / after_days)
+
+
+def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None:
+    """Pool the deviation within several series; with its degrees of freedom, None without any."""
+    freedom = sum(len(values) - 1 for values in sides if values)
+    if freedom < 1:
+        return None
+    squares = sum(float(np.var(values)) * len(values) for values in sides if values)
+    return sqrt(squares / freedom), freedom
+
+
+def describe_group(people: Mapping[str, Sequence[float]], most: float = inf) -> GroupSpread:
+    """Split the spread of a group, which holds each person's days, into that between and within people.
+
+    No range exceeds ``most``, the largest value there can be.
+
+    Raises
+    ------
+    ValueError
+        Without any day.
+    """
+    series = [values for values in people.values() if values]
+    if not series:
+        raise ValueError("no days")
+    means = [float(np.mean(values)) for values in series]
+    days = sum(map(len, series))
+    pooled = pool_deviation(series)
+    within_sd = pooled[0] if pooled else None
+    between_sd = _find_between(series, within_sd) if within_sd is not None else None
+    return GroupSpread(
+        len(series), days, float(np.mean(means)), _find_mean_range(means, most), within_sd, between_sd
+    )
+
+
+def _find_between(series: Sequence[Sequence[float]], within_sd: float) -> float | None:
+    """Give sqrt((MSB - MSW) / n0), n0 = (N - sum of n squared / N) / (a - 1); 0 where negative."""
+    people, days = len(series), sum(map(len, series))
+    if people < 2:
+        return None
+    grand = sum(sum(values) for values in series) / days
+    squares = sum(len(values) * (float(np.mean(values)) - grand) ** 2 for values in series)
+    typical = (days - sum(len(values) ** 2 for values in series) / days) / (people - 1)
+    return sqrt(max((squares / (people - 1) - within_sd**2) / typical, 0.0))
+
+
+def compare_people(
+    before: Mapping[str, Sequence[float]], after: Mapping[str, Sequence[float]]
+) -> GroupChange | None:
+    """Compare two sides of a group, each person with themselves; None where nobody has days on both."""
+    both = [name for name, values in before.items() if values and after.get(name)]
+    if not both:
+        return None
+    first, second = ([float(np.mean(side[name])) for name in both] for side in (before, after))
+    changes = [b - a for a, b in zip(first, second, strict=True)]
+    span = None
+    if len(changes) > 1:
+        half = float(stdtrit(len(both) - 1, 1.0 - _TAIL)) * float(np.std(changes, ddof=1)) / sqrt(len(both))
+        span = Interval(float(np.mean(changes)) - half, float(np.mean(changes)) + half)
+    return GroupChange(
+        len(both), float(np.mean(first)), float(np.mean(second)), float(np.mean(changes)), span
+    )

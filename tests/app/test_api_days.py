@@ -1,0 +1,129 @@
+"""Several days by the API and on the page: the bytes of the command, what is refused, what is asked."""
+
+import re
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from app.api.pairs import ProfileView
+from app.jobs.worker import run_next
+from app.request import ProfileRequest
+from app.roads.profile import make_profile
+from tests.app.conftest import OpenBench
+from tests.app.days_factory import write_day
+from tests.app.test_api_pairs import send, take_folder
+
+Finished = tuple[str, str]
+
+
+@pytest.fixture
+def days(client: TestClient, bench: OpenBench) -> Finished:
+    """Two days of a right arm, 4 and 8 % of the time above 60 deg."""
+    ids = send(client, b"0 4.0", "right"), send(client, b"1 8.0", "right")
+    at_work = bench(write_day)
+    assert run_next(at_work)
+    assert run_next(at_work)
+    return ids
+
+
+def plain(text: str) -> str:
+    return re.sub(r"[\u202f\u00a0]", " ", text)
+
+
+def test_the_profile_is_what_the_command_makes_of_the_same_analyses(
+    client: TestClient, days: Finished, tmp_path: Path
+) -> None:
+    made = tmp_path / "made"
+    made.mkdir()
+    make_profile([take_folder(client, each, tmp_path / each) for each in days], ProfileRequest(), made)
+
+    asked = {"analysis": list(days), "lang": "fr"}
+    names = {
+        "profile.json": "profile.json",
+        "profile.csv": "profile.csv",
+        "overlay.csv": "overlay.csv",
+        "report.html": "report.fr.html",
+        "report.pdf": "report.fr.pdf",
+        "answer.txt": "answer.fr.txt",
+    }
+    answers = {name: client.get(f"/api/v1/profile/{name}", params=asked).content for name in names}
+
+    assert answers == {name: (made / file).read_bytes() for name, file in names.items()}
+
+
+def test_the_figures_are_as_the_openapi_document_says(client: TestClient, days: Finished) -> None:
+    figures = client.get("/api/v1/profile/profile.json", params={"analysis": list(days)})
+
+    view = ProfileView.model_validate_json(figures.content)
+    (arm,) = view.arms
+    assert (arm.subject, arm.side, arm.figures["time_above_60_percent"].mean) == ("S012", "right", 6.0)
+
+
+def test_one_analysis_is_no_profile_and_no_place_of_the_server_is_told(
+    client: TestClient, days: Finished
+) -> None:
+    refused = client.get("/api/v1/profile/profile.json", params={"analysis": [days[0], days[0]]})
+
+    assert (refused.status_code, refused.json()["code"]) == (422, "E-DAYS")
+    assert "right.gt3x" in refused.json()["detail"]
+
+
+def test_an_unknown_analysis_is_not_here(client: TestClient, days: Finished) -> None:
+    assert (
+        client.get("/api/v1/profile/profile.json", params={"analysis": [days[0], "0" * 32]}).status_code
+        == 404
+    )
+
+
+def test_the_page_shows_the_answer_and_leads_to_the_report(client: TestClient, days: Finished) -> None:
+    page = client.get("/days", params={"analysis": list(days)})
+
+    assert page.status_code == 200
+    assert "Right arm, 2 days: time above 60° was 6.0 %" in plain(page.text)
+    (pdf,) = re.findall(r'href="([^"]*report\.pdf[^"]*)"', page.text)
+    assert client.get(pdf.replace("&amp;", "&")).content.startswith(b"%PDF-")
+
+
+def test_days_after_a_change_are_compared_with_those_before(client: TestClient, days: Finished) -> None:
+    asked = {"analysis": days[0], "after": days[1]}
+
+    (change,) = client.get("/api/v1/profile/profile.json", params=asked).json()["change"]
+
+    above = change["figures"]["time_above_60_percent"]  # least detectable: 1.96 x 2.0 x sqrt(2)
+    assert (above["change"], above["detectable"], above["verdict"]) == (4.0, 5.543717, "not larger")
+
+
+def test_the_page_speaks_french(client: TestClient, days: Finished) -> None:
+    page = client.get("/days", params={"analysis": list(days), "lang": "fr"})
+
+    assert "Bras droit, 2 jours : temps au-dessus de 60° de 6,0 %" in plain(page.text)
+
+
+def test_an_analysis_leads_to_the_days_of_its_person(client: TestClient, days: Finished) -> None:
+    page = client.get(f"/analyses/{days[0]}").text
+
+    (address,) = re.findall(r'href="([^"]*/days\?[^"]*)"', page)
+    assert all(each in address for each in days)
+
+
+def test_a_sensor_on_the_trunk_is_no_day_of_an_arm(
+    client: TestClient, bench: OpenBench, days: Finished
+) -> None:
+    asked = {"file_name": "trunk.gt3x", "subject": "S012"}
+    trunk = client.post("/api/v1/analyze", params=asked, content=b"2 1.0").json()["id"]
+    assert run_next(bench(write_day))
+
+    (address,) = re.findall(r'href="([^"]*/days\?[^"]*)"', client.get(f"/analyses/{days[0]}").text)
+
+    assert days[1] in address
+    assert trunk not in address
+
+
+def test_the_page_offers_every_recording_of_the_person_to_choose_from(
+    client: TestClient, days: Finished
+) -> None:
+    page = client.get("/days", params={"analysis": [days[0], days[1]]}).text
+
+    chosen = re.findall(r'<input type="checkbox" name="analysis" value="(\w+)" checked', page)
+    assert set(chosen) == set(days)

@@ -1,0 +1,141 @@
+"""``acromion profile``: from finished folders to one report of several days."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from pypdf import PdfReader
+
+from tests.app.days_factory import change_recording, finish_day, make_day
+from tests.ways_in.typed import read_table, run
+
+
+def finish(folder: Path, day: int, above_60_percent: float, *, subject: str = "S012") -> Path:
+    """The folder of a finished day; its angle is 20 deg for an hour from 08:00 on."""
+    folder.mkdir(parents=True)
+    kept = make_day(day, above_60_percent, subject=subject).kept
+    finish_day(folder, kept.findings, kept.subject)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def week(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five finished days in one folder."""
+    folder = tmp_path_factory.mktemp("week")
+    for day, percent in enumerate((4.0, 6.0, 6.0, 6.0, 8.0)):
+        finish(folder / f"day{day}", day, percent)
+    return folder
+
+
+def test_a_folder_of_days_becomes_one_report(week: Path, tmp_path: Path) -> None:
+    result = run("profile", week, "-o", tmp_path)
+
+    assert result.exit_code == 0, result.output
+    made = {path.name for path in (tmp_path / "days").iterdir()}
+    assert made >= {"profile.json", "profile.csv", "overlay.csv", "report.html", "report.pdf", "answer.txt"}
+
+
+def test_its_figures_are_those_of_the_days(week: Path, tmp_path: Path) -> None:
+    run("profile", week, "-o", tmp_path, "--report", "html")
+
+    (arm,) = json.loads((tmp_path / "days" / "profile.json").read_bytes())["arms"]
+    assert arm["figures"]["time_above_60_percent"]["mean"] == 6.0
+    rows = read_table(tmp_path / "days" / "overlay.csv")
+    assert [(row["clock"], row["days"]) for row in rows] == [(f"08:{m:02d}", "5") for m in (0, 15, 30, 45)]
+    assert float(rows[0]["p50_deg"]) == pytest.approx(20.05)
+
+
+def test_the_answer_is_printed(week: Path, tmp_path: Path) -> None:
+    result = run("profile", week, "-o", tmp_path, "--report", "html", "--lang", "fr")
+
+    assert "Bras droit, 5 jours" in result.output.replace("\u202f", " ").replace("\u00a0", " ")
+
+
+def test_the_pdf_holds_the_figures(week: Path, tmp_path: Path) -> None:
+    run("profile", week, "-o", tmp_path, "--paper", "letter")
+
+    pdf = PdfReader(tmp_path / "days" / "report.pdf")
+    assert [round(side) for side in pdf.pages[0].mediabox[2:]] == [612, 792]
+    assert pdf.attachments["profile.json"] == [(tmp_path / "days" / "profile.json").read_bytes()]
+
+
+def test_results_may_be_named_one_by_one(week: Path, tmp_path: Path) -> None:
+    named = [week / f"day{day}" / "results.json" for day in (0, 1)]
+
+    result = run("profile", *named, "-o", tmp_path, "--report", "html")
+
+    assert result.exit_code == 0, result.output
+    assert len(read_table(tmp_path / "days" / "profile.csv")) == 2
+
+
+def test_an_earlier_version_inside_a_folder_is_left_aside(week: Path, tmp_path: Path) -> None:
+    shutil.copytree(week, tmp_path / "in")
+    shutil.copytree(week / "day0", tmp_path / "in" / "day0" / "v1")
+
+    result = run("profile", tmp_path / "in", "-o", tmp_path / "out", "--report", "html")
+
+    assert len(read_table(tmp_path / "out" / "days" / "profile.csv")) == 5, result.output
+
+
+def test_days_after_a_change_are_named_by_themselves(week: Path, tmp_path: Path) -> None:
+    later = finish(tmp_path / "later", 30, 16.0)
+
+    result = run("profile", week, "--after", later, "-o", tmp_path / "out", "--report", "html")
+
+    (change,) = json.loads((tmp_path / "out" / "days" / "profile.json").read_bytes())["change"]
+    above = change["figures"]["time_above_60_percent"]
+    assert (above["before"], above["after"], above["verdict"]) == (6.0, 16.0, "larger"), result.output
+
+
+def test_the_same_day_named_twice_is_one_day(week: Path, tmp_path: Path) -> None:
+    run("profile", week, week / "day0", "-o", tmp_path, "--report", "html")
+
+    assert len(read_table(tmp_path / "days" / "profile.csv")) == 5
+
+
+def test_one_recording_is_refused(week: Path, tmp_path: Path) -> None:
+    result = run("profile", week / "day0", "-o", tmp_path)
+
+    assert result.exit_code != 0
+    assert "E-DAYS" in result.output
+
+
+def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
+    result = run("profile", tmp_path, "-o", tmp_path / "out")
+
+    assert "E-DAYS" in result.output
+
+
+def test_a_missing_code_is_asked_about(week: Path, tmp_path: Path) -> None:
+    nobody = finish(tmp_path / "nobody", 9, 6.0, subject="")
+
+    asked = run("profile", week, nobody, "-o", tmp_path / "asked", "--report", "html")
+    told = run("profile", week, nobody, "-o", tmp_path / "told", "--report", "html", "--same-subject")
+
+    assert ("--same-subject" in asked.output, "--same-subject" in told.output) == (True, False)
+
+
+def test_a_day_without_a_clock_is_in_the_means_and_not_in_the_overlay(week: Path, tmp_path: Path) -> None:
+    kept = change_recording(make_day(9, 6.0), start=None).kept
+    (tmp_path / "clockless").mkdir()
+    finish_day(tmp_path / "clockless", kept.findings, kept.subject)
+
+    result = run("profile", week, tmp_path / "clockless", "-o", tmp_path / "out", "--report", "html")
+
+    assert result.exit_code == 0, result.output
+    (arm,) = json.loads((tmp_path / "out" / "days" / "profile.json").read_bytes())["arms"]
+    assert (arm["figures"]["time_above_60_percent"]["days"], arm["overlay"][0]["days"]) == (6, 5)
+
+
+def test_results_without_findings_are_refused(week: Path, tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "results.json").write_text("{}")
+
+    assert "E-DAYS" in run("profile", week, tmp_path / "old", "-o", tmp_path / "out").output
+
+
+def test_more_days_make_a_new_version(week: Path, tmp_path: Path) -> None:
+    run("profile", week / "day0", week / "day1", "-o", tmp_path, "--report", "html")
+
+    assert "(version 2)" in run("profile", week, "-o", tmp_path, "--report", "html").output
