@@ -164,6 +164,12 @@ class JobStore(RowStore):
             raise NotHere
         return read_job(row)
 
+    def find_trashed(self, analysis_id: str) -> str | None:
+        """Give the recording of an analysis that is in the trash with it; None for any other."""
+        query = select(analyses.c.recording_id).join(recordings, analyses.c.recording_id == recordings.c.id)
+        row = self._read_one(query.where(analyses.c.id == analysis_id, recordings.c.state == TRASHED))
+        return None if row is None else str(row.recording_id)
+
     def find_newest(self, limit: int = 100) -> tuple[Job, ...]:
         """Give the jobs asked for last, newest first."""
         return self.find_page(JobFilter(), limit)

@@ -14,6 +14,7 @@ from app.api.problems import Refusal
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.jobs.library import Entry
+from app.jobs.recordings import StoredRow
 from app.jobs.regeneration import can_regenerate
 from app.jobs.regeneration import retry as retry_job
 from app.jobs.store import JobFilter
@@ -334,7 +335,10 @@ def analysis(
     language: UsedLanguage,
     seen: Annotated[Seen, Query()],
 ) -> Response:
-    """Show one analysis: its state or its answer, its files, its day, its versions."""
+    """Show one analysis: its state or its answer, files, day, versions; or the way out of the trash."""
+    trashed = services.store.find_trashed(analysis_id)
+    if trashed is not None:
+        return _show_trashed(services.recordings.get(trashed, trashed=True), request, language)
     job = services.store.get(analysis_id)
     if job.request.reference is not None:
         return RedirectResponse(f"{find_base(request)}/validations/{job.id}", status_code=303)
@@ -367,6 +371,11 @@ def analysis(
         **read_answer(services, job, asked, language),
     }
     return render_page(request, "analysis.html", language, values)
+
+
+def _show_trashed(row: StoredRow, request: Request, language: Language) -> Response:
+    values = {"recording": row, "t": load_wording(language, "page")["trash"]}
+    return render_page(request, "in_trash.html", language, values, NotHere.outcome.status)
 
 
 @router.post("/analyses/{analysis_id}/cancel")

@@ -99,6 +99,28 @@ def test_a_waiting_recording_shows_two_bars_and_can_be_cancelled(client: TestCli
     assert "Cancel shift.gt3x" in page
 
 
+@pytest.mark.parametrize(("language", "said"), [("en", "is in the trash"), ("fr", "est dans la corbeille")])
+def test_the_address_of_a_recording_in_the_trash_offers_to_take_it_back(
+    client: TestClient, add_job: AddJob, language: str, said: str
+) -> None:
+    job = add_job(file_name="shift.gt3x")
+    client.post(f"/recordings/{job.recording_id}/delete")
+
+    answer = client.get(f"/analyses/{job.id}?lang={language}")
+
+    assert answer.status_code == 404
+    assert said in answer.text
+    assert f"/recordings/{job.recording_id}/restore" in answer.text
+    assert "shift.gt3x" in answer.text
+
+
+def test_the_address_of_an_analysis_that_was_never_there_is_not_found(client: TestClient) -> None:
+    answer = client.get("/analyses/an_0000000000000000")
+
+    assert answer.status_code == 404
+    assert "trash" not in answer.text
+
+
 def test_a_plain_form_cancels_without_a_script(client: TestClient, add_job: AddJob) -> None:
     job = add_job()
 
