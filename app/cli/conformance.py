@@ -4,12 +4,14 @@ import csv
 from collections.abc import Iterator, Mapping
 from math import isnan
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.cli.output import Exit
-from fusion.simulation.conformance import SIGNALS, Expected, TestSignal
+
+if TYPE_CHECKING:
+    from fusion.simulation.conformance import Expected, TestSignal
 
 RESULTS = "results.csv"
 Given = Mapping[tuple[str, str], float | None]
@@ -34,21 +36,27 @@ def conformance(
         raise typer.Exit(Exit.SOME_FAILED)
 
 
+def _list_signals() -> "tuple[TestSignal, ...]":
+    from fusion.simulation.conformance import SIGNALS  # noqa: PLC0415  heavy, and only this needs it
+
+    return SIGNALS
+
+
 def write_signals(folder: Path) -> Iterator[Path]:
     """Write each signal (time_s,elevation_deg; empty where missing) and what is expected of it."""
-    for signal in SIGNALS:
+    for signal in _list_signals():
         yield _write_signal(folder / f"{signal.name}.csv", signal)
     path = folder / "expected.csv"
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(("signal", "figure", "unit", "value", "tolerance"))
-        for signal in SIGNALS:
+        for signal in _list_signals():
             for item in signal.expected:
                 rows.writerow((signal.name, item.figure, item.unit, f"{item.value:.6g}", item.tolerance))
     yield path
 
 
-def _write_signal(path: Path, signal: TestSignal) -> Path:
+def _write_signal(path: Path, signal: "TestSignal") -> Path:
     told = (
         f"{time_s:.3f},{'' if isnan(angle_deg) else f'{angle_deg:.6f}'}\n"
         for time_s, angle_deg in zip(*(column.tolist() for column in signal.sample()), strict=True)
@@ -75,12 +83,12 @@ def _read_number(text: str | None) -> float | None:
 
 def check_results(given: Given) -> Iterator[str]:
     """Tell of each expected figure whether the one given is within its tolerance."""
-    for signal in SIGNALS:
+    for signal in _list_signals():
         for item in signal.expected:
             yield _tell(signal.name, item, given.get((signal.name, item.figure)))
 
 
-def _tell(signal: str, item: Expected, value: float | None) -> str:
+def _tell(signal: str, item: "Expected", value: float | None) -> str:
     wanted = f"{signal} {item.figure}: expected {item.value:.6g} ± {item.tolerance:g} {item.unit}"
     if value is None:
         return f"MISSING {wanted}"

@@ -77,7 +77,7 @@ def test_a_mapping_that_leads_to_a_refusal_leads_back_to_the_columns(
     choose_columns(page, time="7")
     page.get_by_role("button", name="Analyse with these columns").click()
     expect(page.get_by_text("No report")).to_be_visible(timeout=END_MS)
-    page.get_by_role("link", name="Name the columns anew").first.click()
+    page.get_by_role("link", name="Name the columns again").first.click()
 
     expect(page.get_by_text("Read by the columns named before, the file was refused:")).to_be_visible()
     expect(page.locator("[data-problem]")).to_be_visible()
