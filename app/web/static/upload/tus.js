@@ -1,5 +1,5 @@
-// One file to the server by tus 1.0: in pieces, each acknowledged, so that a lost network costs one piece at
-// most. A piece that is refused as too large is halved; a lost network is waited for.
+// One file to the server by tus 1.0: in pieces; of one that a lost network cuts what has arrived counts. A
+// piece that is refused as too large is halved; a lost network is waited for.
 
 import { fingerprint, forget, recall, remember } from "./memory.js";
 import { rest } from "../say.js";
@@ -7,7 +7,7 @@ import { rest } from "../say.js";
 const KIB = 1024;
 const FIRST_PIECE = 1024 * KIB; // small, so that the server soon sees what the file is
 const TAIL = 64 * KIB; // the last bytes tell when the recording ends
-const LARGEST_PIECE = 64 * 1024 * KIB;
+const LARGEST_PIECE = 512 * 1024 * KIB; // what arrives of a piece that is cut counts, so that large ones cost nothing
 const SMALLEST_PIECE = 512 * KIB;
 const PACKED_PIECE = 8192 * KIB; // a packed piece counts whole or not at all
 const FAST = 12e6; // bytes a second: on such a network packing only costs time
