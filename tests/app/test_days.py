@@ -350,6 +350,14 @@ def test_one_day_that_counts_has_no_spread() -> None:
     assert (report.verdict.level, report.verdict.label) == ("poor", "One day has no spread.")
 
 
+def test_one_day_of_each_arm_of_two_people_has_no_spread_and_is_counted_in_words() -> None:
+    report = report_of([make_day(0, subject="P1"), make_day(0, subject="P2", side="left")])
+
+    assert (report.verdict.level, report.verdict.label) == ("poor", "One day has no spread.")
+    told = [plain(line) for line in report.sentences if "average" in line]
+    assert ["1 person, 1 day:" in line for line in told] == [True, True]
+
+
 def test_both_arms_stand_beside_one_another_on_one_clock() -> None:
     report = report_of([*week(4.0, 8.0), *week(5.0, 6.0, side="left")])
 
