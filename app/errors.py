@@ -269,6 +269,14 @@ class CannotPair(AppError):
     fact_meanings = name_facts(why=TERM)
 
 
+class CannotCompare(AppError):
+    """Two analyses are no two days of one person, or of one method."""
+
+    code = "E-COMPARE"
+    outcome = Outcome(422, 3)
+    fact_meanings = name_facts(why=TERM)
+
+
 class CannotProfile(AppError):
     """Analyses that are no days of one person or of one group."""
 

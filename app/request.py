@@ -194,7 +194,8 @@ class PairRequest:
     ``kind``: "pair" sets both arms of one shift on one clock, "compare" one day beside an earlier one.
     ``offset_s``: when the right arm's recording began, seconds after the left arm's; ``trunk_offset_s``:
     likewise the trunk's. None takes either from the clocks of the devices. ``same_subject``: the person says
-    that all are of one person, where a subject code is missing.
+    that all are of one person, where a subject code is missing. ``mixed_methods``: figures of two methods, or
+    versions of one, may stand beside one another.
     """
 
     kind: PairKind
@@ -204,6 +205,7 @@ class PairRequest:
     kinds: tuple[ReportKind, ...] = ("html", "pdf")
     paper: Paper = "a4"
     same_subject: bool = False
+    mixed_methods: bool = False
 
     @property
     def figures_name(self) -> str:
@@ -216,9 +218,8 @@ class ProfileRequest:
     """Everything a person asks of a report of several finished analyses.
 
     ``before_count``: so many of them, the first, are before a change and the rest after it; None without a
-    change. ``same_subject`` as in :class:`PairRequest`; ``mixed_methods``: figures of several methods, or
-    versions of one, may stand beside one another. ``has_drawings``: the drawings are wanted by themselves,
-    too, as ``drawings.<language>.json``, which the page shows.
+    change. ``same_subject`` and ``mixed_methods`` as in :class:`PairRequest`. ``has_drawings``: the drawings
+    are wanted by themselves, too, as ``drawings.<language>.json``, which the page shows.
     """
 
     before_count: int | None = None

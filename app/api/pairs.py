@@ -21,6 +21,9 @@ router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
 Side = Literal["left", "right"]
 Offset = Annotated[float | None, Field(ge=-LONGEST_OFFSET_S, le=LONGEST_OFFSET_S)]
 SameSubject = Annotated[bool, Field(description="All are of one person, though a subject code is missing.")]
+MixedMethods = Annotated[
+    bool, Field(description="Two methods, or versions of one, may stand beside one another.")
+]
 OnePersonView = Annotated[
     OnePerson,
     Field(
@@ -301,6 +304,7 @@ class ComparisonQuery(BaseModel):
 class ChangeQuery(ComparisonQuery):
     """The two analyses, the earlier first, and the paper of their report."""
 
+    mixed_methods: MixedMethods = False
     paper: PaperChoice = None
 
     def find(self, services: Services) -> PairedJobs:
@@ -312,7 +316,9 @@ class ChangeQuery(ComparisonQuery):
         """
         before, after = (services.store.get(analysis_id) for analysis_id in self.analysis)
         paper = self.paper or before.request.paper
-        request = PairRequest("compare", paper=paper, same_subject=self.same_subject)
+        request = PairRequest(
+            "compare", paper=paper, same_subject=self.same_subject, mixed_methods=self.mixed_methods
+        )
         return PairedJobs(before, after, None, request)
 
 
@@ -330,6 +336,7 @@ class PairQuery(BaseModel):
     ] = None
     trunk_offset_s: Annotated[Offset, Field(description="Likewise the trunk's, after the left.")] = None
     same_subject: SameSubject = False
+    mixed_methods: MixedMethods = False
     paper: PaperChoice = None
     lang: Language | None = None
 
@@ -350,7 +357,9 @@ class PairQuery(BaseModel):
         trunk = services.store.get(self.trunk) if self.trunk else None
         paper = self.paper or left.request.paper
         offsets_s = (self.offset_s, self.trunk_offset_s)
-        request = PairRequest("pair", *offsets_s, paper=paper, same_subject=self.same_subject)
+        request = PairRequest(
+            "pair", *offsets_s, paper=paper, same_subject=self.same_subject, mixed_methods=self.mixed_methods
+        )
         return PairedJobs(left, right, trunk, request)
 
 
@@ -366,9 +375,7 @@ class ProfileQuery(BaseModel):
         list[str], Field(max_length=MOST_DAYS, description="Once for each day after a change.")
     ] = []
     same_subject: SameSubject = False
-    mixed_methods: Annotated[
-        bool, Field(description="Several methods, or versions of one, may stand beside one another.")
-    ] = False
+    mixed_methods: MixedMethods = False
     paper: PaperChoice = None
     lang: Language | None = None
 

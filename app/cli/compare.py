@@ -34,6 +34,9 @@ _INPUT_HELP = "a folder that acromion run made, or a recording, which is analyse
 SameSubjectOption = Annotated[
     bool, typer.Option("--same-subject", help="All are of one person, though a subject code is missing.")
 ]
+MixedMethodsOption = Annotated[
+    bool, typer.Option("--mixed-methods", help="Set several method versions beside one another.")
+]
 KindsOption = Annotated[str, typer.Option("--report", help="What to write: html, pdf or html,pdf.")]
 
 
@@ -50,6 +53,7 @@ def pair(
     ] = None,
     subject: SubjectOption = "",
     same_subject: SameSubjectOption = False,
+    mixed_methods: MixedMethodsOption = False,
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
@@ -60,7 +64,8 @@ def pair(
     first = _finish_first(left, out / "left", replace(asked, side="left"))
     second = _finish_first(right, out / "right", replace(asked, side="right"))
     body = (_finish_first(trunk, out / "trunk", asked),) if trunk else ()
-    request = PairRequest("pair", offset_s, trunk_offset_s, (lang,), kinds, paper, same_subject)
+    offsets_s, asked_of = (offset_s, trunk_offset_s), (same_subject, mixed_methods)
+    request = PairRequest("pair", *offsets_s, (lang,), kinds, paper, *asked_of)
     _write_pair(out / "both-arms", (first, second, *body), request)
 
 
@@ -71,6 +76,7 @@ def compare(
     side: Annotated[Side | None, typer.Option(help="Which arm, for recordings.")] = None,
     subject: SubjectOption = "",
     same_subject: SameSubjectOption = False,
+    mixed_methods: MixedMethodsOption = False,
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",
@@ -80,7 +86,7 @@ def compare(
     asked = ReportRequest("", parse_subject(subject), side, languages=(lang,), paper=paper)
     first = _finish_first(before, out / "before", asked)
     second = _finish_first(after, out / "after", asked)
-    request = PairRequest("compare", languages=(lang,), kinds=kinds, paper=paper, same_subject=same_subject)
+    request = PairRequest("compare", None, None, (lang,), kinds, paper, same_subject, mixed_methods)
     _write_pair(out / "before-after", (first, second), request)
 
 

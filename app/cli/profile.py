@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from app.batch.folder import write_version
-from app.cli.compare import KindsOption, SameSubjectOption
+from app.cli.compare import KindsOption, MixedMethodsOption, SameSubjectOption
 from app.cli.options import LanguageOption, Out, PaperOption, parse_kinds
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, CannotProfile
@@ -30,9 +30,7 @@ def profile(
         typer.Option(metavar="RESULTS", help="Days after a change; may be repeated. RESULTS are before it."),
     ] = None,
     same_subject: SameSubjectOption = False,
-    mixed_methods: Annotated[
-        bool, typer.Option("--mixed-methods", help="Set several method versions beside one another.")
-    ] = False,
+    mixed_methods: MixedMethodsOption = False,
     lang: LanguageOption = "en",
     report: KindsOption = "html,pdf",
     paper: PaperOption = "a4",

@@ -9,12 +9,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from app.errors import CannotCompare
 from app.report.export.results import round_all
 from app.report.figures import format_figure
 from app.report.findings import Findings, Kept
 from app.report.model import Chart, Pair, Report, Section, Table, VerdictLine
 from app.report.pairs import (
     PairSide,
+    are_mixed,
     build_curves,
     build_limits,
     build_sources,
@@ -28,6 +30,7 @@ from app.report.pairs import (
     identify,
     judge_person,
     load_pair_words,
+    name_method,
     share_whole,
 )
 from app.report.render.write import format_signature
@@ -35,7 +38,6 @@ from app.report.words.numbers import NONE, format_number
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording
 from fusion.comparison import (
-    NO_TWO_DAYS,
     SOURCE,
     ComparedDay,
     DayComparison,
@@ -67,6 +69,26 @@ def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False
         }
     )
     return document
+
+
+def refuse_no_comparison(before: Kept, after: Kept, *, mixed_methods: bool = False) -> None:
+    """Refuse two people, the same hours of one arm, and methods mixed unasked.
+
+    The two arms of one shift are no change either, which their report says, with the cure.
+
+    ``mixed_methods``: figures of two methods, or versions of one, may be compared.
+
+    Raises
+    ------
+    CannotCompare
+    """
+    differences = _compare(before, after).differences
+    if "subject" in differences:
+        raise CannotCompare(why="subjects")
+    if "hours" in differences and "side" not in differences:
+        raise CannotCompare(why="same hours")
+    if are_mixed((before, after)) and not mixed_methods:
+        raise CannotCompare(why="methods")
 
 
 def build_comparison(before: Kept, after: Kept, language: Language, *, same_subject: bool = False) -> Report:
@@ -116,10 +138,9 @@ def _compare(before: Kept, after: Kept) -> DayComparison:
 
 def _build_day(kept: Kept) -> ComparedDay:
     findings = kept.findings
-    method = findings.method
     return ComparedDay(
         exposure=findings.exposure,
-        method=f"{method.name} {method.version}" if method else "",
+        method=name_method(findings),
         pose=_find_pose(findings),
         side=kept.subject.side,
         verdict=findings.quality.verdict,
@@ -156,11 +177,9 @@ def _build_verdict(compared: DayComparison, words: Words) -> VerdictLine:
     """State first whether like is compared with like."""
     if not compared.differences:
         return VerdictLine("good", words["alike"]["label"], words["alike"]["reason"])
-    for name in NO_TWO_DAYS:
+    for name, entry in words["no_two_days"].items():
         if name in compared.differences:
-            return VerdictLine(
-                "poor", words["no_two_days"][name]["label"], words["no_two_days"][name]["reason"]
-            )
+            return VerdictLine("poor", entry["label"], entry["reason"])
     differences = ", ".join(words["difference"][name] for name in compared.differences)
     level = "poor" if "poor" in compared.differences else "caution"
     entry = words["unlike"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Any, Literal
@@ -45,6 +45,16 @@ def judge_person(every: Sequence[Kept], *, is_stated: bool) -> OnePerson:
     if "" not in codes:
         return "codes"
     return "person" if is_stated else "unknown"
+
+
+def name_method(findings: Findings) -> str:
+    """Name the method and its version; empty for angles that another program made."""
+    return f"{findings.method.name} {findings.method.version}" if findings.method else ""
+
+
+def are_mixed(every: Iterable[Kept]) -> bool:
+    """Tell whether several methods, or versions of one, made the figures."""
+    return len({name_method(kept.findings) for kept in every}) > 1
 
 
 def format_person(one_person: OnePerson, language: Language) -> str:
@@ -157,7 +167,6 @@ def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, .
     findings, subject = kept.findings, kept.subject
     clock = Clock(findings.recording.start, language)
     unknown = words["label"]["not_given"]
-    method = findings.method
     return (
         clean_text(subject.file_name) or unknown,
         findings.recording.sha256[:16] + "…",
@@ -165,7 +174,7 @@ def _format_source(kept: Kept, words: Words, language: Language) -> tuple[str, .
         f"{format_start(kept, language)}, {clock.format(0)}" if findings.recording.start else NONE,
         format_duration(findings.time.analysed_us / MICROSECONDS, language),
         load_pair_words(language)["pair"]["verdict"][findings.quality.verdict],
-        f"{method.name} {method.version}" if method else NONE,
+        name_method(findings) or NONE,
         _format_pose(findings, words),
         f"Acromion {subject.software.version}",
         identify_report(findings, subject),

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import CannotPair
-from app.report.change import build_comparison, describe_comparison
+from app.report.change import build_comparison, describe_comparison, refuse_no_comparison
 from app.report.findings import Kept, decode_findings
 from app.report.model import Report
 from app.report.pair import ArmPair, TrunkClock, build_pair, describe_pair
-from app.report.pairs import encode_document, judge_person
+from app.report.pairs import are_mixed, encode_document, judge_person
 from app.report.render.write import read_kept, write_report
 from app.request import OnStage, PairRequest, ReportRequest
 from fusion.angle_files.elevation_parquet import read_elevation
@@ -35,8 +35,10 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
     Raises
     ------
     CannotPair
-        When a folder holds no finished analysis, when two are not both arms of one shift, or when neither
-        clocks nor request give their offset.
+        When a folder holds no finished analysis, when two are not both arms of one shift, when neither
+        clocks nor request give their offset, or when methods are mixed unasked.
+    CannotCompare
+        When two are of different people or of the same hours of one arm, or when methods are mixed unasked.
     """
     if request.kind == "pair":
         left, right, *trunk = folders
@@ -45,6 +47,7 @@ def make_report_of_two(folders: Sequence[Path], request: PairRequest, out: Path)
         _write(reports, describe_pair(pair), request, out)
     else:
         before, after = map(_read, folders)
+        refuse_no_comparison(before, after, mixed_methods=request.mixed_methods)
         same = request.same_subject
         reports = [
             build_comparison(before, after, language, same_subject=same) for language in request.languages
@@ -63,6 +66,8 @@ def _pair_arms(arms: tuple[Path, Path], trunk: Path | None, request: PairRequest
     left, right = map(_read, arms)
     body = _read(trunk) if trunk else None
     _refuse_strangers(left, right)
+    if are_mixed(filter(None, (left, right, body))) and not request.mixed_methods:
+        raise CannotPair(why="methods")
     offset_s = find_offset_s(left, right) if request.offset_s is None else request.offset_s
     angles = read_analysed(arms[0], left), read_analysed(arms[1], right)
     return ArmPair(

@@ -10,7 +10,8 @@ from pydantic import BaseModel, Field
 
 from app.api.guard import REPORT_POLICY
 from app.api.pairs import build_pair_download_name
-from app.jobs.children.pairs import PairedJobs
+from app.errors import RecordedProblem
+from app.jobs.children.pairs import PairedJobs, PairReport
 from app.jobs.job import Job
 from app.jobs.library import Entry, Library
 from app.report.pairs import load_pair_words
@@ -103,7 +104,7 @@ Asked = Annotated[PairedJobs, Depends(find_asked)]
 @router.get("/beside/{kind}")
 def show_pair(asked: Asked, request: Request, services: UsedServices, language: UsedLanguage) -> Response:
     """Show two analyses side by side; for a pair, with the offset of the clocks to correct."""
-    report, kind = services.pairs.make(asked), asked.request.kind
+    report, kind = _make(services, asked), asked.request.kind
     figures, b = report.read_figures(), load_wording(language, "pair_pages")
     values: dict[str, Any] = {
         "kind": kind,
@@ -129,7 +130,7 @@ def get_report(
     form: Literal["html", "pdf"], asked: Asked, services: UsedServices, language: UsedLanguage
 ) -> Response:
     """Give the report of two, to read or to file."""
-    path = services.pairs.make(asked).find("report", form, language)
+    path = _make(services, asked).find("report", form, language)
     if form == "html":
         return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
     return FileResponse(
@@ -160,6 +161,16 @@ def parse_offset(text: str) -> float | None:
     except ValueError:
         return None
     return offset_s if abs(offset_s) <= LONGEST_OFFSET_S else None
+
+
+def _make(services: Services, asked: PairedJobs) -> PairReport:
+    """Make the report of two; where methods differ, too, for the page says so and offers to analyse alike."""
+    try:
+        return services.pairs.make(asked)
+    except RecordedProblem as problem:
+        if problem.facts.get("why") != "methods":
+            raise
+    return services.pairs.make(replace(asked, request=replace(asked.request, mixed_methods=True)))
 
 
 def _offer_trunks(services: Services, asked: PairedJobs, figures: Mapping[str, Any]) -> tuple[Job, ...]:

@@ -7,7 +7,8 @@ from datetime import timedelta
 
 import pytest
 
-from app.report.change import build_comparison, describe_comparison
+from app.errors import CannotCompare
+from app.report.change import build_comparison, describe_comparison, refuse_no_comparison
 from app.report.findings import Kept
 from app.report.model import Report
 from app.report.pairs import encode_document
@@ -145,13 +146,40 @@ def test_all_its_words_can_be_drawn(language: Language) -> None:
     assert "[U+" not in spell_uncovered(str(report_of(kept_with(13.2), language)))
 
 
-def test_two_people_are_no_change() -> None:
-    report = report_of(kept_with(30.0, subject="S999"))
+def why_refused(after: Kept, *, before: Kept = BEFORE, mixed_methods: bool = False) -> object:
+    try:
+        refuse_no_comparison(before, after, mixed_methods=mixed_methods)
+    except CannotCompare as refusal:
+        return refusal.facts["why"]
+    return None
 
-    assert (report.verdict.level, report.verdict.label) == ("poor", "Not the same person.")
-    assert plain(report.sentences[0]).endswith(
-        "These are not two days of one arm of one person, so no judgement is made."
-    )
+
+def analysed_by(kept: Kept, version: str) -> Kept:
+    assert kept.findings.method is not None
+    method = replace(kept.findings.method, version=version)
+    return replace(kept, findings=replace(kept.findings, method=method))
+
+
+def test_two_days_of_one_arm_are_compared() -> None:
+    assert why_refused(kept_with(30.0)) is None
+
+
+def test_two_people_are_refused() -> None:
+    assert why_refused(kept_with(30.0, subject="S999")) == "subjects"
+
+
+def test_the_same_hours_of_one_arm_are_refused() -> None:
+    at_once = replace(BEFORE.findings.recording, start=kept_with().findings.recording.start)
+    before = replace(BEFORE, findings=replace(BEFORE.findings, recording=at_once))
+
+    assert why_refused(kept_with(), before=before) == "same hours"
+    assert why_refused(kept_with(side="left"), before=before) is None
+
+
+def test_two_methods_are_refused_unless_asked_for() -> None:
+    after = analysed_by(kept_with(), "999")
+
+    assert [why_refused(after, mixed_methods=asked) for asked in (False, True)] == ["methods", None]
 
 
 def test_the_french_plural_begins_at_two() -> None:
@@ -172,7 +200,8 @@ def test_its_date_is_the_end_of_the_later_recording() -> None:
 
 
 def test_a_hostile_subject_code_stays_text() -> None:
-    page = render_html(report_of(kept_with(subject="<script>alert(1)</script>"))).decode()
+    after = kept_with(subject="<script>alert(1)</script>")
+    page = render_html(build_comparison(the_day_before(after), after, "en")).decode()
 
     assert "<script" not in page
 

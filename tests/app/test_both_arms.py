@@ -24,6 +24,7 @@ from app.report.words.wording import LANGUAGES, Language
 from app.request import PairRequest
 from app.roads.pair import find_offset_s, make_report_of_two, read_analysed
 from fusion.arms import ArmShare, PairedArms, TrunkRelative
+from fusion.conventions import MethodName
 from fusion.elevation import Elevation, ElevationSegment
 from fusion.exposure.types import Interval
 from fusion.recording import Span
@@ -66,11 +67,14 @@ def keep(
     *,
     start: datetime | None = START,
     subject: str = "S012",
+    method: MethodName = "smoothed",
 ) -> Path:
     """Leave a finished analysis of 60 s at one angle."""
     folder.mkdir()
     kept = kept_of(side, start, sha256, subject)
-    findings = replace(kept.findings, exclusions=())
+    assert kept.findings.method is not None
+    named = replace(kept.findings.method, name=method)
+    findings = replace(kept.findings, exclusions=(), method=named)
     (folder / "findings.json").write_bytes(encode_findings(findings, kept.subject))
     angles = np.full(6000, angle_deg, np.float32)
     segment = ElevationSegment(0, 100.0, angles, np.ones(6000, bool))
@@ -313,6 +317,19 @@ def test_who_says_that_all_are_of_one_person_stands_in_the_document(
 )
 def test_a_missing_code_is_said_beside_the_answer(one_person: OnePerson, told: str) -> None:
     assert plain(report_of(replace(make_pair(), one_person=one_person)).pose_caution).startswith(told)
+
+
+def test_two_methods_are_refused_unless_asked_for(tmp_path: Path) -> None:
+    folders = (keep(tmp_path / "l", "left", 10.0), keep(tmp_path / "r", "right", 10.0, method="published"))
+    out = tmp_path / "out"
+    out.mkdir()
+
+    with pytest.raises(CannotPair) as refused:
+        make_report_of_two(folders, PairRequest("pair", languages=("en",)), out)
+    make_report_of_two(folders, PairRequest("pair", languages=("en",), mixed_methods=True), out)
+
+    assert refused.value.facts == {"why": "methods"}
+    assert (out / "pair.json").exists()
 
 
 def test_a_folder_without_a_finished_analysis_is_refused(tmp_path: Path) -> None:

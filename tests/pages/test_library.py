@@ -2,12 +2,14 @@
 
 import csv
 import re
+from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from fusion.simulation import write_recordings
+from fusion.simulation import simulate_shift, write_recordings, write_shift
 from tests.pages.conftest import finish
 from tests.pages.steps import find_row, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
@@ -144,7 +146,9 @@ def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(
 def test_two_visits_are_compared_and_unlike_settings_are_told(
     page: Page, server: RunningServer, tmp_path: Path
 ) -> None:
-    made = [write_recordings(tmp_path / str(seed), "gt9x", 0.03, seed)[0] for seed in (31, 32)]
+    days = [simulate_shift("gt9x", 0.03, seed) for seed in (31, 32)]
+    days[1] = replace(days[1], start=days[0].start + timedelta(days=7))
+    made = [write_shift(tmp_path / str(day.seed), day)[0] for day in days]
     first = finish(server, made[0], subject="S031", side="right", method="published")
     second = finish(server, made[1], subject="S031", side="right")
 

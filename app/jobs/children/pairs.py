@@ -72,7 +72,8 @@ class PairedJobs:
         """Hash attempts, request and software: the same three give the same report."""
         asked = self.request
         tokens = tuple(job.token for job in self.jobs)
-        choices = (asked.offset_s, asked.trunk_offset_s, asked.paper, asked.same_subject)
+        stated = (asked.same_subject, asked.mixed_methods)
+        choices = (asked.offset_s, asked.trunk_offset_s, asked.paper, *stated)
         parts = (asked.kind, tokens, *choices, software_revision())
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 

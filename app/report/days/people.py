@@ -11,7 +11,7 @@ from typing import Literal
 
 from app.errors import CannotProfile
 from app.report.findings import Findings, Kept
-from app.report.pairs import OnePerson
+from app.report.pairs import OnePerson, are_mixed
 from app.report.words.subject import clean_text
 from fusion.comparison import WHOLE_DAY_S
 from fusion.days import ClockBand
@@ -170,7 +170,7 @@ def group_days(
     _refuse_twice(days)
     one_person = _judge_people({day.subject for day in days}, is_stated=same_subject)
     code = max(day.subject for day in days)  # the only one, where a missing code is taken for it
-    if len({_name_method(day.kept.findings) for day in days}) > 1 and not mixed_methods:
+    if are_mixed(day.kept for day in days) and not mixed_methods:
         raise CannotProfile(why="methods")
     arms = _split_arms(days, code if one_person != "no" else "")
     for arm in arms:
@@ -233,10 +233,6 @@ def _place_in_time(day: MeasuredDay) -> tuple[bool, datetime, str]:
     return day.start is None, day.start or datetime.min, day.kept.findings.recording.sha256  # noqa: DTZ901
 
 
-def _name_method(findings: Findings) -> str:
-    return f"{findings.method.name} {findings.method.version}" if findings.method else ""
-
-
 def _name_pose(findings: Findings) -> str:
     if findings.calibration is None:
         return ""
@@ -248,7 +244,7 @@ def _find_differences(arms: Sequence[ArmDays]) -> tuple[Difference, ...]:
     days = [day for arm in arms for day in arm.days]
     every = [day.kept.findings for day in days]
     unlike: dict[Difference, bool] = {
-        "method": len({_name_method(findings) for findings in every}) > 1,
+        "method": are_mixed(day.kept for day in days),
         "pose": len({_name_pose(findings) for findings in every}) > 1,
         "sensor": len({findings.recording.device for findings in every}) > 1,
         "metric filter": len({findings.exposure.metric_filter_hz for findings in every}) > 1,
