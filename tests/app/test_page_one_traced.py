@@ -14,6 +14,7 @@ from pypdf import PdfReader
 from app.report.analysis.report import build_report
 from app.report.export.results import encode_results
 from app.report.render.pdf import render_pdf
+from app.report.words.wording import Language
 from fusion.exposure import Exposure, Interval
 from tests.app.analysis_factory import make_analysis, make_exposure, make_subject, with_diary
 from tests.app.report_reading import plain
@@ -45,16 +46,20 @@ BETWEEN_DAYS = 1.96 * 2.0
 """Wahlström et al. 2010: 2.0 points between the days of one hairdresser."""
 
 
-def make_day(*, diary: bool) -> Exposure:
+def make_day(*, diary: bool = False, is_pose_off: bool = False) -> Exposure:
+    """Make a day; with ``is_pose_off`` the known error of the pose reaches beyond the sampling range."""
     exposure = make_exposure()
-    ranges = {30: Interval(20.0, 41.3), 60: Interval(5.2, 9.9), 90: Interval(1.4, 3.0)}
+    pose = {30: (20.0, 48.6), 60: (5.2, 14.7), 90: (1.4, 6.4)} if is_pose_off else {}
+    sampled = {30: (20.0, 41.3), 60: (5.2, 9.9), 90: (1.4, 3.0)}
+    ranges = {deg: Interval(*ends, *pose.get(deg, ())) for deg, ends in sampled.items()}
     above = tuple(replace(item, interval=ranges[int(item.threshold_deg)]) for item in exposure.time_above)
-    told = replace(exposure, time_above=above, intervals={"entries_above_60_per_h": Interval(24.4, 37.2)})
+    rises = Interval(24.4, 37.2, 24.4, 55.8) if is_pose_off else Interval(24.4, 37.2)
+    told = replace(exposure, time_above=above, intervals={"entries_above_60_per_h": rises})
     return with_diary(told) if diary else told
 
 
-def read_page_1(exposure: Exposure) -> list[str]:
-    report = build_report(make_analysis(exposure=exposure), make_subject(), "en")
+def read_page_1(exposure: Exposure, language: Language = "en") -> list[str]:
+    report = build_report(make_analysis(exposure=exposure), make_subject(), language)
     page = PdfReader(io.BytesIO(render_pdf(report, {}))).pages[0]
     return [line.strip() for line in plain(page.extract_text()).splitlines()]
 
@@ -106,6 +111,15 @@ class Tracer:
             f"{rises['count']} in all",
             f"95 % range {low:.0f}–{high:.0f}",
         }
+
+    def pose(self) -> set[str]:
+        """How far the known error of the pose reaches, where results.json holds it."""
+        tops = {row["threshold_deg"]: row["high_pose"] for row in self.exposure["time_above"]}
+        if None in tops.values():
+            return set()
+        rises = self.exposure["intervals_pose"]["entries_above_60_per_h"][1]
+        tiles = {f"pose: up to {top:.1f} %" for top in tops.values()}
+        return {*tiles, f"pose: up to {rises:.0f}", f"pose up to {tops[60]:.1f} %"}
 
     def strip(self) -> set[str]:
         worst, longest = self.find("peak_windows", length_s=900), self.find("episodes", threshold_deg=60)
@@ -162,16 +176,36 @@ class Tracer:
         return bool(re.fullmatch(r"Acromion [\d.]+ · report [0-9a-f]{16} Page 1 of \d", line))
 
 
-@pytest.mark.parametrize("diary", [False, True], ids=["clean", "diary"])
-def test_each_line_with_a_number_is_told_by_the_results(diary: bool) -> None:
-    exposure = make_day(diary=diary)
+def list_numbers(lines: list[str]) -> list[float]:
+    """List the numbers in order of size; without zeros, which the full hours of one language alone have."""
+    text = re.sub(r"(\d),(\d)", r"\1.\2", "\n".join(lines))
+    return sorted(filter(None, map(float, re.findall(r"\d+(?:\.\d+)?", text))))
+
+
+@pytest.mark.parametrize(
+    ("diary", "is_pose_off"), [(False, False), (True, False), (False, True)], ids=["clean", "diary", "pose"]
+)
+def test_each_line_with_a_number_is_told_by_the_results(diary: bool, is_pose_off: bool) -> None:
+    exposure = make_day(diary=diary, is_pose_off=is_pose_off)
     results = json.loads(encode_results(make_analysis(exposure=exposure), make_subject()))
     results["exposure"]["peak_windows"] = results["exposure"]["peak"]["windows"]
     trace = Tracer(results)
 
-    told = {*trace.head(), *trace.tiles(), *trace.strip(), *trace.sureness(), *trace.days()}
+    told = {*trace.head(), *trace.tiles(), *trace.strip(), *trace.sureness(), *trace.days(), *trace.pose()}
     told |= trace.tasks() if diary else trace.quarter_hours()
     printed = [line for line in read_page_1(exposure) if re.search(r"\d", line) and not trace.foot(line)]
 
     assert [line for line in printed if line not in told | SCALES | PUBLISHED | NAMES] == []
     assert told - {"12 3"} - set(printed) == set()
+
+
+@pytest.mark.parametrize("language", ["fr", "fr-CA"])
+@pytest.mark.parametrize("diary", [False, True], ids=["clean", "diary"])
+def test_the_french_page_bears_the_same_numbers(language: Language, diary: bool) -> None:
+    exposure = make_day(diary=diary, is_pose_off=True)
+
+    english, french = (
+        [line for line in read_page_1(exposure, each) if "Acromion" not in line] for each in ("en", language)
+    )
+
+    assert list_numbers(french) == list_numbers(english)
