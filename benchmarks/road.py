@@ -1,13 +1,15 @@
 """The whole road on simulated shifts: how right, how fast, how much memory.
 
     python -m benchmarks.road [NAME ...] [--seed 1] [--keep DIR] [--runs 5]
+    python -m benchmarks.road --lines [--keep DIR] [--runs 3]
 
 Names: gt9x-gt3x, gt9x-csv, lsm9ds1-4h, lsm9ds1-8h, lsm9ds1-24h; all but the last where none is given. Each
 run is a new process of the command line into a new folder (start-up, reading, fusion, exposure, HTML and
 PDF included). The first finds no compiled kernels, as after an installation; one run's memory is watched.
 Beside the others, turn by turn, runs the time of ``pandas.read_csv`` (C engine, every column) on the same
 file, itself in a new process, whose start-up and import of pandas are left out. Last comes a run over three
-recordings, one at a time: what each further one costs.
+recordings, one at a time: what each further one costs. ``--lines`` gives instead a row for 1, 2, 4, 8 and
+24 h of each format, and how many recordings of 8 h two cores analyse in an hour.
 
 Processor time is of the process and all its children. Memory is their anonymous part of the proportional
 set size, so that what they share by forking counts once and files that are mapped do not. Truth and result
@@ -72,6 +74,9 @@ ROADS = {
 }
 USUAL = tuple(name for name in ROADS if name != "lsm9ds1-24h")
 FURTHER = 2
+FORMATS: tuple[tuple[Device, str], ...] = (("gt9x", ".gt3x"), ("gt9x", ".csv"), ("lsm9ds1", ".csv"))
+HOURS = (1.0, 2.0, 4.0, 8.0, 24.0)
+BATCH = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +89,21 @@ class Cost:
 
 
 def run_once(
-    log: Path, out: Path, method: str, *, watch_memory: bool = False, kernels: Path | None = None
+    log: Path,
+    out: Path,
+    method: str,
+    *,
+    watch_memory: bool = False,
+    kernels: Path | None = None,
+    at_once: int = 1,
 ) -> Cost:
     """Run the command line on one recording or a folder, and watch it and all its children (Linux).
 
     Looking at memory holds up the process that is looked at: it has a run of its own. ``kernels`` is the
     folder of compiled code, empty after an installation; by default that of the user.
     """
-    command = [sys.executable, "-m", "app", "run", str(log), "-o", str(out), "--method", method, "-j", "1"]
+    asked = ["-o", str(out), "--method", method, "-j", str(at_once)]
+    command = [sys.executable, "-m", "app", "run", str(log), *asked]
     environment = keep_bytecode(out.parent)
     if kernels is not None:
         environment["NUMBA_CACHE_DIR"] = str(kernels)
@@ -170,12 +182,49 @@ def main() -> None:
     parser.add_argument("--method", default="smoothed")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--keep", type=Path, default=None)
+    parser.add_argument("--lines", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
+        if arguments.lines:
+            report_lines(Path(temporary), arguments)
+            return
         for name in arguments.names or USUAL:
             road = ROADS[name]
             made = simulate(road, arguments.keep or Path(temporary), arguments.seed)
             report(road, made, Path(temporary) / name, arguments)
+
+
+def report_lines(out: Path, arguments: argparse.Namespace) -> None:
+    """Print what each length of each format costs, then recordings of 8 h an hour."""
+    folder, method = arguments.keep or out, arguments.method
+    for device, ending in FORMATS:
+        for hours in HOURS:
+            road = Road(device, hours, ending)
+            log = find_log(road, simulate(road, folder, arguments.seed))
+            place = out / f"{device}{ending}{hours:g}"
+            watched = run_once(log, place / "watched", method, watch_memory=True)
+            costs = [run_once(log, place / str(turn), method) for turn in range(arguments.runs)]
+            print(
+                f"{device} {ending} {hours:g} h: {tell(costs)}, peak {watched.peak_mib:.0f} MiB", flush=True
+            )
+        eight = Road(device, 8.0, ending)
+        log = find_log(eight, simulate(eight, folder, arguments.seed))
+        wall_s = run_batch(log, out / f"batch{device}{ending}", method, BATCH, at_once=2).wall_s
+        print(f"{device} {ending}: {BATCH / wall_s * 3600:.0f} recordings of 8 h an hour", flush=True)
+
+
+def find_log(road: Road, made: Path) -> Path:
+    """Give the recording of the wanted format among those simulated."""
+    return next(path for path in sorted(made.iterdir()) if path.suffix == road.ending)
+
+
+def run_batch(log: Path, out: Path, method: str, count: int, *, at_once: int = 1) -> Cost:
+    """Analyse a folder that holds one recording ``count`` times."""
+    folder = out / "batch"
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(count):
+        (folder / f"{number}{log.suffix}").symlink_to(log)
+    return run_once(folder, out / "results", method, at_once=at_once)
 
 
 def simulate(road: Road, folder: Path, seed: int) -> Path:
@@ -190,8 +239,7 @@ def simulate(road: Road, folder: Path, seed: int) -> Path:
 
 def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> None:
     """Run ours and theirs in turn, compare, print."""
-    log = next(path for path in sorted(made.iterdir()) if path.suffix == road.ending)
-    method = arguments.method
+    log, method = find_log(road, made), arguments.method
     first = run_once(log, out / "first", method, kernels=out / "kernels")
     run_once(log, out / "warm", method)
     watched = run_once(log, out / "watched", method, watch_memory=True)
@@ -223,11 +271,7 @@ def report(road: Road, made: Path, out: Path, arguments: argparse.Namespace) -> 
 
 def measure_further(log: Path, out: Path, method: str, one_cpu_s: float, runs: int) -> float:
     """Give the processor time that each further recording of a run takes beyond the first."""
-    folder = out / "batch"
-    folder.mkdir(parents=True)
-    for number in range(FURTHER + 1):
-        (folder / f"{number}{log.suffix}").symlink_to(log)
-    costs = [run_once(folder, out / f"batch-{turn}", method).cpu_s for turn in range(runs)]
+    costs = [run_batch(log, out / f"batch-{turn}", method, FURTHER + 1).cpu_s for turn in range(runs)]
     return (median(costs) - one_cpu_s) / FURTHER
 
 

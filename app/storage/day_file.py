@@ -40,6 +40,15 @@ class DaySegment:
 
 
 @dataclass(frozen=True, slots=True)
+class HighEpisode:
+    """A continuous time above a threshold, and its highest angle."""
+
+    start_s: float
+    end_s: float
+    highest_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class Stretch:
     """Part of a curve: values from ``start_s``, one each ``step_s``; None where nothing is valid.
 
@@ -126,6 +135,28 @@ class DayFile:
             if segment.end_s > from_s and segment.start_s < to_s
         ]
 
+    def find_highest(self, threshold_deg: float, least_s: float, count: int) -> list[HighEpisode]:
+        """Find the ``count`` highest episodes at or above a threshold, the highest first.
+
+        A dip of less than ``least_s`` does not end an episode; one that lasts less than ``least_s`` is none.
+        """
+        found = [
+            episode
+            for segment in self.segments
+            for episode in _find_episodes(segment, threshold_deg, least_s)
+        ]
+        return sorted(found, key=lambda episode: (-episode.highest_deg, episode.start_s))[:count]
+
+    def measure_above(self, start_s: float, end_s: float, threshold_deg: float) -> tuple[float, float]:
+        """Give the valid time between two times, and that of it at or above a threshold, both in s."""
+        valid_s = above_s = 0.0
+        for segment in self.segments:
+            first, stop = (round((at_s - segment.start_s) * segment.rate_hz) for at_s in (start_s, end_s))
+            rows = segment.levels[0][max(first, 0) : max(stop, 0), 0]
+            valid_s += np.count_nonzero(rows != INVALID) / segment.rate_hz
+            above_s += np.count_nonzero(rows >= threshold_deg * UNITS_PER_DEG) / segment.rate_hz
+        return valid_s, above_s
+
     def measure_quiet(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], float] | None:
         """Give mean acceleration, shape (3,), and the largest standard deviation of an axis, in g.
 
@@ -165,6 +196,25 @@ def open_day(path: Path) -> DayFile:
         rows = np.broadcast_to(arrays[0][:, None], (len(arrays[0]), 2))
         segments.append(_OpenSegment(levels=(rows, *arrays[1:-1]), quiet=arrays[-1], **about))
     return DayFile(head["facts"], tuple(segments))
+
+
+def _find_episodes(segment: _OpenSegment, threshold_deg: float, least_s: float) -> Iterator[HighEpisode]:
+    """Find episodes in one segment; time that is not valid ends an episode."""
+    rows = segment.levels[0][:, 0]
+    is_above = rows >= threshold_deg * UNITS_PER_DEG
+    edges = np.flatnonzero(np.diff(is_above, prepend=False, append=False))
+    starts, stops = edges[::2], edges[1::2]
+    if not len(starts):
+        return
+    invalid = np.concatenate([[0], np.cumsum(rows == INVALID)])
+    gaps = starts[1:] - stops[:-1]
+    is_end = (gaps >= least_s * segment.rate_hz) | (invalid[starts[1:]] > invalid[stops[:-1]])
+    starts, stops = starts[np.append(True, is_end)], stops[np.append(is_end, True)]
+    highest = np.maximum.reduceat(rows, starts)
+    for start, stop, top in zip(starts.tolist(), stops.tolist(), highest.tolist(), strict=True):
+        if stop - start >= least_s * segment.rate_hz:
+            start_s, end_s = (segment.start_s + row / segment.rate_hz for row in (start, stop))
+            yield HighEpisode(start_s, end_s, top / UNITS_PER_DEG)
 
 
 def _cut_segment(segment: _OpenSegment, from_s: float, to_s: float, rows_per_value: float) -> Stretch:

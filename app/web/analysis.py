@@ -23,11 +23,13 @@ from app.report.words.messages import Problem, describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
+from app.storage.day_file import DayFile
 from app.storage.store import StoredRecording, seems_whole
 from app.web.columns import find_offer
 from app.web.day import find_day
-from app.web.day_views import DayClock, DayView, build_day, build_hours
+from app.web.day_views import DayClock, build_day, build_hours
 from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
+from app.web.page_one import read_page_one
 from app.web.pairs import find_offers
 from app.web.profile import find_days_address
 from app.web.rendering import find_base, render_page
@@ -44,6 +46,7 @@ from app.web.views import (
     read_results,
 )
 from fusion.errors import SeveralSensors
+from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
 
 # The versions of a recording's report, the changes in each, and a later attempt that failed.
@@ -201,6 +204,7 @@ def read_answer(services: Services, job: Job, asked: ReportRequest, language: La
         "answer": None,
         "hours": [],
         "day": None,
+        "page_one": None,
         "offers": (),
         "days": "",
         "damage": None,
@@ -218,7 +222,9 @@ def read_answer(services: Services, job: Job, asked: ReportRequest, language: La
             services, job, results.get("recording", {}).get("start") or "", language
         )
         shown["days"] = find_days_address(services, job)
-        shown["day"] = _build_day(services, job, asked, language)
+        day = _open_day(services, job)
+        shown["day"] = build_day(day, asked, language) if day else None
+        shown["page_one"] = read_page_one(services, job, day, language)
     except ResultDamaged as damaged:
         shown["damage"] = build_damage(services, damaged.facts, language)
     return shown
@@ -282,10 +288,10 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
     )
 
 
-def _build_day(services: Services, job: Job, asked: ReportRequest, language: Language) -> DayView | None:
-    """Build the day; None where an older version has written none."""
+def _open_day(services: Services, job: Job) -> DayFile | None:
+    """Open the day; None where an older version has written none."""
     try:
-        return build_day(find_day(services, job), asked, language)
+        return find_day(services, job)
     except NoSuchFile:
         return None
 
@@ -356,6 +362,7 @@ def analysis(
         "is_attempt": attempt is not None,
         "entry": build_entry(Entry(job, None), language),
         "d": load_wording(language, "day"),
+        "why_unusable": {why: load_wording(language)["fact"]["why"][why] for why in WINDOW_FAULTS},
         "b": load_wording(language, "pair_pages"),
         "days_link": load_wording(language, "days")["page"]["link"],
         "c": load_wording(language, "columns"),

@@ -14,9 +14,11 @@ from starlette.status import HTTP_303_SEE_OTHER
 
 from app.errors import BadParameter, NoSuchFile
 from app.jobs.job import Job, JobState
+from app.report.analysis.day import MAIN_THRESHOLD_DEG
+from app.report.words.numbers import format_duration, format_percent
 from app.report.words.subject import MAX_TEXT
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
-from app.services import Services, UsedServices
+from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
 from app.web.day_views import DayClock, place_rows
 from app.web.forms import Form, first, read_body, read_form
@@ -24,7 +26,7 @@ from app.web.rendering import find_base
 from fusion.conventions import AXIS_HINT, ArmAxis, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
 from fusion.errors import UnusableCalibration
-from fusion.pose.rules import score_still_period
+from fusion.pose.rules import RULES, object_to_window, score_still_period
 
 # Corrections on the page of an analysis: arm, pose, window, periods of the day.
 
@@ -159,9 +161,12 @@ def _find(allowed: tuple[T, ...], text: str, name: str) -> T:
 
 
 MOST_POINTS = 4000
+MOST_SPANS = 200
+LATEST_S = 1e8
+SPAN_HINT = "start,end (s)"
 
 router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
-Second = Annotated[float, Query(ge=0, le=1e8)]
+Second = Annotated[float, Query(ge=0, le=LATEST_S)]
 
 
 @router.get("/curve")
@@ -180,14 +185,43 @@ def curve(
 
 @router.get("/stillness")
 def stillness(analysis_id: str, services: UsedServices, start_s: Second, end_s: Second) -> dict[str, Any]:
-    """Say how still the arm was in a window, as the calibration scores it: 0 to 1, or null in a hole."""
+    """Say how still the arm was in a window, and why the window would be refused.
+
+    ``score``: 0 to 1, as the calibration scores it, null in a hole; ``why``: a term of E-CALIBRATION or "".
+    """
     day = find_day(services, services.store.get(analysis_id))
     quiet = day.measure_quiet(start_s, end_s)
     if quiet is None:
-        return {"score": None}
+        return {"score": None, "why": "short" if end_s - start_s < RULES.shortest_window_s else "hole"}
     gravity_g, sd_g = quiet
     score = score_still_period(end_s - start_s, sd_g, np.asarray(gravity_g))
-    return {"score": round(score, 3)}
+    return {"score": round(score, 3), "why": object_to_window(end_s - start_s, sd_g, np.asarray(gravity_g))}
+
+
+@router.get("/share")
+def share(
+    analysis_id: str,
+    services: UsedServices,
+    language: UsedLanguage,
+    span: Annotated[list[str], Query(min_length=1, max_length=MOST_SPANS)],
+) -> dict[str, Any]:
+    """Give the time above 60 deg in stretches, each ``start,end`` in s, as of a task of the diary."""
+    day = find_day(services, services.store.get(analysis_id))
+    measured = [day.measure_above(*_read_span(each), MAIN_THRESHOLD_DEG) for each in span]
+    valid_s, above_s = (sum(part) for part in zip(*measured, strict=True))
+    percent = 100.0 * above_s / valid_s if valid_s else None
+    told = (format_duration(above_s, language), format_percent(percent, language))
+    return {"percent": percent, "words": "{} ({})".format(*told) if valid_s else told[1]}
+
+
+def _read_span(text: str) -> Window:
+    try:
+        start_s, end_s = (float(part) for part in text.split(","))
+    except ValueError:
+        raise BadParameter(name="span", value=text[:60], allowed=SPAN_HINT) from None
+    if not 0.0 <= start_s < end_s <= LATEST_S:
+        raise BadParameter(name="span", value=text[:60], allowed=SPAN_HINT)
+    return start_s, end_s
 
 
 @router.post("/again")

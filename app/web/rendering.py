@@ -18,6 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.types import Scope
 
 from app.errors import NotHere
+from app.report.render.html import trust_drawing
 from app.report.words.numbers import format_angle, format_duration, format_number, format_percent
 from app.report.words.wording import Language, fill, is_french, load_wording
 from app.services import LANGUAGE_COOKIE, prefer_language
@@ -105,6 +106,7 @@ pages = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+pages.filters["drawing"] = trust_drawing
 pages.globals["fill"] = fill
 pages.globals["find_style_ids"] = find_style_ids
 pages.globals |= {

@@ -33,6 +33,24 @@ class CalibrationRules:
 RULES = CalibrationRules()
 
 
+WINDOW_FAULTS = ("short", "hole", "moving", "gravity")
+"""Why a window that a person chose is refused, within the recording."""
+
+
+def object_to_window(duration_s: float, acc_sd_g: float, gravity_g: Float64Array) -> str:
+    """Say why a window that a person chose is refused by its length and acceleration; "" where it is not.
+
+    ``acc_sd_g``: the largest standard deviation of an axis; ``gravity_g``: mean acceleration, shape (3,).
+    """
+    if duration_s < RULES.shortest_window_s - 1e-9:
+        return "short"
+    if acc_sd_g > RULES.refuse_acc_sd_g:
+        return "moving"
+    if abs(float(np.linalg.norm(gravity_g)) - 1.0) > RULES.refuse_from_one_g:
+        return "gravity"
+    return ""
+
+
 def score_still_period(duration_s: float, acc_sd_g: float, gravity_g: Float64Array) -> float:
     """Grade a still period, 0 to 1: the product of how still, how near 1 g, how long.
 

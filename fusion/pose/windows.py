@@ -8,7 +8,7 @@ import numpy as np
 from fusion.caveats import Caveat
 from fusion.errors import UnusableCalibration
 from fusion.pose.postures import find_angle_deg
-from fusion.pose.rules import RULES, score_still_period
+from fusion.pose.rules import RULES, object_to_window, score_still_period
 from fusion.recording import MICROSECONDS, Float64Array, QualityFlag, Recording, Segment
 from fusion.sensor.accelerometer import AccelerometerCorrection
 from fusion.sensor.model import view_segment
@@ -170,11 +170,9 @@ def _object_to(recording: Recording, start_s: float, end_s: float) -> str:
 
 def _refuse_motion(recording: Recording, still: StillPeriod) -> None:
     acc, gyr = _cut(recording, still.start_s, still.end_s)
-    why = ""
-    if acc.std(axis=0).max() > RULES.refuse_acc_sd_g or gyr.std(axis=0).max() > RULES.refuse_gyro_sd_dps:
+    why = object_to_window(still.duration_s, float(acc.std(axis=0).max()), still.gravity_g)
+    if gyr.std(axis=0).max() > RULES.refuse_gyro_sd_dps:
         why = "moving"
-    elif abs(float(np.linalg.norm(still.gravity_g)) - 1.0) > RULES.refuse_from_one_g:
-        why = "gravity"
     if why:
         raise UnusableCalibration(why=why, start_s=still.start_s, end_s=still.end_s)
 

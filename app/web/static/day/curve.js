@@ -29,7 +29,7 @@ export class Curve {
   }
 
   // Layout only: quick enough for every step of a movement.
-  draw(bands, chosen) {
+  draw(bands, chosen, points = []) {
     const trace = { ...this.values, type: "scatter", mode: "lines", line: { width: 1, color: ink("--accent") }, hoverinfo: "skip" };
     const marks = this.clock.marks(this.view.fromS, this.view.toS, Math.max(2, Math.floor(this.widthPx() / MARK_PX)));
     const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
@@ -39,7 +39,7 @@ export class Curve {
       xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false, tickangle: 0 },
       yaxis: { ...axis, range: [0, 180], tickvals: [0, 30, 60, 90, 120, 150, 180], ticksuffix: "°" },
       shapes: [...GUIDES_DEG.map(guide), ...bands.map((band) => area(band, band.row === chosen))],
-      annotations: this.label(bands),
+      annotations: [...this.label(bands), ...this.point(points)],
     };
     return Plotly.react(this.place, [trace], layout, { displayModeBar: false, responsive: true, doubleClick: false });
   }
@@ -50,6 +50,14 @@ export class Curve {
       x: Math.max(band.startS, fromS), y: 178 - 13 * (place % 3), yanchor: "top",
       xanchor: band.startS > fromS + 0.85 * this.view.spanS ? "right" : "left",
       text: safe(band.name), showarrow: false, font: { size: 12, color: ink("--ink") }, bgcolor: ink("--card"), opacity: 0.9,
+    }));
+  }
+
+  // Numbers of the episodes to look at, each at its moment.
+  point(points) {
+    const { fromS, toS } = this.view;
+    return points.filter(({ atS }) => atS >= fromS && atS <= toS).map(({ text, atS }) => ({
+      x: atS, y: 168, yanchor: "top", text, showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
     }));
   }
 

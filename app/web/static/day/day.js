@@ -7,6 +7,7 @@ import { Curve } from "./curve.js";
 import { Handles } from "./handles.js";
 import { Overview } from "./overview.js";
 import { listenToForm } from "./form.js";
+import { Tasks } from "./tasks.js";
 import { View } from "./view.js";
 
 const REST_MS = 60;
@@ -22,6 +23,8 @@ export class Day {
     this.curve = new Curve($("curve"), curve, this.clock, this.view);
     this.overview = new Overview($("overview"), curve, this.view);
     this.handles = new Handles(this.bands, this.curve, this.view, (isDone) => this.changed(isDone));
+    this.marks = [...document.querySelectorAll("[data-mark]")].map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
+    this.tasks = new Tasks($("tasks-now"), this.bands);
     this.steps = [];
   }
 
@@ -52,7 +55,7 @@ export class Day {
   }
 
   draw() {
-    this.curve.draw(this.bands.list(), this.bands.chosen);
+    this.curve.draw(this.bands.list(), this.bands.chosen, this.marks);
     this.overview.draw();
     this.handles.draw();
     const { fromS, toS } = this.view;
@@ -63,22 +66,47 @@ export class Day {
   // A band has changed, by hand, by key or by typing.
   changed(isDone) {
     this.draw();
-    if (!isDone) return;
+    clearTimeout(this.scoring);
+    if (!isDone) return (this.scoring = setTimeout(() => this.measure(), REST_MS));
     this.bands.remember();
     this.bands.name();
+    this.measure();
+  }
+
+  // How still each window is, and what each task adds up to: while a band is moved, too.
+  measure() {
     for (const band of this.bands.windows()) this.score(band);
+    this.tasks.draw();
+    this.block();
+  }
+
+  // Nothing is sent that the server would refuse.
+  block() {
+    const windows = this.bands.windows().map(({ row }) => row);
+    const isBad = windows.some((row) => row.dataset.why) || Boolean(this.bands.form.querySelector(".moment[aria-invalid=true]"));
+    [$("again").disabled, $("blocked").hidden] = [isBad, !isBad];
   }
 
   async score({ row, startS, endS }) {
     const place = row.querySelector("[data-stillness]");
-    place.textContent = "";
-    if (!(endS > startS)) return;
-    const query = new URLSearchParams({ start_s: startS, end_s: endS });
-    const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // no network: nothing is said of stillness
-    if (answer?.ok) place.textContent = this.tellStillness((await answer.json()).score);
+    const ticket = (row.ticket = (row.ticket || 0) + 1);
+    const isTyped = [...row.querySelectorAll("input")].some((field) => field.value.trim());
+    let told = "", why = isTyped && !(endS > startS) ? "short" : "";
+    if (endS > startS) {
+      const query = new URLSearchParams({ start_s: startS, end_s: endS });
+      const answer = await fetch(`${this.box.dataset.stillness}?${query}`).catch(() => null); // no network: nothing is said of stillness
+      const { score, why: refused } = answer?.ok ? await answer.json() : {};
+      if (answer?.ok) told = this.tellStillness(score, refused);
+      why = isTyped ? refused || "" : "";
+    }
+    if (ticket !== row.ticket) return; // a later answer is on its way
+    place.textContent = told;
+    row.dataset.why = why;
+    this.block();
   }
 
-  tellStillness(score) {
+  tellStillness(score, why) {
+    if (why) return fill(this.words.unusable, { why: this.words.why[why] });
     if (score === null) return this.words.none;
     const told = score.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 2, maximumFractionDigits: 2 });
     const judged = score >= 0.5 ? this.words.good : score >= 0.2 ? this.words.fair : this.words.bad;
