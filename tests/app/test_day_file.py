@@ -101,3 +101,37 @@ def test_a_still_arm_is_told_from_a_moving_one(tmp_path: Path) -> None:
     assert moved is not None
     assert moved[1] == pytest.approx(0.2)
     assert day.measure_quiet(24.0, 26.0) is None
+
+
+def above(*lengths: tuple[float, float]) -> np.ndarray:
+    """Angles in pieces of (seconds, degrees)."""
+    return np.concatenate([np.full(round(length_s * RATE_HZ), angle) for length_s, angle in lengths])
+
+
+def test_the_highest_episodes_come_first_and_short_ones_are_none(tmp_path: Path) -> None:
+    angles = above((10, 20.0), (2, 70.0), (10, 20.0), (0.4, 150.0), (10, 20.0), (3, 90.0), (1, 20.0))
+    day = make_day(tmp_path, (100.0, angles))
+
+    found = [(e.start_s, e.end_s, e.highest_deg) for e in day.find_highest(60.0, 0.5, 10)]
+
+    assert found == [pytest.approx(each) for each in ((132.4, 135.4, 90.0), (110.0, 112.0, 70.0))]
+    assert len(day.find_highest(60.0, 0.5, 1)) == 1
+
+
+def test_a_short_dip_ends_no_episode_and_a_hole_does(tmp_path: Path) -> None:
+    dip = above((1, 20.0), (2, 70.0), (0.4, 50.0), (2, 80.0), (1, 20.0))
+    hole = above((1, 20.0), (2, 70.0), (0.4, np.nan), (2, 80.0), (1, 20.0))
+    day = make_day(tmp_path, (0.0, dip), (60.0, hole))
+
+    found = sorted((e.start_s, e.end_s) for e in day.find_highest(60.0, 0.5, 10))
+
+    assert found == [pytest.approx(each) for each in ((1.0, 5.4), (61.0, 63.0), (63.4, 65.4))]
+
+
+def test_time_above_is_a_part_of_the_valid_time_of_a_stretch(tmp_path: Path) -> None:
+    angles = above((10, 20.0), (5, 60.0), (5, np.nan), (10, 20.0))
+    day = make_day(tmp_path, (0.0, angles), (100.0, np.full(1000, 90.0)))
+
+    assert day.measure_above(8.0, 22.0, 60.0) == pytest.approx((9.0, 5.0))
+    assert day.measure_above(25.0, 104.0, 60.0) == pytest.approx((9.0, 4.0))
+    assert day.measure_above(40.0, 90.0, 60.0) == (0.0, 0.0)

@@ -205,7 +205,9 @@ def test_french_numbers_have_commas_and_dates_cannot_be_misread(
     open_analysis(page, server, right, "fr")
 
     expect(page.locator(".figures dd").first).to_have_text(re.compile(r"^\d+,\d\u00a0%$"))
-    expect(page.locator(".meta")).to_have_text(re.compile(r"\d{4}-\d{2}-\d{2} \d{2}:\d{2}"))
+    expect(page.locator(".tile .value").first).to_have_text(re.compile(r"^\d+,\d\u00a0%$"))
+    expect(page.locator(".head")).to_contain_text("2 mars 2026, de 7")
+    expect(page.locator(".facts")).to_contain_text(re.compile(r"\d{4}-\d{2}-\d{2} \d{2}:\d{2}"))
 
 
 def test_a_decimal_comma_is_understood_as_is_a_point(page: Page, server: RunningServer, right: str) -> None:

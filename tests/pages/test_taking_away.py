@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.pages.conftest import keep_picture, open_page
-from tests.pages.steps import open_analysis
+from tests.pages.steps import open_analysis, open_figures
 from tests.ways_in.servers import RunningServer
 from tests.ways_in.test_three_ways import run_command
 
@@ -62,6 +62,7 @@ def test_the_report_opens_in_either_language_without_a_new_analysis(
 
 def test_the_pdf_says_what_the_page_says(shown: Page) -> None:
     sentence = shown.locator(".sentences p").first.inner_text()
+    open_figures(shown)
 
     with shown.expect_download() as download:
         shown.get_by_role("link", name="PDF in English").click()
@@ -86,6 +87,7 @@ def test_the_answer_is_copied_in_five_lines(page: Page, server: RunningServer, r
 
 
 def test_each_figure_has_its_definition_by_one_click_hover_or_key(shown: Page) -> None:
+    open_figures(shown)
     marks = shown.locator(".figures .define summary")
     assert marks.count() == shown.locator(".figures dt").count()
 

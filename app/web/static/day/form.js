@@ -84,8 +84,8 @@ function holdAgain(day) {
   row.querySelector("input").focus();
 }
 
-function look(day, { from, to }) {
-  day.view.show(day.clock.read(from), day.clock.read(to));
+function look(day, { from, to, look: how }) {
+  day.view[how || "show"](day.clock.read(from), day.clock.read(to));
   $("day-heading").scrollIntoView({ block: "start" });
 }
 
