@@ -1,13 +1,16 @@
 """Tables of the library for download, and the trash: put in, take back, delete for good."""
 
+import io
 from collections.abc import Iterator
 from typing import Any, Literal
+from zipfile import ZIP_STORED, ZipFile
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import RedirectResponse
+from fastapi.responses import RedirectResponse, StreamingResponse
 
+from app.api.files import build_download_name
 from app.api.recordings import purge_recording
-from app.errors import ResultDamaged
+from app.errors import NoSuchFile, NotFinished, ResultDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library import Library
 from app.jobs.recordings import RecordingFilter, StoredRow
@@ -15,7 +18,7 @@ from app.jobs.store import JobFilter
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
 from app.report.words.messages import describe_problem
-from app.report.words.wording import Language, fill, load_wording
+from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.analysis import find_results
 from app.web.library_views import read_filter
@@ -46,6 +49,63 @@ def take_table(name: TableName, request: Request, services: UsedServices, langua
         body = encode_summary(list(_summarise(services, [entry.job for entry in entries])), dialect)
     headers = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
+
+
+@router.get("/library/reports.zip")
+def take_reports(request: Request, services: UsedServices, language: UsedLanguage) -> Response:
+    """Give the PDF of every report that the list shows; what has none is named in ``without-report.txt``."""
+    entries = Library(services.store.reader).find_page(read_filter(request), MOST_ROWS)
+    jobs = [entry.job for entry in entries]
+    headers = {"Content-Disposition": 'attachment; filename="reports.zip"'}
+    return StreamingResponse(
+        _pack_reports(services, jobs, language), media_type="application/zip", headers=headers
+    )
+
+
+class _Outlet(io.RawIOBase):
+    """Holds what a ZIP writes until it is sent, so that no more than one report is in memory."""
+
+    def __init__(self) -> None:
+        self.held = bytearray()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, octets: Any) -> int:
+        self.held += octets
+        return len(octets)
+
+    def take(self) -> bytes:
+        taken, self.held = bytes(self.held), bytearray()
+        return taken
+
+
+def _pack_reports(services: Services, jobs: list[Job], language: Language) -> Iterator[bytes]:
+    """Write a ZIP piece by piece; a PDF is packed already, so it is stored as it is."""
+    outlet, without, names = _Outlet(), [], set[str]()
+    with ZipFile(outlet, "w", ZIP_STORED) as packed:
+        for job in jobs:
+            made = f"report.{find_nearest(language, job.request.languages)}.pdf"
+            try:
+                body = services.results.read(job, made)
+            except (NotFinished, NoSuchFile, ResultDamaged) as refusal:
+                why = describe_problem(refusal.code, refusal.facts, language).title
+                without.append(f"{job.file_name}: {why}")
+                continue
+            packed.writestr(_name_once(build_download_name(services, job, made), job, names), body)
+            yield outlet.take()
+        if without:
+            packed.writestr("without-report.txt", "\n".join(without) + "\n")
+    yield outlet.take()
+
+
+def _name_once(name: str, job: Job, names: set[str]) -> str:
+    """Give a name that no report before has: two visits of one day carry their analysis, too."""
+    if name in names:
+        stem, _, ending = name.partition(".")
+        name = f"{stem}_{job.id}.{ending}"
+    names.add(name)
+    return name
 
 
 @router.get("/recordings/{recording_id}/delete")

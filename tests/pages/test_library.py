@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -87,6 +88,40 @@ def test_problems_and_figures_are_taken_as_tables(
     assert row["fix"]
     figures = csv.DictReader(download.value.path().read_text().splitlines())
     assert {row["subject"] for row in figures} == {"S012"}
+
+
+def test_all_reports_are_taken_by_one_click(
+    page: Page, server: RunningServer, right: str, left: str, tmp_path: Path
+) -> None:
+    see_end(server, server.send(make_file(tmp_path, "no_recording.csv"), subject="S012")["id"])
+    open_home(page, server)
+    search(page, "S012")
+
+    with page.expect_download() as download:
+        page.get_by_role("link", name="all reports").click()
+
+    with ZipFile(download.value.path()) as packed:
+        reports = [name for name in packed.namelist() if name.endswith(".pdf")]
+        assert packed.testzip() is None
+        assert packed.read(reports[0]).startswith(b"%PDF-")
+        without = packed.read("without-report.txt").decode()
+    assert len(reports) == len(set(reports)) >= 2
+    assert any(name.startswith("S012_2026-03-02_left_report") for name in reports)
+    assert without.startswith("no_recording.csv: ")
+
+
+def test_once_there_are_recordings_the_place_to_drop_is_a_bar_and_rows_are_lines(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    page.set_viewport_size({"width": 1440, "height": 900})
+    open_home(page, server)
+
+    bar = page.locator(".zone").bounding_box() or pytest.fail("not shown")
+    row = page.locator("#rows .row.is-succeeded", has_text="shift_seed1").first.bounding_box()
+
+    assert bar["height"] <= 90
+    assert row is not None
+    assert row["height"] <= 36
 
 
 def test_one_is_opened_after_the_other(page: Page, server: RunningServer, right: str, left: str) -> None:
