@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Iterator
+from errno import ENOENT
 from functools import partial
+from os import strerror
 from pathlib import Path
 from typing import Annotated
 
@@ -52,7 +54,7 @@ def profile(
         print_problem(folder.name, refusal.code, refusal.facts, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     except OSError as error:
-        print_problem(str(folder), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
+        print_problem(error.filename or str(folder), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     typer.echo(f"{folder.name} -> {folder}" + (f" (version {marker.version})" if marker.version > 1 else ""))
     for line in (folder / "answer.txt").read_text("utf-8").splitlines():
@@ -67,14 +69,20 @@ def _find_all(paths: list[Path], out: Path) -> list[Path]:
     Raises
     ------
     CannotProfile
-        When a path leads to none.
+        When a path leads to none, or all lead to one and the same.
+    FileNotFoundError
+        When there is nothing at a path.
     """
     found: dict[Path, None] = {}
     for path in paths:
+        if not path.exists():
+            raise FileNotFoundError(ENOENT, strerror(ENOENT), str(path))
         folders = sorted(_find_below(path, out))
         if not folders:
             raise CannotProfile(why="kept", name=path.name)
         found |= dict.fromkeys(folder.resolve() for folder in folders)
+    if len(found) == 1 and len(paths) > 1:
+        raise CannotProfile(why="same", name=paths[0].name, other=paths[1].name)
     return list(found)
 
 

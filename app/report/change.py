@@ -72,7 +72,7 @@ def describe_comparison(before: Kept, after: Kept, *, same_subject: bool = False
 
 
 def refuse_no_comparison(before: Kept, after: Kept, *, mixed_methods: bool = False) -> None:
-    """Refuse two people, the same hours of one arm, and methods mixed unasked.
+    """Refuse two people, the same hours of one arm, one analysis twice, and methods mixed unasked.
 
     The two arms of one shift are no change either, which their report says, with the cure.
 
@@ -83,6 +83,8 @@ def refuse_no_comparison(before: Kept, after: Kept, *, mixed_methods: bool = Fal
     CannotCompare
     """
     differences = _compare(before, after).differences
+    if before.findings == after.findings:
+        raise CannotCompare(why="same")
     if "subject" in differences:
         raise CannotCompare(why="subjects")
     if "hours" in differences and "side" not in differences:

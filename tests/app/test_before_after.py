@@ -176,6 +176,13 @@ def test_the_same_hours_of_one_arm_are_refused() -> None:
     assert why_refused(kept_with(side="left"), before=before) is None
 
 
+def test_one_analysis_beside_itself_is_refused_and_another_of_the_recording_is_not() -> None:
+    other = replace(kept_with(13.0).findings, recording=BEFORE.findings.recording)
+
+    assert why_refused(BEFORE) == "same"
+    assert why_refused(replace(BEFORE, findings=other)) is None
+
+
 def test_two_methods_are_refused_unless_asked_for() -> None:
     after = analysed_by(kept_with(), "999")
 

@@ -151,7 +151,7 @@ class Tracer:
         there = next(p for p in periods if p["start_s"] <= worst["start_s"] < p["end_s"])
         return {
             " ".join(f"{ranks[period['label']]} {period['label']}" for period in periods),
-            f"1. Look at {there['label']} at {self.clock(worst['start_s'])}.",
+            f"1. Look at {there['label']} at {self.clock(worst['start_s'])} (most in 15 min).",
             *(self.row(k, task, above[task["label"]]) for k, task in enumerate(order, start=1)),
         }
 

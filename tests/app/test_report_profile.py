@@ -237,7 +237,7 @@ def test_what_next_after_a_day_with_a_diary() -> None:
     steps = profile_of(exposure=with_diary(make_exposure())).next_steps
 
     assert [plain(step) for step in steps] == [
-        "Look at Till at 13:05.",
+        "Look at Till at 13:05 (most in 15 min).",
         "Next time, calibrate leaning to the side: the N-pose reads up to 15° low.",
         "Measure 2 more days now and 3 after a change: this tells 3.2 points of time above 60°.",
         "Measure the left arm too.",
@@ -300,6 +300,15 @@ def test_the_line_of_quality_names_the_gravest_two() -> None:
 
 def test_a_recording_without_a_fault_is_told_so() -> None:
     assert profile_of(make_analysis(quality=make_quality("good"))).quality == (
+        "No fault was found in the recording, but the pose may hide time above 60°."
+    )
+
+
+def test_of_a_pose_that_reads_true_nothing_is_said_beside_a_recording_without_a_fault() -> None:
+    findings = make_analysis(quality=make_quality("good"))
+    calibration = replace(findings.calibration, pose="side-lean")  # type: ignore[type-var]
+
+    assert profile_of(replace(findings, calibration=calibration)).quality == (
         "No fault was found in the recording."
     )
 

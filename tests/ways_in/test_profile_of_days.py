@@ -139,3 +139,18 @@ def test_more_days_make_a_new_version(week: Path, tmp_path: Path) -> None:
     run("profile", week / "day0", week / "day1", "-o", tmp_path, "--report", "html")
 
     assert "(version 2)" in run("profile", week, "-o", tmp_path, "--report", "html").output
+
+
+def test_a_folder_that_is_not_there_is_named_as_such(week: Path, tmp_path: Path) -> None:
+    result = run("profile", week, tmp_path / "absent", "-o", tmp_path / "out")
+
+    assert result.exit_code == 3
+    assert "E-FILE" in result.output
+    assert "absent" in result.output
+
+
+def test_one_folder_given_twice_is_refused_as_the_same(week: Path, tmp_path: Path) -> None:
+    result = run("profile", week / "day0", week / "day0", "-o", tmp_path / "out")
+
+    assert result.exit_code == 3
+    assert "they are the same recording" in result.output

@@ -167,7 +167,7 @@ def format_quality(findings: Findings, words: Words, language: Language) -> str:
     flags = {flag.code: flag for flag in reversed(findings.quality.flags)}
     counted = [_format_flag(flags[code], language) for code in findings.quality.reasons if code in flags]
     if not counted:
-        return str(words["profile"]["no_fault"])
+        return str(words["profile"]["no_fault_posed" if format_pose_caution(findings, words) else "no_fault"])
     more = len(counted) - MOST_REASONS
     told = join_clauses(counted[:MOST_REASONS], language)
     facts = {"reasons": told[0].upper() + told[1:], "more": str(more) if more > 0 else ""}

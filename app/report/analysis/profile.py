@@ -268,7 +268,8 @@ def _build_sureness(page: _Page) -> Drawing:
     doubts += _find_pose_doubts(above.percent, above.interval, page)
     doubts.append(_find_day_doubt(above.percent, page))
     if not any(doubt.span for doubt in doubts):
-        return Drawing(entry["title"], "", "", entry["none"][choose_ranges(findings)])
+        pose = [f"{doubt.name.capitalize()}: {doubt.told}." for doubt in doubts if doubt.is_pose]
+        return Drawing(entry["title"], "", "", " ".join((entry["none"][choose_ranges(findings)], *pose)))
     largest = max(doubt.span[1] for doubt in doubts if doubt.span)
     end = min(extend_scale(20.0, max(1.1 * above.percent, 1.05 * largest)), 100.0)
     told = join_clauses((f"{doubt.name}, {doubt.told}" for doubt in doubts), page.language)
@@ -296,7 +297,7 @@ def _find_pose_doubts(value: float, interval: Interval | None, page: _Page) -> l
     part = _find_pose_part(value, interval)
     if part:
         told = fill(entry["up_to"], {"high": format_percent(part[1], page.language)})
-        return [Doubt(entry["pose"], told, part, is_pose=True)]
+        return [Doubt(entry["pose"], told, (value, part[1]), is_pose=True)]
     told = entry["of_pose"].get(calibration.pose, "")
     is_one_sided = bool(format_pose_caution(page.findings, page.words))
     return [Doubt(entry["pose"], told, None, is_pose=is_one_sided)] if told else []
