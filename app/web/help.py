@@ -16,6 +16,7 @@ from app.report.words.messages import describe_flag, describe_problem, find_flag
 from app.report.words.wording import Language, find_other_language, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
+from app.web.reading import draw_example
 from app.web.rendering import find_base, render_page
 from fusion.devices import KNOWN_DEVICES
 from fusion.recording import QualityFlag
@@ -40,6 +41,14 @@ def show_help(request: Request, language: UsedLanguage) -> Response:
 def show_poses(request: Request, language: UsedLanguage) -> Response:
     """Explain the calibration poses, on one page to print."""
     return _render(request, "poses.html", language, {"poses": POSES})
+
+
+@router.get("/help/reading")
+def show_reading(request: Request, language: UsedLanguage) -> Response:
+    """Explain page 1 of a report by its own drawings, with method, limits and glossary."""
+    words = load_wording(language, "help")["reading"]
+    values = {"r": words, "report": load_wording(language), "pictures": draw_example(language)}
+    return _render(request, "reading.html", language, values)
 
 
 @router.get("/help/export")

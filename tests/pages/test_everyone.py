@@ -28,6 +28,7 @@ PAGES = {
     "analysis": "analyses/{right}",
     "help": "help",
     "poses": "help/poses",
+    "reading": "help/reading",
     "export": "help/export",
     "problem": "problems/E-EPOCH",
     "trash": "trash",

@@ -1,0 +1,69 @@
+"""How to read page 1: a page with pictures, linked from every tile; where a pose is chosen, why to lean."""
+
+import re
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.pages.conftest import keep_picture
+from tests.pages.steps import open_analysis
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+
+def test_every_tile_leads_to_how_to_read_it_and_back(shown: Page) -> None:
+    came_from = shown.url
+    tiles = shown.locator(".tile")
+    links = tiles.get_by_role("link", name=re.compile("^How to read this: "))
+    assert links.count() == tiles.count() == 4
+
+    links.first.press("Enter")
+    expect(shown.get_by_role("heading", name="A tile", exact=True)).to_be_in_viewport()
+    shown.go_back()
+
+    assert shown.url == came_from
+
+
+@pytest.mark.parametrize(
+    ("part", "heading"), [("Elevation through the day", "The day"), ("How sure", "How sure")]
+)
+def test_a_drawing_leads_to_how_to_read_it(shown: Page, part: str, heading: str) -> None:
+    shown.get_by_role("link", name=re.compile(f"^How to read this: {part}")).press("Enter")
+
+    expect(shown.get_by_role("heading", name=heading, exact=True)).to_be_in_viewport()
+    shown.go_back()
+
+
+@pytest.mark.parametrize(
+    ("language", "headings"),
+    [
+        ("en", ["What these figures cannot say", "Method", "Glossary"]),
+        ("fr", ["Ce que ces chiffres ne disent pas", "Méthode", "Glossaire"]),
+    ],
+)
+def test_pictures_limits_method_and_glossary_stand_on_one_page(
+    page: Page, server: RunningServer, language: str, headings: list[str]
+) -> None:
+    page.goto(f"{server.address}help/reading?lang={language}")
+
+    for part in ("angle", "tile", "day", "sure"):
+        expect(page.locator(f"section[aria-labelledby={part}] svg").locator("visible=true")).to_have_count(1)
+    for name in headings:
+        expect(page.get_by_role("heading", name=name, exact=True)).to_be_visible()
+    keep_picture(page, f"reading-{language}")
+
+
+@pytest.mark.parametrize(
+    ("language", "reason"),
+    [
+        ("en", "Leaning to the side reads within 2°"),
+        ("fr", "est exact à 2° près : le bras pend"),
+    ],
+)
+def test_where_a_pose_is_chosen_the_reason_to_lean_stands_beside_it(
+    page: Page, server: RunningServer, right: str, language: str, reason: str
+) -> None:
+    open_analysis(page, server, right, language)
+
+    expect(page.locator(".field", has=page.locator("#pose"))).to_contain_text(reason)
