@@ -138,3 +138,21 @@ def test_on_a_telephone_nothing_runs_over_the_edge(page: Page, server: RunningSe
 
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
     expect(page.locator(".page-one .on-narrow svg").first).to_be_visible()
+
+
+def test_two_fingers_zoom_the_curve(day: Page) -> None:
+    before = read_view(day)
+    day.evaluate(
+        """() => {
+            const curve = document.getElementById("curve"), left = curve.getBoundingClientRect().left;
+            curve.setPointerCapture = () => {}; // of fingers that no screen has seen
+            const touch = (name, pointerId, x) => curve.dispatchEvent(new PointerEvent(name,
+                { pointerId, clientX: left + x, clientY: 5, buttons: 1, bubbles: true }));
+            touch("pointerdown", 11, 300), touch("pointerdown", 12, 400);
+            touch("pointermove", 11, 250), touch("pointermove", 12, 450);
+            touch("pointerup", 11, 250), touch("pointerup", 12, 450);
+        }"""
+    )
+
+    after = read_view(day)
+    assert after[1] - after[0] == pytest.approx((before[1] - before[0]) / 2, rel=0.01)
