@@ -81,7 +81,7 @@ def _build_sureness(words: Words, told: Words, language: Language) -> Sureness:
         end_label=_tell((END,), language),
         doubts=(
             Doubt(entry["sensor"], _tell(SHARE_RANGE, language), SHARE_RANGE),
-            Doubt(entry["pose"], fill(entry["up_to"], {"high": high}), SHARE_POSE, is_pose=True),
+            Doubt(entry["pose"], fill(entry["up_to"], {"high": high}), (SHARE, SHARE_POSE[1]), is_pose=True),
             Doubt(entry["days"], _tell(SHARE_DAYS, language), SHARE_DAYS),
         ),
     )
