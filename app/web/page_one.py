@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from app.errors import NoSuchFile
 from app.jobs.job import Job
-from app.report.analysis.day import MAIN_THRESHOLD_DEG, WORST_WINDOW_S
+from app.report.analysis.day import MAIN_THRESHOLD_DEG, WORST_WINDOW_S, build_timeline
 from app.report.analysis.report import build_report
 from app.report.findings import Findings, Kept, decode_findings
 from app.report.model import Report
@@ -22,6 +22,10 @@ AROUND_S = 5.0
 """Shown before and after an episode."""
 
 
+Minutes = tuple[tuple[tuple[float, ...], ...], ...]
+"""Unbroken runs of minutes: start and end, s; P10, median and P90, deg."""
+
+
 @dataclass(frozen=True, slots=True)
 class Look:
     """A stretch to look at: what it is, its mark on the curve, and from when to when the curve shows it."""
@@ -35,11 +39,15 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class PageOne:
-    """Page 1 of the report, and where to look: two stretches, then the highest episodes."""
+    """Page 1 of the report, and where to look: two stretches, then the highest episodes.
+
+    ``minutes`` are those of the report's day, for the curve.
+    """
 
     report: Report
     looks: tuple[Look, ...]
     highest: tuple[Look, ...]
+    minutes: Minutes = ()
 
 
 def read_page_one(services: Services, job: Job, day: DayFile | None, language: Language) -> PageOne | None:
@@ -61,8 +69,21 @@ def build_page_one(kept: Kept, day: DayFile | None, language: Language) -> PageO
     report = build_report(kept.findings, kept.subject, language)
     if day is None:
         return PageOne(report, (), ())
-    place = _Place(DayClock.of(day.facts), Clock(kept.findings.recording.start, language), language)
-    return PageOne(report, tuple(_list_looks(kept.findings, place)), tuple(_list_highest(day, place)))
+    clock = Clock(kept.findings.recording.start, language)
+    place = _Place(DayClock.of(day.facts), clock, language)
+    looks, highest = tuple(_list_looks(kept.findings, place)), tuple(_list_highest(day, place))
+    return PageOne(report, looks, highest, _list_minutes(kept.findings, clock))
+
+
+def _list_minutes(findings: Findings, clock: Clock) -> Minutes:
+    runs = build_timeline(findings, clock, load_wording(clock.language)).runs
+    return tuple(
+        tuple(
+            (b.start_s, b.end_s, *(round(angle, 2) for angle in (b.low_deg, b.middle_deg, b.high_deg)))
+            for b in run
+        )
+        for run in runs
+    )
 
 
 @dataclass(frozen=True, slots=True)

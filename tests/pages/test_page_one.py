@@ -1,12 +1,16 @@
 """The recording's page is page 1 of the report, alive: its figures, its day, moments to look at, tasks."""
 
 import io
+import json
 import re
+from pathlib import Path
 
 import pypdf
 import pytest
 from playwright.sync_api import Page, expect
 
+from fusion.simulation import write_recordings
+from tests.pages.conftest import finish
 from tests.pages.steps import open_analysis, read_bands, read_view, wait_for_curve
 from tests.pages.test_day import add_period, set_window
 from tests.ways_in.servers import RunningServer
@@ -156,3 +160,27 @@ def test_two_fingers_zoom_the_curve(day: Page) -> None:
 
     after = read_view(day)
     assert after[1] - after[0] == pytest.approx((before[1] - before[0]) / 2, rel=0.01)
+
+
+def test_from_half_an_hour_on_the_curve_shows_the_minutes_of_the_report(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    long = finish(server, write_recordings(tmp_path, "gt9x", 0.6, 71)[0], subject="S071", side="right")
+    findings = server.client.get(f"/api/v1/analyses/{long}/report.html", params={"lang": "en"}).text
+    table = re.findall(
+        r"<tr><th[^>]*>\d\d:\d\d</th><td>(\d+)°</td><td>(\d+)°</td><td>(\d+)°</td></tr>", findings
+    )
+    open_analysis(page, server, long)
+    wait_for_curve(page)
+
+    (run,) = json.loads(page.locator("#day").get_attribute("data-minutes") or "[]")
+    drawn = page.evaluate(
+        "document.getElementById('curve').data.map(({fill, y}) => [fill || '', y.slice(0, 2)])"
+    )
+    assert len(run) == 36
+    assert drawn == [["toself", [run[0][4]] * 2], ["", [run[0][3]] * 2]]
+    assert [tuple(map(int, row)) for row in table] == [tuple(round(v) for v in minute[2:]) for minute in run]
+
+    page.get_by_role("button", name="Zoom in").click()
+
+    page.wait_for_function("document.getElementById('curve').data.length === 1")

@@ -1,5 +1,5 @@
-// Draws the part of the curve that is in view, with the bands behind it. The server sends lowest and highest
-// values for as many columns as the screen has; nothing else is ever held here.
+// Draws the part of the curve that is in view, with the bands behind it. From half an hour on these are the
+// minutes of the report; closer, the server sends lowest and highest values for as many columns as the screen has.
 
 /* global Plotly */
 
@@ -7,10 +7,12 @@ const MARGIN = { l: 46, r: 12, t: 10, b: 30 };
 const GUIDES_DEG = [30, 60, 90];
 const POINTS = 1000;
 const MARK_PX = 85;
+const MINUTES_FROM_S = 1800;
 
 export class Curve {
-  constructor(place, address, clock, view) {
+  constructor(place, address, clock, view, minutes) {
     Object.assign(this, { place, address, clock, view });
+    this.minutes = minutes.length ? trace(minutes) : null;
     this.asked = 0;
     this.values = { x: [], y: [] };
   }
@@ -30,7 +32,6 @@ export class Curve {
 
   // Layout only: quick enough for every step of a movement.
   draw(bands, chosen, points = []) {
-    const trace = { ...this.values, type: "scatter", mode: "lines", line: { width: 1, color: ink("--accent") }, hoverinfo: "skip" };
     const marks = this.clock.marks(this.view.fromS, this.view.toS, Math.max(2, Math.floor(this.widthPx() / MARK_PX)));
     const axis = { zeroline: false, color: ink("--soft"), gridcolor: ink("--line"), fixedrange: true };
     const layout = {
@@ -41,7 +42,21 @@ export class Curve {
       shapes: [...GUIDES_DEG.map(guide), ...bands.map((band) => area(band, band.row === chosen))],
       annotations: [...this.label(bands), ...this.point(points)],
     };
-    return Plotly.react(this.place, [trace], layout, { displayModeBar: false, responsive: true, doubleClick: false });
+    return Plotly.react(this.place, this.lines(), layout, { displayModeBar: false, responsive: true, doubleClick: false });
+  }
+
+  get showsMinutes() {
+    return this.minutes !== null && this.view.spanS >= MINUTES_FROM_S;
+  }
+
+  lines() {
+    const line = { type: "scatter", mode: "lines", hoverinfo: "skip" };
+    if (!this.showsMinutes) return [{ ...this.values, ...line, line: { width: 1, color: ink("--accent") } }];
+    const { band, median } = this.minutes;
+    return [
+      { ...band, ...line, fill: "toself", fillcolor: ink("--minutes"), line: { width: 0 } },
+      { ...median, ...line, line: { width: 1, color: ink("--median") } },
+    ];
   }
 
   label(bands) {
@@ -90,6 +105,19 @@ function join(stretches) {
     y.push(null);
   }
   return { x, y };
+}
+
+// The outline of P10 to P90 and the median of unbroken runs, a step for each minute.
+function trace(runs) {
+  const band = { x: [], y: [] }, median = { x: [], y: [] };
+  for (const run of runs) {
+    const there = run.flatMap(([start, end, , , high]) => [[start, high], [end, high]]);
+    const back = run.flatMap(([start, end, low]) => [[start, low], [end, low]]).reverse();
+    for (const [x, y] of [...there, ...back, there[0], [null, null]]) band.x.push(x), band.y.push(y);
+    for (const [start, end, , middle] of run) median.x.push(start, end), median.y.push(middle, middle);
+    median.x.push(null), median.y.push(null);
+  }
+  return { band, median };
 }
 
 const FILLS = { calibration: "--band-calibration", break: "--band-out", not_worn: "--band-out", outside: "--band-out" };
