@@ -121,13 +121,15 @@ def test_a_handle_is_moved_by_keys_and_speaks_its_time(day: Page) -> None:
 
     day.keyboard.press("ArrowRight")
     told = handle.get_attribute("aria-valuetext")
-    day.locator("#handle-end").focus()
+    other = day.locator("#handle-end")
+    other.focus()
+    expect(other).to_be_focused()
     day.keyboard.press("Shift+ArrowRight")
 
     assert told == "07:00:03"
     assert handle.get_attribute("role") == "slider"
     assert handle.get_attribute("aria-label") == "Start of Calibration window"
-    assert day.locator("#handle-end").get_attribute("aria-valuetext") == "07:01:08"
+    expect(other).to_have_attribute("aria-valuetext", "07:01:08")
     assert day.locator(".window input").nth(1).input_value() == "07:01:08"
 
 
