@@ -69,6 +69,18 @@ def test_groups_show_how_many_and_which_need_attention(
     assert page.locator("#rows .row.is-failed").count() == int(count)
 
 
+def test_groups_count_live(page: Page, server: RunningServer, right: str, tmp_path: Path) -> None:
+    open_home(page, server)
+    search(page, "counted")  # those of this test alone
+    expect(page.locator(".chips b").first).to_have_text("0")
+
+    job = server.send(make_file(tmp_path, "counted.csv"))
+    see_end(server, job["id"])
+
+    expect(page.locator(".chips a", has_text="No report").locator("b")).to_have_text("1")
+    expect(page.locator(".chips b").first).to_have_text("1")
+
+
 def test_problems_and_figures_are_taken_as_tables(
     page: Page, server: RunningServer, right: str, tmp_path: Path
 ) -> None:

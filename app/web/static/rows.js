@@ -38,10 +38,20 @@ function show(fresh) {
   const wanted = [...newList.children].map((row) => place(row));
   for (const row of [...list.children]) if (!wanted.includes(row)) row.remove();
   wanted.forEach((row, index) => list.children[index] !== row && list.insertBefore(row, list.children[index] || null));
+  showChips(fresh);
   if ($("count")) $("count").textContent = newList.dataset.count;
   const empty = $("rows").querySelector(".empty");
   if (empty && list.children.length) empty.remove();
   showTitle();
+}
+
+// The groups with how many are in each now; a group that was empty comes.
+function showChips(fresh) {
+  const [now, chips] = [fresh.getElementById("chips-now"), document.querySelector(".chips")];
+  if (!now || !chips || chips.innerHTML.trim() === now.innerHTML.trim()) return;
+  const place = [...chips.children].indexOf(document.activeElement);
+  chips.replaceChildren(document.importNode(now.content, true));
+  if (place >= 0) chips.children[Math.min(place, chips.children.length - 1)].focus();
 }
 
 // Give the row to show: the old one where nothing has changed.

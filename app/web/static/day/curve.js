@@ -71,8 +71,9 @@ export class Curve {
   // Numbers of the episodes to look at, each at its moment.
   point(points) {
     const { fromS, toS } = this.view;
-    return points.filter(({ atS }) => atS >= fromS && atS <= toS).map(({ text, atS }) => ({
-      x: atS, y: 168, yanchor: "top", text, showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
+    const inView = points.filter(({ atS }) => atS >= fromS && atS <= toS).sort((one, other) => one.atS - other.atS);
+    return inView.map(({ text, atS }, place) => ({
+      x: atS, y: 165 - 14 * (place % 3), yanchor: "top", text, showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
     }));
   }
 
