@@ -3,6 +3,7 @@
 Only the leader counts time: with three servers that all count, a term of thirty days would pass in ten.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 from sqlalchemy import Connection, Engine, text
@@ -39,11 +40,15 @@ class Leader:
         return self._connection is not None
 
     def close(self) -> None:
-        """Lead no more."""
-        if self._connection is not None:
-            self._connection.invalidate()
-            self._connection.close()
-            self._connection = None
+        """Lead no more, from this moment: a server that only hangs up holds its lock a little longer."""
+        if self._connection is None:
+            return
+        connection, self._connection = self._connection, None
+        with suppress(OperationalError):
+            if not connection.invalidated:
+                connection.execute(text("SELECT pg_advisory_unlock(:key)").bindparams(key=_LEADER_LOCK))
+        connection.invalidate()
+        connection.close()
 
     def _try_lock(self) -> Connection | None:
         connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")

@@ -54,7 +54,7 @@ def test_the_other_takes_over_when_the_first_ends(leaders: tuple[Leader, Leader]
 def test_a_leader_whose_connection_is_cut_leads_no_more(leaders: tuple[Leader, Leader]) -> None:
     one, other = leaders
     one.is_leader()
-    cut = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
+    cut = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
     with other.engine.connect() as connection:
         connection.execute(text(cut + " AND datname = current_database()"))
 
