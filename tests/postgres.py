@@ -49,8 +49,9 @@ class PostgresServer:
         """Leave no table behind."""
         engine = create_engine(self.url)
         with engine.begin() as connection:
-            others = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
-            connection.execute(text(f"{others} AND datname = current_database()"))
+            end_all = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity"
+            others = "pid <> pg_backend_pid() AND datname = current_database()"
+            connection.execute(text(f"{end_all} WHERE {others}"))
             connection.execute(text("DROP SCHEMA public CASCADE"))
             connection.execute(text("CREATE SCHEMA public"))
         engine.dispose()
