@@ -104,7 +104,7 @@ def run_once(
     """
     asked = ["-o", str(out), "--method", method, "-j", str(at_once)]
     command = [sys.executable, "-m", "app", "run", str(log), *asked]
-    environment = keep_bytecode(out.parent)
+    environment = keep_bytecode()
     if kernels is not None:
         environment["NUMBA_CACHE_DIR"] = str(kernels)
     began = time.perf_counter()
@@ -130,10 +130,9 @@ def run_once(
     return Cost(wall_s, cpu_s, peak_kib / 1024)
 
 
-def keep_bytecode(folder: Path) -> dict[str, str]:
-    """Let Python keep what it compiles, in a folder of ours, whatever the environment says."""
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return {**environment, "PYTHONPYCACHEPREFIX": str(folder / "bytecode")}
+def keep_bytecode() -> dict[str, str]:
+    """Let Python keep what it compiles, as after an installation, whatever the environment says."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
 def list_processes(session: int) -> Iterator[tuple[str, int]]:
