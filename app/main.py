@@ -70,6 +70,7 @@ from app.web.batches import router as batch_pages
 from app.web.columns import router as column_routes
 from app.web.conclusion import router as conclusion_routes
 from app.web.day import router as day_routes
+from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
 from app.web.pairs import router as pair_pages
@@ -101,6 +102,7 @@ PAGES = (
     profile_pages,
     column_routes,
     help_routes,
+    example_routes,
     asset_routes,
     validation_pages,
 )
