@@ -26,6 +26,7 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.side_files import increment_revision
+from app.jobs.studies import follow_recording, join_study
 from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
 from app.storage.store import ResultFile, StoredRecording
@@ -104,6 +105,18 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
+
+    def add_correction(self, recording: tuple[str, str], request: ReportRequest) -> Job:
+        """Queue what a person corrected on the page; every study of the recording goes on with it."""
+        with self._engine.begin() as connection:
+            analysis_id = enqueue(connection, recording, request, "web")
+            follow_recording(connection, analysis_id)
+        return self.get(analysis_id)
+
+    def join_study(self, name: str, analysis_id: str) -> str:
+        """Add an analysis to the study of this name; gives the study's id."""
+        with self._engine.begin() as connection:
+            return join_study(connection, name, analysis_id)
 
     def find_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
         """Give the analyses of the same bytes with the same settings by the same engine, the oldest first."""
