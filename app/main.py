@@ -68,7 +68,9 @@ from app.web.analysis import respond_with_page
 from app.web.analysis import router as page_routes
 from app.web.batches import router as batch_pages
 from app.web.columns import router as column_routes
+from app.web.conclusion import router as conclusion_routes
 from app.web.day import router as day_routes
+from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
 from app.web.pairs import router as pair_pages
@@ -94,11 +96,13 @@ PAGES = (
     page_routes,
     batch_pages,
     day_routes,
+    conclusion_routes,
     library_routes,
     pair_pages,
     profile_pages,
     column_routes,
     help_routes,
+    example_routes,
     asset_routes,
     validation_pages,
 )

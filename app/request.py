@@ -119,6 +119,18 @@ class Reference:
     tasks: tuple[TaskWindow, ...] = ()
 
 
+LONGEST_CONCLUSION = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Conclusion:
+    """What a clinician concludes from a report: typed by a person, with name and date (``2026-11-23``)."""
+
+    text: str
+    name: str
+    date: str
+
+
 @dataclass(frozen=True, slots=True)
 class ReportRequest:
     """Everything the person asked.
@@ -129,7 +141,7 @@ class ReportRequest:
     held, once or again; ``arm_axis``: the sensor's axis along the arm, where none was; ``slip_times_s``: when
     the sensor slipped, as the person says. ``version`` counts the reports of one recording
     and ``changes`` names what is different from the one before (a setting, "input" or "engine");
-    ``reason`` is the person's own.
+    ``reason`` is the person's own. ``conclusion`` holds for these figures alone.
     With a ``reference``, a comparison is asked for instead of a report.
     """
 
@@ -153,6 +165,7 @@ class ReportRequest:
     reference: Reference | None = None
     arm_axis: ArmAxis | None = None
     slip_times_s: tuple[float, ...] = ()
+    conclusion: Conclusion | None = None
 
     def to_json(self) -> str:
         """Give the request as text for a job row or a settings hash."""
@@ -169,7 +182,14 @@ class ReportRequest:
             if name in values:
                 values[name] = tuple(values[name])
         reference = _read_reference(values.pop("reference", None))
-        return cls(calibration_windows_s=windows, diary=diary, reference=reference, **values)
+        concluded = values.pop("conclusion", None)
+        return cls(
+            calibration_windows_s=windows,
+            diary=diary,
+            reference=reference,
+            conclusion=Conclusion(**concluded) if concluded else None,
+            **values,
+        )
 
     def describe_settings(self) -> dict[str, object]:
         """Give what the figures depend on; languages and forms of the report are left out."""

@@ -43,7 +43,7 @@ from app.report.export.columns import PERIOD_COLUMNS, describe_periods
 from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
 from app.report.words.wording import Language, find_nearest
-from app.request import Paper, ReportRequest, write_profile
+from app.request import Conclusion, Paper, ReportRequest, write_profile
 from app.services import Services, UsedLanguage, UsedServices, UsedWayIn
 from app.storage.day_file import DAY_NAME
 from app.storage.store import StoredRecording
@@ -221,7 +221,15 @@ def build_request(
         check_periods(diary, row.inspection)
     columns = (settings.profile or {}) | ({"sensor": settings.sensor} if settings.sensor else {})
     profile = write_profile(columns) if columns else ""
-    return replace(request, diary=diary, source=settings.source, profile=profile, reason=settings.reason)
+    said = settings.conclusion
+    return replace(
+        request,
+        diary=diary,
+        source=settings.source,
+        profile=profile,
+        reason=settings.reason,
+        conclusion=Conclusion(**said.model_dump(mode="json")) if said else None,
+    )
 
 
 def _start(

@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
-from datetime import datetime
+from datetime import date, datetime
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
@@ -24,9 +24,11 @@ from app.api.problems import ProblemView, view_problem
 from app.errors import BadParameter
 from app.jobs.job import Job
 from app.report.export.csv import encode_table
-from app.report.words.subject import MAX_TEXT, clean_text
+from app.report.words.subject import MAX_TEXT, check_conclusion, clean_text
 from app.report.words.wording import Language, find_other_language
 from app.request import (
+    LONGEST_CONCLUSION,
+    LONGEST_SUBJECT,
     SUBJECT_HINT,
     WINDOW_HINT,
     Paper,
@@ -249,6 +251,16 @@ class AnalyzeParameters(AnalysisOptions):
         return self.build_request(clean_file_name(self.file_name), language, paper)
 
 
+class ConclusionView(BaseModel):
+    """What a clinician concludes, with name and date; it stands in the report as it was typed."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    text: Annotated[str, Field(max_length=LONGEST_CONCLUSION), AfterValidator(check_conclusion)]
+    name: Annotated[str, Field(min_length=1, max_length=LONGEST_SUBJECT), AfterValidator(clean_text)]
+    date: date
+
+
 class AnalysisSettings(AnalysisOptions):
     """What may be asked of a stored recording; what is left out is as the recording says."""
 
@@ -266,6 +278,9 @@ class AnalysisSettings(AnalysisOptions):
         Field(max_length=MAX_TEXT, description="Why it is analysed anew; the report says it."),
         AfterValidator(clean_text),
     ] = ""
+    conclusion: Annotated[
+        ConclusionView | None, Field(description="What a clinician concludes from the report.")
+    ] = None
 
 
 # What is answered.

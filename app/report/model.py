@@ -171,6 +171,8 @@ class Report:
         Which stretch was the pose, where that is open, and what walking says of a pose that was given.
     profile
         The first page, behind which the rest then stands; None in a report of two recordings.
+    conclusion
+        What a clinician concludes: name and date as its title; None where nobody has.
     """
 
     language: Language
@@ -193,6 +195,7 @@ class Report:
     words: Mapping[str, str]
     pose_note: str = ""
     profile: Profile | None = None
+    conclusion: Note | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,6 +207,7 @@ def describe_subject(request: ReportRequest) -> ReportSubject:
         changes=request.changes,
         reason=request.reason,
         columns=request.profile,
+        conclusion=request.conclusion,
     )
 
 

@@ -26,6 +26,7 @@ from app.services import Services, UsedLanguage, UsedServices, choose_language, 
 from app.storage.day_file import DayFile
 from app.storage.store import StoredRecording, seems_whole
 from app.web.columns import find_offer
+from app.web.conclusion import build_conclusion
 from app.web.day import find_day
 from app.web.day_views import DayClock, build_day, build_hours
 from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
@@ -236,7 +237,7 @@ def build_changes(
     """Compare an analysis with the one that it corrects, or else with the version before it."""
     matching = (other for other in history.jobs if other.id == before_id)
     before = next(matching, history.find_before(job))
-    if before is None or job.state is JobState.FAILED:
+    if before is None or job.state is JobState.FAILED or job.request.changes == ("conclusion",):
         return None
     clock = find_clock(services, history)
     try:
@@ -369,6 +370,7 @@ def analysis(
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),
+        "conclusion": build_conclusion(services, job, language),
         "recording_id": job.recording_id,
         "source": describe_source(services, job, language),
         "versions": build_versions(history, job, language),

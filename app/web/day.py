@@ -62,6 +62,7 @@ def correct_request(
         slip_times_s=_read_slips(first(form, "slips"), clock),
         diary=diary,
         reason=first(form, "reason").strip()[:MAX_TEXT],
+        conclusion=None,
     )
 
 
@@ -245,7 +246,7 @@ async def name_pose(analysis_id: str, request: Request, services: UsedServices) 
     window_s = choices_s.get(first(form, "choice"))
     if window_s is None:
         raise BadParameter(name="choice", value=first(form, "choice")[:60], allowed=", ".join(choices_s))
-    named = replace(job.request, calibration_windows_s=(window_s,), arm_axis=None, reason="")
+    named = replace(job.request, calibration_windows_s=(window_s,), arm_axis=None, reason="", conclusion=None)
     return await run_in_threadpool(_add_again, job, named, request, services)
 
 

@@ -149,7 +149,7 @@ def analyse_alike(first: str, second: str, request: Request, services: UsedServi
 
 def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
     """Ask of the earlier recording what was asked of the later; windows that no longer fit are dropped."""
-    asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis)
+    asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis, conclusion=None)
     is_other_pose = asked.pose != before.pose and "two-point" in {asked.pose, before.pose}
     return replace(asked, calibration_windows_s=()) if asked.arm_axis or is_other_pose else asked
 

@@ -24,7 +24,8 @@ def results() -> dict[str, Any]:
 
 def test_the_parts_stand_in_the_order_of_the_contract(results: dict[str, Any]) -> None:
     assert list(results) == [
-        "schema", "recording", "time", "calibration", "method", "exposure", "quality", "software"
+        "schema", "recording", "time", "calibration", "method", "exposure", "quality", "software",
+            "conclusion"
     ]  # fmt: skip
 
 

@@ -29,6 +29,7 @@ PAGES = {
     "help": "help",
     "poses": "help/poses",
     "reading": "help/reading",
+    "example": "example",
     "export": "help/export",
     "problem": "problems/E-EPOCH",
     "trash": "trash",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 
 from app.report.analysis.chapters import (
     build_sections,
@@ -32,7 +33,7 @@ from app.report.words.numbers import (
     format_range,
     format_rate,
 )
-from app.report.words.subject import ReportSubject, Software, clean_text, cut_text
+from app.report.words.subject import ReportSubject, Software, clean_paragraphs, clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, find_device_name, load_wording, name_ranges
 from fusion.exposure.types import LEAST_RANGED_S, Entries, Episodes, Exposure, Interval
 from fusion.recording import MICROSECONDS
@@ -163,6 +164,7 @@ def build_report(findings: Findings, subject: ReportSubject, language: Language)
         words=words["label"],
         pose_note=format_pose_note(findings, clock, words),
         profile=build_profile(findings, subject, clock, words),
+        conclusion=_build_conclusion(subject, language, words),
     )
 
 
@@ -195,6 +197,16 @@ def _format_date(findings: Findings, clock: Clock, words: Words) -> str:
 def _build_limits(findings: Findings, words: Words) -> Note:
     paragraphs = (*words["limits"]["paragraphs"], format_accuracy(findings, words))
     return Note(words["limits"]["title"], paragraphs)
+
+
+def _build_conclusion(subject: ReportSubject, language: Language, words: Words) -> Note | None:
+    """Write what a clinician concludes, as it was typed."""
+    concluded, told = subject.conclusion, words["conclusion"]
+    if concluded is None:
+        return None
+    when = format_date(datetime.fromisoformat(concluded.date), language)
+    title = fill(told["title"], {"name": clean_text(concluded.name), "date": when})
+    return Note(title, (*clean_paragraphs(concluded.text), told["typed"]))
 
 
 def _format_footer(findings: Findings, subject: ReportSubject, words: Words) -> str:

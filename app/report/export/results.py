@@ -69,6 +69,7 @@ def build_results(findings: Findings, subject: ReportSubject) -> dict[str, objec
             "revision": subject.software.revision,
             "reader": _describe_reader(findings.recording.reader),
         },
+        "conclusion": asdict(subject.conclusion) if subject.conclusion else None,
     }
     rounded: dict[str, object] = round_all(results)
     return rounded
@@ -100,6 +101,8 @@ def identify_report(findings: Findings, subject: ReportSubject) -> str:
         said["reader"] = findings.recording.reader
     if subject.columns:
         said["columns"] = json.loads(subject.columns)
+    if subject.conclusion:
+        said["conclusion"] = asdict(subject.conclusion)
     text = json.dumps(round_all(said), sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
 

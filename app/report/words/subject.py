@@ -4,6 +4,8 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Literal
 
+from app.request import LONGEST_CONCLUSION, Conclusion
+
 MAX_TEXT = 200
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
@@ -22,7 +24,7 @@ class ReportSubject:
 
     ``version`` counts from 1; a later one replaces the one before: ``changes`` name what is different (a
     setting, "input" or "engine"), ``reason`` is what a person said. ``columns`` is the JSON of the column
-    profile by which a table was read, "" for none.
+    profile by which a table was read, "" for none. ``conclusion`` is what a clinician concludes.
     """
 
     file_name: str
@@ -33,6 +35,7 @@ class ReportSubject:
     reason: str = ""
     changes: tuple[str, ...] = ()
     columns: str = ""
+    conclusion: Conclusion | None = None
 
 
 def cut_text(text: str, most: int) -> str:
@@ -42,5 +45,28 @@ def cut_text(text: str, most: int) -> str:
 
 def clean_text(text: str) -> str:
     """Take out what cannot be seen (controls, direction marks, surrogates) and cut at 200 characters."""
-    seen = "".join(c for c in text if unicodedata.category(c) not in _UNSEEN)
-    return seen[:MAX_TEXT]
+    return _leave_seen(text)[:MAX_TEXT]
+
+
+def check_conclusion(text: str) -> str:
+    """Take a conclusion of one paragraph or more, each on a line of its own.
+
+    Raises
+    ------
+    ValueError
+        Nothing of it can be seen.
+    """
+    paragraphs = clean_paragraphs(text)
+    if not paragraphs:
+        raise ValueError(f"1 … {LONGEST_CONCLUSION}")
+    return "\n".join(paragraphs)
+
+
+def clean_paragraphs(text: str) -> tuple[str, ...]:
+    """Give the paragraphs of a longer text, without what cannot be seen, at most 1,000 characters in all."""
+    lines = (_leave_seen(line).strip() for line in text[:LONGEST_CONCLUSION].splitlines())
+    return tuple(line for line in lines if line)
+
+
+def _leave_seen(text: str) -> str:
+    return "".join(c for c in text if unicodedata.category(c) not in _UNSEEN)

@@ -1,0 +1,75 @@
+"""A ready example: the report of a whole simulated shift, shown at once, without an analysis.
+
+``python -m benchmarks.example`` makes its findings; they are shipped, and held against today's engine by a
+test.
+"""
+
+from functools import cache
+from pathlib import Path
+
+from fastapi import APIRouter, Request, Response
+
+from app.api.guard import REPORT_POLICY
+from app.report.analysis.report import build_report
+from app.report.export.results import build_results, encode_results
+from app.report.findings import Kept, decode_findings
+from app.report.model import Report
+from app.report.render.html import find_template_folder, render_html
+from app.report.render.pdf import render_pdf
+from app.report.render.write import RESULTS, format_brief
+from app.report.words.wording import Language, load_wording
+from app.services import UsedLanguage, UsedServices
+from app.web.page_one import PageOne
+from app.web.rendering import render_page
+from app.web.views import build_answer
+
+router = APIRouter(prefix="/example", include_in_schema=False)
+
+
+def find_example() -> Path:
+    """Find the findings of the example."""
+    return find_template_folder().parent / "example" / "findings.json"
+
+
+@cache
+def _read_example() -> Kept:
+    return decode_findings(find_example().read_bytes())
+
+
+@cache
+def _build_report(language: Language) -> Report:
+    kept = _read_example()
+    return build_report(kept.findings, kept.subject, language)
+
+
+@router.get("")
+def show_example(request: Request, language: UsedLanguage) -> Response:
+    """Show page 1 of the example as a recording's page shows it."""
+    kept, report = _read_example(), _build_report(language)
+    results = build_results(kept.findings, kept.subject)
+    values = {
+        "e": load_wording(language, "help")["example"],
+        "h": load_wording(language, "help"),
+        "page_one": PageOne(report, (), ()),
+        "answer": build_answer(results, format_brief(report).decode(), language),
+    }
+    return render_page(request, "example.html", language, values)
+
+
+@router.get("/report.html")
+def show_report(language: UsedLanguage) -> Response:
+    """Give the report."""
+    body = render_html(_build_report(language))
+    return Response(
+        body, media_type="text/html; charset=utf-8", headers={"Content-Security-Policy": REPORT_POLICY}
+    )
+
+
+@router.get("/report.pdf")
+def give_pdf(language: UsedLanguage, services: UsedServices) -> Response:
+    """Give the report as a PDF, on the paper of this installation."""
+    kept = _read_example()
+    attached = {RESULTS: encode_results(kept.findings, kept.subject)}
+    body = render_pdf(_build_report(language), attached, services.settings.paper)
+    headers = {"Content-Disposition": 'attachment; filename="acromion-example.pdf"'}
+    return Response(body, media_type="application/pdf", headers=headers)

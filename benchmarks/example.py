@@ -1,0 +1,50 @@
+"""Make the example that the pages show without an analysis: a whole simulated shift, with its diary.
+
+    python -m benchmarks.example
+
+Writes ``templates/example/findings.json``; ``tests/app/test_example.py`` holds it against today's engine.
+"""
+
+import tempfile
+from pathlib import Path
+
+from app.report.findings import Findings, encode_findings, take_findings
+from app.report.words.subject import ReportSubject, Software
+from app.version import software_revision, software_version
+from app.web.example import find_example
+from fusion.diary import read_diary
+from fusion.pipeline import AnalysisSettings, analyse
+from fusion.simulation import simulate_shift, write_shift
+
+HOURS, SEED = 8.0, 2
+DIARY = b"""start;end;kind;label
+07:10;09:00;task;Transport
+09:00;09:15;break;
+09:15;11:30;task;Installation
+11:30;12:00;break;
+12:00;14:50;task;Inspection
+"""
+# The labels read alike in English and French.
+SETTINGS = AnalysisSettings(pose="side-lean", calibration_windows_s=((2.0, 18.0),), diary=read_diary(DIARY))
+
+
+def analyse_example() -> Findings:
+    """Simulate the shift and analyse it; the pose is the side-lean, as the help advises."""
+    with tempfile.TemporaryDirectory() as folder:
+        shift = simulate_shift("gt9x", HOURS, seed=SEED)
+        log = write_shift(Path(folder), shift, actilife_csv=False)[0]
+        return take_findings(analyse(log, SETTINGS))
+
+
+def main() -> None:
+    subject = ReportSubject(
+        "example.gt3x", "EXAMPLE", "right", Software(software_version(), software_revision())
+    )
+    path = find_example()
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(encode_findings(analyse_example(), subject))
+    print(path.name, path.stat().st_size)
+
+
+if __name__ == "__main__":
+    main()
