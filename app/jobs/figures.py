@@ -4,7 +4,9 @@ The headline figures serve search and lists; the result files remain the source 
 """
 
 import json
-from collections.abc import Mapping
+import math
+import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,8 @@ from sqlalchemy import Connection, Row, insert, select, update
 from app.jobs.database.tables import analyses, answers, recordings
 from app.jobs.queries import format_diary, read_diary
 from app.request import ReportRequest
+
+DAY_STEPS = 60
 
 FIELDS = ("subject", "side", "diary")
 """What a correction on the page may change in the description of a recording."""
@@ -57,23 +61,60 @@ def _find_changed(connection: Connection, row: Row[Any], asked: ReportRequest) -
 
 @dataclass(frozen=True, slots=True)
 class HeadlineFigures:
-    """The verdict and first figures of a report; ``start`` is the device's clock at the first sample."""
+    """The verdict and first figures of a report; ``start`` is the device's clock at the first sample.
+
+    ``method`` and ``method_version`` made its angles, "" and 0 where they came ready. ``day`` is the day in
+    short (:func:`summarise_day`), "" where it is not known.
+    """
 
     verdict: str
     start: str | None
     recorded_s: float | None
     above_60_percent: float | None
+    method: str = ""
+    method_version: int = 0
+    day: str = ""
 
 
-def read_headline(results: Path) -> HeadlineFigures | None:
-    """Read the headline figures from ``results.json``; None where they are not there."""
+def read_headline(results: Path, findings: Path | None = None) -> HeadlineFigures | None:
+    """Read the headline figures from ``results.json``; None where they are not there.
+
+    The day in short is read from ``findings.json``, where it is given.
+    """
     try:
         found: Mapping[str, Any] = json.loads(results.read_bytes())
         above = {row["threshold_deg"]: row["percent"] for row in found["exposure"]["time_above"]}
-        start = found.get("recording", {}).get("start")
-        return HeadlineFigures(found["quality"]["verdict"], start, found["time"]["recorded_s"], above.get(60))
+        method = found.get("method") or {"name": "", "version": 0}
+        return HeadlineFigures(
+            verdict=found["quality"]["verdict"],
+            start=found.get("recording", {}).get("start"),
+            recorded_s=found["time"]["recorded_s"],
+            above_60_percent=above.get(60),
+            method=method["name"],
+            method_version=int(method["version"]),
+            day=_read_day(findings) if findings else "",
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _read_day(findings: Path) -> str:
+    try:
+        found: Mapping[str, Any] = json.loads(findings.read_bytes())
+        return summarise_day(found["findings"]["exposure"]["minutes"]["p50_deg"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+
+
+def summarise_day(medians_deg: Sequence[float]) -> str:
+    """Give the day in at most 60 steps of whole minutes: each the median of its minutes' medians.
+
+    Whole degrees with commas between; nothing stands where no minute of a step was analysed.
+    """
+    width = max(1, math.ceil(len(medians_deg) / DAY_STEPS))
+    steps = (medians_deg[first : first + width] for first in range(0, len(medians_deg), width))
+    known = ([angle for angle in step if math.isfinite(angle)] for step in steps)
+    return ",".join(f"{statistics.median(step):.0f}" if step else "" for step in known)
 
 
 def insert_headline(connection: Connection, analysis_id: str, headline: HeadlineFigures) -> None:

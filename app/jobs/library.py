@@ -5,7 +5,7 @@ batch shows each analysis that it asked for.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
 from sqlalchemy import ColumnElement, Engine, Select, and_, case, func, or_, select
@@ -17,7 +17,7 @@ from app.jobs.queries import STORED, read_job, select_items, select_jobs
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)
-Order = Literal["newest", "name", "subject", "above_60"]
+Order = Literal["newest", "name", "subject", "date", "side", "hours", "quality", "above_60"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
@@ -28,6 +28,9 @@ _DOUBTFUL = ("caution", "poor")
 class LibraryFilter:
     """Which recordings are shown; "" lets any through. ``first_day`` and ``last_day`` are ISO dates.
 
+    ``order`` begins with what is looked for: the newest, the most time above 60 deg, the poorest quality;
+    ``is_reversed`` turns it round.
+
     With ``batch`` the analyses of that batch are shown instead of the current one of each recording.
     """
 
@@ -37,6 +40,7 @@ class LibraryFilter:
     group: Group = "all"
     order: Order = "newest"
     batch: str = ""
+    is_reversed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +62,7 @@ class Library:
 
     def find_page(self, wanted: LibraryFilter, limit: int, skip: int = 0) -> tuple[Entry, ...]:
         """Give a page of the recordings, the newest first."""
-        query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted.order))
+        query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
         return self._read(query.limit(limit).offset(skip))
 
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
@@ -84,7 +88,7 @@ class Library:
 
     def find_neighbours(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         """Find the analyses shown before and after one, in the order of the list."""
-        if wanted.order != "newest":
+        if wanted.order != "newest" or wanted.is_reversed:
             return self._find_in_order(job, wanted)
         place = (analyses.c.created_at, analyses.c.id)
         moment, own_id = self._find_place(job, wanted)
@@ -98,7 +102,7 @@ class Library:
 
     def _find_in_order(self, job: Job, wanted: LibraryFilter) -> tuple[str | None, str | None]:
         with self._reader.connect() as connection:
-            rows = connection.execute(_select(wanted).order_by(*_choose_order(wanted.order))).all()
+            rows = connection.execute(_select(wanted).order_by(*_choose_order(wanted))).all()
         shown = [_read_shown_id(row) for row in rows]
         here = next((k for k, row in enumerate(rows) if row.recording_id == job.recording_id), None)
         if here is None:
@@ -129,15 +133,31 @@ def _read_shown_id(row: Any) -> str | None:
     return str(row.report_id or row.id) if row else None
 
 
-def _choose_order(order: Order) -> tuple[ColumnElement[Any], ...]:
+FALLING: Mapping[Order, ColumnElement[Any]] = {
+    "date": answers.c.start,
+    "hours": answers.c.recorded_s,
+    "above_60": answers.c.above_60_percent,
+}
+"""Orders that begin with the most."""
+_RANKS = {"poor": 0, "caution": 1, "good": 2}
+
+
+def _choose_order(wanted: LibraryFilter) -> tuple[ColumnElement[Any], ...]:
+    """Choose the columns to sort by; what has no value of the first one stands last, whichever way."""
+    if wanted.order == "newest":
+        oldest_first = (analyses.c.created_at.asc(), analyses.c.id.asc())
+        return oldest_first if wanted.is_reversed else _newest_first()
     name, subject = func.lower(recordings.c.file_name), func.lower(recordings.c.subject)
-    orders: Mapping[Order, tuple[ColumnElement[Any], ...]] = {
-        "newest": (),
+    rising: Mapping[str, tuple[ColumnElement[Any], ...]] = {
         "name": (name,),
-        "subject": (subject, name),
-        "above_60": (answers.c.above_60_percent.desc().nulls_last(),),
+        "subject": (func.nullif(subject, ""), name),
+        "side": (recordings.c.side, subject),
+        "quality": (case(_RANKS, value=answers.c.verdict),),
     }
-    return *orders[order], *_newest_first()
+    columns = rising.get(wanted.order) or (FALLING[wanted.order],)
+    is_falling = (wanted.order in FALLING) != wanted.is_reversed
+    turned = ((column.desc() if is_falling else column.asc()).nulls_last() for column in columns)
+    return *turned, *_newest_first()
 
 
 def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
@@ -146,7 +166,7 @@ def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
 
 def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
     about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256)
-    headline = (answers.c.verdict, answers.c.start, answers.c.recorded_s, answers.c.above_60_percent)
+    headline = (answers.c[field.name] for field in fields(HeadlineFigures))
     is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(),)
     if wanted.batch:
         is_shown = (analyses.c.id.in_(select_items(wanted.batch)),)
@@ -227,6 +247,10 @@ def _find_groups(state: JobState, verdict: str | None, *, has_report: bool) -> l
 
 
 def _read_entry(row: Any, report: Job | None) -> Entry:
-    figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
-    headline = HeadlineFigures(*figures) if row.verdict else None
+    headline = _read_headline(row) if row.verdict else None
     return Entry(read_job(row), headline) if report is None else Entry(report, headline, read_job(row))
+
+
+def _read_headline(row: Any) -> HeadlineFigures:
+    figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
+    return HeadlineFigures(*figures, row.method or "", row.method_version or 0, row.day or "")

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -300,12 +300,18 @@ def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
 
 def _read_headline(bench: Bench, analysis_id: str, token: str, made: Finished) -> HeadlineFigures | None:
     """Read the headline figures of a finished attempt; a comparison with a reference has none."""
-    results = next((file for file in made.files if file.name == "results.json"), None)
-    if results is None:
+    files = {file.name: file for file in made.files}
+    if "results.json" not in files:
         return None
     try:
-        with borrow_result(bench.storage, analysis_id, token, results) as path:
-            return read_headline(path)
+        with ExitStack() as stack:
+            results, findings = (
+                stack.enter_context(borrow_result(bench.storage, analysis_id, token, files[name]))
+                if name in files
+                else None
+                for name in ("results.json", "findings.json")
+            )
+            return read_headline(results, findings) if results else None
     except ResultDamaged:  # every reader of the file gets this error
         return None
 

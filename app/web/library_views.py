@@ -8,32 +8,64 @@ from urllib.parse import urlencode
 
 from fastapi import Request
 
+from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Job, JobState
-from app.jobs.library import GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order
-from app.report.words.numbers import format_percent
-from app.report.words.wording import Language, fill, load_wording
+from app.jobs.library import FALLING, GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order
+from app.report.words.numbers import format_duration, format_percent
+from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
-from app.web.views import JobRow, build_row, now_utc
+from app.web.views import JobRow, build_row, format_time, now_utc
 
 PER_PAGE = 50
+SORTED: tuple[Order, ...] = ("subject", "date", "side", "hours", "quality", "above_60")
+SPARK_PX = 20.0
+SPARK_TOP_DEG = 120.0
 
 
 @dataclass(frozen=True, slots=True)
 class ShownEntry:
-    """A row of the list; ``told`` is the main figure of its report, "" without one.
+    """A row of the list: whose, of when and of which arm, then the main figures of its report.
 
-    ``attempt``: a newer analysis that runs or has failed; the report of the row stays what it was.
+    ``when`` is the beginning of the recording, or when it was added (``is_added``) where that is not known.
+    ``figures`` is None without a report. ``attempt``: a newer analysis that runs or has failed; the report
+    of the row stays what it was.
     """
 
     row: JobRow
-    verdict: str
-    told: str
+    recording_id: str
+    name: str
+    when: str
+    is_added: bool
+    arm: str
+    figures: "ShownFigures | None" = None
     attempt: JobRow | None = None
 
     @property
     def active(self) -> JobRow | None:
         """The analysis of the row that is under way."""
         return next((row for row in (self.attempt, self.row) if row and not row.is_over), None)
+
+
+@dataclass(frozen=True, slots=True)
+class ShownFigures:
+    """The main figures of a report; ``spark`` draws the day, "" where it is not known."""
+
+    hours: str
+    verdict: str
+    quality: str
+    above: str
+    spark: str
+    spark_words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A column by which the list is sorted; ``turned`` is "ascending" or "descending" where it is."""
+
+    order: str
+    name: str
+    address: str
+    turned: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +85,8 @@ def read_filter(request: Request) -> LibraryFilter:
     order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
     first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
     text, batch = asked.get("text", "").strip()[:100], asked.get("batch", "")[:40]
-    return LibraryFilter(text, first_day, last_day, group, order, batch)
+    is_reversed = asked.get("reversed", "") == "1"
+    return LibraryFilter(text, first_day, last_day, group, order, batch, is_reversed)
 
 
 def write_filter(wanted: LibraryFilter, **changes: str) -> str:
@@ -65,6 +98,7 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
         "group": "" if wanted.group == "all" else wanted.group,
         "order": "" if wanted.order == "newest" else wanted.order,
         "batch": wanted.batch,
+        "reversed": "1" if wanted.is_reversed else "",
     }
     return urlencode({name: value for name, value in (parameters | changes).items() if value})
 
@@ -81,6 +115,7 @@ def build_library(
     words = load_wording(language, "page")["list"]
     return {
         "entries": [build_entry(entry, language) for entry in entries],
+        "headings": _build_headings(wanted, language),
         "wanted": wanted,
         "query": write_filter(wanted),
         "chips": _build_chips(wanted, counts, language),
@@ -96,16 +131,50 @@ def build_library(
 
 def build_entry(entry: Entry, language: Language) -> ShownEntry:
     """Show a recording with its report or, without one, its newest analysis."""
-    row, attempt = build_row(entry.job, language, now_utc()), _build_attempt(entry, language)
-    if entry.headline is None:
-        return ShownEntry(row, "", "", attempt)
-    words = load_wording(language, "page")
-    facts = {
-        "verdict": str(words["verdict_short"].get(entry.headline.verdict, "")),
-        "start": (entry.headline.start or "")[:16].replace("T", " "),
-        "percent": format_percent(entry.headline.above_60_percent, language),
-    }
-    return ShownEntry(row, entry.headline.verdict, fill(words["row"]["told"], facts), attempt)
+    job, words = entry.job, load_wording(language, "page")
+    start = (entry.headline.start if entry.headline else None) or ""
+    return ShownEntry(
+        row=build_row(job, language, now_utc()),
+        recording_id=job.recording_id,
+        name=job.request.subject or job.file_name,
+        when=start[:16].replace("T", " ") or format_time(job.created_at),
+        is_added=not start,
+        arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
+        figures=_build_figures(entry.headline, words, language) if entry.headline else None,
+        attempt=_build_attempt(entry, language),
+    )
+
+
+def _build_figures(headline: HeadlineFigures, words: Words, language: Language) -> ShownFigures:
+    spark, lowest, highest = draw_spark(headline.day)
+    return ShownFigures(
+        hours=format_duration(headline.recorded_s, language),
+        verdict=headline.verdict,
+        quality=str(words["verdict_short"].get(headline.verdict, "")),
+        above=format_percent(headline.above_60_percent, language),
+        spark=spark,
+        spark_words=fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",
+    )
+
+
+def draw_spark(day: str) -> tuple[str, str, str]:
+    """Draw a day in short (:func:`app.jobs.figures.summarise_day`) as an SVG path, 100 by 20, 0 to 120 deg.
+
+    Gives the path with its lowest and highest angle; "" for each where no angle is known.
+    """
+    angles = [float(text) if text else None for text in day.split(",")]
+    known = [angle for angle in angles if angle is not None]
+    if not known:
+        return "", "", ""
+    step, parts, is_open = 100 / len(angles), [], False
+    for place, angle in enumerate(angles):
+        if angle is not None:
+            height = SPARK_PX * (1 - min(angle, SPARK_TOP_DEG) / SPARK_TOP_DEG)
+            parts.append(f"V{height:.1f}" if is_open else f"M{step * place:.1f} {height:.1f}")
+        is_open = angle is not None
+        if is_open:
+            parts.append(f"H{step * (place + 1):.1f}")
+    return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
 
 
 def _build_attempt(entry: Entry, language: Language) -> JobRow | None:
@@ -121,6 +190,20 @@ def find_neighbours(services: Services, request: Request, job: Job) -> dict[str,
     before, after = Library(services.store.reader).find_neighbours(job, wanted)
     back = f"/batches/{wanted.batch}" if wanted.batch else "/"
     return {"previous_id": before, "next_id": after, "query": write_filter(wanted), "back": back}
+
+
+def _build_headings(wanted: LibraryFilter, language: Language) -> list[Heading]:
+    names = load_wording(language, "page")["column"]
+    return [_build_heading(order, str(names[order]), wanted) for order in SORTED]
+
+
+def _build_heading(order: Order, name: str, wanted: LibraryFilter) -> Heading:
+    """Build the head of a column; a second click turns the order round."""
+    is_chosen = wanted.order == order
+    is_falling = (order in FALLING) != (is_chosen and wanted.is_reversed)
+    again = "1" if is_chosen and not wanted.is_reversed else ""
+    turned = ("descending" if is_falling else "ascending") if is_chosen else ""
+    return Heading(order, name, write_filter(wanted, order=order, reversed=again), turned)
 
 
 def _build_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Language) -> list[Chip]:

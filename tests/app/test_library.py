@@ -6,7 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.jobs.batches import BatchStore
-from app.jobs.figures import HeadlineFigures
+from app.jobs.figures import HeadlineFigures, summarise_day
 from app.jobs.job import Claimer, Job
 from app.jobs.library import Library, LibraryFilter
 from app.jobs.recordings import RecordingStore
@@ -15,6 +15,7 @@ from app.main import create_app
 from app.request import ReportRequest
 from app.settings import Settings
 from app.storage.store import ResultFile
+from app.web.library_views import draw_spark
 from tests.app.conftest import AddJob
 
 ME = Claimer("here", 1, "")
@@ -25,12 +26,14 @@ def library(store: JobStore) -> Library:
     return Library(store.reader)
 
 
-def finish(store: JobStore, verdict: str, start: str = "2026-03-02T07:00:00") -> Job:
+def finish(
+    store: JobStore, verdict: str, start: str = "2026-03-02T07:00:00", above_60: float | None = 7.0
+) -> Job:
     """Let the job that waits end well."""
     job = store.claim(ME)
     assert job is not None
     files = [ResultFile("results.json", "0" * 64, 2)]
-    assert store.finish(job.id, str(job.token), files, HeadlineFigures(verdict, start, 28800.0, 7.0))
+    assert store.finish(job.id, str(job.token), files, HeadlineFigures(verdict, start, 28800.0, above_60))
     return store.get(job.id)
 
 
@@ -204,3 +207,50 @@ def test_recordings_are_sorted_by_name_whatever_the_case(library: Library, add_j
 
     assert list_ids(library, wanted) == [jobs[1].id, jobs[0].id, jobs[2].id]
     assert library.find_neighbours(jobs[0], wanted) == (jobs[1].id, jobs[2].id)
+
+
+def test_a_column_sorts_either_way_and_what_has_no_value_stands_last(
+    library: Library, store: JobStore, add_job: AddJob
+) -> None:
+    figures = {"a": 3.0, "b": None, "c": 12.5}
+    ids = {}
+    for name, percent in figures.items():
+        add_job(name.encode())
+        ids[finish(store, "good", above_60=percent).id] = name
+
+    most = [ids[one] for one in list_ids(library, LibraryFilter(order="above_60"))]
+    least = [ids[one] for one in list_ids(library, LibraryFilter(order="above_60", is_reversed=True))]
+
+    assert (most, least) == (["c", "a", "b"], ["a", "c", "b"])
+
+
+def test_the_poorest_quality_comes_first(library: Library, store: JobStore, add_job: AddJob) -> None:
+    for verdict in ("good", "poor", "caution"):
+        add_job(verdict.encode())
+        finish(store, verdict)
+
+    found = library.find_page(LibraryFilter(order="quality"), 10)
+
+    assert [entry.headline.verdict for entry in found if entry.headline] == ["poor", "caution", "good"]
+
+
+def test_pages_of_a_reversed_order_follow_one_another(library: Library, add_job: AddJob) -> None:
+    jobs = [add_job(str(number).encode()) for number in range(3)]
+    wanted = LibraryFilter(is_reversed=True)
+
+    pages = [[entry.job.id for entry in library.find_page(wanted, 2, skip)] for skip in (0, 2)]
+
+    assert pages == [[jobs[0].id, jobs[1].id], [jobs[2].id]]
+    assert library.find_neighbours(jobs[1], wanted) == (jobs[0].id, jobs[2].id)
+
+
+def test_a_day_is_kept_in_60_steps_of_whole_minutes_and_a_gap_stays_a_gap() -> None:
+    nothing = float("nan")
+
+    assert summarise_day([10.0, nothing, 20.4]) == "10,,20"
+    assert summarise_day([10.0, 30.0, nothing] * 40) == ",".join(["20", "10", "30"] * 20)
+
+
+def test_a_day_in_short_is_drawn_from_0_to_120_deg_with_gaps_left_open() -> None:
+    assert draw_spark("0,60,,150") == ("M0.0 20.0H25.0V10.0H50.0M75.0 0.0H100.0", "0", "150")
+    assert draw_spark(",") == ("", "", "")

@@ -29,8 +29,8 @@ def test_recordings_are_found_by_subject_and_by_day(
     open_home(page, server)
 
     search(page, "s012")
-    expect(page.locator("#rows .row").first).to_contain_text("subject S012")
-    page.get_by_label("From").fill("2026-03-03")
+    expect(page.locator("#rows .row").first).to_contain_text("S012")
+    page.get_by_label("From", exact=True).fill("2026-03-03")
     page.get_by_role("button", name="Search").click()
 
     expect(page.get_by_text("Nothing matches")).to_be_visible()
@@ -45,9 +45,9 @@ def test_poor_data_are_not_told_in_green_and_the_page_says_why_they_are_poor(
     row = find_row(page, "trunk.gt3x")
 
     expect(row).to_contain_text("poor data")
-    expect(row).to_contain_text("arm not stated")
+    expect(row.locator(".side")).to_have_text("–")
     expect(row).to_have_class(re.compile("has-poor"))
-    row.get_by_role("link", name="Details and files").click()
+    row.get_by_role("link", name="S012", exact=True).click()
 
     expect(page.locator(".verdict")).to_contain_text("Too short: 3 min analysed")
     page.get_by_role("link", name="Say which arm").click()
@@ -122,23 +122,26 @@ def test_all_reports_are_taken_by_one_click(
     assert without.startswith("no_recording.csv: ")
 
 
-def test_once_there_are_recordings_the_place_to_drop_is_a_bar_and_rows_are_lines(
-    page: Page, server: RunningServer, right: str
+@pytest.mark.parametrize("language", ["en", "fr"])
+def test_once_there_are_recordings_the_place_to_drop_is_a_bar_and_25_rows_fit_below_it(
+    page: Page, server: RunningServer, right: str, language: str
 ) -> None:
     page.set_viewport_size({"width": 1440, "height": 900})
-    open_home(page, server)
+    open_home(page, server, language)
 
     bar = page.locator(".zone").bounding_box() or pytest.fail("not shown")
     row = page.locator("#rows .row.is-succeeded", has_text="shift_seed1").first.bounding_box()
 
+    first = page.locator("#rows .row").first.bounding_box()
     assert bar["height"] <= 90
     assert row is not None
-    assert row["height"] <= 36
+    assert first is not None
+    assert first["y"] + 25 * row["height"] <= 900
 
 
 def test_one_is_opened_after_the_other(page: Page, server: RunningServer, right: str, left: str) -> None:
     page.goto(f"{server.address}?text=S012&lang=en")
-    page.get_by_role("link", name="Details and files").first.click()
+    page.locator("#rows .name a").first.click()
     first = page.url
 
     assert "text=S012" in first
@@ -251,12 +254,30 @@ def test_the_next_and_the_previous_of_a_batch_are_its_own(
 
 def test_recordings_are_sorted_as_a_person_chooses(page: Page, server: RunningServer, batch: str) -> None:
     page.goto(f"{server.address}batches/{batch}?lang=en")
+    heads = page.locator("#rows thead")
 
-    page.get_by_label("Sort by").select_option("file name")
-    page.get_by_role("button", name="Search").click()
+    heads.get_by_role("link", name="Subject").click()
+    expect(heads.locator("th.subject")).to_have_attribute("aria-sort", "ascending")
+    rising = page.locator("#rows .name").all_inner_texts()
+    heads.get_by_role("link", name="Subject").click()
+    expect(heads.locator("th.subject")).to_have_attribute("aria-sort", "descending")
 
-    names = page.locator("#rows .name").all_inner_texts()
-    assert names == sorted(names, key=str.lower)
+    assert rising == ["S012", "unknown.csv"]
+    assert page.locator("#rows .name").all_inner_texts() == ["S012", "unknown.csv"]  # without one: last
+
+
+def test_a_row_is_named_by_subject_date_and_arm_and_draws_the_day(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    open_home(page, server)
+    row = page.locator("[data-file='shift_seed1.gt3x']").first
+
+    expect(row.locator("th")).to_contain_text("S012")
+    expect(row.locator(".date")).to_have_text(re.compile(r"^2026-03-02 07:00$"))
+    expect(row.locator(".side")).to_have_text("right")
+    expect(row.locator(".hours")).to_have_text("3 min")
+    expect(row.locator(".above_60")).to_have_text(re.compile(r"^\d+\.\d\s%$"))
+    expect(row.get_by_role("img", name="Elevation through the day")).to_be_visible()
 
 
 def test_a_trunk_sensor_is_set_beside_both_arms_with_an_offset_of_its_own(

@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "0006"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0007"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 metadata = MetaData()
 
@@ -39,6 +39,7 @@ recordings = Table(
     Column("start", String(40)),
     Column("inspection", Text),
     Column("diary", Text, nullable=False, server_default="[]"),
+    Column("tags", Text, nullable=False, server_default="[]"),
     Column("trashed_s", Float),
     Column("revision", Integer, nullable=False, server_default="1"),
     Column("side_revision", Integer, nullable=False, server_default="0"),
@@ -52,7 +53,7 @@ analyses = Table(
     "analyses",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("recording_id", ForeignKey("recordings.id"), nullable=False, index=True),
+    Column("recording_id", ForeignKey("recordings.id"), nullable=False),
     Column("request", Text, nullable=False),
     Column("way_in", String(8), nullable=False),
     Column("state", String(16), nullable=False),
@@ -77,6 +78,7 @@ analyses = Table(
     Column("put_backs", Integer, nullable=False, server_default="0"),
     Column("interruptions", Integer, nullable=False, server_default="0"),
     Index("analyses_in_turn", "state", "priority", "turn", "created_at", "id"),
+    Index("analyses_by_recording", "recording_id", "created_at", "id"),
     Index("analyses_by_age", "created_at", "id"),
     Index("analyses_by_state", "state", "created_at", "id"),
     Index("analyses_by_key", "key"),
@@ -176,6 +178,19 @@ answers = Table(
     Column("start", String(40)),
     Column("recorded_s", Float),
     Column("above_60_percent", Float),
+    Column("method", String(16)),
+    Column("method_version", Integer),
+    Column("day", Text),
+)
+
+# A filter and order of the list under a name.
+saved_views = Table(
+    "saved_views",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("query", Text, nullable=False),
+    Column("created_at", String(32), nullable=False),
 )
 
 facts = Table(

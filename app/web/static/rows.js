@@ -74,7 +74,7 @@ let most = 0;
 export function showTitle(uploads = own) {
   own = uploads;
   const rows = [...document.querySelectorAll("#rows [data-active]")];
-  const isRow = ({ key, name }) => rows.some((row) => (key ? row.id === key : row.querySelector(".name")?.textContent.trim() === name));
+  const isRow = ({ key, name }) => rows.some((row) => (key ? row.id === key : row.dataset.file === name));
   const open = rows.length + own.filter((upload) => !isRow(upload)).length;
   most = open ? Math.max(most, open) : 0;
   document.title = most ? `(${most - open}/${most}) ${title}` : title;
