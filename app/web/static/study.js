@@ -14,13 +14,20 @@ function tell(text) {
 }
 
 async function send(file) {
+  $("list").value = "";
   const answer = await fetch(form.dataset.address, { method: "POST", body: file }).catch(() => null);
-  const found = answer ? await answer.json() : {};
-  if (!answer?.ok) return tell([found.title, found.detail, found.fix].filter(Boolean).join(" "));
-  const { done, unknown } = form.dataset;
-  const rest = found.unknown.length ? " " + fill(unknown, { unknown: found.unknown.join(", ") }) : "";
-  sessionStorage.setItem(KEPT, fill(done, { changed: found.changed }) + rest);
+  if (!answer?.ok) return refuse(answer ? await answer.text() : "");
+  const { changed, unknown } = await answer.json();
+  const rest = unknown.length ? " " + fill(form.dataset.unknown, { unknown: unknown.join(", ") }) : "";
+  sessionStorage.setItem(KEPT, fill(form.dataset.done, { changed }) + rest);
   location.reload();
+}
+
+// A refusal comes as a page of its own: what it says is shown here.
+function refuse(page) {
+  const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
+  told.hidden = false;
+  told.replaceChildren(...(said ? [...document.importNode(said, true).children] : [form.dataset.lost]));
 }
 
 // Whoever has the focus keeps it: only what has changed is replaced.
