@@ -64,6 +64,7 @@ from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder
 from app.upkeep.recover import check_known
 from app.version import software_version
+from app.web.acts import router as act_routes
 from app.web.analysis import respond_with_page
 from app.web.analysis import router as page_routes
 from app.web.batches import router as batch_pages
@@ -98,6 +99,7 @@ PAGES = (
     day_routes,
     conclusion_routes,
     library_routes,
+    act_routes,
     pair_pages,
     profile_pages,
     column_routes,

@@ -7,6 +7,8 @@ from typing import Literal, get_args
 
 
 MethodName = Literal["smoothed", "published", "live"]
+METHOD_VERSION = "5"
+"""Of every method; it goes up with each change that moves a figure."""
 Pose = Literal["n-pose", "side-lean", "two-point"]
 NPOSE_ERROR_DEG = 15
 """With the arm along the body as the reference, a raised arm may read too low by so much."""

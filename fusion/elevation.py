@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.conventions import MethodName
+from fusion.conventions import METHOD_VERSION, MethodName
 from fusion.numba_kernels import njit
 from fusion.orientation.angle_rows import AngleRows, lay_rows, read_rows
 from fusion.orientation.live import LiveParameters, LiveVertical
@@ -118,7 +118,6 @@ SAMPLES_AT_ONCE = 16_384
 """So many vectors are still in the processor's cache when their angle is computed."""
 UNCERTAIN_DEG = 5.0
 SHORTEST_SEGMENT_S = 1.0
-VERSION = "5"
 
 TYPICAL_SIGMA_DEG = {"published": 4.2, "live": 1.3}
 """Methods without a measure of their own: RMSE on simulated arm tasks and shifts (docs/validation.md)."""
@@ -162,9 +161,9 @@ def _average_doubt(samples: CalibratedSamples, segments: tuple[ElevationSegment,
 def describe_method(method: MethodName, samples: CalibratedSamples | None = None) -> Method:
     """Name, version and every parameter of an estimator, and what it found in these samples."""
     if method == "published":
-        return Method(method, VERSION, asdict(PublishedParameters()))
+        return Method(method, METHOD_VERSION, asdict(PublishedParameters()))
     if method == "live":
-        return Method(method, VERSION, asdict(LiveParameters()))
+        return Method(method, METHOD_VERSION, asdict(LiveParameters()))
     own = {
         "bias": asdict(BiasSettings()),
         "still": asdict(StillRules()),
@@ -175,7 +174,7 @@ def describe_method(method: MethodName, samples: CalibratedSamples | None = None
     found = {f"{part}_{name}": float(value) for part, all_of in own.items() for name, value in all_of.items()}
     if samples is not None:
         found |= _list_findings(samples)
-    return Method(method, VERSION, asdict(SmoothedParameters()) | found)
+    return Method(method, METHOD_VERSION, asdict(SmoothedParameters()) | found)
 
 
 def _list_findings(samples: CalibratedSamples) -> dict[str, float]:

@@ -4,7 +4,8 @@ The current report is that of the newest analysis; where that has none, the newe
 batch shows each analysis that it asked for.
 """
 
-from collections.abc import Mapping
+import json
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
@@ -13,9 +14,10 @@ from sqlalchemy import ColumnElement, Engine, Select, and_, case, func, or_, sel
 from app.jobs.database.tables import analyses, answers, recordings
 from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Job, JobState
-from app.jobs.queries import STORED, read_job, select_items, select_jobs
+from app.jobs.queries import STORED, read_job, read_tags, select_items, select_jobs, sort_tags
+from fusion.conventions import METHOD_VERSION
 
-Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "cancelled"]
+Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "older", "cancelled"]
 GROUPS: tuple[Group, ...] = get_args(Group)
 Order = Literal["newest", "name", "subject", "date", "side", "hours", "quality", "above_60"]
 ORDERS: tuple[Order, ...] = get_args(Order)
@@ -41,6 +43,7 @@ class LibraryFilter:
     order: Order = "newest"
     batch: str = ""
     is_reversed: bool = False
+    tag: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,7 @@ class Entry:
     job: Job
     headline: HeadlineFigures | None
     attempt: Job | None = None
+    tags: tuple[str, ...] = ()
 
 
 class Library:
@@ -65,16 +69,30 @@ class Library:
         query = _select(wanted, is_walked=wanted == LibraryFilter()).order_by(*_choose_order(wanted))
         return self._read(query.limit(limit).offset(skip))
 
+    def find_chosen(self, recording_ids: Collection[str], batch: str = "") -> tuple[Entry, ...]:
+        """Give some recordings, the newest first; those in the trash are left out."""
+        chosen = recordings.c.id.in_(recording_ids)
+        return self._read(_select(LibraryFilter(batch=batch)).where(chosen).order_by(*_newest_first()))
+
+    def find_tags(self) -> tuple[str, ...]:
+        """Give every tag, by the alphabet."""
+        query = select(recordings.c.tags).where(recordings.c.state == STORED, recordings.c.tags != "[]")
+        with self._reader.connect() as connection:
+            found = connection.execute(query.distinct()).scalars()
+            return sort_tags(tag for text in found for tag in read_tags(text))
+
     def count(self, wanted: LibraryFilter) -> Mapping[Group, int]:
         """Count the recordings of each group, among those that text and days let through."""
         parts = _select(replace(wanted, group="all")).subquery()
-        columns = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None))
+        older = _is_older(parts.c.method_version)
+        columns = (parts.c.state, parts.c.verdict, parts.c.report_id.is_not(None), case((older, 1), else_=0))
         kinds = select(*columns, func.count()).group_by(*columns)
         counts = dict.fromkeys(GROUPS, 0)
         with self._reader.connect() as connection:
-            for state, verdict, has_report, number in connection.execute(kinds):
+            for state, verdict, has_report, is_older, number in connection.execute(kinds):
                 for group in _find_groups(JobState(state), verdict, has_report=bool(has_report)):
                     counts[group] += number
+                counts["older"] += number if is_older else 0
         return counts
 
     def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
@@ -165,7 +183,7 @@ def _newest_first() -> tuple[ColumnElement[Any], ColumnElement[Any]]:
 
 
 def _select(wanted: LibraryFilter, *, is_walked: bool = False) -> Select[Any]:
-    about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256)
+    about = (recordings.c.file_name, recordings.c.size_bytes, recordings.c.sha256, recordings.c.tags)
     headline = (answers.c[field.name] for field in fields(HeadlineFigures))
     is_shown: tuple[ColumnElement[bool], ...] = (analyses.c.id == _select_newest(),)
     if wanted.batch:
@@ -214,6 +232,8 @@ def _build_conditions(wanted: LibraryFilter) -> list[ColumnElement[bool]]:
         text = wanted.text.lower()
         named = (recordings.c.subject, recordings.c.file_name)
         conditions.append(or_(*(func.lower(column).contains(text, autoescape=True) for column in named)))
+    if wanted.tag:
+        conditions.append(recordings.c.tags.contains(json.dumps(wanted.tag), autoescape=True))
     if wanted.first_day:
         conditions.append(day >= wanted.first_day)
     if wanted.last_day:
@@ -227,9 +247,15 @@ def _is_in_group(group: Group, report_id: ColumnElement[Any]) -> ColumnElement[b
         "active": analyses.c.state.in_(_ACTIVE),
         "failed": and_(failed, report_id.is_(None)),
         "cancelled": and_(analyses.c.state == JobState.CANCELLED, report_id.is_(None)),
+        "older": _is_older(answers.c.method_version),
         "attention": or_(failed, answers.c.verdict.in_(_DOUBTFUL)),
     }
     return states.get(group, answers.c.verdict == group)
+
+
+def _is_older(method_version: ColumnElement[Any]) -> ColumnElement[bool]:
+    """Build the condition that a report was made by an older method; what came as ready angles has none."""
+    return method_version.between(1, int(METHOD_VERSION) - 1)
 
 
 def _find_groups(state: JobState, verdict: str | None, *, has_report: bool) -> list[Group]:
@@ -248,7 +274,10 @@ def _find_groups(state: JobState, verdict: str | None, *, has_report: bool) -> l
 
 def _read_entry(row: Any, report: Job | None) -> Entry:
     headline = _read_headline(row) if row.verdict else None
-    return Entry(read_job(row), headline) if report is None else Entry(report, headline, read_job(row))
+    tags = read_tags(row.tags)
+    if report is None:
+        return Entry(read_job(row), headline, tags=tags)
+    return Entry(report, headline, read_job(row), tags)
 
 
 def _read_headline(row: Any) -> HeadlineFigures:

@@ -1,7 +1,7 @@
 """Queries that several stores share, and how the values of a row are read."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
@@ -95,6 +95,21 @@ def read_diary(text: str) -> tuple[DiaryEntry, ...]:
 def format_diary(diary: Sequence[DiaryEntry]) -> str:
     """Give a diary as the rows hold it."""
     return json.dumps([asdict(entry) for entry in diary])
+
+
+def read_tags(text: str) -> tuple[str, ...]:
+    """Read the tags of a recording."""
+    return tuple(json.loads(text))
+
+
+def format_tags(tags: Iterable[str]) -> str:
+    """Give tags as the rows hold them, each once, by the alphabet."""
+    return json.dumps(sort_tags(tags))
+
+
+def sort_tags(tags: Iterable[str]) -> tuple[str, ...]:
+    """Sort tags by the alphabet, whatever their case; each once."""
+    return tuple(sorted(set(tags), key=lambda tag: (tag.lower(), tag)))
 
 
 def format_now() -> str:

@@ -20,7 +20,9 @@ from app.jobs.queries import (
     RowStore,
     format_diary,
     format_now,
+    format_tags,
     read_diary,
+    read_tags,
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
@@ -161,6 +163,23 @@ class RecordingStore(RowStore):
     def put_diary(self, row: StoredRow, diary: Sequence[DiaryEntry]) -> StoredRow:
         """Change the diary."""
         return self.change(row.id, row.version, {"diary": format_diary(diary)})
+
+    def tag(self, recording_ids: Collection[str], added: Collection[str] = (), taken: str = "") -> int:
+        """Add tags to recordings, or take one away; gives how many have changed."""
+        changed = 0
+        with self._engine.begin() as connection:
+            for recording_id in sorted(recording_ids):
+                mine = (recordings.c.id == recording_id, recordings.c.state == STORED)
+                query = select(recordings.c.tags).where(*mine).with_for_update()
+                text = connection.execute(query).scalar()
+                if text is None:
+                    continue
+                tags = format_tags({*read_tags(text), *added} - {taken})
+                if tags != text:
+                    grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
+                    connection.execute(update(recordings).where(*mine).values(tags=tags, **grown))
+                    changed += 1
+        return changed
 
     def keep_inspection(self, recording_id: str, found: Mapping[str, Any]) -> None:
         """Store what an inspection found; it follows from the bytes, so that no version guards it."""

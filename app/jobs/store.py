@@ -1,7 +1,7 @@
 """The rows of jobs: the single source of truth for what was asked, what runs and how it ended."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -19,6 +19,7 @@ from app.jobs.queue import (
     cancel_job,
     change_state,
     enqueue,
+    enqueue_all,
     find_next,
     replace_job,
     start_job,
@@ -145,6 +146,19 @@ class JobStore(RowStore):
                 again = enqueue(connection, recording, job.request, way_in, job.batch_id)
                 replace_job(connection, job.id, again)
         return self.get(str(self.get(job.id).replaced_by))
+
+    def repeat_all(self, asked: Sequence[tuple[Job, ReportRequest]]) -> int:
+        """Queue the analyses of recordings again, each by its request, in one commit; gives their number.
+
+        A failed or cancelled analysis is replaced, in its batch too; a report stays until the new one is
+        made. They take turns with all else that waits: a file that a person drops goes first.
+        """
+        items = [(job.recording_id, job.sha256, request) for job, request in asked]
+        with self._engine.begin() as connection:
+            for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
+                if job.state in (JobState.FAILED, JobState.CANCELLED):
+                    replace_job(connection, job.id, again)
+        return len(items)
 
     def withdraw(self, analysis_id: str) -> Job:
         """Replace a failed analysis by the report before it; gives the analysis of that report.

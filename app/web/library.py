@@ -46,7 +46,7 @@ def take_table(name: TableName, request: Request, services: UsedServices, langua
         rows = [_build_problem_row(job, language) for job in newest if job.state is JobState.FAILED]
         body = encode_table(PROBLEM_COLUMNS, rows, dialect)
     else:
-        body = encode_summary(list(_summarise(services, [entry.job for entry in entries])), dialect)
+        body = encode_summary(list(summarise_jobs(services, [entry.job for entry in entries])), dialect)
     headers = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
 
@@ -58,7 +58,7 @@ def take_reports(request: Request, services: UsedServices, language: UsedLanguag
     jobs = [entry.job for entry in entries]
     headers = {"Content-Disposition": 'attachment; filename="reports.zip"'}
     return StreamingResponse(
-        _pack_reports(services, jobs, language), media_type="application/zip", headers=headers
+        pack_reports(services, jobs, language), media_type="application/zip", headers=headers
     )
 
 
@@ -80,7 +80,7 @@ class _Outlet(io.RawIOBase):
         return taken
 
 
-def _pack_reports(services: Services, jobs: list[Job], language: Language) -> Iterator[bytes]:
+def pack_reports(services: Services, jobs: list[Job], language: Language) -> Iterator[bytes]:
     """Write a ZIP piece by piece; a PDF is packed already, so it is stored as it is."""
     outlet, without, names = _Outlet(), [], set[str]()
     with ZipFile(outlet, "w", ZIP_STORED) as packed:
@@ -192,7 +192,8 @@ def _build_problem_row(job: Job, language: Language) -> Row:
     }
 
 
-def _summarise(services: Services, jobs: list[Job]) -> Iterator[Row]:
+def summarise_jobs(services: Services, jobs: list[Job]) -> Iterator[Row]:
+    """Give the row of each report; what has none is left out."""
     for job in jobs:
         try:
             results = find_results(services, job)

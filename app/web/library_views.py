@@ -15,6 +15,7 @@ from app.report.words.numbers import format_duration, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
 from app.web.views import JobRow, build_row, format_time, now_utc
+from fusion.conventions import METHOD_VERSION
 
 PER_PAGE = 50
 SORTED: tuple[Order, ...] = ("subject", "date", "side", "hours", "quality", "above_60")
@@ -38,6 +39,8 @@ class ShownEntry:
     is_added: bool
     arm: str
     figures: "ShownFigures | None" = None
+    tags: tuple[tuple[str, str], ...] = ()
+    """Each with the address of all that have it."""
     attempt: JobRow | None = None
 
     @property
@@ -53,6 +56,7 @@ class ShownFigures:
     hours: str
     verdict: str
     quality: str
+    is_older: bool
     above: str
     spark: str
     spark_words: str
@@ -79,14 +83,19 @@ class Chip:
 
 
 def read_filter(request: Request) -> LibraryFilter:
-    """Read the filter of an address; a value that cannot be is ignored."""
-    asked = request.query_params
+    """Read the filter of an address."""
+    return parse_filter(request.query_params)
+
+
+def parse_filter(asked: Mapping[str, str]) -> LibraryFilter:
+    """Read a filter; a value that cannot be is ignored."""
     group: Group = next((known for known in GROUPS if known == asked.get("group")), "all")
     order: Order = next((known for known in ORDERS if known == asked.get("order")), "newest")
     first_day, last_day = (_read_day(asked.get(name, "")) for name in ("first_day", "last_day"))
     text, batch = asked.get("text", "").strip()[:100], asked.get("batch", "")[:40]
     is_reversed = asked.get("reversed", "") == "1"
-    return LibraryFilter(text, first_day, last_day, group, order, batch, is_reversed)
+    tag = asked.get("tag", "")[:100]
+    return LibraryFilter(text, first_day, last_day, group, order, batch, is_reversed, tag)
 
 
 def write_filter(wanted: LibraryFilter, **changes: str) -> str:
@@ -98,6 +107,7 @@ def write_filter(wanted: LibraryFilter, **changes: str) -> str:
         "group": "" if wanted.group == "all" else wanted.group,
         "order": "" if wanted.order == "newest" else wanted.order,
         "batch": wanted.batch,
+        "tag": wanted.tag,
         "reversed": "1" if wanted.is_reversed else "",
     }
     return urlencode({name: value for name, value in (parameters | changes).items() if value})
@@ -117,6 +127,10 @@ def build_library(
         "entries": [build_entry(entry, language) for entry in entries],
         "headings": _build_headings(wanted, language),
         "wanted": wanted,
+        "tags": library.find_tags(),
+        "number": counts[wanted.group],
+        "older_query": write_filter(wanted, group="older") if counts["older"] else "",
+        "older": counts["older"],
         "query": write_filter(wanted),
         "chips": _build_chips(wanted, counts, language),
         "count": fill(words["summary"], _format_counts(counts)),
@@ -141,6 +155,7 @@ def build_entry(entry: Entry, language: Language) -> ShownEntry:
         is_added=not start,
         arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
         figures=_build_figures(entry.headline, words, language) if entry.headline else None,
+        tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
         attempt=_build_attempt(entry, language),
     )
 
@@ -151,6 +166,7 @@ def _build_figures(headline: HeadlineFigures, words: Words, language: Language) 
         hours=format_duration(headline.recorded_s, language),
         verdict=headline.verdict,
         quality=str(words["verdict_short"].get(headline.verdict, "")),
+        is_older=0 < headline.method_version < int(METHOD_VERSION),
         above=format_percent(headline.above_60_percent, language),
         spark=spark,
         spark_words=fill(words["column"]["spark"], {"low": lowest, "high": highest}) if spark else "",

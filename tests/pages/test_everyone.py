@@ -125,7 +125,7 @@ def test_the_whole_way_is_gone_by_the_keyboard(
     chooser.value.set_files(file)
     wait_for_end(page, name, "failed")
 
-    press_until(page, f"document.activeElement.closest('[data-file=\"{name}\"]')")
+    press_until(page, f"document.activeElement.closest('[data-file=\"{name}\"] .name')")
     page.keyboard.press("Enter")
 
     expect(page.get_by_role("heading", level=1)).to_have_text(name)

@@ -42,6 +42,7 @@ function show(fresh) {
   if ($("count")) $("count").textContent = newList.dataset.count;
   const empty = $("rows").querySelector(".empty");
   if (empty && list.children.length) empty.remove();
+  $("rows").dispatchEvent(new Event("shown"));
   showTitle();
 }
 

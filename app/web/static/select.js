@@ -1,0 +1,110 @@
+// Choosing rows of the list: a click, Shift and a click, Shift and the arrows, all of the page, all that match.
+// What is chosen stays chosen while rows are replaced; the bar of acts shows itself while something is.
+
+import { $, fill } from "./say.js";
+import { refresh } from "./rows.js";
+
+const [bar, rows] = [$("acts"), $("rows")];
+const chosen = new Set();
+let last = null; // the id of the row that was clicked last: Shift chooses from there
+let isEvery = false;
+
+const boxes = () => [...rows.querySelectorAll("input[name=recording]:not([type=hidden])")];
+
+function set(box, isChosen) {
+  box.checked = isChosen;
+  isChosen ? chosen.add(box.value) : chosen.delete(box.value);
+}
+
+function setRange(box, isChosen) {
+  const all = boxes();
+  const [from, to] = [all.findIndex((one) => one.value === last), all.indexOf(box)];
+  const [low, high] = from < 0 ? [to, to] : [Math.min(from, to), Math.max(from, to)];
+  for (const one of all.slice(low, high + 1)) set(one, isChosen);
+}
+
+function show() {
+  const all = boxes();
+  for (const box of all) {
+    box.checked = isEvery || chosen.has(box.value);
+    box.closest("tbody").classList.toggle("is-chosen", box.checked);
+  }
+  const number = isEvery ? Number(bar.dataset.number) : chosen.size;
+  const isPage = all.length > 0 && all.every((box) => box.checked);
+  bar.hidden = !number;
+  bar.elements.every.value = isEvery ? "1" : "";
+  bar.querySelector(".chosen").textContent = fill(isEvery ? bar.dataset.all : bar.dataset.page, { n: number });
+  bar.querySelector("[data-choose=every]").hidden = isEvery || !isPage || Number(bar.dataset.number) <= all.length;
+  bar.querySelector("[data-choose=none]").hidden = false;
+  const head = $("pick-all");
+  if (head) [head.checked, head.indeterminate] = [isPage, !isPage && number > 0];
+}
+
+function clear() {
+  chosen.clear();
+  isEvery = false;
+  last = null;
+  show();
+}
+
+function listen() {
+  rows.addEventListener("click", ({ target, shiftKey }) => {
+    if (target.id === "pick-all") for (const box of boxes()) set(box, target.checked);
+    else if (target.name !== "recording" || target.type !== "checkbox") return;
+    else {
+      shiftKey ? setRange(target, target.checked) : set(target, target.checked);
+      last = target.value;
+    }
+    isEvery = false;
+    show();
+  });
+  rows.addEventListener("keydown", (event) => {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    const all = boxes();
+    const place = all.indexOf(event.target);
+    if (!step || place < 0) return;
+    event.preventDefault();
+    const next = all[place + step];
+    if (!next) return;
+    if (event.shiftKey) {
+      set(event.target, true);
+      set(next, true);
+      last = next.value;
+      isEvery = false;
+      show();
+    }
+    next.focus();
+  });
+  document.addEventListener("keydown", (event) => event.key === "Escape" && !bar.hidden && clear());
+  bar.addEventListener("click", ({ target }) => {
+    if (target.dataset.choose === "none") clear();
+    if (target.dataset.choose !== "every") return;
+    isEvery = true;
+    show();
+  });
+  rows.addEventListener("shown", show);
+  document.addEventListener("submit", act);
+  document.addEventListener("click", (event) => {
+    if (!event.target.matches?.("#done .acted-back")) return;
+    event.preventDefault();
+    $("done").replaceChildren();
+  });
+}
+
+// Act without leaving the list: what was done is told on it. Downloads, and a refusal, go the browser's way.
+async function act(event) {
+  const { target, submitter } = event;
+  const address = submitter?.getAttribute("formaction") || target.getAttribute("action");
+  if (!address.includes("/library/acts/") || submitter?.hasAttribute("data-download")) return;
+  event.preventDefault();
+  const answer = await fetch(address, { method: "POST", body: new URLSearchParams(new FormData(target)) });
+  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+  $("done").replaceChildren(page.querySelector("#acted") || page.querySelector("main"));
+  if (answer.ok) clear();
+  await refresh();
+}
+
+if (bar) {
+  listen();
+  show();
+}
