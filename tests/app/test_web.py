@@ -89,12 +89,14 @@ def test_the_french_of_quebec_can_be_asked_for_by_name(client: TestClient) -> No
     assert 'href="?lang=en"' in page
 
 
-def test_a_waiting_recording_shows_two_bars_and_can_be_cancelled(client: TestClient, add_job: AddJob) -> None:
+def test_a_waiting_recording_shows_how_far_it_is_and_can_be_cancelled(
+    client: TestClient, add_job: AddJob
+) -> None:
     add_job(file_name="shift.gt3x")
 
     page = client.get("/rows?lang=en").text
 
-    assert Elements(page).count("progress") == 2
+    assert Elements(page).count("progress") == 1
     assert "You can close this page" in page
     assert "Cancel shift.gt3x" in page
 
