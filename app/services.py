@@ -16,6 +16,7 @@ from app.jobs.children.inspecting import Inspector
 from app.jobs.children.pairs import PairReports
 from app.jobs.database.connect import check_writable
 from app.jobs.idempotency import ResponseStore
+from app.jobs.library import SavedViews
 from app.jobs.mappings import MappingStore
 from app.jobs.queue import WayIn
 from app.jobs.recordings import RecordingStore, UploadStore
@@ -140,6 +141,7 @@ class Services:
     pairs: PairReports
     batches: BatchStore
     mappings: MappingStore
+    views: SavedViews
     responses: ResponseStore
     webhooks: WebhookStore
     upload_slots: UploadSlots
@@ -173,6 +175,7 @@ def open_services(settings: Settings) -> Services:
         pairs=PairReports(settings, results, settings.data_dir / "cache" / "pairs"),
         batches=BatchStore(*rows),
         mappings=MappingStore(*rows),
+        views=SavedViews(*rows, storage),
         responses=ResponseStore(*rows, read_or_create_id(settings.data_dir / "server.id", "server")),
         webhooks=WebhookStore(*rows),
         upload_slots=UploadSlots(settings.max_uploads_at_once),

@@ -19,6 +19,7 @@ from app.api.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload
 from app.jobs.leader import Leader
+from app.jobs.results import complete_headlines
 from app.jobs.webhooks import Delivery
 from app.services import Services
 from app.upkeep.recover import (
@@ -35,6 +36,7 @@ from app.upkeep.recover import (
 
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
+HEADLINES_AT_ONCE = 20
 AGE_S = 60.0
 RESPONSE_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
@@ -65,6 +67,7 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                 looked_s = aged_s = now_s  # another counts this time
                 continue
             await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
+            await run_to_end(complete_headlines, services.store, services.results, HEADLINES_AT_ONCE)
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:

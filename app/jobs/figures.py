@@ -117,6 +117,12 @@ def summarise_day(medians_deg: Sequence[float]) -> str:
     return ",".join(f"{statistics.median(step):.0f}" if step else "" for step in known)
 
 
+def update_headline(connection: Connection, analysis_id: str, headline: HeadlineFigures | None) -> None:
+    """Complete the row of an analysis that an earlier release finished; None: its files cannot be read."""
+    values = asdict(headline) if headline else {"method": "", "method_version": 0, "day": ""}
+    connection.execute(update(answers).where(answers.c.analysis_id == analysis_id).values(values))
+
+
 def insert_headline(connection: Connection, analysis_id: str, headline: HeadlineFigures) -> None:
     """Write the row of a finished analysis."""
     connection.execute(insert(answers).values(analysis_id=analysis_id, **asdict(headline)))

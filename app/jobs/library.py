@@ -5,16 +5,27 @@ batch shows each analysis that it asked for.
 """
 
 import json
+import secrets
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
-from sqlalchemy import ColumnElement, Engine, Select, and_, case, func, or_, select
+from sqlalchemy import ColumnElement, Engine, Select, and_, case, delete, func, insert, or_, select
 
-from app.jobs.database.tables import analyses, answers, recordings
+from app.jobs.database.tables import analyses, answers, recordings, saved_views
 from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Job, JobState
-from app.jobs.queries import STORED, read_job, read_tags, select_items, select_jobs, sort_tags
+from app.jobs.queries import (
+    STORED,
+    RowStore,
+    format_now,
+    read_job,
+    read_tags,
+    select_items,
+    select_jobs,
+    sort_tags,
+)
+from app.storage.store import Storage
 from fusion.conventions import METHOD_VERSION
 
 Group = Literal["all", "active", "attention", "failed", "good", "caution", "poor", "older", "cancelled"]
@@ -22,6 +33,7 @@ GROUPS: tuple[Group, ...] = get_args(Group)
 Order = Literal["newest", "name", "subject", "date", "side", "hours", "quality", "above_60"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 
+VIEWS_FILE = "views.json"
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 _DOUBTFUL = ("caution", "poor")
 
@@ -283,3 +295,61 @@ def _read_entry(row: Any, report: Job | None) -> Entry:
 def _read_headline(row: Any) -> HeadlineFigures:
     figures = (row.verdict, row.start, row.recorded_s, row.above_60_percent)
     return HeadlineFigures(*figures, row.method or "", row.method_version or 0, row.day or "")
+
+
+@dataclass(frozen=True, slots=True)
+class SavedView:
+    """A filter and order of the list under a name; ``query`` is that of its address."""
+
+    id: str
+    name: str
+    query: str
+    created_at: str
+
+
+class SavedViews(RowStore):
+    """Rows of saved views. No recording holds them, so a file beside the recordings does, too."""
+
+    def __init__(self, engine: Engine, reader: Engine, storage: Storage) -> None:
+        super().__init__(engine, reader)
+        self._storage = storage
+
+    def find_all(self) -> tuple[SavedView, ...]:
+        """Give every view, by name."""
+        found = self._read_all(select(saved_views).order_by(saved_views.c.name, saved_views.c.id))
+        return tuple(SavedView(*row) for row in found)
+
+    def add(self, name: str, query: str) -> None:
+        """Save a view; one of the same name is replaced."""
+        row = {"id": f"view_{secrets.token_hex(8)}", "name": name, "query": query, "created_at": format_now()}
+        with self._engine.begin() as connection:
+            connection.execute(delete(saved_views).where(saved_views.c.name == name))
+            connection.execute(insert(saved_views).values(row))
+        self.write_file()
+
+    def drop(self, view_id: str) -> None:
+        """Forget a view; one that is gone already stays gone."""
+        with self._engine.begin() as connection:
+            connection.execute(delete(saved_views).where(saved_views.c.id == view_id))
+        self.write_file()
+
+    def write_file(self) -> None:
+        """Write the file of all views where it differs from the rows."""
+        content = json.dumps(
+            [asdict(view) for view in self.find_all()], ensure_ascii=False, indent=1
+        ).encode()
+        if (self._storage.read_small(VIEWS_FILE) or b"[]") != content:
+            self._storage.write_small(VIEWS_FILE, content)
+
+    def recover(self) -> int:
+        """Add the views of the file that the database does not have; gives their number."""
+        try:
+            found = [SavedView(**row) for row in json.loads(self._storage.read_small(VIEWS_FILE) or b"[]")]
+        except (ValueError, TypeError):
+            return 0
+        known = {view.id for view in self.find_all()}
+        rows = [asdict(view) for view in found if view.id not in known]
+        if rows:
+            with self._engine.begin() as connection:
+                connection.execute(insert(saved_views), rows)
+        return len(rows)

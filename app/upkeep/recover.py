@@ -19,6 +19,7 @@ from typing import Literal
 from app.errors import UnknownRecordings
 from app.jobs.database.connect import bring_up_to_date
 from app.jobs.job import JobState
+from app.jobs.library import SavedViews
 from app.jobs.queries import TRASHED
 from app.jobs.side_files import (
     Rows,
@@ -142,11 +143,12 @@ def _counts_by_side_file(store: JobStore, storage: Storage, analysis_id: str, to
 
 
 def catch_up(store: JobStore, storage: Storage) -> int:
-    """Write every side file that is absent or behind its row; gives their number."""
+    """Write every side file that is absent or behind its row, and the file of views; gives the number."""
     writer = SideWriter(store.engine, store.reader, storage)
     names = storage.find_recordings()
     missing = [one for one in sorted(store.find_with_side()) if f"{one}{SIDE_SUFFIX}" not in names]
     writer.mark_side_files_missing(missing)
+    SavedViews(store.engine, store.reader, storage).write_file()
     return writer.write_all()
 
 
@@ -211,6 +213,7 @@ def _recover(store: JobStore, storage: Storage) -> Recovered:
             troubles.append(Trouble(recording_id, "side_damaged"))
     troubles += [Trouble(one, "no_bytes") for one in sorted(before - names) if store.is_kept(one)]
     troubles += [Trouble(name, "strange") for name in find_unknown(store, storage).strange]
+    SavedViews(store.engine, store.reader, storage).recover()
     catch_up(store, storage)
     return Recovered(
         recordings=added["recordings"],

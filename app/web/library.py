@@ -3,14 +3,16 @@
 import io
 from collections.abc import Iterator
 from typing import Any, Literal
+from urllib.parse import parse_qsl
 from zipfile import ZIP_STORED, ZipFile
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse, StreamingResponse
 
+from app.api.analyses import run_to_end
 from app.api.files import build_download_name
 from app.api.recordings import purge_recording
-from app.errors import NoSuchFile, NotFinished, ResultDamaged
+from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library import Library
 from app.jobs.recordings import RecordingFilter, StoredRow
@@ -21,12 +23,15 @@ from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.web.analysis import find_results
-from app.web.library_views import read_filter
+from app.web.forms import first, read_form
+from app.web.library_views import parse_filter, read_filter, write_filter
 from app.web.rendering import find_base, render_page
 from app.web.views import format_moment, format_size
 
 MOST_ROWS = 10_000
 SHOWN = 500
+MOST_VIEWS = 50
+LONGEST_VIEW = 60
 DAY_S = 86400
 PROBLEM_COLUMNS = ("file", "subject", "code", "title", "detail", "fix")
 
@@ -60,6 +65,31 @@ def take_reports(request: Request, services: UsedServices, language: UsedLanguag
     return StreamingResponse(
         pack_reports(services, jobs, language), media_type="application/zip", headers=headers
     )
+
+
+@router.post("/library/views")
+async def save_view(request: Request, services: UsedServices) -> Response:
+    """Save the filter and order of the list under a name.
+
+    Raises
+    ------
+    BadParameter
+    """
+    form = await read_form(request)
+    name, query = first(form, "name"), write_filter(parse_filter(dict(parse_qsl(first(form, "query")))))
+    known = {view.name for view in services.views.find_all()}
+    is_full = name not in known and len(known) >= MOST_VIEWS
+    if not name or len(name) > LONGEST_VIEW or not name.isprintable() or is_full:
+        raise BadParameter(name="name", value=name[:LONGEST_VIEW], allowed=f"<= {LONGEST_VIEW}")
+    await run_to_end(services.views.add, name, query)
+    return RedirectResponse(f"{find_base(request)}/?{query}", status_code=303)
+
+
+@router.post("/library/views/{view_id}/drop")
+def drop_view(view_id: str, request: Request, services: UsedServices) -> Response:
+    """Forget a saved view."""
+    services.views.drop(view_id)
+    return RedirectResponse(f"{find_base(request)}/", status_code=303)
 
 
 class _Outlet(io.RawIOBase):

@@ -1,22 +1,26 @@
 """Acts on many recordings of the list: what they change, of which recordings, and what stays."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy import delete, update
 
+from app.jobs.database.tables import answers, saved_views
 from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Claimer, Job, JobState
-from app.jobs.library import Library, LibraryFilter
+from app.jobs.library import VIEWS_FILE, Library, LibraryFilter, SavedViews
 from app.jobs.recordings import RecordingStore
+from app.jobs.results import ResultReader, complete_headlines
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
 from app.main import create_app
 from app.request import Conclusion
 from app.settings import Settings
-from app.storage.store import ResultFile
+from app.storage.store import ResultFile, Storage, seal_folder
 from fusion.conventions import METHOD_VERSION
 from tests.app.conftest import AddJob
 
@@ -32,6 +36,11 @@ def caller(settings: Settings, store: JobStore) -> Iterator[TestClient]:
 @pytest.fixture
 def library(store: JobStore) -> Library:
     return Library(store.reader)
+
+
+@pytest.fixture
+def views(store: JobStore, storage: Storage) -> SavedViews:
+    return SavedViews(store.engine, store.reader, storage)
 
 
 def finish(store: JobStore, method_version: int = int(METHOD_VERSION)) -> None:
@@ -152,7 +161,9 @@ def test_reports_of_an_older_method_are_a_group_and_are_all_analysed_again(
 
     assert library.count(LibraryFilter())["older"] == 1
     assert list_names(library, LibraryFilter(group="older")) == {"old.csv"}
-    assert "1 report was made by an older method" in caller.get("/?lang=en").text.replace("\xa0", " ")
+    assert "1 report was made by an older method" in caller.get("/?group=older&lang=en").text.replace(
+        "\xa0", " "
+    )
     do(caller, "again", every="1", query="group=older")
     assert [job.recording_id for job in store.find_newest(1)] == [old.recording_id]
     finish(store)
@@ -176,3 +187,90 @@ def test_an_arm_or_subject_that_cannot_be_is_refused(caller: TestClient, add_job
 
     assert caller.post("/library/acts/side", data=form | {"side": "both"}).status_code == 422
     assert caller.post("/library/acts/subject", data=form | {"subject": "x" * 101}).status_code == 422
+
+
+def test_a_view_is_a_named_address_kept_on_the_server(caller: TestClient, add_job: AddJob) -> None:
+    add_job()
+    form = {"name": "Poor, most first", "query": "order=above_60&group=poor&page=3&nonsense=1"}
+
+    answer = caller.post("/library/views", data=form, follow_redirects=False)
+
+    assert answer.headers["location"] == "/?group=poor&order=above_60"
+    assert "★ Poor, most first" in caller.get("/").text
+
+
+def test_a_view_of_the_same_name_is_replaced_and_a_forgotten_one_is_gone(
+    caller: TestClient, views: SavedViews
+) -> None:
+    for query in ("group=poor", "group=good"):
+        caller.post("/library/views", data={"name": "mine", "query": query})
+
+    (view,) = views.find_all()
+    assert view.query == "group=good"
+    caller.post(f"/library/views/{view.id}/drop")
+    assert views.find_all() == ()
+
+
+def test_a_view_without_a_name_is_refused(caller: TestClient) -> None:
+    for name in (" ", "x" * 61, "a\x07b"):
+        assert caller.post("/library/views", data={"name": name, "query": ""}).status_code == 422, name
+
+
+def test_views_of_a_lost_database_come_back_from_their_file(views: SavedViews, store: JobStore) -> None:
+    views.add("mine", "group=poor")
+    kept = views.find_all()
+    with store.engine.begin() as connection:
+        connection.execute(delete(saved_views))
+
+    assert (views.recover(), views.recover()) == (1, 0)
+    assert views.find_all() == kept
+
+
+def test_a_file_of_views_that_cannot_be_read_stops_nothing(views: SavedViews, storage: Storage) -> None:
+    storage.write_small(VIEWS_FILE, b"{")
+
+    assert views.recover() == 0
+
+
+def test_what_an_earlier_release_did_not_keep_is_read_from_the_files_of_the_report(
+    store: JobStore, storage: Storage, library: Library, add_job: AddJob
+) -> None:
+    results = {
+        "exposure": {"time_above": [{"threshold_deg": 60, "percent": 7.5}]},
+        "quality": {"verdict": "good"},
+        "time": {"recorded_s": 180.0},
+        "method": {"name": "smoothed", "version": "4"},
+    }
+    findings = {"findings": {"exposure": {"minutes": {"p50_deg": [10.0, 20.0]}}}}
+    job = add_job()
+    claimed = store.claim(ME)
+    assert claimed is not None
+    folder = storage.open_attempt(job.id, str(claimed.token))
+    for name, content in (("results.json", results), ("findings.json", findings)):
+        (folder / name).write_text(json.dumps(content))
+    files = seal_folder(folder)
+    storage.keep_attempt(job.id, str(claimed.token))
+    assert store.finish(job.id, str(claimed.token), files, HeadlineFigures("good", None, 1.0, 1.0))
+    with store.engine.begin() as connection:
+        connection.execute(update(answers).values(method=None, method_version=None, day=None))
+
+    reader = ResultReader(store, storage)
+    numbers = [complete_headlines(store, reader, 20) for _ in range(2)]
+
+    (entry,) = library.find_page(LibraryFilter(group="older"), 10)
+    assert numbers == [1, 0]
+    assert entry.headline == HeadlineFigures("good", None, 180.0, 7.5, "smoothed", 4, "10,20")
+
+
+def test_a_report_whose_files_are_gone_is_listed_as_before(
+    store: JobStore, storage: Storage, library: Library, add_job: AddJob
+) -> None:
+    add_job()
+    finish(store)
+    with store.engine.begin() as connection:
+        connection.execute(update(answers).values(method=None, method_version=None, day=None))
+
+    assert complete_headlines(store, ResultReader(store, storage), 20) == 1
+
+    (entry,) = library.find_page(LibraryFilter(), 10)
+    assert entry.headline == HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0)

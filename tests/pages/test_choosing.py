@@ -154,3 +154,35 @@ def test_all_that_match_are_chosen_by_one_click(listed: Page) -> None:
 
     expect(listed.locator(".chosen")).to_have_text("All 99 chosen")
     listed.evaluate("document.getElementById('acts').dataset.number = '4'")
+
+
+def test_a_view_is_saved_under_a_name_opened_by_one_click_and_forgotten(
+    page: Page, server: RunningServer, four: tuple[str, ...]
+) -> None:
+    page.goto(f"{server.address}?text=choose_&order=name&lang=en")
+    page.get_by_label("Name of this view").fill("the four")
+    page.get_by_role("button", name="Save view").click()
+    page.goto(f"{server.address}?lang=en")
+
+    page.get_by_role("link", name="the four").click()
+
+    expect(page.locator("#rows .row")).to_have_count(4)
+    expect(page.get_by_role("link", name="the four")).to_have_attribute("aria-current", "true")
+    page.get_by_role("button", name="Forget").click()
+    expect(page.get_by_role("link", name="the four")).to_have_count(0)
+
+
+def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_phone(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    page.set_viewport_size({"width": 360, "height": 800})
+    page.goto(f"{server.address}?text=shift_seed1&lang=fr")
+    row = page.locator("#rows .row").first
+
+    expect(row.locator(".subject")).to_contain_text("S012")
+    expect(row.locator(".date")).to_contain_text("2026-03-02")
+    expect(row.locator(".side")).to_have_text("droit")
+    expect(row.get_by_role("checkbox", name="Choisir S012, 2026-03-02 07:00, droit")).to_be_visible()
+    row.get_by_role("checkbox").click()
+    expect(page.get_by_role("button", name="PDF (ZIP)")).to_be_in_viewport()
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
