@@ -29,7 +29,7 @@ from app.storage.store import StoredRecording, seems_whole
 from app.web.columns import find_offer
 from app.web.conclusion import build_conclusion
 from app.web.day import find_day
-from app.web.day_views import DayClock, build_day, build_hours
+from app.web.day_views import DayClock, build_day, build_hours, format_axis
 from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
 from app.web.page_one import read_page_one
 from app.web.pairs import find_offers
@@ -47,6 +47,7 @@ from app.web.views import (
     now_utc,
     read_results,
 )
+from fusion.conventions import ARM_AXES
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
@@ -389,6 +390,7 @@ def analysis(
         "b": load_wording(language, "pair_pages"),
         "days_link": load_wording(language, "days")["page"]["link"],
         "c": load_wording(language, "columns"),
+        "axes": [(axis, format_axis(axis)) for axis in ARM_AXES],
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),
