@@ -13,7 +13,7 @@ import anyio
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from app.api.analysis_models import (
     RESULT_NAMES,
@@ -24,6 +24,7 @@ from app.api.analysis_models import (
     AnalyzeParameters,
     StartedAnalyses,
     check_periods,
+    parse_subject,
     read_periods,
     view_analysis,
 )
@@ -101,6 +102,9 @@ class AnalysisWish(BaseModel):
     recording_ids: Annotated[list[str], Field(min_length=1, max_length=1000)]
     settings: AnalysisSettings = AnalysisSettings()
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
+    study: Annotated[
+        str, Field(description="Name of a study that they join."), AfterValidator(parse_subject)
+    ] = ""
 
 
 @router.post(
@@ -130,8 +134,10 @@ async def analyze(
         same = None if parameters.again else find_same(services.store, services.storage, own, asked, way_in)
         if same is not None:
             services.storage.drop_recording(stored.id)
-            return same, True
-        return services.store.add(stored, asked, way_in, parameters.external_id), False
+        job = same or services.store.add(stored, asked, way_in, parameters.external_id)
+        if parameters.study:
+            services.store.join_study(parameters.study, job.id)
+        return job, same is not None
 
     job, existed = await receive_recording(request, services, commit)
     wait_s = read_preference(request.headers.get("prefer", ""))
@@ -167,6 +173,8 @@ def create_analyses(
     paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
     asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
     pairs = [_start(services, row, request, flow, again=body.again) for row, request in asked]
+    for job, _ in pairs if body.study else ():
+        services.store.join_study(body.study, job.id)
     views = [_view(job, language, existed=existed) for job, existed in pairs]
     items = [view.model_dump(exclude_unset=True) for view in views]
     return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]

@@ -237,7 +237,17 @@ class AnalysisOptions(BaseModel):
         )
 
 
-class AnalyzeParameters(AnalysisOptions):
+class DeclaredOptions(AnalysisOptions):
+    """What may be asked of an analysis before its recording is there."""
+
+    study: Annotated[
+        str,
+        Field(description="Name of a study that it joins, which begins with its first."),
+        AfterValidator(parse_subject),
+    ] = ""
+
+
+class AnalyzeParameters(DeclaredOptions):
     """What may be asked with a recording."""
 
     file_name: Annotated[str, Field(max_length=1000, description="Name of the file, for people.")] = ""

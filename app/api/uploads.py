@@ -23,7 +23,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
-from app.api.analysis_models import AnalysisOptions
+from app.api.analysis_models import DeclaredOptions
 from app.api.intake import PIECE_BYTES, check_room, copy_body, read_small_body
 from app.api.problems import PROBLEM_RESPONSES, TUS_HEADERS, parse_json, validate_model
 from app.api.recording_models import RecordingWords
@@ -125,7 +125,9 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
         stored = services.storage.adopt(services.incoming.path(row.id), sha256, row.length_bytes)
     except FileNotFoundError:  # a peer was quicker
         return services.uploads.get(row.id)
-    counts = services.uploads.finish(row, stored, _build_declared(services, row), way_in)
+    declared = read_declared(row.metadata)
+    study = declared.study if declared else ""
+    counts = services.uploads.finish(row, stored, _build_declared(services, row), way_in, study)
     if counts != stored.id:
         services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
@@ -138,7 +140,7 @@ def _build_declared(services: Services, row: UploadRow) -> ReportRequest | None:
     if settings is None or services.store.count_waiting() >= services.settings.max_queued:
         return None
     stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
-    whole = AnalysisOptions.model_validate(stated)
+    whole = DeclaredOptions.model_validate(stated)
     return whole.build_request(row.about.file_name, settings.lang or "en", services.settings.paper)
 
 
@@ -355,7 +357,7 @@ def read_metadata(header: str) -> RecordingWords:
     return validate_model(RecordingWords, known)
 
 
-def read_declared(header: str) -> AnalysisOptions | None:
+def read_declared(header: str) -> DeclaredOptions | None:
     """Read the analysis that begins with the last byte (``settings``: JSON); None where none is declared.
 
     Raises
@@ -363,10 +365,10 @@ def read_declared(header: str) -> AnalysisOptions | None:
     BadParameter
     """
     declared = dict(_read_pair(pair) for pair in header.split(",") if pair.strip()).get(DECLARED)
-    return None if declared is None else validate_model(AnalysisOptions, parse_json(declared.encode()))
+    return None if declared is None else validate_model(DeclaredOptions, parse_json(declared.encode()))
 
 
-def _declare(header: str, settings: AnalysisOptions) -> str:
+def _declare(header: str, settings: DeclaredOptions) -> str:
     """Put the settings into the metadata, in the place of those before."""
     kept = [pair for pair in header.split(",") if pair.strip() and _read_pair(pair)[0] != DECLARED]
     text = settings.model_dump_json(exclude_unset=True).encode()
@@ -425,7 +427,7 @@ class UploadWords(RecordingWords):
     """What is said of a file that is still coming, and the analysis that begins with its last byte."""
 
     settings: Annotated[
-        AnalysisOptions | None, Field(description="As in ``POST /analyses``; absent: as declared before.")
+        DeclaredOptions | None, Field(description="As in ``POST /analyses``; absent: as declared before.")
     ] = None
 
 

@@ -45,8 +45,8 @@ class Participant:
     stated: Mapping[str, Any] = field(default_factory=dict)
 
 
-def read_participants(content: bytes, folder: Path) -> tuple[Participant, ...]:
-    """Read the list; diaries it names are read from ``folder``.
+def read_participants(content: bytes, folder: Path | None) -> tuple[Participant, ...]:
+    """Read the list; diaries it names are read from ``folder``, and refused without one.
 
     Raises
     ------
@@ -129,7 +129,7 @@ class Reader:
     allowed: str
 
 
-def _readers(folder: Path) -> Mapping[str, Reader]:
+def _readers(folder: Path | None) -> Mapping[str, Reader]:
     return {
         "subject": Reader("subject", check_subject, SUBJECT_HINT),
         "side": Reader("side", _read_side, "|".join(get_args(Side))),
@@ -141,7 +141,9 @@ def _readers(folder: Path) -> Mapping[str, Reader]:
     }
 
 
-def _read_diary_beside(folder: Path, name: str) -> tuple[DiaryEntry, ...]:
+def _read_diary_beside(folder: Path | None, name: str) -> tuple[DiaryEntry, ...]:
+    if folder is None:  # the list came by itself
+        raise ValueError
     try:
         return read_diary((folder / name).read_bytes())
     except UnusableDiary as slip:

@@ -26,6 +26,7 @@ from app.jobs.queries import (
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
+from app.jobs.studies import join_study
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
@@ -416,8 +417,11 @@ class UploadStore(RowStore):
         stored: StoredRecording,
         request: ReportRequest | None = None,
         way_in: WayIn = "api",
+        study: str = "",
     ) -> str:
         """Make the upload a recording, once, and queue the analysis it asks for, in one commit.
+
+        With ``study``, the analysis joins the study of that name.
 
         Bytes of which another recording has an analysis are not analysed again unasked. Gives the id of the
         recording that counts.
@@ -428,7 +432,9 @@ class UploadStore(RowStore):
             if connection.execute(change).rowcount == 1:
                 insert_recording(connection, stored, row.about)
                 if request is not None and not _is_analysed_elsewhere(connection, stored):
-                    enqueue(connection, (stored.id, stored.sha256), request, way_in)
+                    analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
+                    if study:
+                        join_study(connection, study, analysis_id)
                 return stored.id
         return self.get(row.id).recording_id or stored.id
 

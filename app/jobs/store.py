@@ -27,6 +27,7 @@ from app.jobs.queue import (
 )
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.side_files import increment_revision
+from app.jobs.studies import follow_recording, join_study
 from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
 from app.storage.store import ResultFile, StoredRecording
@@ -106,6 +107,18 @@ class JobStore(RowStore):
             analysis_id = enqueue(connection, recording, request, way_in)
         return self.get(analysis_id)
 
+    def add_correction(self, recording: tuple[str, str], request: ReportRequest) -> Job:
+        """Queue what a person corrected on the page; every study of the recording goes on with it."""
+        with self._engine.begin() as connection:
+            analysis_id = enqueue(connection, recording, request, "web")
+            follow_recording(connection, analysis_id)
+        return self.get(analysis_id)
+
+    def join_study(self, name: str, analysis_id: str) -> str:
+        """Add an analysis to the study of this name; gives the study's id."""
+        with self._engine.begin() as connection:
+            return join_study(connection, name, analysis_id)
+
     def find_same(self, sha256: str, request: ReportRequest) -> tuple[Job, ...]:
         """Give the analyses of the same bytes with the same settings by the same engine, the oldest first."""
         query = select_same([identify_work(sha256, request)]).limit(MOST_SAME)
@@ -138,13 +151,15 @@ class JobStore(RowStore):
         """Queue the analyses of recordings again, each by its request, in one commit; gives their number.
 
         A failed or cancelled analysis is replaced, in its batch too; a report stays until the new one is
-        made. They take turns with all else that waits: a file that a person drops goes first.
+        made, and every study of a recording goes on with it. They take turns with all else that
+        waits: a file that a person drops goes first.
         """
         items = [(job.recording_id, job.sha256, request) for job, request in asked]
         with self._engine.begin() as connection:
             for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
+                follow_recording(connection, again)
         return len(items)
 
     def find_incomplete(self, limit: int) -> tuple[Job, ...]:

@@ -399,7 +399,7 @@ def retry(analysis_id: str, request: Request, services: UsedServices) -> Respons
     """Start the same analysis once more."""
     again = retry_job(services.store, services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
-        again = services.store.add_analysis((again.recording_id, again.sha256), again.request, "web")
+        again = services.store.add_correction((again.recording_id, again.sha256), again.request)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 

@@ -1,16 +1,23 @@
-"""Pages of the batches that scripts started: all of them, and each with its analyses."""
+"""Pages of the studies: all of them, and each with its recordings. A script's batch is one, too."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
 from app.api.batches import retry_failed
+from app.batch.inputs import Participant, assign_participants, read_participants
+from app.batch.plan import Task
+from app.errors import BadParameter
 from app.jobs.batches import Batch
-from app.jobs.job import JobState
+from app.jobs.job import Job, JobState
 from app.report.words.wording import Language, fill, load_wording
-from app.services import UsedLanguage, UsedServices
+from app.request import ReportRequest, find_window_hint
+from app.services import Services, UsedLanguage, UsedServices
+from app.web.forms import read_body
 from app.web.library_views import build_library, read_filter
 from app.web.rendering import find_base, render_page
 from app.web.views import format_moment
@@ -34,6 +41,7 @@ def show_batch(batch_id: str, request: Request, services: UsedServices, language
     wanted = replace(read_filter(request), batch=batch.id)
     values = build_library(services, request, wanted, language)
     values |= {"batch": batch, "told": _describe_batch(batch, language), "w": _load_words(language)}
+    values |= {"squares": _draw_squares(services.batches.find_jobs(batch_id), language)}
     return render_page(request, "batch.html", language, values | {"failed": batch.counts[JobState.FAILED]})
 
 
@@ -42,6 +50,63 @@ def retry_batch(batch_id: str, request: Request, services: UsedServices) -> Resp
     """Analyse anew what failed (a plain form, so that it needs no script)."""
     retry_failed(batch_id, services)
     return RedirectResponse(f"{find_base(request)}/batches/{batch_id}", status_code=303)
+
+
+@router.post("/{batch_id}/participants")
+async def take_participants(batch_id: str, request: Request, services: UsedServices) -> dict[str, Any]:
+    """Read a list of participants, and analyse again every recording of which it says something else.
+
+    Gives how many are analysed again (``changed``) and the files of the list that the study does not have.
+    """
+    people = read_participants(await read_body(request), None)
+    return await run_in_threadpool(_apply_participants, batch_id, people, services)
+
+
+def _apply_participants(batch_id: str, people: tuple[Participant, ...], services: Services) -> dict[str, Any]:
+    jobs = services.batches.find_jobs(batch_id)
+    tasks = [Task(Path(job.file_name), job.request, Path()) for job in jobs]
+    assigned, unknown = assign_participants(tasks, people)
+    changed = [
+        (job, replace(task.request, conclusion=None))
+        for job, task in zip(jobs, assigned, strict=True)
+        if task.request != job.request
+    ]
+    for _, asked in changed:
+        hint = find_window_hint(asked.pose, len(asked.calibration_windows_s), asked.arm_axis)
+        if hint:
+            raise BadParameter(name="calibration", value=asked.file_name, allowed=hint)
+    for job, asked in changed:
+        _say_whose(services, job, asked)
+        services.store.add_correction((job.recording_id, job.sha256), asked)
+    return {"changed": len(changed), "unknown": [row.file for row in unknown]}
+
+
+def _say_whose(services: Services, job: Job, asked: ReportRequest) -> None:
+    """Write whose arm it is on the recording, too, so that its next analysis knows."""
+    row = services.recordings.get(job.recording_id)
+    about = replace(row.about, subject=asked.subject, side=asked.side)
+    if about != row.about:
+        services.recordings.describe(row, about)
+
+
+@dataclass(frozen=True, slots=True)
+class Square:
+    """A recording at a glance: its colour, what it is, and how it is."""
+
+    id: str
+    state: str
+    title: str
+
+
+MOST_SQUARES = 2_000
+
+
+def _draw_squares(jobs: tuple[Job, ...], language: Language) -> tuple[Square, ...]:
+    words = load_wording(language, "page")["state"]
+    return tuple(
+        Square(job.id, job.state.value, f"{job.request.subject or job.file_name}: {words[job.state.value]}")
+        for job in jobs[:MOST_SQUARES]
+    )
 
 
 def _load_words(language: Language) -> dict[str, Any]:

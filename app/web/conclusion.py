@@ -71,5 +71,5 @@ async def conclude(analysis_id: str, request: Request, services: UsedServices) -
     concluded = read_conclusion(await read_form(request))
     job = await run_in_threadpool(services.store.get, analysis_id)
     asked = replace(job.request, conclusion=concluded, reason="")
-    again = await run_in_threadpool(services.store.add_analysis, (job.recording_id, job.sha256), asked, "web")
+    again = await run_in_threadpool(services.store.add_correction, (job.recording_id, job.sha256), asked)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", HTTP_303_SEE_OTHER)

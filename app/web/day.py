@@ -251,7 +251,7 @@ async def name_pose(analysis_id: str, request: Request, services: UsedServices) 
 
 
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
-    again = services.store.add_analysis((job.recording_id, job.sha256), corrected, "web")
+    again = services.store.add_correction((job.recording_id, job.sha256), corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 

@@ -15,7 +15,6 @@ from app.report.export.results import build_results, encode_results
 from app.report.findings import Kept, decode_findings
 from app.report.model import Report
 from app.report.render.html import find_template_folder, render_html
-from app.report.render.pdf import render_pdf
 from app.report.render.write import RESULTS, format_brief
 from app.report.words.wording import Language, load_wording
 from app.services import UsedLanguage, UsedServices
@@ -68,6 +67,8 @@ def show_report(language: UsedLanguage) -> Response:
 @router.get("/report.pdf")
 def give_pdf(language: UsedLanguage, services: UsedServices) -> Response:
     """Give the report as a PDF, on the paper of this installation."""
+    from app.report.render.pdf import render_pdf  # noqa: PLC0415  heavy, and only this needs it
+
     kept = _read_example()
     attached = {RESULTS: encode_results(kept.findings, kept.subject)}
     body = render_pdf(_build_report(language), attached, services.settings.paper)

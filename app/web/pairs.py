@@ -143,7 +143,7 @@ def analyse_alike(first: str, second: str, request: Request, services: UsedServi
     """Analyse the earlier recording by the settings of the later, so that only the work differs."""
     before, after = services.store.get(first), services.store.get(second)
     asked = align_request(before.request, after.request)
-    again = services.store.add_analysis((before.recording_id, before.sha256), asked, "web")
+    again = services.store.add_correction((before.recording_id, before.sha256), asked)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}?before={before.id}", status_code=303)
 
 

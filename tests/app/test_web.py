@@ -89,14 +89,15 @@ def test_the_french_of_quebec_can_be_asked_for_by_name(client: TestClient) -> No
     assert 'href="?lang=en"' in page
 
 
+@pytest.mark.parametrize(("address", "bars"), [("/analyses/{id}", 2), ("/rows", 1)])
 def test_a_waiting_recording_shows_how_far_it_is_and_can_be_cancelled(
-    client: TestClient, add_job: AddJob
+    client: TestClient, add_job: AddJob, address: str, bars: int
 ) -> None:
-    add_job(file_name="shift.gt3x")
+    job = add_job(file_name="shift.gt3x")
 
-    page = client.get("/rows?lang=en").text
+    page = client.get(address.format(id=job.id), params={"lang": "en"}).text
 
-    assert Elements(page).count("progress") == 1
+    assert Elements(page).count("progress") == bars
     assert "You can close this page" in page
     assert "Cancel shift.gt3x" in page
 

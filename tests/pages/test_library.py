@@ -213,7 +213,7 @@ def test_a_batch_of_the_api_has_a_page_with_counts_and_tables(
     page: Page, server: RunningServer, batch: str
 ) -> None:
     open_home(page, server)
-    page.get_by_role("link", name="Batches").click()
+    page.get_by_role("link", name="Studies").click()
 
     page.get_by_role("link", name="spring").click()
 
@@ -230,7 +230,7 @@ def test_of_a_batch_only_what_needs_attention_is_shown_and_tried_again(
 ) -> None:
     page.goto(f"{server.address}batches/{batch}?lang=en")
 
-    page.get_by_role("link", name="No report").click()
+    page.get_by_role("link", name="No report 1").click()
     expect(page.locator("#rows .row")).to_have_count(1)
     page.get_by_role("button", name="Try all failed again").click()
 
@@ -248,7 +248,7 @@ def test_the_next_and_the_previous_of_a_batch_are_its_own(
 
     expect(page.get_by_role("heading", level=1)).to_have_text("unknown.csv")
     expect(page.get_by_role("link", name="Next")).to_have_count(0)
-    page.get_by_role("link", name="Back to the batch").click()
+    page.get_by_role("link", name="Back to the study").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("spring")
 
 

@@ -42,9 +42,11 @@ function leaveInterrupted() {
   showInterrupted();
 }
 
-function take({ files, ignored }) {
+// A folder is a study by its name, unless another name was typed.
+function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
-  queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side") });
+  const study = chosen.get("study").trim() || folder || "";
+  queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side"), study });
   if (ignored) say(fill(words.ignored, { n: ignored }));
 }
 
@@ -58,7 +60,8 @@ function listen() {
     $("files").value = "";
   });
   $("folder").addEventListener("change", () => {
-    take(keepRecordings([...$("folder").files]));
+    const files = [...$("folder").files];
+    take({ ...keepRecordings(files), folder: files[0]?.webkitRelativePath.split("/")[0] });
     $("folder").value = "";
   });
   for (const name of ["dragover", "dragleave", "drop"]) {

@@ -2,12 +2,13 @@
 
 const ACCEPTED = /\.(gt3x|cwa|csv|gz|zip|dat|txt|bin|parquet|mvnx)$/i;
 
-// Give every file of a drop, also those inside folders: {files, ignored}.
+// Give every file of a drop, also those inside folders: {files, ignored, folder}; the folder's name if it is one.
 export async function readDrop(transfer) {
   const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   const loose = [...transfer.files];
   if (!entries.some((entry) => entry.isDirectory)) return { files: loose, ignored: 0 };
-  return keepRecordings((await Promise.all(entries.map(walk))).flat());
+  const folder = entries.length === 1 ? entries[0].name : "";
+  return { ...keepRecordings((await Promise.all(entries.map(walk))).flat()), folder };
 }
 
 // Of a folder only what can be a recording is taken; a file that was chosen by itself always is.

@@ -23,6 +23,7 @@ export class Queue {
       const entry = { file };
       const kept = recall()[fingerprint(file)] || {}; // said before a reload
       const said = { subject: wishes.subject || kept.subject || "", side: wishes.side || kept.side || "" };
+      entry.study = wishes.study || kept.study || "";
       entry.row = new Row(file, said, { cancel: () => this.cancel(entry), retry: () => this.retry(entry), remove: () => this.remove(entry) });
       this.all.add(entry);
       this.waiting.push(entry);
@@ -52,7 +53,7 @@ export class Queue {
     this.going.add(entry);
     row.show("uploading");
     row.part(".asked").addEventListener("change", () => this.tell(entry));
-    entry.upload = new TusUpload(file, row.wishes(), this.api + "/uploads", {
+    entry.upload = new TusUpload(file, row.wishes(), entry.study, this.api + "/uploads", {
       progress: (bytes) => (row.state === "lost" && row.show("uploading"), row.progress(bytes)),
       piece: () => this.look(entry),
       smaller: (bytes) => row.note(fill(words.smaller, { size: tellSize(bytes, row.units) })),
@@ -146,6 +147,7 @@ export class Queue {
       const earlier = await this.get(`/analyses?recording_id=${recording.duplicate_of}&limit=1`);
       if (earlier.items.some(({ state }) => !["failed", "cancelled"].includes(state))) {
         await this.drop(entry, recordingId);
+        if (entry.study) await this.send("POST", "/analyses", { recording_ids: [recording.duplicate_of], study: entry.study });
         return this.offer(entry, recording.duplicate_of, earlier.items[0]);
       }
     }
@@ -153,7 +155,7 @@ export class Queue {
     if (!isAsSaid) {
       await this.send("PATCH", `/recordings/${recordingId}`, { subject, side: side || null });
     }
-    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: { lang: document.documentElement.lang } });
+    await this.send("POST", "/analyses", { recording_ids: [recordingId], settings: { lang: document.documentElement.lang }, study: entry.study });
     this.added(entry);
   }
 
@@ -191,7 +193,7 @@ export class Queue {
     const said = Object.entries(row.wishes()).filter(([, value]) => value); // the rest is as it was
     const settings = { lang: document.documentElement.lang, ...Object.fromEntries(said) };
     try {
-      await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true });
+      await this.send("POST", "/analyses", { recording_ids: [recordingId], settings, again: true, study: entry.study });
       this.added(entry);
     } catch (error) {
       const problem = error instanceof Refusal ? error.problem : { title: row.words.network, fix: row.words.networkFix };

@@ -27,8 +27,8 @@ class Lost extends Error {}
 
 export class TusUpload {
   // on: {progress(bytes), piece(), smaller(bytes), waiting(), resumed()}
-  constructor(file, words, root, on) {
-    Object.assign(this, { file, words, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
+  constructor(file, words, study, root, on) {
+    Object.assign(this, { file, words, study, root, on, offset: 0, piece: LARGEST_PIECE, address: null, request: null, stopped: false, speed: {} });
     Object.assign(this, { tail: null, isTailDone: true });
   }
 
@@ -70,10 +70,10 @@ export class TusUpload {
       }
       forget(this.file);
     }
-    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis() }) });
+    const answer = await this.ask("POST", this.root, { "Upload-Length": this.file.size, "Upload-Metadata": describe(this.file, { ...this.words, settings: declareAnalysis(this.study) }) });
     if (answer.status !== 201) throw refuse(answer);
     this.address = this.root + "/" + answer.getResponseHeader("Location").split("/").pop();
-    remember(this.file, { address: this.address, ...this.words });
+    remember(this.file, { address: this.address, study: this.study, ...this.words });
     this.offset = 0;
     return { recording: null };
   }
@@ -164,8 +164,8 @@ function describe(file, words) {
 }
 
 // The analysis begins with the last byte, in the language of this page.
-function declareAnalysis() {
-  return JSON.stringify({ lang: document.documentElement.lang });
+function declareAnalysis(study) {
+  return JSON.stringify({ lang: document.documentElement.lang, study });
 }
 
 function toBase64(text) {

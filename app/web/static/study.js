@@ -1,0 +1,51 @@
+// The page of a study: its squares follow the analyses; a list of participants is sent, and what became of it
+// is told.
+
+import { $, fill } from "./say.js";
+
+const LOOK_MS = 3000;
+const KEPT = "acromion-participants";
+const form = $("participants");
+const told = $("list-told");
+
+function tell(text) {
+  told.textContent = text;
+  told.hidden = !text;
+}
+
+async function send(file) {
+  $("list").value = "";
+  const answer = await fetch(form.dataset.address, { method: "POST", body: file }).catch(() => null);
+  if (!answer?.ok) return refuse(answer ? await answer.text() : "");
+  const { changed, unknown } = await answer.json();
+  const rest = unknown.length ? " " + fill(form.dataset.unknown, { unknown: unknown.join(", ") }) : "";
+  sessionStorage.setItem(KEPT, fill(form.dataset.done, { changed }) + rest);
+  location.reload();
+}
+
+// A refusal comes as a page of its own: what it says is shown here.
+function refuse(page) {
+  const said = new DOMParser().parseFromString(page, "text/html").querySelector("[data-problem]");
+  told.hidden = false;
+  told.replaceChildren(...(said ? [...document.importNode(said, true).children] : [form.dataset.lost]));
+}
+
+// Whoever has the focus keeps it: only what has changed is replaced.
+async function look() {
+  if (!document.querySelector(".squares .is-queued, .squares .is-running")) return;
+  const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
+  if (answer?.ok) {
+    const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelectorAll("[data-live]");
+    document.querySelectorAll("[data-live]").forEach((old, index) => {
+      if (old.innerHTML !== fresh[index].innerHTML) old.replaceChildren(...fresh[index].childNodes);
+    });
+  }
+  setTimeout(look, LOOK_MS);
+}
+
+form.hidden = false;
+form.addEventListener("submit", (event) => event.preventDefault());
+$("list").addEventListener("change", () => send($("list").files[0]));
+tell(sessionStorage.getItem(KEPT) || "");
+sessionStorage.removeItem(KEPT);
+look();
