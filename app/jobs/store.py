@@ -151,13 +151,15 @@ class JobStore(RowStore):
         """Queue the analyses of recordings again, each by its request, in one commit; gives their number.
 
         A failed or cancelled analysis is replaced, in its batch too; a report stays until the new one is
-        made. They take turns with all else that waits: a file that a person drops goes first.
+        made, and every study of a recording goes on with it. They take turns with all else that
+        waits: a file that a person drops goes first.
         """
         items = [(job.recording_id, job.sha256, request) for job, request in asked]
         with self._engine.begin() as connection:
             for (job, _), again in zip(asked, enqueue_all(connection, items, "api"), strict=True):
                 if job.state in (JobState.FAILED, JobState.CANCELLED):
                     replace_job(connection, job.id, again)
+                follow_recording(connection, again)
         return len(items)
 
     def find_incomplete(self, limit: int) -> tuple[Job, ...]:

@@ -26,7 +26,7 @@ MOST_CHOSEN = 500
 LONGEST_TAG = 40
 MOST_TAGS = 10
 
-Act = Literal["side", "subject", "tag", "untag", "again", "delete", "restore"]
+Act = Literal["side", "subject", "tag", "untag", "study", "again", "delete", "restore"]
 
 router = APIRouter(include_in_schema=False, prefix="/library/acts")
 
@@ -98,6 +98,11 @@ def _act(act: Act, form: Form, services: Services) -> dict[str, Any]:
     elif act == "untag":
         facts = {"tag": first(form, "tag")}
         number = services.recordings.tag(ids, taken=facts["tag"])
+    elif act == "study":
+        facts = {"study": _read_study(first(form, "study"))}
+        for entry in entries:
+            services.store.join_study(facts["study"], (entry.attempt or entry.job).id)
+        number = len(entries)
     elif act == "tag":
         tags = _read_tags(first(form, "tag"))
         facts = {"tag": ", ".join(tags)}
@@ -130,6 +135,26 @@ def _read_tags(text: str) -> tuple[str, ...]:
     return tags
 
 
+def _read_study(text: str) -> str:
+    """Read the name of a study.
+
+    Raises
+    ------
+    BadParameter
+    """
+    name = _read_code("study", text)
+    if not name:
+        raise BadParameter(name="study", value="", allowed=SUBJECT_HINT)
+    return name
+
+
+def _read_code(field: str, text: str) -> str:
+    try:
+        return check_subject(text)
+    except ValueError:
+        raise BadParameter(name=field, value="", allowed=SUBJECT_HINT) from None
+
+
 def _read_change(act: Act, form: Form) -> dict[str, Any]:
     """Read what is to be said of the recordings from now on; nothing where they are analysed as before.
 
@@ -144,10 +169,7 @@ def _read_change(act: Act, form: Form) -> dict[str, Any]:
         if value not in ("", "left", "right"):
             raise BadParameter(name="side", value=value[:20], allowed="left, right")
         return {"side": value or None}
-    try:
-        return {"subject": check_subject(value)}
-    except ValueError:
-        raise BadParameter(name="subject", value="", allowed=SUBJECT_HINT) from None
+    return {"subject": _read_code("subject", value)}
 
 
 def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping[str, Any]) -> int:

@@ -17,6 +17,7 @@ from app.jobs.recordings import RecordingStore
 from app.jobs.results import ResultReader, complete_headlines
 from app.jobs.side_files import read_side_rows
 from app.jobs.store import JobStore
+from app.jobs.studies import identify_study
 from app.main import create_app
 from app.request import Conclusion
 from app.settings import Settings
@@ -274,3 +275,25 @@ def test_a_report_whose_files_are_gone_is_listed_as_before(
 
     (entry,) = library.find_page(LibraryFilter(), 10)
     assert entry.headline == HeadlineFigures("good", "2026-03-02T07:00:00", 60.0, 1.0)
+
+
+def test_the_chosen_join_a_study_that_goes_on_with_their_next_analyses(
+    caller: TestClient, store: JobStore, library: Library, add_job: AddJob
+) -> None:
+    jobs = [add_job(name.encode(), file_name=name) for name in ("a", "b")]
+    finish(store)
+    finish(store)
+
+    told = do(caller, "study", *jobs, study="spring")
+    do(caller, "again", *jobs)
+
+    study = LibraryFilter(batch=identify_study("spring"))
+    assert "2 recordings are in the study spring." in told
+    assert list_names(library, study) == {"a", "b"}
+    assert {entry.job.state for entry in library.find_page(study, 10)} == {JobState.QUEUED}
+
+
+def test_a_study_without_a_name_is_refused(caller: TestClient, add_job: AddJob) -> None:
+    form = {"recording": add_job().recording_id, "study": " "}
+
+    assert caller.post("/library/acts/study", data=form).status_code == 422
