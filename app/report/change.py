@@ -33,7 +33,7 @@ from app.report.pairs import (
     name_method,
     share_whole,
 )
-from app.report.render.write import format_signature
+from app.report.render.brief import format_signature
 from app.report.words.numbers import NONE, format_number
 from app.report.words.subject import clean_text, cut_text
 from app.report.words.wording import Language, Words, fill, load_wording

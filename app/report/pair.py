@@ -33,7 +33,7 @@ from app.report.pairs import (
     identify,
     load_pair_words,
 )
-from app.report.render.write import format_signature
+from app.report.render.brief import format_signature
 from app.report.words.numbers import (
     NONE,
     Clock,

@@ -14,8 +14,8 @@ from app.report.analysis.report import build_report
 from app.report.export.results import build_results, encode_results
 from app.report.findings import Kept, decode_findings
 from app.report.model import Report
+from app.report.render.brief import format_brief
 from app.report.render.html import find_template_folder, render_html
-from app.report.render.write import RESULTS, format_brief
 from app.report.words.wording import Language, load_wording
 from app.services import UsedLanguage, UsedServices
 from app.web.page_one import PageOne
@@ -70,7 +70,7 @@ def give_pdf(language: UsedLanguage, services: UsedServices) -> Response:
     from app.report.render.pdf import render_pdf  # noqa: PLC0415  heavy, and only this needs it
 
     kept = _read_example()
-    attached = {RESULTS: encode_results(kept.findings, kept.subject)}
+    attached = {"results.json": encode_results(kept.findings, kept.subject)}
     body = render_pdf(_build_report(language), attached, services.settings.paper)
     headers = {"Content-Disposition": 'attachment; filename="acromion-example.pdf"'}
     return Response(body, media_type="application/pdf", headers=headers)

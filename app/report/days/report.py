@@ -34,7 +34,7 @@ from app.report.days.tables import (
 from app.report.figures import format_figure
 from app.report.model import Chart, Note, Pair, Report, Section, VerdictLine
 from app.report.pairs import format_person, identify
-from app.report.render.write import format_signature
+from app.report.render.brief import format_signature
 from app.report.words.numbers import NONE, format_date, format_number
 from app.report.words.subject import cut_text
 from app.report.words.wording import Language, Words, fill, load_wording

@@ -4,32 +4,17 @@ It needs no science: a finished analysis is written again, in the other language
 left in its folder.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from app.report.analysis.report import build_report
 from app.report.findings import Findings, Kept, decode_findings
-from app.report.model import Pair, Report
+from app.report.model import Report
+from app.report.render.brief import format_brief
 from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.words.subject import ReportSubject
-from app.report.words.wording import Language, fill, load_wording
 from app.request import Paper, ReportKind, ReportRequest
-
-
-def format_brief(report: Report) -> bytes:
-    """Write the answer as a few lines of plain text, to paste into a record."""
-    quality = " ".join(filter(None, (report.verdict.label, report.verdict.reason, report.pose_caution)))
-    lines = (*report.sentences, quality, report.brief)
-    return ("\n".join(lines) + "\n").encode("utf-8")
-
-
-def format_signature(header: Sequence[Pair], footer: str, language: Language) -> str:
-    """Write the last line of the answer for a report of two: subject, date, report, and "not a diagnosis"."""
-    label = load_wording(language)["label"]
-    told = ", ".join(fill(label["brief_fact"], {"name": pair.name, "value": pair.value}) for pair in header)
-    return fill(label["brief_two"], {"header": told, "footer": footer})
-
 
 RESULTS, FINDINGS = "results.json", "findings.json"
 
