@@ -41,6 +41,7 @@ from app.errors import (
     DatabaseDamaged,
     DiskFull,
     ForeignAddress,
+    NotHere,
     PortTaken,
     RecordedProblem,
     ResultDamaged,
@@ -254,8 +255,8 @@ def respond_to_error(request: Request, error: Exception) -> Response:
 
 
 def _is_read_by_person(request: Request, refusal: Refusal) -> bool:
-    """Whether a browser has opened a damaged file: its page offers to analyse again."""
-    return isinstance(refusal, ResultDamaged) and "text/html" in request.headers.get("accept", "")
+    """Whether a browser has opened a file that is damaged or in the trash: its page offers what helps."""
+    return isinstance(refusal, ResultDamaged | NotHere) and "text/html" in request.headers.get("accept", "")
 
 
 def _find_methods(request: Request) -> list[str]:

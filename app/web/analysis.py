@@ -1,5 +1,6 @@
 """Pages of the recordings and of one analysis, built from the job rows."""
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -406,7 +407,7 @@ def analysis(
     return render_page(request, "analysis.html", language, values)
 
 
-def _show_trashed(row: StoredRow, request: Request, language: Language) -> Response:
+def _show_trashed(row: StoredRow, request: Request, language: Language) -> HTMLResponse:
     values = {"recording": row, "t": load_wording(language, "page")["trash"]}
     return render_page(request, "in_trash.html", language, values, NotHere.outcome.status)
 
@@ -434,9 +435,22 @@ def withdraw(analysis_id: str, request: Request, services: UsedServices) -> Resp
     return RedirectResponse(f"{find_base(request)}/analyses/{report.id}", status_code=303)
 
 
+def _find_trashed(request: Request) -> StoredRow | None:
+    """Find the recording in the trash whose analysis an address names; None where it names none."""
+    services = find_services(request)
+    for analysis_id in re.findall(r"\ban_[0-9a-f]{16}\b", str(request.url)):
+        recording_id = services.store.find_trashed(analysis_id)
+        if recording_id is not None:
+            return services.recordings.get(recording_id, trashed=True)
+    return None
+
+
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
     language = choose_language(request)
+    trashed = _find_trashed(request) if error.code == NotHere.code else None
+    if trashed is not None:
+        return _show_trashed(trashed, request, language)
     values: dict[str, Any] = {"problem": describe_problem(error.code, error.facts, language)}
     values |= {"code": error.code, "damage": None}
     if error.code == ResultDamaged.code:

@@ -102,6 +102,30 @@ def test_a_waiting_recording_shows_how_far_it_is_and_can_be_cancelled(
     assert "Cancel shift.gt3x" in page
 
 
+@pytest.mark.parametrize(
+    "address", ["/api/v1/analyses/{id}/report.html", "/beside/compare?first={id}&second=an_0"]
+)
+def test_a_person_who_opens_a_report_in_the_trash_is_offered_to_take_it_back(
+    client: TestClient, add_job: AddJob, address: str
+) -> None:
+    job = add_job()
+    client.post(f"/recordings/{job.recording_id}/delete")
+
+    page = client.get(address.format(id=job.id), headers={"Accept": "text/html", "Accept-Language": "en"})
+
+    assert page.status_code == 404
+    assert f"/recordings/{job.recording_id}/restore" in page.text
+
+
+def test_a_program_that_asks_for_a_report_in_the_trash_gets_a_problem_document(
+    client: TestClient, add_job: AddJob
+) -> None:
+    job = add_job()
+    client.post(f"/recordings/{job.recording_id}/delete")
+
+    assert client.get(f"/api/v1/analyses/{job.id}/report.html").json()["code"] == "E-NOT-FOUND"
+
+
 @pytest.mark.parametrize(("language", "said"), [("en", "is in the trash"), ("fr", "est dans la corbeille")])
 def test_the_address_of_a_recording_in_the_trash_offers_to_take_it_back(
     client: TestClient, add_job: AddJob, language: str, said: str
