@@ -63,7 +63,7 @@ def show_help(request: Request, language: UsedLanguage) -> Response:
     titles = {code: describe_problem(code, {}, language).title for code in _find_codes()}
     happened = [(key, [(code, titles.pop(code)) for code in codes]) for key, codes in HAPPENED.items()]
     warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in find_flag_codes()]
-    happened += [("operation", list(titles.items())), ("caveat", warnings)]
+    happened += [("caveat", warnings), ("operation", list(titles.items()))]
     return _render(request, "help.html", language, {"happened": happened})
 
 
