@@ -121,5 +121,5 @@ def _describe_batch(batch: Batch, language: Language) -> dict[str, str]:
         "id": batch.id,
         "name": batch.name or words["unnamed"],
         "when": format_moment(batch.created_at),
-        "counts": fill(words["counts"], {"all": str(batch.item_count)} | counts),
+        "counts": fill(words["counts"], {"all": str(sum(batch.counts.values()))} | counts),
     }
