@@ -68,6 +68,7 @@ from app.version import software_version
 from app.web.acts import router as act_routes
 from app.web.analysis import respond_with_page
 from app.web.analysis import router as page_routes
+from app.web.api_docs import router as docs_routes
 from app.web.batches import router as batch_pages
 from app.web.columns import router as column_routes
 from app.web.conclusion import router as conclusion_routes
@@ -105,6 +106,7 @@ PAGES = (
     profile_pages,
     column_routes,
     help_routes,
+    docs_routes,
     example_routes,
     asset_routes,
     validation_pages,

@@ -1,12 +1,9 @@
 """Reference data of the server: formats, dictionary, codes, version, and its own documentation."""
 
-import html
-from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from typing import Annotated, Any, cast
+from typing import Annotated
 
-from fastapi import APIRouter, FastAPI, Request
-from fastapi.responses import HTMLResponse
+from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
 from app.api.problems import PROBLEM_RESPONSES, ProblemView, view_flag, view_problem
@@ -101,36 +98,3 @@ def get_version() -> VersionView:
     return VersionView(
         name="acromion", version=software_version(), revision=software_revision(), readers=readers
     )
-
-
-@router.get("/docs", include_in_schema=False)
-def show_docs(request: Request) -> HTMLResponse:
-    """Show the OpenAPI document as a page of our own: nothing is loaded from elsewhere."""
-    document = cast("FastAPI", request.app).openapi()
-    return HTMLResponse("".join(_write_page(document)))
-
-
-def _write_page(document: Mapping[str, Any]) -> Iterator[str]:
-    yield '<!doctype html><html lang="en"><meta charset="utf-8"><title>Acromion: REST API</title>'
-    yield '<meta name="viewport" content="width=device-width"><link rel="stylesheet" href="/static/page.css">'
-    yield "<main><h1>REST API</h1><p>The same as <a href='/api/v1/openapi.json'>openapi.json</a>.</p>"
-    for path, operations in document["paths"].items():
-        for method, operation in operations.items():
-            yield from _write_operation(f"{method.upper()} {path}", operation)
-    yield "</main></html>"
-
-
-def _write_operation(title: str, operation: Mapping[str, Any]) -> Iterator[str]:
-    yield f'<section id="{html.escape(operation["operationId"])}"><h2><code>{html.escape(title)}</code></h2>'
-    yield f"<p>{html.escape(operation.get('description', ''))}</p>"
-    parameters = [p for p in operation.get("parameters", ()) if p["in"] != "path"]
-    if parameters:
-        yield "<dl>" + "".join(map(_write_parameter, parameters)) + "</dl>"
-    bodies = operation.get("requestBody", {}).get("content", {})
-    answers = ", ".join(operation["responses"])
-    yield f"<p>{html.escape(', '.join(bodies))}{' → ' if bodies else ''}{html.escape(answers)}</p></section>"
-
-
-def _write_parameter(parameter: Mapping[str, Any]) -> str:
-    name, description = (html.escape(parameter.get(key, "")) for key in ("name", "description"))
-    return f"<dt><code>{name}</code> ({parameter['in']})</dt><dd>{description}</dd>"

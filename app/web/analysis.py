@@ -1,7 +1,7 @@
 """Pages of the recordings and of one analysis, built from the job rows."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -21,6 +21,7 @@ from app.jobs.regeneration import retry as retry_job
 from app.jobs.store import JobFilter
 from app.report.words.messages import Fact as ProblemFact
 from app.report.words.messages import Problem, describe_problem
+from app.report.words.numbers import format_percent
 from app.report.words.wording import Language, fill, find_nearest, load_device_names, load_wording
 from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
@@ -29,7 +30,7 @@ from app.storage.store import StoredRecording, seems_whole
 from app.web.columns import find_offer
 from app.web.conclusion import build_conclusion
 from app.web.day import find_day
-from app.web.day_views import DayClock, build_day, build_hours
+from app.web.day_views import DayClock, build_day, build_hours, format_axis
 from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
 from app.web.page_one import read_page_one
 from app.web.pairs import find_offers
@@ -47,6 +48,7 @@ from app.web.views import (
     now_utc,
     read_results,
 )
+from fusion.conventions import ARM_AXES
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
@@ -248,6 +250,7 @@ def build_changes(
     figures: tuple[Row, ...] = ()
     if first is not None and second is not None:
         figures = _pair(build_figures(first, language), build_figures(second, language))
+        figures += tuple(_pair_tasks(first, second, language))
     settings = _pair(build_settings(before, clock, language), build_settings(job, clock, language))
     versions = (before.request.version, job.request.version)
     differ = tuple(row for row in settings if row[1] != row[2])
@@ -288,6 +291,26 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
         for old, new in zip(before, after, strict=True)
         if new.key not in ALWAYS_DIFFER
     )
+
+
+def _pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: Language) -> Iterator[Row]:
+    """Set the time above 60 deg of each task that either report has side by side; "–" where it is not one."""
+    words = load_wording(language, "page")["figure_of_task"]
+    earlier, later = (_read_tasks(results, language) for results in (before, after))
+    for label in dict.fromkeys((*later, *earlier)):
+        yield fill(words, {"task": label}), earlier.get(label, "–"), later.get(label, "–")
+
+
+def _read_tasks(results: Mapping[str, Any], language: Language) -> dict[str, str]:
+    """Give the time above 60 deg of each task by its name."""
+    tasks = (
+        part for part in results["exposure"].get("by_task", ()) if part["kind"] == "task" and part["label"]
+    )
+    return {part["label"]: _tell_share(part["time_above_60_percent"], language) for part in tasks}
+
+
+def _tell_share(percent: float | None, language: Language) -> str:
+    return "–" if percent is None else format_percent(percent, language)
 
 
 def _open_day(services: Services, job: Job) -> DayFile | None:
@@ -368,6 +391,7 @@ def analysis(
         "b": load_wording(language, "pair_pages"),
         "days_link": load_wording(language, "days")["page"]["link"],
         "c": load_wording(language, "columns"),
+        "axes": [(axis, format_axis(axis)) for axis in ARM_AXES],
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),

@@ -250,6 +250,17 @@ async def name_pose(analysis_id: str, request: Request, services: UsedServices) 
     return await run_in_threadpool(_add_again, job, named, request, services)
 
 
+@router.post("/other-pose")
+async def try_other_pose(analysis_id: str, request: Request, services: UsedServices) -> Response:
+    """Analyse once more what no pose could be found for, by an axis, or else without the windows given."""
+    form = await read_form(request)
+    job = await run_in_threadpool(services.store.get, analysis_id)
+    axis = _choose_axis(first(form, "axis")) if first(form, "axis") else None
+    pose = "n-pose" if job.request.pose == "two-point" else job.request.pose
+    other = replace(job.request, pose=pose, calibration_windows_s=(), arm_axis=axis, reason="")
+    return await run_in_threadpool(_add_again, job, other, request, services)
+
+
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
     again = services.store.add_correction((job.recording_id, job.sha256), corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
@@ -26,15 +27,44 @@ SAMPLE_SUBJECT = "DEMO"
 _CODE = str(Path(__file__).resolve().parents[2])
 POSES = ("n-pose", "side-lean", "two-point")
 
+HAPPENED: Mapping[str, tuple[str, ...]] = {
+    "file": (
+        "E-TYPE", "E-EXT", "E-EMPTY", "E-BLANK", "E-NO-SAMPLES", "E-NO-GYRO", "E-NO-GRAVITY", "E-EPOCH",
+        "E-GT3X-OLD", "E-GT3X-PART", "E-COLS", "E-SENSORS", "E-SEGMENT", "E-PROFILE", "E-ROW", "E-DECIMAL",
+        "E-UNIT", "E-ANGLE", "E-TIME", "E-RATE", "E-EXCEL-CUT", "E-CORRUPT", "E-ZIP-CRC", "E-ZIP-TRUNC",
+        "E-ZIP-UNSAFE", "E-XML", "E-READER", "E-UNREADABLE",
+    ),
+    "recording": (
+        "E-SHORT", "E-LONG", "E-DEAD", "E-MIXED", "E-SCALE", "E-SWAPPED", "E-JOIN", "E-UNUSABLE",
+    ),
+    "said": (
+        "E-CALIBRATION", "E-AXIS", "E-DIARY", "E-PARTICIPANTS", "E-TASKS", "E-LIST", "E-SETTINGS",
+        "E-PARAMETER",
+    ),
+    "upload": (
+        "E-UPLOAD", "E-BIG", "E-CUT-UPLOAD", "E-DIGEST", "E-SLOW", "E-TOO-MANY", "E-BUSY", "E-DISK",
+    ),
+    "stopped": (
+        "E-STOPPED", "E-INTERRUPTED", "E-TIMEOUT", "E-MEMORY", "E-CRASHED", "E-INTERNAL",
+        "E-RESULT-DAMAGED", "E-STORE-DAMAGED", "E-NOT-FOUND", "E-PURGED",
+    ),
+    "two": (
+        "E-PAIR", "E-COMPARE", "E-DAYS", "E-COMPARISON", "E-OVERLAP", "E-ALIGN", "E-REFERENCE", "E-STUDY",
+    ),
+}  # fmt: skip
+"""What a person sees happen, and the codes behind it; the other codes are for who runs the server."""
+
 router = APIRouter(include_in_schema=False)
 
 
 @router.get("/help")
 def show_help(request: Request, language: UsedLanguage) -> Response:
     """List what help there is."""
-    codes = [(code, describe_problem(code, {}, language).title) for code in _find_codes()]
+    titles = {code: describe_problem(code, {}, language).title for code in _find_codes()}
+    happened = [(key, [(code, titles.pop(code)) for code in codes]) for key, codes in HAPPENED.items()]
     warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in find_flag_codes()]
-    return _render(request, "help.html", language, {"codes": codes, "warnings": warnings})
+    happened += [("caveat", warnings), ("operation", list(titles.items()))]
+    return _render(request, "help.html", language, {"happened": happened})
 
 
 @router.get("/help/poses")

@@ -165,6 +165,15 @@ def test_a_correction_is_analysed_and_shown_beside_what_was(day: Page) -> None:
     assert ("break", "coffee") in [(band["kind"], band["name"]) for band in read_bands(day)]
 
 
+def test_a_task_that_is_new_has_its_figure_now_and_none_before(day: Page) -> None:
+    add_period(day, "task", "lifting")
+
+    day.get_by_role("button", name="Analyse again").click()
+
+    row = day.get_by_role("row", name=re.compile(r"lifting: above 60° – \d+\.\d %"))
+    expect(row).to_be_visible(timeout=END_MS)
+
+
 def test_what_cannot_be_is_refused_beside_what_was_typed(day: Page) -> None:
     add_period(day, "break", "backwards")
     row = day.locator("#periods tr").last

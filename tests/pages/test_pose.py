@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Page, Request, expect
 
 from tests.factories import hold
-from tests.pages.conftest import finish, keep_picture
+from tests.pages.conftest import finish, keep_picture, repeat
 from tests.pages.steps import open_analysis, read_bands, wait_for_curve
 from tests.ways_in.servers import RunningServer
 
@@ -91,3 +91,15 @@ def test_axis_and_slip_reach_the_next_analysis(day: Page) -> None:
     settings = day.get_by_role("region", name="Settings and origin")
     expect(settings).to_contain_text("none held: the sensor’s −y axis lay along the arm")
     expect(settings).to_contain_text("07:01:30")
+
+
+def test_a_window_that_cannot_be_used_leads_to_the_curve_where_another_is_chosen(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    failed = repeat(server, right, "failed", calibration=["60,70"])
+    open_analysis(page, server, failed)
+
+    page.get_by_role("button", name="Analyse, then choose on the curve").click()
+
+    wait_for_curve(page)
+    expect(page.get_by_role("heading", name="Correct and analyse again")).to_be_visible()

@@ -1,0 +1,53 @@
+"""The OpenAPI document as a page of our own: nothing is loaded from elsewhere."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+from fastapi import APIRouter, FastAPI, Request, Response
+from markupsafe import Markup, escape
+
+from app.services import UsedLanguage
+from app.web.rendering import render_page
+
+router = APIRouter(include_in_schema=False)
+_CODE = re.compile(r"``(.+?)``")
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation: its name, what it does in paragraphs, its parameters, what goes in and comes out."""
+
+    id: str
+    title: str
+    paragraphs: tuple[Markup, ...]
+    parameters: tuple[tuple[str, str, Markup], ...]
+    bodies: str
+    answers: str
+
+
+@router.get("/api/v1/docs")
+def show_docs(request: Request, language: UsedLanguage) -> Response:
+    """Show every operation of the API."""
+    document = cast("FastAPI", request.app).openapi()
+    return render_page(request, "api_docs.html", language, {"operations": tuple(_list_operations(document))})
+
+
+def _list_operations(document: Mapping[str, Any]) -> Iterator[Operation]:
+    for path, operations in document["paths"].items():
+        for method, told in operations.items():
+            parameters = (p for p in told.get("parameters", ()) if p["in"] != "path")
+            yield Operation(
+                told["operationId"],
+                f"{method.upper()} {path}",
+                tuple(_mark_code(part) for part in told.get("description", "").split("\n\n")),
+                tuple((p["name"], p["in"], _mark_code(p.get("description", ""))) for p in parameters),
+                ", ".join(told.get("requestBody", {}).get("content", {})),
+                ", ".join(told["responses"]),
+            )
+
+
+def _mark_code(text: str) -> Markup:
+    """Set what stands between double backticks as code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before
