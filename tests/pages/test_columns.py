@@ -1,5 +1,6 @@
 """The columns of unknown tables are named once for all files with the same header."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -50,6 +51,9 @@ def test_one_answer_serves_all_that_were_dropped_and_those_that_follow(
     page.set_input_files("#files", tables)
     for table in tables:
         wait_for_end(page, table.name, "failed")
+    expect(page.get_by_role("search")).to_be_visible()  # the empty page has become the workbench, live
+    expect(page.locator("#bar")).to_have_class(re.compile("is-bar"))
+    expect(page.locator(".chips a", has_text="No report").locator("b")).to_have_text(str(COUNT))
 
     page.get_by_role("link", name="Say what the columns are: 0.csv").click()
     choose_columns(page)

@@ -41,9 +41,20 @@ function show(fresh) {
   showChips(fresh);
   if ($("count")) $("count").textContent = newList.dataset.count;
   const empty = $("rows").querySelector(".empty");
-  if (empty && list.children.length) empty.remove();
+  list.dataset.number = newList.dataset.number;
+  if (list.querySelector(".row")) {
+    empty?.remove();
+    openBench();
+  }
   $("rows").dispatchEvent(new Event("shown"));
   showTitle();
+}
+
+// What an empty list had no need of: search, groups, tables; the place to drop makes room.
+function openBench() {
+  for (const part of document.querySelectorAll("[data-later]")) part.hidden = false;
+  $("bar")?.classList.add("is-bar");
+  $("bench")?.classList.add("workbench");
 }
 
 // The groups with how many are in each now; a group that was empty comes.

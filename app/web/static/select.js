@@ -9,6 +9,7 @@ const chosen = new Set();
 let last = null; // the id of the row that was clicked last: Shift chooses from there
 let isEvery = false;
 
+const countAll = () => Number(rows.querySelector(".rows").dataset.number);
 const boxes = () => [...rows.querySelectorAll("input[name=recording]:not([type=hidden])")];
 
 function set(box, isChosen) {
@@ -29,12 +30,12 @@ function show() {
     box.checked = isEvery || chosen.has(box.value);
     box.closest("tbody").classList.toggle("is-chosen", box.checked);
   }
-  const number = isEvery ? Number(bar.dataset.number) : chosen.size;
+  const number = isEvery ? countAll() : chosen.size;
   const isPage = all.length > 0 && all.every((box) => box.checked);
   bar.hidden = !number;
   bar.elements.every.value = isEvery ? "1" : "";
   bar.querySelector(".chosen").textContent = fill(isEvery ? bar.dataset.all : bar.dataset.page, { n: number });
-  bar.querySelector("[data-choose=every]").hidden = isEvery || !isPage || Number(bar.dataset.number) <= all.length;
+  bar.querySelector("[data-choose=every]").hidden = isEvery || !isPage || countAll() <= all.length;
   bar.querySelector("[data-choose=none]").hidden = false;
   const head = $("pick-all");
   if (head) [head.checked, head.indeterminate] = [isPage, !isPage && number > 0];
