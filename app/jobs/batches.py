@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import Connection, Select, func, insert, select
 
 from app.errors import NotHere
-from app.jobs.database.tables import analyses, batch_items, batches
+from app.jobs.database.tables import analyses, answers, batch_items, batches
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
@@ -94,6 +94,12 @@ class BatchStore(RowStore):
         """Give the analyses that count, in the order in which they were asked for."""
         rows = self._read_all(_select_jobs_of(batch_id).order_by(batch_items.c.place))
         return tuple(read_job(row) for row in rows)
+
+    def find_verdicts(self, batch_id: str) -> Mapping[str, str]:
+        """Give the verdict on the data of each analysis that has one."""
+        found = select(answers.c.analysis_id, answers.c.verdict)
+        rows = self._read_all(found.where(answers.c.analysis_id.in_(select_items(batch_id))))
+        return {row.analysis_id: row.verdict for row in rows}
 
     def retry_failed(self, batch_id: str) -> int:
         """Queue every failed analysis of the batch again, in one commit; gives how many."""

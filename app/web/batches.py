@@ -41,7 +41,7 @@ def show_batch(batch_id: str, request: Request, services: UsedServices, language
     wanted = replace(read_filter(request), batch=batch.id)
     values = build_library(services, request, wanted, language)
     values |= {"batch": batch, "told": _describe_batch(batch, language), "w": _load_words(language)}
-    values |= {"squares": _draw_squares(services.batches.find_jobs(batch_id), language)}
+    values |= {"squares": _draw_squares(services, batch_id, language)}
     return render_page(request, "batch.html", language, values | {"failed": batch.counts[JobState.FAILED]})
 
 
@@ -91,7 +91,7 @@ def _say_whose(services: Services, job: Job, asked: ReportRequest) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """A recording at a glance: its colour, what it is, and how it is."""
+    """A recording at a glance: its state, or the verdict on its data, and that in words."""
 
     id: str
     state: str
@@ -101,12 +101,17 @@ class Square:
 MOST_SQUARES = 2_000
 
 
-def _draw_squares(jobs: tuple[Job, ...], language: Language) -> tuple[Square, ...]:
-    words = load_wording(language, "page")["state"]
-    return tuple(
-        Square(job.id, job.state.value, f"{job.request.subject or job.file_name}: {words[job.state.value]}")
-        for job in jobs[:MOST_SQUARES]
-    )
+def _draw_squares(services: Services, batch_id: str, language: Language) -> tuple[Square, ...]:
+    words = load_wording(language, "page")
+    verdicts = services.batches.find_verdicts(batch_id)
+
+    def draw(job: Job) -> Square:
+        name, verdict = job.request.subject or job.file_name, verdicts.get(job.id, "")
+        if job.state is not JobState.SUCCEEDED or not verdict:
+            return Square(job.id, job.state.value, f"{name}: {words['state'][job.state.value]}")
+        return Square(job.id, verdict, f"{name}: {words['verdict_short'][verdict]}")
+
+    return tuple(map(draw, services.batches.find_jobs(batch_id)[:MOST_SQUARES]))
 
 
 def _load_words(language: Language) -> dict[str, Any]:

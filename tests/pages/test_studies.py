@@ -24,6 +24,7 @@ def dropped(page: Page, server: RunningServer, tmp_path: Path) -> Page:
         expect(page.locator("#rows .row", has_text=name).first).to_be_visible(timeout=END_MS)
     page.goto(f"{server.address}batches?lang=en")
     page.get_by_role("link", name="Packing line").first.click()
+    expect(page.locator("#participants")).to_be_visible()  # its script listens
     return page
 
 
