@@ -27,41 +27,35 @@ SAMPLE_SUBJECT = "DEMO"
 _CODE = str(Path(__file__).resolve().parents[2])
 POSES = ("n-pose", "side-lean", "two-point")
 
-HAPPENED: Mapping[str, tuple[str, ...]] = {
+HAPPENED: Mapping[str, str] = {
     "file": (
-        "E-TYPE", "E-EXT", "E-EMPTY", "E-BLANK", "E-NO-SAMPLES", "E-NO-GYRO", "E-NO-GRAVITY", "E-EPOCH",
-        "E-GT3X-OLD", "E-GT3X-PART", "E-COLS", "E-SENSORS", "E-SEGMENT", "E-PROFILE", "E-ROW", "E-DECIMAL",
-        "E-UNIT", "E-ANGLE", "E-TIME", "E-RATE", "E-EXCEL-CUT", "E-CORRUPT", "E-ZIP-CRC", "E-ZIP-TRUNC",
-        "E-ZIP-UNSAFE", "E-XML", "E-READER", "E-UNREADABLE",
+        "TYPE EXT EMPTY BLANK NO-SAMPLES NO-GYRO NO-GRAVITY EPOCH GT3X-OLD GT3X-PART COLS "
+        "SENSORS SEGMENT PROFILE ROW DECIMAL UNIT ANGLE TIME RATE EXCEL-CUT CORRUPT ZIP-CRC "
+        "ZIP-TRUNC ZIP-UNSAFE XML READER UNREADABLE"
     ),
-    "recording": (
-        "E-SHORT", "E-LONG", "E-DEAD", "E-MIXED", "E-SCALE", "E-SWAPPED", "E-JOIN", "E-UNUSABLE",
-    ),
-    "said": (
-        "E-CALIBRATION", "E-AXIS", "E-DIARY", "E-PARTICIPANTS", "E-TASKS", "E-LIST", "E-SETTINGS",
-        "E-PARAMETER",
-    ),
-    "upload": (
-        "E-UPLOAD", "E-BIG", "E-CUT-UPLOAD", "E-DIGEST", "E-SLOW", "E-TOO-MANY", "E-BUSY", "E-DISK",
-    ),
+    "recording": "SHORT LONG DEAD MIXED SCALE SWAPPED JOIN UNUSABLE",
+    "said": "CALIBRATION AXIS DIARY PARTICIPANTS TASKS LIST SETTINGS PARAMETER",
+    "upload": "UPLOAD BIG CUT-UPLOAD DIGEST SLOW TOO-MANY BUSY DISK",
     "stopped": (
-        "E-STOPPED", "E-INTERRUPTED", "E-TIMEOUT", "E-MEMORY", "E-CRASHED", "E-INTERNAL",
-        "E-RESULT-DAMAGED", "E-STORE-DAMAGED", "E-NOT-FOUND", "E-PURGED",
+        "STOPPED INTERRUPTED TIMEOUT MEMORY CRASHED INTERNAL RESULT-DAMAGED STORE-DAMAGED NOT-FOUND PURGED"
     ),
-    "two": (
-        "E-PAIR", "E-COMPARE", "E-DAYS", "E-COMPARISON", "E-OVERLAP", "E-ALIGN", "E-REFERENCE", "E-STUDY",
-    ),
-}  # fmt: skip
-"""What a person sees happen, and the codes behind it; the other codes are for who runs the server."""
+    "two": "PAIR COMPARE DAYS COMPARISON OVERLAP ALIGN REFERENCE STUDY",
+}
+"""What a person sees happen, and the codes behind it without their "E-"; the others are for operators."""
 
 router = APIRouter(include_in_schema=False)
+
+
+def find_happened(key: str) -> list[str]:
+    """Give the codes behind what a person sees."""
+    return [f"E-{name}" for name in HAPPENED[key].split()]
 
 
 @router.get("/help")
 def show_help(request: Request, language: UsedLanguage) -> Response:
     """List what help there is."""
     titles = {code: describe_problem(code, {}, language).title for code in _find_codes()}
-    happened = [(key, [(code, titles.pop(code)) for code in codes]) for key, codes in HAPPENED.items()]
+    happened = [(key, [(code, titles.pop(code)) for code in find_happened(key)]) for key in HAPPENED]
     warnings = [(code, describe_flag(QualityFlag(code), language).title) for code in find_flag_codes()]
     happened += [("caveat", warnings), ("operation", list(titles.items()))]
     return _render(request, "help.html", language, {"happened": happened})

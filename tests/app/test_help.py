@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 
 from app.errors import list_refusals
 from app.report.words.messages import find_flag_codes
-from app.web.help import HAPPENED
+from app.web.help import HAPPENED, find_happened
 
 
 class Links(HTMLParser):
@@ -37,6 +37,6 @@ def test_what_happened_to_a_file_comes_first(client: TestClient) -> None:
 
 
 def test_no_code_is_behind_two_happenings() -> None:
-    codes = [code for codes in HAPPENED.values() for code in codes]
+    codes = [code for key in HAPPENED for code in find_happened(key)]
 
     assert len(codes) == len(set(codes))
