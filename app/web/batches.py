@@ -63,7 +63,7 @@ async def take_participants(batch_id: str, request: Request, services: UsedServi
 
 
 def _apply_participants(batch_id: str, people: tuple[Participant, ...], services: Services) -> dict[str, Any]:
-    jobs = services.batches.find_jobs(batch_id)
+    jobs = services.batches.find_jobs(services.batches.get(batch_id).id)
     tasks = [Task(Path(job.file_name), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, people)
     changed = [

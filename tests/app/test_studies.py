@@ -139,6 +139,10 @@ def test_a_list_with_a_fault_changes_nothing(client: TestClient, study: str, lis
     assert read_whose(client) == {"0.csv": ("", None), "1.csv": ("", None)}
 
 
+def test_a_list_for_a_study_that_is_not_there_is_refused(client: TestClient) -> None:
+    assert client.post("/batches/ba_none/participants", content="file\na.csv\n").status_code == 404
+
+
 def test_the_pages_of_studies_show_no_address_of_the_api(client: TestClient, study: str) -> None:
     for page in (client.get("/batches").text, client.get(f"/batches/{ID}").text):
         assert "POST /api" not in page

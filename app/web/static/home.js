@@ -45,7 +45,7 @@ function leaveInterrupted() {
 // A folder is a study by its name, unless another name was typed.
 function take({ files, ignored, folder }) {
   const chosen = new FormData(form);
-  const study = chosen.get("study").trim() || folder || "";
+  const study = chosen.get("study").trim() || (folder || "").slice(0, 100);
   queue.add(files, { subject: chosen.get("subject").trim(), side: chosen.get("side"), study });
   if (ignored) say(fill(words.ignored, { n: ignored }));
 }
