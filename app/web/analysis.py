@@ -250,7 +250,7 @@ def build_changes(
     figures: tuple[Row, ...] = ()
     if first is not None and second is not None:
         figures = _pair(build_figures(first, language), build_figures(second, language))
-        figures += tuple(_pair_tasks(first, second, language))
+        figures += tuple(pair_tasks(first, second, language))
     settings = _pair(build_settings(before, clock, language), build_settings(job, clock, language))
     versions = (before.request.version, job.request.version)
     differ = tuple(row for row in settings if row[1] != row[2])
@@ -293,7 +293,7 @@ def _pair(before: tuple[Fact, ...], after: tuple[Fact, ...]) -> tuple[Row, ...]:
     )
 
 
-def _pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: Language) -> Iterator[Row]:
+def pair_tasks(before: Mapping[str, Any], after: Mapping[str, Any], language: Language) -> Iterator[Row]:
     """Set the time above 60 deg of each task that either report has side by side; "–" where it is not one."""
     words = load_wording(language, "page")["figure_of_task"]
     earlier, later = (_read_tasks(results, language) for results in (before, after))
@@ -306,7 +306,7 @@ def _read_tasks(results: Mapping[str, Any], language: Language) -> dict[str, str
     tasks = (
         part for part in results["exposure"].get("by_task", ()) if part["kind"] == "task" and part["label"]
     )
-    return {part["label"]: _tell_share(part["time_above_60_percent"], language) for part in tasks}
+    return {part["label"]: _tell_share(part.get("time_above_60_percent"), language) for part in tasks}
 
 
 def _tell_share(percent: float | None, language: Language) -> str:

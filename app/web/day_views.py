@@ -1,6 +1,6 @@
 """Views of a day: rows of the form, proposals, hours as a table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -249,14 +249,21 @@ def _build_proposals(
 
 
 def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[str, ...]]:
-    """Give the hours as rows of a table: hour, analysed, median, P90, time above 60 deg."""
+    """Give the hours as rows of a table: hour, analysed, median, P90, time above 60 deg.
+
+    An hour of which nothing was analysed has no figures: the last, when a day ends just behind the full hour.
+    """
+
+    def tell(hour: Mapping[str, Any], key: str, write: Callable[[float, Language], str]) -> str:
+        return write(hour[key], language) if hour.get(key) is not None else "–"
+
     return [
         (
             str(hour["label"]).replace("T", " "),
             format_duration(hour["analysed_s"], language),
-            format_angle(hour["elevation_p50_deg"], language),
-            format_angle(hour["elevation_p90_deg"], language),
-            format_percent(hour["time_above_60_percent"], language),
+            tell(hour, "elevation_p50_deg", format_angle),
+            tell(hour, "elevation_p90_deg", format_angle),
+            tell(hour, "time_above_60_percent", format_percent),
         )
         for hour in results["exposure"].get("by_hour", ())
     ]
