@@ -13,7 +13,7 @@ import anyio
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.analysis_models import (
     RESULT_NAMES,
@@ -23,8 +23,8 @@ from app.api.analysis_models import (
     AnalysisView,
     AnalyzeParameters,
     StartedAnalyses,
+    StudyName,
     check_periods,
-    parse_subject,
     read_periods,
     view_analysis,
 )
@@ -102,9 +102,7 @@ class AnalysisWish(BaseModel):
     recording_ids: Annotated[list[str], Field(min_length=1, max_length=1000)]
     settings: AnalysisSettings = AnalysisSettings()
     again: Annotated[bool, Field(description="Analyse anew what has been analysed alike.")] = False
-    study: Annotated[
-        str, Field(description="Name of a study that they join."), AfterValidator(parse_subject)
-    ] = ""
+    study: StudyName = ""
 
 
 @router.post(

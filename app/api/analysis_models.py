@@ -237,14 +237,17 @@ class AnalysisOptions(BaseModel):
         )
 
 
+StudyName = Annotated[
+    str,
+    Field(description="Name of a study that it joins, which begins with its first."),
+    AfterValidator(parse_subject),
+]
+
+
 class DeclaredOptions(AnalysisOptions):
     """What may be asked of an analysis before its recording is there."""
 
-    study: Annotated[
-        str,
-        Field(description="Name of a study that it joins, which begins with its first."),
-        AfterValidator(parse_subject),
-    ] = ""
+    study: StudyName = ""
 
 
 class AnalyzeParameters(DeclaredOptions):

@@ -59,6 +59,7 @@ async def keep_house(services: Services) -> None:
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
     looked_s = aged_s = time.monotonic()
+    may_have_older = True  # rows of an earlier release: none comes while this one serves
     while True:
         await anyio.sleep(LOOK_S)
         now_s = time.monotonic()
@@ -67,7 +68,11 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                 looked_s = aged_s = now_s  # another counts this time
                 continue
             await run_to_end(write_side_files, services, SIDE_FILES_AT_ONCE)
-            await run_to_end(complete_headlines, services.store, services.results, HEADLINES_AT_ONCE)
+            if may_have_older:
+                completed = await run_to_end(
+                    complete_headlines, services.store, services.results, HEADLINES_AT_ONCE
+                )
+                may_have_older = completed > 0
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:

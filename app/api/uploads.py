@@ -126,18 +126,19 @@ def finish_upload(services: Services, row: UploadRow, way_in: WayIn = "api") -> 
     except FileNotFoundError:  # a peer was quicker
         return services.uploads.get(row.id)
     declared = read_declared(row.metadata)
-    study = declared.study if declared else ""
-    counts = services.uploads.finish(row, stored, _build_declared(services, row), way_in, study)
+    study, asked = (
+        ("", None) if declared is None else (declared.study, _build_declared(services, row, declared))
+    )
+    counts = services.uploads.finish(row, stored, asked, way_in, study)
     if counts != stored.id:
         services.storage.drop_recording(stored.id)
     services.incoming.forget(row.id)
     return replace(row, recording_id=counts)
 
 
-def _build_declared(services: Services, row: UploadRow) -> ReportRequest | None:
-    """Build the analysis that was declared; None for none, and where no more may wait: ask later."""
-    settings = read_declared(row.metadata)
-    if settings is None or services.store.count_waiting() >= services.settings.max_queued:
+def _build_declared(services: Services, row: UploadRow, settings: DeclaredOptions) -> ReportRequest | None:
+    """Build the analysis that was declared; None where no more may wait: ask later."""
+    if services.store.count_waiting() >= services.settings.max_queued:
         return None
     stated = {"subject": row.about.subject, "side": row.about.side} | settings.model_dump(exclude_unset=True)
     whole = DeclaredOptions.model_validate(stated)

@@ -181,10 +181,17 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
     """
     asked = [(job, asked) for job, asked in (_ask_again(entry, change) for entry in entries) if asked]
     check_queue(services, len(asked))
-    for job, _ in asked if change else ():
-        row = services.recordings.get(job.recording_id)
-        services.recordings.describe(row, replace(row.about, **change))
+    for job, request in asked if change else ():
+        say_whose(services, job, request, tuple(change))
     return services.store.repeat_all(asked)
+
+
+def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
+    """Write what is asked of these names (subject, side) on the recording, for its next analysis to know."""
+    row = services.recordings.get(job.recording_id)
+    about = replace(row.about, **{name: getattr(asked, name) for name in names})
+    if about != row.about:
+        services.recordings.describe(row, about)
 
 
 def _ask_again(entry: Entry, change: Mapping[str, Any]) -> tuple[Job, ReportRequest | None]:

@@ -29,8 +29,8 @@ from app.storage.day_file import DayFile
 from app.storage.store import StoredRecording, seems_whole
 from app.web.columns import find_offer
 from app.web.conclusion import build_conclusion
-from app.web.day import find_day
-from app.web.day_views import DayClock, build_day, build_hours, format_axis
+from app.web.day import add_changed, find_day
+from app.web.day_views import DayClock, build_day, build_hours, list_axes
 from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
 from app.web.page_one import read_page_one
 from app.web.pairs import find_offers
@@ -48,7 +48,6 @@ from app.web.views import (
     now_utc,
     read_results,
 )
-from fusion.conventions import ARM_AXES
 from fusion.errors import SeveralSensors
 from fusion.pose.rules import WINDOW_FAULTS
 from fusion.recording import MICROSECONDS
@@ -306,11 +305,7 @@ def _read_tasks(results: Mapping[str, Any], language: Language) -> dict[str, str
     tasks = (
         part for part in results["exposure"].get("by_task", ()) if part["kind"] == "task" and part["label"]
     )
-    return {part["label"]: _tell_share(part.get("time_above_60_percent"), language) for part in tasks}
-
-
-def _tell_share(percent: float | None, language: Language) -> str:
-    return "–" if percent is None else format_percent(percent, language)
+    return {part["label"]: format_percent(part.get("time_above_60_percent"), language) for part in tasks}
 
 
 def _open_day(services: Services, job: Job) -> DayFile | None:
@@ -391,7 +386,7 @@ def analysis(
         "b": load_wording(language, "pair_pages"),
         "days_link": load_wording(language, "days")["page"]["link"],
         "c": load_wording(language, "columns"),
-        "axes": [(axis, format_axis(axis)) for axis in ARM_AXES],
+        "axes": list_axes(),
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),
@@ -424,7 +419,7 @@ def retry(analysis_id: str, request: Request, services: UsedServices) -> Respons
     """Start the same analysis once more."""
     again = retry_job(services.store, services.storage, analysis_id, "web")
     if again.state is JobState.SUCCEEDED:  # a report is there, but not all that this version makes
-        again = services.store.add_correction((again.recording_id, again.sha256), again.request)
+        again = add_changed(services, again, again.request)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}", status_code=303)
 
 

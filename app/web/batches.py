@@ -8,6 +8,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
+from app.api.analyses import check_queue
 from app.api.batches import retry_failed
 from app.batch.inputs import Participant, assign_participants, read_participants
 from app.batch.plan import Task
@@ -15,8 +16,9 @@ from app.errors import BadParameter
 from app.jobs.batches import Batch
 from app.jobs.job import Job, JobState
 from app.report.words.wording import Language, fill, load_wording
-from app.request import ReportRequest, find_window_hint
+from app.request import find_window_hint
 from app.services import Services, UsedLanguage, UsedServices
+from app.web.acts import say_whose
 from app.web.forms import read_body
 from app.web.library_views import build_library, read_filter
 from app.web.rendering import find_base, render_page
@@ -75,18 +77,10 @@ def _apply_participants(batch_id: str, people: tuple[Participant, ...], services
         hint = find_window_hint(asked.pose, len(asked.calibration_windows_s), asked.arm_axis)
         if hint:
             raise BadParameter(name="calibration", value=asked.file_name, allowed=hint)
+    check_queue(services, len(changed))
     for job, asked in changed:
-        _say_whose(services, job, asked)
-        services.store.add_correction((job.recording_id, job.sha256), asked)
-    return {"changed": len(changed), "unknown": [row.file for row in unknown]}
-
-
-def _say_whose(services: Services, job: Job, asked: ReportRequest) -> None:
-    """Write whose arm it is on the recording, too, so that its next analysis knows."""
-    row = services.recordings.get(job.recording_id)
-    about = replace(row.about, subject=asked.subject, side=asked.side)
-    if about != row.about:
-        services.recordings.describe(row, about)
+        say_whose(services, job, asked, ("subject", "side"))
+    return {"changed": services.store.repeat_all(changed), "unknown": [row.file for row in unknown]}
 
 
 @dataclass(frozen=True, slots=True)

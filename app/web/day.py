@@ -62,7 +62,6 @@ def correct_request(
         slip_times_s=_read_slips(first(form, "slips"), clock),
         diary=diary,
         reason=first(form, "reason").strip()[:MAX_TEXT],
-        conclusion=None,
     )
 
 
@@ -246,7 +245,7 @@ async def name_pose(analysis_id: str, request: Request, services: UsedServices) 
     window_s = choices_s.get(first(form, "choice"))
     if window_s is None:
         raise BadParameter(name="choice", value=first(form, "choice")[:60], allowed=", ".join(choices_s))
-    named = replace(job.request, calibration_windows_s=(window_s,), arm_axis=None, reason="", conclusion=None)
+    named = replace(job.request, calibration_windows_s=(window_s,), arm_axis=None, reason="")
     return await run_in_threadpool(_add_again, job, named, request, services)
 
 
@@ -261,8 +260,13 @@ async def try_other_pose(analysis_id: str, request: Request, services: UsedServi
     return await run_in_threadpool(_add_again, job, other, request, services)
 
 
+def add_changed(services: Services, job: Job, asked: ReportRequest) -> Job:
+    """Analyse a recording once more; what was concluded from other figures is left out."""
+    return services.store.add_correction((job.recording_id, job.sha256), replace(asked, conclusion=None))
+
+
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
-    again = services.store.add_correction((job.recording_id, job.sha256), corrected)
+    again = add_changed(services, job, corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)
 

@@ -1,6 +1,6 @@
 """Views of a day: rows of the form, proposals, hours as a table."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -192,11 +192,16 @@ def _build_axis(
     told = {"axis": format_axis(nearest), "apart": format_angle(apart_deg, language)}
     return AxisView(
         asked=request.arm_axis or "",
-        choices=tuple((axis, format_axis(axis)) for axis in ARM_AXES),
+        choices=list_axes(),
         drawing=drawing,
         where=str(entry["where"][drawing]),
         nearest=fill(entry["nearest"], told) if nearest else "",
     )
+
+
+def list_axes() -> tuple[tuple[str, str], ...]:
+    """Give each axis that may lie along the arm, and how people read it."""
+    return tuple((axis, format_axis(axis)) for axis in ARM_AXES)
 
 
 def format_axis(axis: str) -> str:
@@ -253,17 +258,13 @@ def build_hours(results: Mapping[str, Any], language: Language) -> list[tuple[st
 
     An hour of which nothing was analysed has no figures: the last, when a day ends just behind the full hour.
     """
-
-    def tell(hour: Mapping[str, Any], key: str, write: Callable[[float, Language], str]) -> str:
-        return write(hour[key], language) if hour.get(key) is not None else "–"
-
     return [
         (
             str(hour["label"]).replace("T", " "),
             format_duration(hour["analysed_s"], language),
-            tell(hour, "elevation_p50_deg", format_angle),
-            tell(hour, "elevation_p90_deg", format_angle),
-            tell(hour, "time_above_60_percent", format_percent),
+            format_angle(hour.get("elevation_p50_deg"), language),
+            format_angle(hour.get("elevation_p90_deg"), language),
+            format_percent(hour.get("time_above_60_percent"), language),
         )
         for hour in results["exposure"].get("by_hour", ())
     ]

@@ -18,6 +18,7 @@ from app.report.pairs import load_pair_words
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
+from app.web.day import add_changed
 from app.web.rendering import find_base, render_page
 
 # Which analyses fit together: the other arm of the same day, other days of the same person.
@@ -143,13 +144,13 @@ def analyse_alike(first: str, second: str, request: Request, services: UsedServi
     """Analyse the earlier recording by the settings of the later, so that only the work differs."""
     before, after = services.store.get(first), services.store.get(second)
     asked = align_request(before.request, after.request)
-    again = services.store.add_correction((before.recording_id, before.sha256), asked)
+    again = add_changed(services, before, asked)
     return RedirectResponse(f"{find_base(request)}/analyses/{again.id}?before={before.id}", status_code=303)
 
 
 def align_request(before: ReportRequest, after: ReportRequest) -> ReportRequest:
     """Ask of the earlier recording what was asked of the later; windows that no longer fit are dropped."""
-    asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis, conclusion=None)
+    asked = replace(before, method=after.method, pose=after.pose, arm_axis=after.arm_axis)
     is_other_pose = asked.pose != before.pose and "two-point" in {asked.pose, before.pose}
     return replace(asked, calibration_windows_s=()) if asked.arm_axis or is_other_pose else asked
 
