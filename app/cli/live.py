@@ -48,7 +48,7 @@ def live(
     lang: LanguageOption = "en",
 ) -> None:
     """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
-    from app.live.raw_file import PREFIX  # noqa: PLC0415  the science, and only this needs it
+    from app.live.raw_file import PREFIX, Wearer  # noqa: PLC0415  the science, and only this needs it
     from app.live.recorder import Recorder  # noqa: PLC0415
 
     arm_axis = parse_axis(axis)
@@ -58,7 +58,7 @@ def live(
     path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
     try:
         out.mkdir(parents=True, exist_ok=True)
-        recorder = Recorder(path, opened.facts, arm_axis)
+        recorder = Recorder(path, opened.facts, Wearer(request.subject, side, arm_axis))
     except OSError as error:
         opened.close()
         print_problem(str(path), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)

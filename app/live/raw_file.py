@@ -8,7 +8,7 @@ lost, at most :data:`SYNC_S` and the time until its caller noticed.
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +16,7 @@ from typing import Self
 
 from app.request import clean_file_name
 from app.storage.permissions import create_file
-from fusion.conventions import ArmAxis
+from fusion.conventions import ArmAxis, Side
 from fusion.live import Frames
 from fusion.recording import MICROSECONDS
 
@@ -28,17 +28,29 @@ _NOT_STOPPED = "no"
 
 
 @dataclass(frozen=True, slots=True)
+class Wearer:
+    """Whose arm it is, and the sensor's axis where it was strapped along the arm."""
+
+    subject: str = ""
+    side: Side | None = None
+    arm_axis: ArmAxis | None = None
+
+
+UNKNOWN = Wearer()
+
+
+@dataclass(frozen=True, slots=True)
 class RawHeader:
     """What is known of a session when it starts.
 
-    ``device`` as in :mod:`fusion.devices`; ``source`` in words; ``arm_axis`` where it was strapped along one.
+    ``device`` as in :mod:`fusion.devices`; ``source`` in words.
     """
 
     device: str
     source: str
     start: datetime | None
     rate_hz: float
-    arm_axis: ArmAxis | None = None
+    wearer: Wearer = UNKNOWN
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None
 
@@ -108,8 +120,9 @@ class RawFile:
         for name, value in (("acc_range_g", header.acc_range_g), ("gyr_range_dps", header.gyr_range_dps)):
             if value is not None:
                 self._put(name, f"{value:g}")
-        if header.arm_axis is not None:
-            self._put("arm_axis", header.arm_axis)
+        for name, word in asdict(header.wearer).items():
+            if word:
+                self._put(name, word)
         self._put("pose_window_s", "none".ljust(WIDTH))
         self._put("stopped", _NOT_STOPPED.ljust(WIDTH))
         self._file.write(f"{COLUMNS}\n".encode())

@@ -5,9 +5,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.live.raw_file import SYNC_S, RawFile, RawHeader
+from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
 from app.live.source import SourceFacts
-from fusion.conventions import ArmAxis
 from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
 from fusion.pose.poses import point_along
 
@@ -19,7 +18,7 @@ class Recorder:
         self,
         path: Path,
         facts: SourceFacts,
-        arm_axis: ArmAxis | None = None,
+        wearer: Wearer = UNKNOWN,
         *,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -30,7 +29,8 @@ class Recorder:
         OSError
         """
         self.facts, self.shown = facts, ShownAngles()
-        self.session = LiveSession(facts.rate_hz, point_along(arm_axis) if arm_axis else facts.arm_axis)
+        axis = point_along(wearer.arm_axis) if wearer.arm_axis else facts.arm_axis
+        self.session = LiveSession(facts.rate_hz, axis)
         self._now_s = now_s
         self._synced_s = now_s()
         header = RawHeader(
@@ -38,7 +38,7 @@ class Recorder:
             source=facts.name,
             start=facts.start,
             rate_hz=facts.rate_hz,
-            arm_axis=arm_axis,
+            wearer=wearer,
             acc_range_g=facts.acc_range_g,
             gyr_range_dps=facts.gyr_range_dps,
         )

@@ -66,15 +66,15 @@ class ReplaySource:
         """Nothing is held open."""
 
 
-def open_replay(path: Path, speed: float) -> ReplaySource:
-    """Read a recording and play it.
+def open_replay(path: Path, speed: float, name: str = "") -> ReplaySource:
+    """Read a recording and play it; ``name``: of the file, where the path bears another.
 
     Raises
     ------
     fusion.errors.FusionError
     OSError
     """
-    return ReplaySource(read_recording(path), path.name, speed)
+    return ReplaySource(read_recording(path, file_name=name), name or path.name, speed)
 
 
 def find_axis(recording: Recording) -> Float64Array | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.live.raw_file import RawFile, RawHeader, find_cut, was_stopped
+from app.live.raw_file import RawFile, RawHeader, Wearer, find_cut, was_stopped
 from fusion.live import Frames
 from fusion.pipeline import analyse
 from fusion.readers import read_recording
@@ -83,7 +83,7 @@ def test_without_a_pose_none_is_stated(tmp_path: Path) -> None:
 
 
 def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
-    header = RawHeader("other", "port", START, 100.0, arm_axis="+z")
+    header = RawHeader("other", "port", START, 100.0, Wearer(arm_axis="+z"))
     with RawFile(tmp_path / "live-a.csv", header) as raw:
         raw.write(make_frames((0.0, 60.0), (95.0, 60.0)))
 
