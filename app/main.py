@@ -79,6 +79,7 @@ from app.web.day import router as day_routes
 from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
+from app.web.live import router as live_page
 from app.web.pairs import router as pair_pages
 from app.web.profile import router as profile_pages
 from app.web.rendering import FOLDER, Assets, find_assets
@@ -114,6 +115,7 @@ PAGES = (
     example_routes,
     asset_routes,
     validation_pages,
+    live_page,
 )
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024
