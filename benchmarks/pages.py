@@ -40,7 +40,7 @@ def fill_library(data: Path) -> None:
     for number in range(LIBRARY):
         recording, analysis = f"rec_{secrets.token_hex(8)}", f"an_{secrets.token_hex(8)}"
         moment = (
-            f"2026-{number % 12 + 1:02d}-{number % 28 + 1:02d}T07:00:{number % 60:02d}.{number:06d}+00:00"
+            f"2025-{number % 12 + 1:02d}-{number % 28 + 1:02d}T07:00:{number % 60:02d}.{number:06d}+00:00"
         )
         name = {"file_name": f"shift_{number}.gt3x", "subject": f"S{number % 500:03d}"}
         rows.append({"id": recording, "sha256": "0" * 64, "size_bytes": 50_000_000, "state": "stored"} | name)
