@@ -1,19 +1,23 @@
 """Pages of a comparison with a reference: a form for two files, then the result; they need no script."""
 
 import json
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.datastructures import FormData
 
 from app.api.validations import find_validation, open_form, queue_validation
-from app.errors import AppError, find_outcome_of_code
+from app.errors import AppError, NoSuchFile, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.report.agreement.tables import list_sentences
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, load_wording
 from app.services import Services, UsedLanguage, UsedServices
+from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE
+from app.web.curves import CurveView
+from app.web.day import Piece, cut_curve, find_day
+from app.web.day_views import DayClock
 from app.web.rendering import find_base, render_page
 from app.web.views import build_row, format_size, now_utc
 from fusion.errors import FusionError
@@ -55,8 +59,33 @@ def show(validation_id: str, request: Request, services: UsedServices, language:
         "reference": job.request.reference.file_name if job.request.reference else "",
         "sentences": _read_answer(services, job, language),
         "asked": _load(language),
+        "curves": _build_curves(services, job, f"{find_base(request)}/validations/{job.id}", language),
+        "d": load_wording(language, "day"),
     }
     return render_page(request, "validation.html", language, values)
+
+
+class AnglePiece(Piece):
+    """A stretch of one of the two angles."""
+
+    of: Literal["own", "reference"]
+
+
+@router.get("/validations/{validation_id}/curve")
+def curve(validation_id: str, services: UsedServices, piece: Annotated[AnglePiece, Query()]) -> Response:
+    """Give a stretch of one of the two angles, as of a day."""
+    name = OWN_CURVE if piece.of == "own" else REFERENCE_CURVE
+    return cut_curve(find_day(services, find_validation(services, validation_id), name), piece)
+
+
+def _build_curves(services: Services, job: Job, address: str, language: Language) -> tuple[CurveView, ...]:
+    """Lay both angles into one drawing; nothing where an earlier release kept none."""
+    try:
+        clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
+    except NoSuchFile:
+        return ()
+    own, reference = (f"{address}/curve?of={of}" for of in ("own", "reference"))
+    return (CurveView(_load(language)["curves"], own, clock, 0.0, beside=reference),)
 
 
 def _describe_form(services: Services, language: Language, form: FormData | None = None) -> dict[str, Any]:

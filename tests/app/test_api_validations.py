@@ -31,7 +31,7 @@ def compare(client: TestClient, bench: OpenBench, **wishes: str) -> str:
     """Send a pair and let a worker take it; gives the address of the comparison."""
     sent = client.post("/api/v1/validations", files=FILES, data=wishes)
     assert sent.status_code == 202, sent.text
-    run_next(bench(load_and_make_report))
+    run_next(bench(None))  # by the worker's own road
     return sent.headers["location"]
 
 
@@ -210,6 +210,24 @@ def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: O
 
     assert (sent.status_code, "http-equiv" in waiting, "http-equiv" in answer) == (303, True, False)
     assert "validation.html" in answer
+
+
+@pytest.mark.parametrize("of", ["own", "reference"])
+def test_the_page_draws_both_angles_where_both_were_measured(
+    client: TestClient, bench: OpenBench, of: str
+) -> None:
+    address = compare(client, bench).removeprefix("/api/v1")
+
+    assert f"{address}/curve?of={of}" in client.get(address).text
+    (stretch,) = client.get(f"{address}/curve?of={of}&from_s=0&to_s=1&points=2000").json()["stretches"]
+    assert stretch["step_s"] == pytest.approx(0.05)
+    assert stretch["low"][:20] == pytest.approx(
+        [45 + 30 * sin(1.3 * t + 2 * sin(0.17 * t)) for t in TIMES[:20]], abs=0.006
+    )  # as sent to 0.001 deg, kept to 0.01
+
+
+def test_an_analysis_has_no_second_angle(client: TestClient, add_job: AddJob) -> None:
+    assert client.get(f"/validations/{add_job().id}/curve?of=own&from_s=0&to_s=1").status_code == 404
 
 
 def test_a_failed_comparison_tells_why_on_its_page(client: TestClient, bench: OpenBench) -> None:
