@@ -56,7 +56,8 @@ def make_validation(
 ) -> None:
     """Compare the recording with the request's reference and write every product into the folder ``out``.
 
-    ``has_curves``: write both angles for the page, too, as days of :mod:`app.storage.day_file`.
+    ``has_curves``: for the page, write both angles (:mod:`app.storage.day_file`) and the plot of
+    Bland and Altman, too.
 
     Raises
     ------
@@ -76,6 +77,8 @@ def make_validation(
         (out / f"validation.{language}.html").write_bytes(render_html(report))
         document = render_pdf(report, {"validation.json": encoded}, request.paper)
         (out / f"validation.{language}.pdf").write_bytes(document)
+        if has_curves:
+            (out / f"plot.{language}.svg").write_text(report.figures[0].narrow, "utf-8")
     if has_curves:
         _write_curves(comparison.pairs.runs, out)
 
