@@ -15,7 +15,6 @@ import time
 import zipfile
 from pathlib import Path
 
-import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 from sqlalchemy import insert
 
@@ -24,11 +23,9 @@ from app.jobs.job import JobState
 from app.jobs.store import JobStore
 from app.request import ReportRequest
 from app.settings import Settings
-from app.storage.day_file import DAY_NAME, DaySegment, open_day, write_day
 from fusion.simulation import write_recordings
 from tests.ways_in.servers import RunningServer
 
-ROWS, RATE_HZ = 14_400_000, 500.0
 LIBRARY = 10_000
 STEPS = 60
 DROPS = 5
@@ -37,21 +34,13 @@ TIMINGS = """performance.getEntriesByType("resource")
   .filter((entry) => entry.name.includes("/curve?")).map((entry) => entry.duration)"""
 
 
-def make_long_day(path: Path) -> None:
-    rng = np.random.default_rng(0)
-    angle = np.abs(np.cumsum(rng.normal(0, 0.4, ROWS)) % 360 - 180).astype(np.float32)
-    quiet = np.zeros((ROWS // 125, 6), np.float32)
-    facts = dict(open_day(path).facts) | {"duration_us": int(ROWS / RATE_HZ * 1e6)}
-    write_day(path, [DaySegment(0.0, RATE_HZ, angle, 0.25, quiet)], facts)
-
-
 def fill_library(data: Path) -> None:
     store = JobStore(Settings(data_dir=data).database_url)
     rows, jobs, told = [], [], []
     for number in range(LIBRARY):
         recording, analysis = f"rec_{secrets.token_hex(8)}", f"an_{secrets.token_hex(8)}"
         moment = (
-            f"2026-{number % 12 + 1:02d}-{number % 28 + 1:02d}T07:00:{number % 60:02d}.{number:06d}+00:00"
+            f"2025-{number % 12 + 1:02d}-{number % 28 + 1:02d}T07:00:{number % 60:02d}.{number:06d}+00:00"
         )
         name = {"file_name": f"shift_{number}.gt3x", "subject": f"S{number % 500:03d}"}
         rows.append({"id": recording, "sha256": "0" * 64, "size_bytes": 50_000_000, "state": "stored"} | name)
@@ -75,8 +64,7 @@ def fill_library(data: Path) -> None:
 
 def measure_curve(page: Page, address: str) -> None:
     page.goto(address)
-    while not page.evaluate("Boolean(window.acromionDay) && acromionDay.curve.values.x.length > 0"):
-        page.wait_for_timeout(50)  # wait_for_function would need what the pages forbid: eval
+    page.locator("#curve .main-svg").first.wait_for()
     page.locator("#curve").scroll_into_view_if_needed()
     page.evaluate("acromionDay.steps.length = 0")
     for key in (["+"] * 6 + ["ArrowRight"] * 8 + ["-"] * 6) * (STEPS // 20):
@@ -155,11 +143,9 @@ def main() -> None:
         folder = Path(name)
         running = RunningServer(folder / "data", folder / "server.log")
         try:
-            log = write_recordings(folder, "gt9x", 0.05, 1)[0]
+            log = next(iter(write_recordings(folder / "long", "lsm9ds1", 8.0, 1)))  # 14.4 million samples
             job = running.send(log)
-            running.see(job["id"], wait=60)
-            (day,) = (folder / "data" / "analyses" / job["id"]).glob(f"*/{DAY_NAME}")
-            make_long_day(day)
+            running.see(job["id"], wait=120)
             fill_library(folder / "data")
             chromium = shutil.which("chromium") or shutil.which("google-chrome")
             browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])

@@ -94,7 +94,8 @@ def get_batch(batch_id: str, services: UsedServices) -> BatchView:
 @router.get("/{batch_id}/summary.csv", responses=CSV, response_class=Response)
 def get_batch_summary(batch_id: str, services: UsedServices) -> Response:
     """One row for each recording, failed ones too; once nothing more will happen to any."""
-    return _answer_table(encode_summary(_summarise(services, job) for job in _find_ended(services, batch_id)))
+    jobs = (job for job in _find_ended(services, batch_id) if job.request.reference is None)
+    return _answer_table(encode_summary(_summarise(services, job) for job in jobs))
 
 
 @router.get("/{batch_id}/problems.csv", responses=CSV, response_class=Response)

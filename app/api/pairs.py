@@ -142,7 +142,7 @@ class ChangeView(BaseModel):
     source: str
 
 
-MOST_DAYS = 100
+MOST_DAYS = 300
 """Analyses of one profile, on each side of a change."""
 Stage = Literal["all", "before", "after"]
 Ends = tuple[float, float]

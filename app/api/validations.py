@@ -46,6 +46,7 @@ FIELDS = (
     "reference",
     "tasks",
     "subject",
+    "study",
     "offset_s",
     "drift_ppm",
     "rate_hz",
@@ -191,7 +192,9 @@ async def queue_validation(form: FormData, services: Services) -> Job:
     recording, reference = _require_file(form, "recording"), _require_file(form, "reference")
     asked = _read_request(form, services.settings.paper)
     given = _read_reference(form, reference, await _read_tasks(form))
-    return await run_in_threadpool(_store, services, recording.file, reference.file, (asked, given))
+    study = _read(form, "study", check_subject, SUBJECT_HINT) or ""
+    files = recording.file, reference.file
+    return await run_in_threadpool(_store, services, files, (asked, given), study)
 
 
 def _check_length(request: Request, services: Services) -> None:
@@ -284,16 +287,16 @@ def _read_rate(text: str) -> float:
 
 
 def _store(
-    services: Services, recording: BinaryIO, reference: BinaryIO, asked: tuple[ReportRequest, Reference]
+    services: Services, files: tuple[BinaryIO, BinaryIO], asked: tuple[ReportRequest, Reference], study: str
 ) -> Job:
     """Keep both files, then the rows: the reference's first, so that the job always finds it."""
-    request, given = asked
+    (recording, reference), (request, given) = files, asked
     other, own = _store_file(services, reference), None
     try:
         own = _store_file(services, recording)
         services.recordings.add_reference(other, given.file_name)
         compared = replace(request, reference=replace(given, path=other.id))
-        return services.store.add(own, compared)
+        return services.store.add(own, compared, study=study)
     except BaseException:
         for kept in filter(None, (other, own)):
             if not services.store.may_hold(kept.id):  # the answer to a commit can be lost on its way

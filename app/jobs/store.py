@@ -93,12 +93,15 @@ class JobStore(RowStore):
         request: ReportRequest,
         way_in: WayIn = "api",
         external_id: str = "",
+        study: str = "",
     ) -> Job:
-        """Acknowledge a recording and queue its analysis, in one commit."""
+        """Acknowledge a recording and queue its analysis, which joins the study named, in one commit."""
         about = Description(request.file_name, request.subject, request.side, external_id)
         with self._engine.begin() as connection:
             insert_recording(connection, stored, about)
             analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
+            if study:
+                join_study(connection, study, analysis_id)
         return self.get(analysis_id)
 
     def add_analysis(self, recording: tuple[str, str], request: ReportRequest, way_in: WayIn = "api") -> Job:

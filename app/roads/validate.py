@@ -1,8 +1,10 @@
 """The road of a validation: from a recording and a reference to how far they agree."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from app.report.agreement.export import (
     ComparisonSubject,
@@ -18,6 +20,7 @@ from app.report.words.subject import Software
 from app.request import OnStage, Reference, ReportRequest
 from app.roads.analyse import ignore_stage
 from app.roads.reading import read_file
+from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE, DaySegment, write_day
 from app.version import software_revision, software_version
 from fusion.agreement import (
     ClockSettings,
@@ -28,16 +31,33 @@ from fusion.agreement import (
     take_angle_file,
     take_recording,
 )
+from fusion.agreement.pairs import PairedRun
 from fusion.angle_files import AngleFileOptions, read_angle_file, recognise_layout
 from fusion.errors import UnknownFormat
 from fusion.pipeline import AnalysisSettings, fuse_recording
+from fusion.recording import MICROSECONDS, Float64Array
 
+CURVES: dict[str, Callable[[PairedRun], Float64Array]] = {
+    OWN_CURVE: lambda run: run.ours_deg,
+    REFERENCE_CURVE: lambda run: run.reference_deg,
+}
+NO_QUIET = np.empty((0, 6), np.float32)
 ANGLES_ONLY = ("mvnx", "parquet")
 """Layouts that never hold samples of an inertial sensor."""
 
 
-def make_validation(log: Path, request: ReportRequest, out: Path, on_stage: OnStage = ignore_stage) -> None:
+def make_validation(
+    log: Path,
+    request: ReportRequest,
+    out: Path,
+    on_stage: OnStage = ignore_stage,
+    *,
+    has_curves: bool = False,
+) -> None:
     """Compare the recording with the request's reference and write every product into the folder ``out``.
+
+    ``has_curves``: for the page, write both angles (:mod:`app.storage.day_file`) and the plot of
+    Bland and Altman, too.
 
     Raises
     ------
@@ -57,6 +77,22 @@ def make_validation(log: Path, request: ReportRequest, out: Path, on_stage: OnSt
         (out / f"validation.{language}.html").write_bytes(render_html(report))
         document = render_pdf(report, {"validation.json": encoded}, request.paper)
         (out / f"validation.{language}.pdf").write_bytes(document)
+        if has_curves:
+            (out / f"plot.{language}.svg").write_text(report.figures[0].narrow, "utf-8")
+    if has_curves:
+        _write_curves(comparison.pairs.runs, out)
+
+
+def _write_curves(runs: Sequence[PairedRun], out: Path) -> None:
+    """Write what was compared, row by row, on the recording's clock."""
+    first_s = runs[0].start_s
+    facts = {"start": None, "duration_us": round((runs[-1].end_s - first_s) * MICROSECONDS)}
+    for name, values in CURVES.items():
+        segments = [
+            DaySegment(run.start_s - first_s, run.rate_hz, values(run).astype(np.float32), 1.0, NO_QUIET)
+            for run in runs
+        ]
+        write_day(out / name, segments, facts)
 
 
 def write_comparison(validation: Mapping[str, Any], out: Path) -> bytes:

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 DAY_NAME = "day.bin"
+OWN_CURVE, REFERENCE_CURVE = "own.bin", "reference.bin"
+"""Of a comparison: both angles where both were measured, on the recording's clock, without stillness."""
 ROWS_PER_STEP = 16
 LEVELS = 4
 UNITS_PER_DEG = 100

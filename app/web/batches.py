@@ -1,5 +1,6 @@
 """Pages of the studies: all of them, and each with its recordings. A script's batch is one, too."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,8 @@ from app.web.acts import say_whose
 from app.web.forms import read_body
 from app.web.library_views import build_library, read_filter
 from app.web.rendering import find_base, render_page
-from app.web.views import format_moment
+from app.web.validations import list_compared
+from app.web.views import format_compared, format_moment
 
 SHOWN = 200
 
@@ -43,7 +45,10 @@ def show_batch(batch_id: str, request: Request, services: UsedServices, language
     wanted = replace(read_filter(request), batch=batch.id)
     values = build_library(services, request, wanted, language)
     values |= {"batch": batch, "told": _describe_batch(batch, language), "w": _load_words(language)}
-    values |= {"squares": _draw_squares(services, batch_id, language)}
+    jobs = services.batches.find_jobs(batch_id)
+    values |= {"squares": _draw_squares(services, batch_id, jobs, language)}
+    values |= {"compared": list_compared(services, jobs, language)}
+    values |= {"has_reports": any(_is_report(job) for job in jobs)}
     return render_page(request, "batch.html", language, values | {"failed": batch.counts[JobState.FAILED]})
 
 
@@ -65,7 +70,8 @@ async def take_participants(batch_id: str, request: Request, services: UsedServi
 
 
 def _apply_participants(batch_id: str, people: tuple[Participant, ...], services: Services) -> dict[str, Any]:
-    jobs = services.batches.find_jobs(services.batches.get(batch_id).id)
+    every = services.batches.find_jobs(services.batches.get(batch_id).id)
+    jobs = [job for job in every if job.request.reference is None]
     tasks = [Task(Path(job.file_name), job.request, Path()) for job in jobs]
     assigned, unknown = assign_participants(tasks, people)
     changed = [
@@ -95,17 +101,24 @@ class Square:
 MOST_SQUARES = 2_000
 
 
-def _draw_squares(services: Services, batch_id: str, language: Language) -> tuple[Square, ...]:
+def _is_report(job: Job) -> bool:
+    return job.state is JobState.SUCCEEDED and job.request.reference is None
+
+
+def _draw_squares(
+    services: Services, batch_id: str, jobs: Sequence[Job], language: Language
+) -> tuple[Square, ...]:
     words = load_wording(language, "page")
     verdicts = services.batches.find_verdicts(batch_id)
 
     def draw(job: Job) -> Square:
         name, verdict = job.request.subject or job.file_name, verdicts.get(job.id, "")
+        name = format_compared(job, words) or name
         if job.state is not JobState.SUCCEEDED or not verdict:
             return Square(job.id, job.state.value, f"{name}: {words['state'][job.state.value]}")
         return Square(job.id, verdict, f"{name}: {words['verdict_short'][verdict]}")
 
-    return tuple(map(draw, services.batches.find_jobs(batch_id)[:MOST_SQUARES]))
+    return tuple(map(draw, jobs[:MOST_SQUARES]))
 
 
 def _load_words(language: Language) -> dict[str, Any]:

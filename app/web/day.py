@@ -10,6 +10,7 @@ import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, RedirectResponse
+from pydantic import BaseModel, Field
 from starlette.status import HTTP_303_SEE_OTHER
 
 from app.errors import BadParameter, NoSuchFile
@@ -169,17 +170,23 @@ router = APIRouter(include_in_schema=False, prefix="/analyses/{analysis_id}")
 Second = Annotated[float, Query(ge=0, le=LATEST_S)]
 
 
+class Piece(BaseModel):
+    """A stretch of a curve, and into how many pieces it is cut."""
+
+    from_s: Annotated[float, Field(ge=0, le=LATEST_S)]
+    to_s: Annotated[float, Field(ge=0, le=LATEST_S)]
+    points: Annotated[int, Field(ge=1, le=MOST_POINTS)] = 1200
+
+
 @router.get("/curve")
-def curve(
-    analysis_id: str,
-    services: UsedServices,
-    from_s: Second,
-    to_s: Second,
-    points: Annotated[int, Query(ge=1, le=MOST_POINTS)] = 1200,
-) -> Response:
+def curve(analysis_id: str, services: UsedServices, piece: Annotated[Piece, Query()]) -> Response:
     """Give the lowest and highest angle in each of about ``points`` pieces of a stretch."""
-    day = find_day(services, services.store.get(analysis_id))
-    stretches = [asdict(stretch) for stretch in day.cut(from_s, to_s, points)]
+    return cut_curve(find_day(services, services.store.get(analysis_id)), piece)
+
+
+def cut_curve(day: DayFile, piece: Piece) -> Response:
+    """Answer with a stretch of a curve."""
+    stretches = [asdict(stretch) for stretch in day.cut(piece.from_s, piece.to_s, piece.points)]
     return JSONResponse({"stretches": stretches})
 
 
@@ -290,14 +297,14 @@ async def export_diary(analysis_id: str, request: Request, services: UsedService
     return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
 
 
-def find_day(services: Services, job: Job) -> DayFile:
-    """Open the day of a finished analysis.
+def find_day(services: Services, job: Job, name: str = DAY_NAME) -> DayFile:
+    """Open the day of a finished analysis, or one of the two curves of a comparison.
 
     Raises
     ------
     NoSuchFile, ResultDamaged
     """
     if job.state is not JobState.SUCCEEDED:
-        raise NoSuchFile(name=DAY_NAME)
-    with services.results.borrow(job, DAY_NAME) as path:
+        raise NoSuchFile(name=name)
+    with services.results.borrow(job, name) as path:
         return open_day(path)

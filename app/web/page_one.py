@@ -72,10 +72,12 @@ def build_page_one(kept: Kept, day: DayFile | None, language: Language) -> PageO
     clock = Clock(kept.findings.recording.start, language)
     place = _Place(DayClock.of(day.facts), clock, language)
     looks, highest = tuple(_list_looks(kept.findings, place)), tuple(_list_highest(day, place))
-    return PageOne(report, looks, highest, _list_minutes(kept.findings, clock))
+    return PageOne(report, looks, highest, list_minutes(kept.findings, language))
 
 
-def _list_minutes(findings: Findings, clock: Clock) -> Minutes:
+def list_minutes(findings: Findings, language: Language) -> Minutes:
+    """List the minutes of the report's day."""
+    clock = Clock(findings.recording.start, language)
     runs = build_timeline(findings, clock, load_wording(clock.language)).runs
     return tuple(
         tuple(

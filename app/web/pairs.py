@@ -18,6 +18,7 @@ from app.report.pairs import load_pair_words
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
+from app.web.curves import CurveView, Laid, build_curves
 from app.web.day import add_changed
 from app.web.rendering import find_base, render_page
 
@@ -121,9 +122,24 @@ def show_pair(asked: Asked, request: Request, services: UsedServices, language: 
         "trunk_limit": load_pair_words(language)["pair"]["trunk"]["limit"],
         "same_subject": asked.request.same_subject,
         "names": load_pair_words(language)["compare"]["table"]["figure"],
+        "curves": _build_curves(services, asked, figures, language, find_base(request)),
+        "d": load_wording(language, "day"),
         "b": b,
     }
     return render_page(request, "beside.html", language, values)
+
+
+def _build_curves(
+    services: Services, asked: PairedJobs, figures: Mapping[str, Any], language: Language, base: str
+) -> tuple[CurveView, ...]:
+    """Build the curves: of a pair, and its trunk, on one clock; of two visits by the time of the day."""
+    b = load_wording(language, "pair_pages")
+    laid: tuple[Laid, ...] = ((asked.first, b["before"], None), (asked.second, b["after"], None))
+    if asked.request.kind == "pair":
+        laid = ((asked.first, b["left"], 0.0), (asked.second, b["right"], figures["clock"]["offset_s"]))
+    if asked.trunk is not None:
+        laid = (*laid, (asked.trunk, b["trunk"], figures["trunk_clock"]["offset_s"]))
+    return build_curves(services, laid, base)
 
 
 @router.get("/beside/{kind}/report.{form}", response_class=FileResponse)

@@ -14,7 +14,7 @@ from app.api.pairs import MOST_DAYS, build_pair_download_name
 from app.errors import CannotProfile, RecordedProblem
 from app.jobs.children.pairs import PairReport, ProfiledJobs
 from app.jobs.job import Job
-from app.jobs.library import Entry, Library
+from app.jobs.library import Entry, Library, LibraryFilter
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import format_percent
 from app.report.words.wording import Language, load_wording
@@ -28,19 +28,25 @@ router = APIRouter(include_in_schema=False)
 
 
 class DaysQuery(BaseModel):
-    """The analyses of the days, those after a change apart, and what a person says of them."""
+    """The analyses of the days, those after a change apart, and what a person says of them.
 
-    analysis: Annotated[list[str], Field(min_length=1, max_length=MOST_DAYS)]
+    ``study`` stands for every report of a study; those from the day ``since`` on are after the change.
+    """
+
+    analysis: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
     after: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
+    study: Annotated[str, Field(max_length=40)] = ""
+    since: Annotated[str, Field(pattern=r"^(\d{4}-\d{2}-\d{2})?$")] = ""
     same_subject: bool = False
     mixed_methods: bool = False
 
 
 def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> ProfiledJobs:
     """Find the analyses that an address names; one that stands on both sides is after the change."""
-    after = tuple(dict.fromkeys(query.after))
-    first = tuple(each for each in dict.fromkeys(query.analysis) if each not in after)
-    jobs = tuple(services.store.get(each) for each in (*first, *after))
+    first, after = _find_study(services, query) if query.study else _find_named(services, query)
+    jobs = (*first, *after)
+    if not jobs:
+        raise CannotProfile(why="one")
     request = ProfileRequest(
         len(first) if after and first else None,
         paper=jobs[0].request.paper,
@@ -49,6 +55,31 @@ def find_days(services: UsedServices, query: Annotated[DaysQuery, Query()]) -> P
         has_drawings=True,
     )
     return ProfiledJobs(jobs, request)
+
+
+Sides = tuple[tuple[Job, ...], tuple[Job, ...]]
+"""Before, or all; and after a change."""
+
+
+def _find_named(services: Services, query: DaysQuery) -> Sides:
+    after = tuple(dict.fromkeys(query.after))
+    first = tuple(each for each in dict.fromkeys(query.analysis) if each not in after)
+    return tuple(map(services.store.get, first)), tuple(map(services.store.get, after))
+
+
+def _find_study(services: Services, query: DaysQuery) -> Sides:
+    """Find the reports of a study; of a change, those without a clock are on no side."""
+    wanted = LibraryFilter(batch=services.batches.get(query.study).id)
+    found = Library(services.store.reader).find_page(wanted, 2 * MOST_DAYS)
+    placed = [
+        (entry.job, entry.headline.start or "")
+        for entry in found
+        if entry.headline and entry.job.request.reference is None
+    ]
+    if not query.since:
+        return tuple(job for job, _ in placed), ()
+    before = tuple(job for job, start in placed if start and start < query.since)
+    return before, tuple(job for job, start in placed if start >= query.since)
 
 
 Asked = Annotated[ProfiledJobs, Depends(find_days)]

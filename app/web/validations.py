@@ -1,24 +1,32 @@
 """Pages of a comparison with a reference: a form for two files, then the result; they need no script."""
 
 import json
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.datastructures import FormData
 
+from app.api.guard import REPORT_POLICY
 from app.api.validations import find_validation, open_form, queue_validation
-from app.errors import AppError, find_outcome_of_code
+from app.errors import AppError, NoSuchFile, find_outcome_of_code
 from app.jobs.job import Job, JobState
 from app.report.agreement.tables import list_sentences
 from app.report.words.messages import describe_problem
-from app.report.words.wording import Language, load_wording
+from app.report.words.numbers import format_angle
+from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
+from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE
+from app.web.curves import CurveView
+from app.web.day import Piece, cut_curve, find_day
+from app.web.day_views import DayClock
 from app.web.rendering import find_base, render_page
 from app.web.views import build_row, format_size, now_utc
 from fusion.errors import FusionError
 
-TYPED = ("side", "subject", "offset_s", "drift_ppm")
+TYPED = ("side", "subject", "study", "offset_s", "drift_ppm")
 """Fields of the form that a browser can be given back; files it cannot."""
 
 router = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
@@ -55,8 +63,69 @@ def show(validation_id: str, request: Request, services: UsedServices, language:
         "reference": job.request.reference.file_name if job.request.reference else "",
         "sentences": _read_answer(services, job, language),
         "asked": _load(language),
+        "curves": _build_curves(services, job, f"{find_base(request)}/validations/{job.id}", language),
+        "d": load_wording(language, "day"),
     }
     return render_page(request, "validation.html", language, values)
+
+
+class AnglePiece(Piece):
+    """A stretch of one of the two angles."""
+
+    of: Literal["own", "reference"]
+
+
+@router.get("/validations/{validation_id}/curve")
+def curve(validation_id: str, services: UsedServices, piece: Annotated[AnglePiece, Query()]) -> Response:
+    """Give a stretch of one of the two angles, as of a day."""
+    name = OWN_CURVE if piece.of == "own" else REFERENCE_CURVE
+    return cut_curve(find_day(services, find_validation(services, validation_id), name), piece)
+
+
+@router.get("/validations/{validation_id}/plot.svg")
+def plot(validation_id: str, services: UsedServices, language: UsedLanguage) -> Response:
+    """Give Bland and Altman's plot by itself."""
+    job = find_validation(services, validation_id)
+    body = services.results.read(job, f"plot.{find_nearest(language, job.request.languages)}.svg")
+    return Response(body, media_type="image/svg+xml", headers={"Content-Security-Policy": REPORT_POLICY})
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedItem:
+    """A comparison among the recordings of a study: how far the two agree, in a line."""
+
+    job: Job
+    told: str
+    plot: str
+
+
+def list_compared(services: Services, jobs: Sequence[Job], language: Language) -> tuple[ComparedItem, ...]:
+    """List the finished comparisons among the analyses of a study."""
+    compared = (job for job in jobs if job.request.reference and job.state is JobState.SUCCEEDED)
+    return tuple(_build_item(services, job, language) for job in compared)
+
+
+def _build_item(services: Services, job: Job, language: Language) -> ComparedItem:
+    overall = json.loads(services.results.read(job, "validation.json"))["overall"]
+    facts = {
+        "rmse": format_angle(overall["rmse_deg"], language, 2),
+        "bias": format_angle(overall["bias_deg"], language, 2),
+        "low": format_angle(overall["loa_low_deg"], language, 1),
+        "high": format_angle(overall["loa_high_deg"], language, 1),
+    }
+    name = f"plot.{find_nearest(language, job.request.languages)}.svg"
+    has_plot = services.store.find_file(job.id, name) is not None
+    return ComparedItem(job, fill(_load(language)["item"], facts), "plot.svg" if has_plot else "")
+
+
+def _build_curves(services: Services, job: Job, address: str, language: Language) -> tuple[CurveView, ...]:
+    """Lay both angles into one drawing; nothing where an earlier release kept none."""
+    try:
+        clock = DayClock.of(find_day(services, job, OWN_CURVE).facts)
+    except NoSuchFile:
+        return ()
+    own, reference = (f"{address}/curve?of={of}" for of in ("own", "reference"))
+    return (CurveView(_load(language)["curves"], own, clock, 0.0, beside=reference),)
 
 
 def _describe_form(services: Services, language: Language, form: FormData | None = None) -> dict[str, Any]:

@@ -67,7 +67,8 @@ class JobRow:
 
     ``version`` changes whenever anything shown changes; ``report`` is the address of what can be opened,
     without its ending; ``key`` stays the same while the recording's analyses follow one another.
-    ``asks_columns``: a person may cure its refusal by naming the columns.
+    ``asks_columns``: a person may cure its refusal by naming the columns. ``compared``: both files, of
+    a comparison with a reference.
     """
 
     id: str
@@ -86,6 +87,7 @@ class JobRow:
     report: str
     side: str
     asks_columns: bool
+    compared: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +122,15 @@ def build_row(job: Job, language: Language, now: datetime) -> JobRow:
         report=_find_report(job),
         side=job.request.side or "",
         asks_columns=asks_columns(job),
+        compared=format_compared(job, words),
     )
+
+
+def format_compared(job: Job, words: Words) -> str:
+    """Name both files of a comparison with a reference; empty for a report."""
+    reference = job.request.reference
+    facts = {"name": job.file_name, "reference": reference.file_name if reference else ""}
+    return fill(words["row"]["compared"], facts) if reference else ""
 
 
 def asks_columns(job: Job) -> bool:

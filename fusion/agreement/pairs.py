@@ -192,6 +192,11 @@ class PairedRun:
         return len(self.ours_deg)
 
     @property
+    def end_s(self) -> float:
+        """Time of the end of the last row."""
+        return self.start_s + len(self) / self.rate_hz
+
+    @property
     def time_s(self) -> Float64Array:
         """Recording's clock, shape (n,)."""
         return self.start_s + np.arange(len(self)) / self.rate_hz

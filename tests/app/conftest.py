@@ -116,7 +116,7 @@ def bench(settings: Settings) -> Iterator[OpenBench]:
     """Open worker's benches over the folder, with a stand-in for the science."""
     opened: list[Bench] = []
 
-    def make(make_report: MakeReport, **changes: object) -> Bench:
+    def make(make_report: MakeReport | None, **changes: object) -> Bench:
         opened.append(open_bench(settings.model_copy(update=changes), make_report))
         return opened[-1]
 

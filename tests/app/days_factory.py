@@ -1,5 +1,6 @@
 """Finished analyses of several days, made by hand: that of the factory, with one figure changed."""
 
+import json
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -52,7 +53,9 @@ def write_day(log: Path, request: ReportRequest, out: Path, on_stage: OnStage) -
 def finish_day(folder: Path, findings: Findings, subject: ReportSubject) -> None:
     """Leave what a report of several days is made from; the angle is 20 deg for an hour."""
     (folder / "findings.json").write_bytes(encode_findings(findings, subject))
-    (folder / "results.json").write_bytes(stand_ins.RESULTS)
+    start = findings.recording.start
+    results = json.loads(stand_ins.RESULTS) | {"recording": {"start": start.isoformat() if start else None}}
+    (folder / "results.json").write_text(json.dumps(results))
     segment = ElevationSegment(0, 1.0, np.full(3600, 20.0, np.float32), np.full(3600, True))
     write_elevation(Elevation((segment,), None), folder / "elevation.parquet")
 

@@ -7,6 +7,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.api.pairs import ProfileView
+from app.jobs.studies import identify_study
 from app.jobs.worker import run_next
 from app.request import ProfileRequest
 from app.roads.profile import make_profile
@@ -127,3 +128,63 @@ def test_the_page_offers_every_recording_of_the_person_to_choose_from(
 
     chosen = re.findall(r'<input type="checkbox" name="analysis" value="(\w+)" checked', page)
     assert set(chosen) == set(days)
+
+
+# The days of a study.
+
+STUDY = "Packing line"
+
+
+@pytest.fixture
+def group(client: TestClient, bench: OpenBench) -> str:
+    """A study of two people, each with a Monday and a Friday: 2.0 and 4.0 points more; gives its id."""
+    at_work = bench(write_day)
+    for k, (subject, content) in enumerate([("A", "0 4"), ("A", "4 6"), ("B", "0 8"), ("B", "4 12")]):
+        asked = {"side": "right", "file_name": f"{k}.gt3x", "subject": subject, "study": STUDY}
+        client.put("/api/v1/analyze", params=asked, content=content.encode())
+        assert run_next(at_work)
+    return identify_study(STUDY)
+
+
+def test_a_study_is_one_group(client: TestClient, group: str) -> None:
+    page = plain(client.get("/days", params={"study": group}).text)
+
+    assert "2 people" in page
+    assert len(re.findall(r'name="analysis" value="\w+" checked', page)) == 4
+
+
+def test_a_study_is_compared_before_and_after_a_day(client: TestClient, group: str) -> None:
+    page = plain(client.get("/days", params={"study": group, "since": "2026-03-05"}).text)
+
+    assert re.findall(r'name="after" value="\w+" checked', page) != []
+    # by hand: +2 and +4 have a standard deviation of 1.414, and t(1) is 12.706: 3 ± 12.7
+    assert "from 6.0 % to 9.0 % (+3.0 points, 95 % range −9.7 to 15.7). The range includes no change." in page
+    assert "One day has no spread" not in page  # a group needs no second day of anyone
+
+
+def test_the_page_of_a_study_leads_to_its_group(client: TestClient, group: str) -> None:
+    page = client.get(f"/batches/{group}").text
+
+    assert f'action="/days" class="search"><input type="hidden" name="study" value="{group}">' in page
+
+
+@pytest.mark.parametrize("since", ["2020-01-01", "2030-01-01"])
+def test_a_change_before_or_after_all_days_is_no_change(client: TestClient, group: str, since: str) -> None:
+    page = plain(client.get("/days", params={"study": group, "since": since}).text)
+
+    assert "2 people" in page
+    assert not re.findall(r'name="after" value="\w+" checked', page)
+
+
+@pytest.mark.parametrize(
+    ("asked", "status"),
+    [
+        ({"study": "ba_0"}, 404),
+        ({"since": "2026-03-05"}, 422),
+        ({"study": identify_study(STUDY), "since": "spring"}, 422),
+    ],
+)
+def test_a_study_that_is_not_there_or_a_day_that_is_none_is_refused(
+    client: TestClient, group: str, asked: dict[str, str], status: int
+) -> None:
+    assert client.get("/days", params=asked).status_code == status

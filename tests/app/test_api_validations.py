@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.jobs.children.attempt import load_and_make_report
 from app.jobs.store import JobStore
+from app.jobs.studies import identify_study
 from app.jobs.worker import run_next
 from app.main import create_app
 from app.settings import Settings
@@ -31,7 +32,7 @@ def compare(client: TestClient, bench: OpenBench, **wishes: str) -> str:
     """Send a pair and let a worker take it; gives the address of the comparison."""
     sent = client.post("/api/v1/validations", files=FILES, data=wishes)
     assert sent.status_code == 202, sent.text
-    run_next(bench(load_and_make_report))
+    run_next(bench(None))  # by the worker's own road
     return sent.headers["location"]
 
 
@@ -210,6 +211,52 @@ def test_the_page_leads_from_the_form_to_the_answer(client: TestClient, bench: O
 
     assert (sent.status_code, "http-equiv" in waiting, "http-equiv" in answer) == (303, True, False)
     assert "validation.html" in answer
+
+
+@pytest.mark.parametrize("of", ["own", "reference"])
+def test_the_page_draws_both_angles_where_both_were_measured(
+    client: TestClient, bench: OpenBench, of: str
+) -> None:
+    address = compare(client, bench).removeprefix("/api/v1")
+
+    assert f"{address}/curve?of={of}" in client.get(address).text
+    (stretch,) = client.get(f"{address}/curve?of={of}&from_s=0&to_s=1&points=2000").json()["stretches"]
+    assert stretch["step_s"] == pytest.approx(0.05)
+    assert stretch["low"][:20] == pytest.approx(
+        [45 + 30 * sin(1.3 * t + 2 * sin(0.17 * t)) for t in TIMES[:20]], abs=0.006
+    )  # as sent to 0.001 deg, kept to 0.01
+
+
+def test_a_comparison_joins_the_study_that_it_names(client: TestClient, bench: OpenBench) -> None:
+    own = compare(client, bench, study="Spring").rpartition("/")[2]
+    study = client.get(f"/batches/{identify_study('Spring')}").text
+
+    assert f'src="/validations/{own}/plot.svg"' in study
+    assert "RMSE 0.00°, bias 0.00°, 95\u202f% limits 0.0° to 0.0°" in study
+    assert "ours.csv beside truth.csv" in study
+
+
+def test_a_comparison_is_no_line_of_the_table_of_its_study(client: TestClient, bench: OpenBench) -> None:
+    compare(client, bench, study="Spring")
+    tables = f"/api/v1/batches/{identify_study('Spring')}"
+
+    assert len(client.get(f"{tables}/summary.csv").text.splitlines()) == 1  # the names of the columns
+    listed = client.post(
+        f"{tables.removeprefix('/api/v1')}/participants", content="file,subject\nours.csv,S1\n"
+    )
+    assert listed.json() == {"changed": 0, "unknown": ["ours.csv"]}
+
+
+def test_the_plot_of_a_comparison_is_a_drawing_of_its_own(client: TestClient, bench: OpenBench) -> None:
+    plot = client.get(f"{compare(client, bench).removeprefix('/api/v1')}/plot.svg?lang=fr")
+
+    assert plot.headers["content-type"] == "image/svg+xml"
+    assert plot.text.startswith("<svg")
+    assert "sandbox" in plot.headers["content-security-policy"]
+
+
+def test_an_analysis_has_no_second_angle(client: TestClient, add_job: AddJob) -> None:
+    assert client.get(f"/validations/{add_job().id}/curve?of=own&from_s=0&to_s=1").status_code == 404
 
 
 def test_a_failed_comparison_tells_why_on_its_page(client: TestClient, bench: OpenBench) -> None:

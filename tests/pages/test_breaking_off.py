@@ -89,6 +89,27 @@ def test_over_a_slow_network_a_table_goes_packed_and_arrives_as_it_was(
     assert packed[0] < 3_000_000 / 4
 
 
+PACKS = """async ([offset, speed]) => {
+  const script = document.querySelector('script[src$="/home.js"]').src;
+  const { TusUpload } = await import(script.replace("home.js", "upload/tus.js"));
+  const upload = new TusUpload(new File(["x"], "day.csv"), {}, "", "", {});
+  return Object.assign(upload, { offset, speed: { plain: speed } }).shouldPack();
+}"""
+FIRST, SECOND = 1 << 20, 9 << 20
+
+
+@pytest.mark.parametrize(
+    ("sent", "bytes_per_s", "packs"),
+    [(FIRST, 2e6, True), (FIRST, 8e6, False), (SECOND, 8e6, True), (FIRST, 20e6, False)],
+)
+def test_a_network_that_may_only_have_been_busy_is_tried_by_a_larger_piece_before_packing(
+    page: Page, server: RunningServer, sent: int, bytes_per_s: float, packs: bool
+) -> None:
+    open_home(page, server)
+
+    assert page.evaluate(PACKS, [sent, bytes_per_s]) is packs
+
+
 def note_packed(request: Request, sizes: list[int]) -> None:
     if request.headers.get("content-encoding") == "gzip":
         sizes.append(len(request.post_data_buffer or b""))

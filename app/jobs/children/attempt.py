@@ -115,7 +115,9 @@ def load_and_make_report(
 ) -> None:
     """Make a report by the one road; the science is loaded only here, in the child process."""
     if request.reference is not None:
-        importlib.import_module("app.roads.validate").make_validation(log, request, out, on_stage)
+        importlib.import_module("app.roads.validate").make_validation(
+            log, request, out, on_stage, has_curves=known.cache is not None
+        )
     else:
         importlib.import_module("app.roads.analyse").make_report(log, request, out, on_stage, known)
 

@@ -101,7 +101,8 @@ def _build_verdict(studied: StudiedDays, words: Words) -> VerdictLine:
     """State first whether there are days to compare, then whether they are alike."""
     entry = words["verdict"]
     most = max(len(arm.counted) for arm in studied.arms)
-    if most < 2:
+    is_group_changed = len(studied.people) > 1 and "after" in studied.stages
+    if most < 2 and not is_group_changed:  # whose range comes from its people
         return VerdictLine("poor", entry["one"]["label"], entry["one"]["reason"])
     if not studied.differences:
         return VerdictLine("good", entry["alike"]["label"], entry["alike"]["reason"])

@@ -10,11 +10,13 @@ const MARK_PX = 85;
 const MINUTES_FROM_S = 1800;
 
 export class Curve {
-  constructor(place, address, clock, view, minutes) {
-    Object.assign(this, { place, address, clock, view });
-    this.minutes = minutes.length ? trace(minutes) : null;
+  // beside: where the values of a second line are, "" for none.
+  constructor(place, address, clock, view, minutes, beside = "") {
+    Object.assign(this, { place, clock, view, addresses: [address, beside].filter(Boolean) });
+    this.minutes = minutes.length ? trace(minutes) : null; // none: the samples at any width
     this.asked = 0;
     this.values = { x: [], y: [] };
+    this.others = [];
   }
 
   // Fetch what is in view and a little around it; answers that come late are dropped.
@@ -22,11 +24,9 @@ export class Curve {
     const ticket = ++this.asked;
     const around = this.view.spanS / 2;
     const from = Math.max(0, this.view.fromS - around);
-    const query = new URLSearchParams({ from_s: from, to_s: this.view.toS + around, points: 2 * POINTS });
-    const answer = await fetch(`${this.address}?${query}`);
-    if (!answer.ok) throw new Error(String(answer.status));
-    const { stretches } = await answer.json();
-    if (ticket === this.asked) this.values = join(stretches);
+    const query = new URLSearchParams({ from_s: from, to_s: Math.max(0, this.view.toS + around), points: 2 * POINTS });
+    const [values, ...others] = await Promise.all(this.addresses.map((address) => read(address, query)));
+    if (ticket === this.asked) Object.assign(this, { values, others });
     return ticket === this.asked;
   }
 
@@ -51,7 +51,9 @@ export class Curve {
 
   lines() {
     const line = { type: "scatter", mode: "lines", hoverinfo: "skip" };
-    if (!this.showsMinutes) return [{ ...this.values, ...line, line: { width: 1, color: ink("--accent") } }];
+    const others = this.others.map((values) => ({ ...values, ...line, line: { width: 3, color: ink("--beside") } }));
+    const own = { width: 1, color: ink(others.length ? "--median" : "--accent") };
+    if (!this.showsMinutes) return [...others, { ...this.values, ...line, line: own }];
     const { band, median } = this.minutes;
     return [
       { ...band, ...line, fill: "toself", fillcolor: ink("--minutes"), line: { width: 0 } },
@@ -91,6 +93,12 @@ export class Curve {
     const part = (second - this.view.fromS) / this.view.spanS;
     return part < -1e-9 || part > 1 + 1e-9 ? null : MARGIN.l + part * this.widthPx();
   }
+}
+
+async function read(address, query) {
+  const answer = await fetch(`${address}${address.includes("?") ? "&" : "?"}${query}`);
+  if (!answer.ok) throw new Error(String(answer.status));
+  return join((await answer.json()).stretches);
 }
 
 function join(stretches) {

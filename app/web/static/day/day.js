@@ -5,6 +5,7 @@ import { Bands } from "./bands.js";
 import { Clock } from "./clock.js";
 import { Curve } from "./curve.js";
 import { Handles } from "./handles.js";
+import { listenToMoves, listenToView } from "./gestures.js";
 import { Overview } from "./overview.js";
 import { listenToForm } from "./form.js";
 import { Tasks } from "./tasks.js";
@@ -120,57 +121,17 @@ export class Day {
     this.draw();
   }
 
+  chooseAt(second) {
+    const band = this.bands.list().findLast(({ startS, endS }) => startS <= second && second <= endS);
+    if (band) this.choose(band.row);
+  }
+
   listen() {
-    const acts = { zoom_in: () => this.view.zoom(0.5), zoom_out: () => this.view.zoom(2), earlier: () => this.view.shift(-0.5), later: () => this.view.shift(0.5), whole: () => this.view.whole() };
-    for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", acts[button.dataset.view]);
-    const keys = { ArrowLeft: () => this.view.shift(-0.1), ArrowRight: () => this.view.shift(0.1), "+": acts.zoom_in, "=": acts.zoom_in, "-": acts.zoom_out, Home: acts.whole };
-    $("curve").addEventListener("keydown", (event) => {
-      if (!keys[event.key]) return;
-      event.preventDefault();
-      keys[event.key]();
-    });
-    this.listenToPointer();
+    listenToView(this.view);
+    listenToMoves(this.curve, (second) => this.chooseAt(second));
     listenToForm(this);
     window.addEventListener("resize", () => this.draw());
     for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
-  }
-
-  // Two fingers: what lies between them stays between them.
-  pinch(fingers, event) {
-    const spread = () => Math.max(10, Math.abs([...fingers.values()][0] - [...fingers.values()][1]));
-    const before = spread();
-    fingers.set(event.pointerId, event.clientX);
-    const [one, other] = fingers.values();
-    this.view.zoom(before / spread(), this.curve.secondAt((one + other) / 2));
-  }
-
-  listenToPointer() {
-    const place = $("curve");
-    const fingers = new Map(); // where each finger is; two of them pinch
-    let grabbed = null;
-    place.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.view.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.curve.secondAt(event.clientX));
-    }, { passive: false });
-    place.addEventListener("pointerdown", (event) => {
-      fingers.set(event.pointerId, event.clientX);
-      grabbed = fingers.size > 1 ? null : { x: event.clientX, fromS: this.view.fromS, toS: this.view.toS };
-      place.setPointerCapture(event.pointerId);
-    });
-    for (const end of ["pointerup", "pointercancel"]) place.addEventListener(end, (event) => fingers.delete(event.pointerId));
-    place.addEventListener("pointermove", (event) => {
-      if (fingers.size === 2 && fingers.has(event.pointerId)) return this.pinch(fingers, event);
-      if (!grabbed || !event.buttons) return;
-      const by = ((grabbed.x - event.clientX) / this.curve.widthPx()) * (grabbed.toS - grabbed.fromS);
-      this.view.set(grabbed.fromS + by, grabbed.toS + by);
-    });
-    place.addEventListener("pointerup", (event) => {
-      if (!grabbed) return; // the end of a pinch
-      const second = this.curve.secondAt(event.clientX);
-      const band = Math.abs(event.clientX - grabbed.x) < 4 && this.bands.list().findLast((b) => b.startS <= second && second <= b.endS);
-      grabbed = null;
-      if (band) this.choose(band.row);
-    });
   }
 }
 

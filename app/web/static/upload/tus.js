@@ -11,6 +11,7 @@ const LARGEST_PIECE = 512 * 1024 * KIB; // what arrives of a piece that is cut c
 const SMALLEST_PIECE = 512 * KIB;
 const PACKED_PIECE = 8192 * KIB; // a packed piece counts whole or not at all
 const FAST = 12e6; // bytes a second: on such a network packing only costs time
+const SLOW = 3e6; // so slow is the network itself; in between the first piece may have met a busy moment
 const PACKS_WELL = /\.(csv|tsv|txt|mvnx)$/i;
 const MOST_TRIES = 12;
 const LONGEST_PAUSE_MS = 20000;
@@ -89,7 +90,7 @@ export class TusUpload {
   async sendPiece() {
     if (!this.offset && !this.tail && this.file.size > FIRST_PIECE) this.sendTail();
     const isPacked = this.shouldPack();
-    const size = this.offset ? Math.min(this.piece, isPacked ? PACKED_PIECE : this.piece) : Math.min(FIRST_PIECE, this.piece);
+    const size = Math.min(this.piece, !this.offset ? FIRST_PIECE : isPacked || this.isUnsure ? PACKED_PIECE : LARGEST_PIECE);
     const body = this.file.slice(this.offset, this.offset + size);
     const headers = { "Upload-Offset": this.offset, "Content-Type": "application/offset+octet-stream" };
     const began = performance.now();
@@ -111,7 +112,16 @@ export class TusUpload {
   // Tables are packed where the network is the slower part, each piece by itself: offsets stay those of the file.
   shouldPack() {
     const { plain, packed = Infinity } = this.speed;
-    return PACKS_WELL.test(this.file.name) && "CompressionStream" in window && plain < Math.min(FAST, packed);
+    return this.packsWell && !this.isUnsure && plain < Math.min(FAST, packed);
+  }
+
+  get packsWell() {
+    return PACKS_WELL.test(this.file.name) && "CompressionStream" in window;
+  }
+
+  // The first piece was neither fast nor slow: a larger one decides.
+  get isUnsure() {
+    return this.packsWell && this.offset === FIRST_PIECE && this.speed.plain >= SLOW && this.speed.plain < FAST;
   }
 
   read(answer) {

@@ -1,0 +1,107 @@
+// Several curves above one another, moved together: both arms, two visits, a sensor and its reference.
+
+import { $, fill } from "../say.js";
+import { Clock } from "./clock.js";
+import { Curve } from "./curve.js";
+import { listenToMoves, listenToView } from "./gestures.js";
+import { View } from "./view.js";
+
+const REST_MS = 60;
+
+// One view for all, seen from a recording that begins so many seconds after the first.
+class ShiftedView {
+  constructor(view, byS) {
+    Object.assign(this, { view, byS });
+  }
+
+  get fromS() {
+    return this.view.fromS - this.byS;
+  }
+
+  get toS() {
+    return this.view.toS - this.byS;
+  }
+
+  get spanS() {
+    return this.view.spanS;
+  }
+
+  set(fromS, toS) {
+    this.view.set(fromS + this.byS, toS + this.byS);
+  }
+
+  zoom(factor, aboutS) {
+    this.view.zoom(factor, aboutS === undefined ? undefined : aboutS + this.byS);
+  }
+
+  shift(part) {
+    this.view.shift(part);
+  }
+
+  whole() {
+    this.view.whole();
+  }
+}
+
+class Curves {
+  constructor(box) {
+    this.places = [...box.querySelectorAll(".curve")];
+    const ends = this.places.map(({ dataset }) => Number(dataset.shift) + Number(dataset.duration));
+    this.view = new View(Math.max(...ends), () => this.moved());
+    this.curves = this.places.map((place) => this.make(place));
+    this.steps = [];
+  }
+
+  make(place) {
+    const { curve, beside, start, duration, shift, dated, minutes } = place.dataset;
+    const clock = new Clock(start, Number(duration), Boolean(dated));
+    return new Curve(place, curve, clock, new ShiftedView(this.view, Number(shift)), JSON.parse(minutes), beside);
+  }
+
+  async open() {
+    listenToView(this.view);
+    for (const curve of this.curves) listenToMoves(curve);
+    window.addEventListener("resize", () => this.draw());
+    for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", () => this.draw());
+    await this.load();
+    this.draw();
+  }
+
+  load() {
+    return Promise.all(this.curves.map((curve) => curve.load()));
+  }
+
+  // The view has moved: draw at once what is here, fetch what is not as soon as it rests.
+  moved() {
+    const began = performance.now();
+    requestAnimationFrame(() => {
+      this.draw();
+      this.steps.push(performance.now() - began);
+    });
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.load().then(() => this.draw()).catch(fail), REST_MS);
+  }
+
+  draw() {
+    for (const curve of this.curves) curve.draw([], null);
+    const [{ clock, view }] = this.curves;
+    const digits = view.spanS < 10 ? 2 : 0;
+    $("view").textContent = fill($("view").dataset.text, { start: clock.tell(view.fromS, digits), end: clock.tell(view.toS, digits) });
+  }
+}
+
+function fail() {
+  $("curves-failed").hidden = false;
+}
+
+const box = $("curves");
+if (box) {
+  box.hidden = false;
+  const curves = new Curves(box);
+  window.acromionCurves = curves; // for measuring
+  curves.open().catch((error) => {
+    console.info(error);
+    box.hidden = true;
+    fail();
+  });
+}

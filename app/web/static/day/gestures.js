@@ -1,0 +1,64 @@
+// How a person moves along a curve: buttons, keys, wheel, drag and two fingers.
+
+const STILL_PX = 4;
+
+// The buttons above the curve, or above several of one view.
+export function listenToView(view) {
+  const acts = list(view);
+  for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", acts[button.dataset.view]);
+}
+
+// onPoint(second): a click or a tap that moves nothing.
+export function listenToMoves(curve, onPoint = () => {}) {
+  listenToKeys(curve);
+  listenToPointer(curve, onPoint);
+}
+
+function list(view) {
+  return { zoom_in: () => view.zoom(0.5), zoom_out: () => view.zoom(2), earlier: () => view.shift(-0.5), later: () => view.shift(0.5), whole: () => view.whole() };
+}
+
+function listenToKeys({ place, view }) {
+  const acts = list(view);
+  const keys = { ArrowLeft: () => view.shift(-0.1), ArrowRight: () => view.shift(0.1), "+": acts.zoom_in, "=": acts.zoom_in, "-": acts.zoom_out, Home: acts.whole };
+  place.addEventListener("keydown", (event) => {
+    if (!keys[event.key]) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+}
+
+function listenToPointer(curve, onPoint) {
+  const { place, view } = curve;
+  const fingers = new Map(); // where each finger is; two of them pinch
+  let grabbed = null;
+  place.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    view.zoom(event.deltaY > 0 ? 1.25 : 0.8, curve.secondAt(event.clientX));
+  }, { passive: false });
+  place.addEventListener("pointerdown", (event) => {
+    fingers.set(event.pointerId, event.clientX);
+    grabbed = fingers.size > 1 ? null : { x: event.clientX, fromS: view.fromS, toS: view.toS };
+    place.setPointerCapture(event.pointerId);
+  });
+  for (const end of ["pointerup", "pointercancel"]) place.addEventListener(end, (event) => fingers.delete(event.pointerId));
+  place.addEventListener("pointermove", (event) => {
+    if (fingers.size === 2 && fingers.has(event.pointerId)) return pinch(curve, fingers, event);
+    if (!grabbed || !event.buttons) return;
+    const by = ((grabbed.x - event.clientX) / curve.widthPx()) * (grabbed.toS - grabbed.fromS);
+    view.set(grabbed.fromS + by, grabbed.toS + by);
+  });
+  place.addEventListener("pointerup", (event) => {
+    if (grabbed && Math.abs(event.clientX - grabbed.x) < STILL_PX) onPoint(curve.secondAt(event.clientX));
+    grabbed = null;
+  });
+}
+
+// Two fingers: what lies between them stays between them.
+function pinch(curve, fingers, event) {
+  const spread = () => Math.max(10, Math.abs([...fingers.values()][0] - [...fingers.values()][1]));
+  const before = spread();
+  fingers.set(event.pointerId, event.clientX);
+  const [one, other] = fingers.values();
+  curve.view.zoom(before / spread(), curve.secondAt((one + other) / 2));
+}

@@ -1,0 +1,61 @@
+"""Several curves above one another: both arms of a shift, two visits; they move together."""
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.ways_in.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+SEEN = "acromionCurves.curves.map(({view}) => [view.fromS + view.byS, view.toS + view.byS])"
+MINUTE_S = 60.0
+
+
+def open_two(page: Page, server: RunningServer, address: str) -> None:
+    page.goto(f"{server.address}beside/{address}")
+    page.locator("#curves .curve .main-svg").nth(1).wait_for()
+
+
+@pytest.mark.parametrize("kind", ["pair", "compare"])
+def test_both_curves_show_the_same_time(
+    page: Page, server: RunningServer, left: str, right: str, kind: str
+) -> None:
+    open_two(page, server, f"{kind}?first={left}&second={right}")
+
+    page.locator("#curves .curve").nth(1).press("+")
+    page.locator("#curves .curve").nth(0).press("ArrowRight")
+
+    (from_s, to_s), other = page.evaluate(SEEN)
+    assert 0 < from_s < to_s
+    assert other == pytest.approx([from_s, to_s])
+
+
+def test_a_recording_that_began_later_is_drawn_later(
+    page: Page, server: RunningServer, left: str, right: str
+) -> None:
+    open_two(page, server, f"pair?first={left}&second={right}&offset_s={MINUTE_S:g}")
+
+    shifts = page.evaluate("acromionCurves.curves.map(({view}) => view.byS)")
+
+    assert shifts == [0, MINUTE_S]
+
+
+def test_a_curve_is_dragged_and_the_other_follows(
+    page: Page, server: RunningServer, left: str, right: str
+) -> None:
+    open_two(page, server, f"pair?first={left}&second={right}")
+    curve = page.locator("#curves .curve").nth(1)
+    curve.press("+")
+    before = page.evaluate(SEEN)[0][0]
+    box = curve.bounding_box()
+    assert box
+    middle, height = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    page.mouse.move(middle, height)
+    page.mouse.down()
+    page.mouse.move(middle - 100, height)
+    page.mouse.up()
+
+    (after, _), (other, _) = page.evaluate(SEEN)
+    assert after > before
+    assert other == pytest.approx(after)
