@@ -8,8 +8,8 @@ import json
 import re
 import time
 from collections import Counter, deque
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
-from app.live.ports import find_serial_ports
+from app.live.ports import PushedPort, find_serial_ports
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 LIVE_FOLDER = "live"
 HEAD_BYTES = 4096
 LONGEST_NOTE = 1000
+SILENCE_S = 600.0
+"""After which a session whose page has gone ends by itself."""
 MOST_WAITING = 250
 """Messages that wait for a slow page, 10 s; then the oldest are left out."""
 REFUSED, ENDED = 4400, 1000
@@ -58,12 +60,13 @@ class Rule(_Message):
 
 
 class Start(_Message):
-    """Start a session: a stored or simulated recording is played, or a serial port of this computer read."""
+    """Start a session: of a recording that is played, of a serial port here, or of lines that come."""
 
     type: Literal["start"]
-    source: Literal["demo", "recording", "port"]
+    source: Literal["demo", "recording", "port", "lines"]
     recording: str = ""
     port: str = ""
+    name: str = Field(default="", max_length=60)
     speed: float = Field(default=1.0, ge=1.0, le=20.0)
     keeps: bool = False
     subject: str = Field(default="", max_length=LONGEST_SUBJECT)
@@ -121,8 +124,10 @@ async def live(socket: WebSocket) -> None:
     try:
         first = _FIRST.validate_json(await socket.receive_text())
         language = first.lang
-        session = await _open(socket, first)
-        await _converse(socket, session)
+        async with _receiving(socket) as inbox:
+            session = await _open(socket, first, inbox)
+            inbox.push = session.push
+            await _converse(socket, session, inbox)
     except WebSocketDisconnect:
         return
     except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
@@ -143,15 +148,17 @@ def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
     }
 
 
-async def _open(socket: WebSocket, first: Start | Resume) -> "RunningSession":
+async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
     services = cast("Services", socket.app.state.services)
     if isinstance(first, Resume):
         hub = await run_in_threadpool(find_hub, services)
         return hub.get(first.session)
-    return await run_in_threadpool(_start, services, first)
+    port = PushedPort()
+    inbox.push = port.push
+    return await run_in_threadpool(_start, services, first, port)
 
 
-def _start(services: Services, asked: Start) -> "RunningSession":
+def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
     from app.live.cue_log import parse_rule  # noqa: PLC0415  the science
     from app.live.hub import SessionRequest  # noqa: PLC0415
     from app.live.raw_file import Wearer  # noqa: PLC0415
@@ -162,7 +169,7 @@ def _start(services: Services, asked: Start) -> "RunningSession":
         rules=tuple(parse_rule(f"{rule.kind}:{rule.angle_deg}:{rule.limit}") for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
-    return find_hub(services).start(_open_source(services, asked), request)
+    return find_hub(services).start(_open_source(services, asked, pushed), request)
 
 
 def _read_subject(text: str) -> str:
@@ -172,11 +179,13 @@ def _read_subject(text: str) -> str:
         raise BadParameter(name="subject", value=clean_text(text)[:60]) from error
 
 
-def _open_source(services: Services, asked: Start) -> "Source":
+def _open_source(services: Services, asked: Start, pushed: PushedPort) -> "Source":
     from app.live.demo import make_demo  # noqa: PLC0415
-    from app.live.lines import open_lines  # noqa: PLC0415
+    from app.live.lines import LineSource, open_lines  # noqa: PLC0415
     from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
 
+    if asked.source == "lines":
+        return LineSource(pushed, clean_text(asked.name) or "browser", silence_s=SILENCE_S)
     if asked.source == "port":
         if asked.port not in find_serial_ports():  # no other file is opened for a page
             raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
@@ -188,13 +197,13 @@ def _open_source(services: Services, asked: Start) -> "Source":
         return open_replay(path, asked.speed, row.about.file_name)
 
 
-async def _converse(socket: WebSocket, session: "RunningSession") -> None:
+async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:
     outbox = Outbox(asyncio.get_running_loop())
     key = session.watch(outbox.put)
     sender = asyncio.create_task(_send_on(socket, outbox))
     try:
         while True:
-            await _take(socket, session, outbox)
+            _take(await inbox.take(), session, outbox)
     finally:
         session.leave(key)
         sender.cancel()
@@ -202,8 +211,8 @@ async def _converse(socket: WebSocket, session: "RunningSession") -> None:
             await sender
 
 
-async def _take(socket: WebSocket, session: "RunningSession", outbox: "Outbox") -> None:
-    asked = _LATER.validate_json(await socket.receive_text())
+def _take(text: str, session: "RunningSession", outbox: "Outbox") -> None:
+    asked = _LATER.validate_json(text)
     if isinstance(asked, Pose):
         session.ask_pose(asked.countdown_s)
     elif isinstance(asked, Cues):
@@ -217,6 +226,51 @@ async def _take(socket: WebSocket, session: "RunningSession", outbox: "Outbox") 
 async def _send_on(socket: WebSocket, outbox: "Outbox") -> None:
     while True:
         await socket.send_text(json.dumps(await outbox.take(), separators=(",", ":")))
+
+
+class Inbox:
+    """What comes from one page: bytes go to the source at once, texts wait for their turn."""
+
+    def __init__(self) -> None:
+        self.push: Callable[[bytes], None] | None = None
+        self._texts: asyncio.Queue[str | None] = asyncio.Queue()
+
+    async def fill(self, socket: WebSocket) -> None:
+        """Receive until the page hangs up; while a source takes no more bytes, nothing is received."""
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                await self._texts.put(None)
+                return
+            piece = message.get("bytes")
+            if piece is not None and self.push is not None:
+                await run_in_threadpool(self.push, piece)
+            elif message.get("text") is not None:
+                await self._texts.put(message["text"])
+
+    async def take(self) -> str:
+        """Wait for the next text.
+
+        Raises
+        ------
+        WebSocketDisconnect
+        """
+        text = await self._texts.get()
+        if text is None:
+            raise WebSocketDisconnect
+        return text
+
+
+@asynccontextmanager
+async def _receiving(socket: WebSocket) -> AsyncIterator[Inbox]:
+    inbox = Inbox()
+    filling = asyncio.create_task(inbox.fill(socket))
+    try:
+        yield inbox
+    finally:
+        filling.cancel()
+        with suppress(asyncio.CancelledError, RuntimeError):
+            await filling
 
 
 class Outbox:

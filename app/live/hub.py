@@ -20,6 +20,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
 from app.live.cue_log import find_limit
+from app.live.lines import LineSource
+from app.live.ports import PushedPort
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
 from app.live.source import Source
@@ -124,6 +126,12 @@ class RunningSession:
         """End a watch."""
         with self._lock:
             self._watchers.pop(key, None)
+
+    def push(self, piece: bytes) -> None:
+        """Hand on bytes from a page, to a session whose source is one; others ignore them."""
+        port = self.source.port if isinstance(self.source, LineSource) else None
+        if isinstance(port, PushedPort):
+            port.push(piece)
 
     def ask_pose(self, countdown_s: float) -> None:
         """Ask for the pose, once more or for the first time."""

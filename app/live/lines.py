@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from datetime import datetime, timedelta
+from math import inf
 
 from app.errors import LiveSourceFailed
 from app.live.ports import BAUD, Port, open_port
@@ -18,8 +19,15 @@ LEARN_LIMIT_S = 20.0
 class LineSource:
     """Frames from the lines of a port."""
 
-    def __init__(self, port: Port, name: str, *, now_s: Callable[[], float] = time.monotonic) -> None:
-        """Listen until header and rate are known.
+    def __init__(
+        self,
+        port: Port,
+        name: str,
+        *,
+        silence_s: float = inf,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Listen until header and rate are known; after ``silence_s`` without a byte the source has ended.
 
         Raises
         ------
@@ -28,7 +36,8 @@ class LineSource:
         fusion.errors.FusionError
             The header does not tell columns, units or rate.
         """
-        self._port, self._reader, self._now_s = port, LineReader(), now_s
+        self.port, self._reader, self._now_s = port, LineReader(), now_s
+        self._silence_s, self._heard_s = silence_s, now_s()
         try:
             learned = self._learn(name)
         except BaseException:
@@ -62,13 +71,18 @@ class LineSource:
         return self._reader.restarts
 
     def read(self) -> Frames | None:
-        """Wait a moment for frames; a board never ends by itself."""
+        """Wait a moment for frames; a board does not end by itself."""
         frames, self._first = self._first, None
-        return frames if frames is not None else self._reader.feed(*self._hear())
+        if frames is not None:
+            return frames
+        piece, arrived_us = self._hear()
+        if not piece and self._now_s() - self._heard_s > self._silence_s:
+            return None
+        return self._reader.feed(piece, arrived_us)
 
     def close(self) -> None:
         """Let go of the port."""
-        self._port.close()
+        self.port.close()
 
     def _learn(self, name: str) -> Frames:
         began_s, heard = self._now_s(), False
@@ -81,7 +95,8 @@ class LineSource:
         raise LiveSourceFailed(name=name, why="no header" if heard else "silent")
 
     def _hear(self) -> tuple[bytes, int]:
-        piece = self._port.read()
+        piece = self.port.read()
+        self._heard_s = self._now_s() if piece else self._heard_s
         return piece, round(self._now_s() * MICROSECONDS)
 
 

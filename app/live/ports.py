@@ -1,5 +1,6 @@
 """Where the lines of a board come from: a serial port, UDP or TCP."""
 
+import queue
 import re
 import socket
 import time
@@ -18,6 +19,7 @@ WAIT_S = 0.05
 REOPEN_S = 0.5
 BAUD = 115_200
 PIECE_BYTES = 65_536
+MOST_PIECES = 256
 SERIAL_PORT = re.compile(r"^(COM\d+|/dev/\S+)$", re.IGNORECASE)
 
 
@@ -141,6 +143,34 @@ class TcpPort:
         time.sleep(REOPEN_S)
         with suppress(OSError):
             self._socket = self._connect()
+
+
+class PushedPort:
+    """Bytes that a page hands on, of a board or of its own sensors; whoever pushes waits while it is full."""
+
+    def __init__(self) -> None:
+        self._pieces: queue.Queue[bytes] = queue.Queue(MOST_PIECES)
+        self._is_open = True
+
+    def push(self, piece: bytes) -> None:
+        """Add bytes; those of a session that has ended are dropped."""
+        while self._is_open:
+            try:
+                self._pieces.put(piece, timeout=WAIT_S)
+            except queue.Full:
+                continue
+            return
+
+    def read(self) -> bytes:
+        """Wait a moment for bytes."""
+        try:
+            return self._pieces.get(timeout=WAIT_S)
+        except queue.Empty:
+            return b""
+
+    def close(self) -> None:
+        """Take no more."""
+        self._is_open = False
 
 
 def names_port(source: str) -> bool:

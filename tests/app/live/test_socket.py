@@ -338,3 +338,43 @@ def test_a_webhook_that_names_no_events_is_told_of_no_cues(client: TestClient) -
     made = client.post("/api/v1/webhooks", json={"url": "https://1.1.1.1/all"}).json()
 
     assert made["events"] == ["analysis.finished", "batch.finished"]
+
+
+def test_lines_that_a_page_sends_become_a_recording(client: TestClient) -> None:
+    with connect(client, type="start", source="lines", name="phone", keeps=True, axis="+z") as socket:
+        text = (PREAMBLE + HEADER + write_rows(0, 1500)).encode()
+        for first in range(0, len(text), 5000):
+            socket.send_bytes(text[first : first + 5000])
+        session = socket.receive_json()
+        while socket.receive_json()["status"]["frames"] < 1500:  # the first may be the history
+            pass
+        socket.send_json({"type": "stop"})
+        ended = read_until(socket, "ended")
+
+    assert (session["source"], session["device"]) == ("phone", "lsm9ds1")
+    assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
+
+
+def test_lines_go_on_after_a_lost_link_and_what_is_missing_is_a_hole(client: TestClient) -> None:
+    with connect(client, type="start", source="lines", name="phone", axis="+z") as socket:
+        socket.send_bytes((HEADER + write_rows(0, 300)).encode())
+        session = socket.receive_json()["session"]
+    with connect(client, type="resume", session=session) as socket:
+        assert socket.receive_json()["state"] == "running"
+        socket.send_bytes(write_rows(400, 500).encode())
+        while (message := socket.receive_json())["status"]["frames"] < 400:
+            pass
+        socket.send_json({"type": "stop"})
+        read_until(socket, "ended")
+
+    assert (message["status"]["lost"], message["status"]["holes"]) == (100, 1)
+
+
+def test_lines_without_a_header_are_refused_in_words(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.lines.LEARN_LIMIT_S", 0.2)
+    with connect(client, type="start", source="lines", name="phone") as socket:
+        socket.send_bytes(b"1,2,3,4,5,6,7\n")
+
+        assert read_until(socket, "problem")["code"] == "E-LIVE-SOURCE"
