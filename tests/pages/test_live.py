@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page, WebSocketRoute, expect
+from playwright.sync_api import Browser, CDPSession, Page, WebSocketRoute, expect
 
 from tests.pages.conftest import open_page
 from tests.pages.test_everyone import Look, list_barriers
@@ -156,3 +156,82 @@ def test_cues_are_quiet_until_chosen_and_can_be_paused(page: Page, server: Runni
     expect(page.locator("#cue")).to_be_hidden()
     page.keyboard.press("s")
     expect(page.locator("#end")).to_be_visible()
+
+
+FAKE_PORT = """
+navigator.serial.requestPort = async () => ({
+  open: async ({ baudRate }) => { window.baudRate = baudRate; },
+  close: async () => { window.isClosed = true; },
+  readable: new ReadableStream({
+    start(controller) {
+      const text = new TextEncoder();
+      const names = "time_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps";
+      controller.enqueue(text.encode("# device: LSM9DS1\\n" + names + "\\n"));
+      let row = 0;
+      window.feeding = setInterval(() => {
+        let lines = "";
+        for (let k = 0; k < 10; k++, row++)
+          lines += `${10000 * row},${row},0.0${row % 7},0.866,0.5,0.1,0.2,0.${row % 9}\\n`;
+        controller.enqueue(text.encode(lines));
+      }, 20);
+    },
+    cancel() { clearInterval(window.feeding); },
+  }),
+});
+"""
+
+
+def test_a_board_by_web_serial_is_read_and_becomes_a_recording(page: Page, server: RunningServer) -> None:
+    # The sensor's z lies at 60 deg from the vertical (0.5 g of it), which is strapped along the arm.
+    page.add_init_script(FAKE_PORT)
+    page.goto(f"{server.address}live?lang=en")
+    page.select_option("#source", "serial")
+    page.select_option("#axis", "+z")
+    page.fill("#subject", "S060")
+    page.click("#begin")
+
+    expect(page.locator("#angle")).to_have_text("60°")
+    page.keyboard.press("s")
+    expect(page.locator("#ended-words")).to_contain_text("Every sample is stored")
+    expect(page.locator("#report")).to_be_visible()
+    assert page.evaluate("() => [window.baudRate, window.isClosed]") == [115200, True]
+    kept = server.client.get("/api/v1/recordings").json()["items"]
+    assert "S060" in {one["subject"] for one in kept}
+
+
+def test_a_port_that_is_refused_is_said(page: Page, server: RunningServer) -> None:
+    page.add_init_script("navigator.serial.requestPort = async () => { throw new Error('none chosen'); }")
+    page.goto(f"{server.address}live?lang=en")
+    page.select_option("#source", "serial")
+    page.click("#begin")
+
+    expect(page.locator("#problem")).to_contain_text("none chosen")
+
+
+def test_the_phone_s_own_sensors_are_read(page: Page, server: RunningServer) -> None:
+    # Emulated: the phone lies still, its y 120 deg from the vertical.
+    page.context.grant_permissions(["accelerometer", "gyroscope"])
+    tools = page.context.new_cdp_session(page)
+    for kind in ("accelerometer", "gyroscope"):
+        tools.send("Emulation.setSensorOverrideEnabled", {"enabled": True, "type": kind, "metadata": {}})
+    page.goto(f"{server.address}live?lang=en")
+    page.select_option("#source", "phone")
+    page.select_option("#axis", "+y")
+    page.click("#begin")
+
+    for number in range(2000):
+        if page.locator("#angle").text_content() == "120°":
+            break
+        shake = 0.01 * (number % 5)
+        reading = {"x": 8.4928 + shake, "y": -4.9033, "z": 0.02 * (number % 3)}
+        send_reading(tools, "accelerometer", reading)
+        send_reading(tools, "gyroscope", {"x": 0.001 * (number % 4), "y": 0.0, "z": 0.001})
+
+    expect(page.locator("#angle")).to_have_text("120°")
+    page.keyboard.press("s")
+    expect(page.locator("#end")).to_be_visible()
+
+
+def send_reading(tools: CDPSession, kind: str, xyz: dict[str, float]) -> None:
+    reading = {"type": kind, "reading": {"xyz": xyz}}
+    tools.send("Emulation.setSensorOverrideReadings", reading)

@@ -1,16 +1,34 @@
 // The link to the server: it comes back by itself, to the same session, and knows the server's clock.
 
 const KEPT = "acromion-live";
-const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 4000, PING_MS = 2000, SLACK_MS = 5;
+const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 4000, PING_MS = 2000, EARLY_PING_MS = 200, GOOD_MS = 50, SLACK_MS = 5;
+const MOST_BUFFERED = 1 << 20, MOST_KEPT = 60 * 120 * 80;
 
 export class Link {
   constructor(address, language, take) {
-    Object.assign(this, { address, language, take, session: null, waitMs: FIRST_WAIT_MS, offsetMs: 0, quickestMs: Infinity, isOver: true });
+    Object.assign(this, { address, language, take, session: null, waitMs: FIRST_WAIT_MS, offsetMs: 0, quickestMs: Infinity, kept: [], keptBytes: 0, isKnown: false, isOver: true });
   }
 
   // The session that was open when the page was left or reloaded.
   static remembered() {
     return sessionStorage.getItem(KEPT);
+  }
+
+  // Bytes of a sensor: sent, or kept while the link is lost. What is more than a minute's is a hole.
+  push(bytes) {
+    if (this.isOpen && this.isKnown && this.socket.bufferedAmount < MOST_BUFFERED) {
+      this.socket.send(bytes);
+      return;
+    }
+    this.kept.push(bytes);
+    this.keptBytes += bytes.length;
+    while (this.keptBytes > MOST_KEPT) this.keptBytes -= this.kept.shift().length;
+  }
+
+  flush() {
+    this.isKnown = true;
+    for (const bytes of this.kept.splice(0)) this.socket.send(bytes);
+    this.keptBytes = 0;
   }
 
   start(asked) {
@@ -30,6 +48,7 @@ export class Link {
       this.waitMs = FIRST_WAIT_MS;
       this.send(first);
       this.ping();
+      if (first.source === "lines") this.flush(); // the server learns header and rate from them
     };
     this.socket.onmessage = (event) => this.hear(JSON.parse(event.data));
     this.socket.onclose = () => this.lose();
@@ -45,8 +64,9 @@ export class Link {
 
   ping() {
     clearTimeout(this.timer);
+    const waitMs = this.quickestMs < GOOD_MS ? PING_MS : EARLY_PING_MS;
     this.send({ type: "ping", sent_ms: performance.timeOrigin + performance.now() });
-    this.timer = setTimeout(() => this.ping(), PING_MS);
+    this.timer = setTimeout(() => this.ping(), waitMs);
   }
 
   hear(message) {
@@ -60,6 +80,7 @@ export class Link {
     if (message.type === "session") {
       this.session = message.session;
       sessionStorage.setItem(KEPT, message.session);
+      this.flush();
     }
     if (message.type === "ended" || message.type === "problem") this.forget();
     this.take(message);
@@ -77,6 +98,7 @@ export class Link {
   }
 
   lose() {
+    this.isKnown = false;
     clearTimeout(this.timer);
     if (this.isOver) return;
     this.take({ type: "lost" });

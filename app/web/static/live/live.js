@@ -4,6 +4,7 @@ import { $, fill, say } from "../say.js";
 import { Cues } from "./cues.js";
 import { Strip, turnArm } from "./draw.js";
 import { Link } from "./link.js";
+import { SENSORS } from "./sensors.js";
 
 const texts = JSON.parse($("texts").textContent);
 const form = $("start");
@@ -28,6 +29,7 @@ function begin(message) {
   form.hidden = $("end").hidden = $("problem").hidden = $("link").hidden = true;
   $("intro").hidden = true;
   $("session").hidden = false;
+  $("reopen").hidden = sensor !== null || !sessionStorage.getItem(KIND);
   $("what").textContent = fill(texts.what, { source: message.source === "demo" ? texts.demo : message.source, rate: whole.format(message.rate_hz) });
   $("quiet").hidden = !message.cues.length;
   showQuiet({ paused: message.cues_paused });
@@ -102,6 +104,7 @@ function showQuiet(message) {
 }
 
 function end(message) {
+  closeSensor();
   $("session").hidden = true;
   $("intro").hidden = false;
   $("end").hidden = false;
@@ -114,6 +117,7 @@ function end(message) {
 }
 
 function refuse(message) {
+  closeSensor();
   const wasShown = !$("session").hidden;
   $("intro").hidden = false;
   $("session").hidden = true;
@@ -182,6 +186,48 @@ function readSource() {
   return { source: kind, keeps: true, ...whose, ...(kind === "port" && { port: chosen }) };
 }
 
+const KIND = "acromion-live-kind";
+let sensor = null;
+
+// A sensor is opened by the click that starts, for browsers ask the person first.
+async function openSensor(kind) {
+  sensor = await SENSORS[kind].open((bytes) => link.push(bytes), failSensor);
+  sessionStorage.setItem(KIND, kind);
+  $("reopen").hidden = true;
+}
+
+function failSensor(error) {
+  $("problem").hidden = false;
+  $("problem").textContent = `${texts.sensor_failed} ${error?.message ?? ""}`;
+  $("reopen").hidden = $("session").hidden;
+}
+
+function closeSensor() {
+  Promise.resolve(sensor?.close()).catch(() => {});
+  sensor = null;
+  sessionStorage.removeItem(KIND);
+}
+
+async function openAndStart() {
+  const asked = readAsked(), kind = readKind();
+  sessionStorage.removeItem(KIND);
+  try {
+    if (kind in SENSORS) await openSensor(kind);
+    link.start(kind in SENSORS ? { ...asked, source: "lines", name: sensor.name } : asked);
+    await navigator.wakeLock?.request("screen").catch(() => {});
+  } catch (error) {
+    failSensor(error);
+  }
+}
+
+function offerSensors() {
+  for (const option of form.querySelectorAll("option[data-kind]")) {
+    const kind = option.dataset.kind;
+    if (kind in SENSORS && !SENSORS[kind].isThere()) option.remove();
+  }
+}
+
+$("reopen").addEventListener("click", () => openSensor(sessionStorage.getItem(KIND)).catch(failSensor));
 $("source").addEventListener("change", showAsked);
 form.addEventListener("submit", (event) => {
   event.preventDefault();
@@ -190,7 +236,7 @@ form.addEventListener("submit", (event) => {
   $("problem").hidden = true;
   $("begin").disabled = true;
   setTimeout(() => ($("begin").disabled = false), OLD_MS);
-  link.start(readAsked());
+  openAndStart();
 });
 $("redo").addEventListener("click", () => link.send({ type: "pose" }));
 $("stop").addEventListener("click", () => link.send({ type: "stop" }));
@@ -211,6 +257,7 @@ setInterval(() => {
   if (!$("session").hidden && performance.now() - state.shownAt > OLD_MS) $("angle").parentElement.classList.add("is-old");
 }, OLD_MS / 2);
 
+offerSensors();
 listRecordings();
 const remembered = Link.remembered();
 if (remembered) link.resume(remembered);
