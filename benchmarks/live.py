@@ -1,0 +1,190 @@
+"""Live sessions: replay to the bit, latency to the picture, twenty at once, what a kill loses.
+
+    python -m benchmarks.live [--hours 8] [--minutes 10] [--sessions 20] [--seconds 60]
+
+Each part prints its line; the kill is the server's, by SIGKILL, while lines come at 100 Hz.
+"""
+
+import argparse
+import asyncio
+import json
+import resource
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import psutil
+from playwright.sync_api import sync_playwright
+from websockets.asyncio.client import connect
+
+from app.live.recorder import Recorder
+from app.live.replay import ReplaySource
+from fusion.live import LiveElevation
+from fusion.readers import read_recording
+from fusion.simulation import write_recordings
+from tests.ways_in.servers import RunningServer
+
+HEADER = "# device: LSM9DS1\ntime_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps\n"
+RATE_HZ, CHUNK_ROWS = 100, 4
+PERCENTILES = (50, 99)
+WATCH = """() => {
+  window.taken = [];
+  const place = document.getElementById("latency");
+  const look = () => window.taken.push(Number(place.dataset.ms));
+  new MutationObserver(look).observe(place, { attributes: true });
+}"""
+
+
+def measure_replay(
+    folder: Path, device: Literal["gt9x", "lsm9ds1"], hours: float, rate_hz: float | None
+) -> None:
+    """Play a recording as fast as it goes, written and shown, and compare with the file's own angle."""
+    log = write_recordings(folder / device, device, hours, 1, rate_hz)[0]
+    recording = read_recording(log)
+    source = ReplaySource(recording, log.name, 20.0, wait=lambda _: None)
+    recorder = Recorder(folder / f"{device}.csv", source.facts)
+    began_s, shown = time.process_time(), []
+    while (frames := source.read()) is not None:
+        shown.append(recorder.take(frames).elevation_deg)
+    taken_s = time.process_time() - began_s
+    recorder.stop()
+    live = LiveElevation(recording.rate_hz, source.facts.arm_axis)
+    expected = np.concatenate([live.update(one.acc_g, one.gyr_dps) for one in recording.segments])
+    equal = np.array_equal(np.concatenate(shown), expected)
+    recorded_s = recording.duration_us / 1e6
+    print(
+        f"{device} {hours:g} h at {recording.rate_hz:g} Hz, {len(recording.segments)} segment(s): "
+        f"equal to the bit: {equal}; {taken_s:.1f} s of CPU, {recorded_s / taken_s:.0f} times its pace"
+    )
+
+
+def measure_latency(running: RunningServer, seconds: float) -> None:
+    """From the arrival of the frames at the server to the picture, in headless Chromium."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+        page = browser.new_page()
+        page.goto(f"{running.address}live?lang=en")
+        page.click("#begin")
+        page.wait_for_selector("#latency[data-ms]")
+        page.wait_for_timeout(5000)  # until the clocks are known
+        page.evaluate(WATCH)
+        page.wait_for_timeout(1000 * seconds)
+        taken_ms = page.evaluate("() => window.taken")
+        page.keyboard.press("s")
+        browser.close()
+    p50, p99 = np.percentile(taken_ms, PERCENTILES)
+    print(f"latency over {seconds:g} s: p50 {p50:.0f} ms, p99 {p99:.0f} ms, {len(taken_ms)} pictures")
+
+
+def write_rows(first: int, stop: int) -> bytes:
+    """Rows of an arm that hangs."""
+    rows = (f"{10_000 * k},{k},0.00{k % 7},0.01,0.99{k % 5},0.1,0.2,0.{k % 9}\n" for k in range(first, stop))
+    return "".join(rows).encode()
+
+
+async def feed(address: str, seconds: float) -> dict[str, Any]:
+    """One session at 100 Hz; gives its last status."""
+    status: dict[str, Any] = {}
+    async with connect(address, max_queue=None) as socket:
+        await socket.send(json.dumps({"type": "start", "source": "lines", "name": "bench", "axis": "+z"}))
+
+        async def hear() -> None:
+            async for text in socket:
+                message = json.loads(text)
+                status.update(message.get("status", {}))
+                if message["type"] == "ended":
+                    return
+
+        hearing = asyncio.create_task(hear())
+        await socket.send(HEADER.encode())
+        began_s = time.monotonic()
+        for first in range(0, round(seconds * RATE_HZ), CHUNK_ROWS):
+            await socket.send(write_rows(first, first + CHUNK_ROWS))
+            await asyncio.sleep(max(0.0, began_s + first / RATE_HZ - time.monotonic()))
+        await asyncio.sleep(2.0)
+        await socket.send(json.dumps({"type": "stop"}))
+        await hearing
+    return status
+
+
+async def feed_all(address: str, sessions: int, seconds: float) -> list[dict[str, Any]]:
+    """Feed all sessions at once."""
+    return await asyncio.gather(*(feed(address, seconds) for _ in range(sessions)))
+
+
+def measure_many(running: RunningServer, sessions: int, minutes: float) -> None:
+    """CPU and memory of the server, and what was lost."""
+    server = psutil.Process(running.process.pid)
+    address = running.address.replace("http", "ws") + "api/v1/live"
+    asyncio.run(feed_all(address, 1, 5.0))  # the science is loaded
+    before, began_s = server.cpu_times(), time.monotonic()
+    own_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    found = asyncio.run(feed_all(address, sessions, 60.0 * minutes))
+    after, taken_s = server.cpu_times(), time.monotonic() - began_s
+    cpu_s = after.user + after.system - before.user - before.system
+    own_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime - own_s
+    print(
+        f"{sessions} sessions at {RATE_HZ} Hz for {minutes:g} min: {100 * cpu_s / taken_s:.0f} % of a core, "
+        f"{server.memory_info().rss / (1 << 20):.0f} MiB, lost {sum(one['lost'] for one in found)} of "
+        f"{sum(one['frames'] for one in found)} (the bench itself: {100 * own_s / taken_s:.0f} %)"
+    )
+
+
+async def feed_until_killed(running: RunningServer, address: str, seconds: float) -> int:
+    """Feed one kept session, then kill the server; give the rows that were sent."""
+    sent = 0
+    async with connect(address, max_queue=None) as socket:
+        asked = {"type": "start", "source": "lines", "name": "bench", "axis": "+z", "keeps": True}
+        await socket.send(json.dumps(asked))
+        await socket.send(HEADER.encode())
+        began_s = time.monotonic()
+        while time.monotonic() - began_s < seconds:
+            await socket.send(write_rows(sent, sent + CHUNK_ROWS))
+            sent += CHUNK_ROWS
+            await asyncio.sleep(max(0.0, began_s + sent / RATE_HZ - time.monotonic()))
+        running.process.kill()
+    return sent
+
+
+def measure_kill(folder: Path, rounds: int) -> None:
+    """Seconds that a kill of the server loses: sent before it, less those in the raw file."""
+    lost_s = []
+    for number in range(rounds):
+        running = RunningServer(folder / f"kill{number}", folder / "kill.log", 0)
+        address = running.address.replace("http", "ws") + "api/v1/live"
+        sent = asyncio.run(feed_until_killed(running, address, 12.0 + 0.37 * number))
+        running.process.wait()
+        (raw,) = (folder / f"kill{number}" / "live").glob("*.csv")
+        rows = sum(line[:1].isdigit() for line in raw.read_text().splitlines()[:-1])
+        lost_s.append((sent - rows) / RATE_HZ)
+    print(
+        f"kills of the server: {rounds}; lost {max(lost_s):.2f} s at most, {np.mean(lost_s):.2f} s on average"
+    )
+
+
+def main() -> None:
+    """Run the parts."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hours", type=float, default=8.0)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--sessions", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--kills", type=int, default=5)
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        measure_replay(folder, "gt9x", asked.hours, None)
+        measure_replay(folder, "lsm9ds1", asked.hours, 500.0)
+        running = RunningServer(folder / "data", folder / "log", 0)
+        try:
+            measure_latency(running, asked.seconds)
+            measure_many(running, asked.sessions, asked.minutes)
+        finally:
+            running.stop()
+        measure_kill(folder, asked.kills)
+
+
+if __name__ == "__main__":
+    main()
