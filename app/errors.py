@@ -202,6 +202,14 @@ class TooMany(AppError):
     fact_meanings = name_facts(max="uploads at once")
 
 
+class TooManySessions(AppError):
+    """As many live sessions as one server runs are under way."""
+
+    code = "E-LIVE-FULL"
+    outcome = Outcome(429, 3, retryable=True)
+    fact_meanings = name_facts(max="sessions at once")
+
+
 class KeyReused(AppError):
     """The idempotency key was used for another request."""
 

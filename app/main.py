@@ -8,6 +8,7 @@ import threading
 import webbrowser
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from importlib.util import find_spec
 from ipaddress import ip_address
 from pathlib import Path
 
@@ -26,6 +27,8 @@ from app.api.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.health import router as health_routes
 from app.api.housekeeping import keep_house, reconcile
 from app.api.idempotency import Idempotency
+from app.api.live import router as live_routes
+from app.api.live import take_in_cut
 from app.api.mappings import router as mapping_routes
 from app.api.pairs import router as pair_routes
 from app.api.plain_text import PlainText
@@ -76,6 +79,7 @@ from app.web.day import router as day_routes
 from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
+from app.web.live import router as live_page
 from app.web.pairs import router as pair_pages
 from app.web.profile import router as profile_pages
 from app.web.rendering import FOLDER, Assets, find_assets
@@ -94,6 +98,7 @@ ROUTES = (
     pair_routes,
     about_routes,
     health_routes,
+    live_routes,
 )
 PAGES = (
     page_routes,
@@ -110,8 +115,10 @@ PAGES = (
     example_routes,
     asset_routes,
     validation_pages,
+    live_page,
 )
 MAX_HEADER_BYTES = 64 * 1024
+MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -288,6 +295,7 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         services.inspector.sweep()
         services.pairs.sweep()
         services.responses.free_unfinished()
+        _report_cut(services)
         house = asyncio.create_task(keep_house(services))
         try:
             yield
@@ -295,9 +303,19 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
             house.cancel()
             with suppress(asyncio.CancelledError):
                 await house
+            if services.live.made is not None:
+                await asyncio.to_thread(services.live.made.close)
     finally:
         lock.release()
         services.store.close()
+
+
+def _report_cut(services: Services) -> None:
+    count = take_in_cut(services)
+    if count:
+        logger.warning(
+            "live sessions cut off by the end of the server: %d; of each at most 2 s are lost", count
+        )
 
 
 def _add_error_handlers(application: FastAPI) -> None:
@@ -335,7 +353,9 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
         application,
         root_path=settings.root_path.rstrip("/"),
         http=make_timeout_protocol(settings.header_patience_s),
-        ws="none",
+        ws="websockets-sansio" if find_spec("websockets") else "none",
+        ws_max_size=MAX_LIVE_MESSAGE_BYTES,
+        ws_per_message_deflate=False,
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,

@@ -1,9 +1,10 @@
 """Composition: the stores, folders and settings that every route works with."""
 
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Generic, TypeVar, cast
 
 import anyio
 import anyio.to_thread
@@ -30,6 +31,11 @@ from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
 from app.storage.store import Storage, check_folder, read_or_create_id
+
+if TYPE_CHECKING:
+    from app.live.hub import LiveHub
+
+T = TypeVar("T")
 
 # Readiness: each thing that an upload needs is checked by itself and within a limit.
 
@@ -126,6 +132,21 @@ class Quarantine:
     names: tuple[str, ...] = ()
 
 
+class Later(Generic[T]):
+    """Something that is made when it is first asked for, once."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.made: T | None = None
+
+    def find(self, make: Callable[[], T]) -> T:
+        """Give it, made now if need be."""
+        with self._lock:
+            if self.made is None:
+                self.made = make()
+            return self.made
+
+
 @dataclass(frozen=True, slots=True)
 class Services:
     """The database, the folders and the settings of this server."""
@@ -149,6 +170,7 @@ class Services:
     quarantine: Quarantine
     cache: DecodedCache
     readiness: Readiness
+    live: "Later[LiveHub]"
 
 
 def open_services(settings: Settings) -> Services:
@@ -183,6 +205,7 @@ def open_services(settings: Settings) -> Services:
         quarantine=Quarantine(),
         cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
         readiness=Readiness(store, storage, settings),
+        live=Later(),
     )
 
 

@@ -171,7 +171,7 @@ def analyse(
     """
     if not isinstance(recording, Recording):
         recording = read_recording(recording)
-    settings = settings or AnalysisSettings()
+    settings = adopt_stated(recording, settings or AnalysisSettings())
     on_step("checking")
     placed = place_diary(settings.diary, recording.start, recording.duration_us)
     refuse_short(recording)
@@ -212,6 +212,15 @@ def analyse(
     )
 
 
+def adopt_stated(recording: Recording, settings: AnalysisSettings) -> AnalysisSettings:
+    """Take the pose window or the axis that the file states, where the person asks for neither."""
+    if settings.calibration_windows_s or settings.arm_axis or settings.pose == "two-point":
+        return settings
+    if recording.arm_axis is not None:
+        return replace(settings, arm_axis=recording.arm_axis)
+    return replace(settings, calibration_windows_s=recording.pose_windows_s)
+
+
 def _flag_calibration(
     samples: CalibratedSamples, fused: Elevation, method: MethodName
 ) -> tuple[QualityFlag, ...]:
@@ -234,6 +243,7 @@ def fuse_recording(
     fusion.errors.UnusableRecording
         No usable calibration.
     """
+    settings = adopt_stated(recording, settings)
     blocks = reduce_recording(recording)
     exclusions = find_exclusions(recording, blocks)
     on_step("calibrating")

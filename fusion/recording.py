@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.caveats import Caveat
+from fusion.conventions import ArmAxis
 
 LONGEST_BRIDGE_US = 50_000
 
@@ -151,6 +152,9 @@ class Recording:
         Full scale, for the clipping check; None where the file does not tell.
     reader
         Name and version of the plug-in that read the file; None where one of our own did.
+    pose_windows_s, arm_axis
+        As the file states them: when a person held the pose (start, end), from the first sample, and the
+        sensor's axis that was strapped along the arm. What is asked of an analysis goes before them.
     """
 
     device: str
@@ -166,6 +170,8 @@ class Recording:
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None
     reader: tuple[str, str] | None = None
+    pose_windows_s: tuple[tuple[float, float], ...] = ()
+    arm_axis: ArmAxis | None = None
 
     def __repr__(self) -> str:
         start = f" from {self.start:%Y-%m-%d %H:%M}" if self.start else ""

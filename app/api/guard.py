@@ -112,6 +112,9 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check the request, then hand it on."""
+        if scope["type"] == "websocket":
+            await self._guard_socket(scope, receive, send)
+            return
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -128,6 +131,15 @@ class Guard:
             await self._app({**scope, "method": "GET"}, watch.receive, _send_headers_only(sealed))
             return
         await self._app(scope, watch.receive, sealed)
+
+    async def _guard_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Refuse a WebSocket of another site before it is accepted; browsers bind these to no origin."""
+        try:
+            check_caller("POST", Headers(scope=scope))
+        except AppError:
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        await self._app(scope, receive, send)
 
 
 def takes_file(scope: Scope) -> bool:

@@ -12,6 +12,7 @@ from app.cli.admin import backup, doctor, recover, restore, serve, verify, worke
 from app.cli.compare import compare, pair, validate
 from app.cli.conformance import conformance
 from app.cli.inspection import inspect, version
+from app.cli.live import live
 from app.cli.profile import profile
 from app.cli.run import exposure, run
 from app.cli.samples import demo, simulate
@@ -26,7 +27,7 @@ app = typer.Typer(
 
 for command in (
     *(run, exposure, pair, compare, profile, validate),
-    *(demo, simulate, conformance, inspect, version),
+    *(live, demo, simulate, conformance, inspect, version),
     *(serve, worker, backup, restore, recover, verify, doctor),
 ):
     app.command()(command)

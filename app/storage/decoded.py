@@ -182,6 +182,8 @@ def _describe(recording: Recording) -> dict[str, Any]:
         "acc_range_g": recording.acc_range_g,
         "gyr_range_dps": recording.gyr_range_dps,
         "reader": recording.reader,
+        "pose_windows_s": recording.pose_windows_s,
+        "arm_axis": recording.arm_axis,
         "segments": [
             {"start_us": s.start_us, "rate_hz": s.rate_hz, "rows": len(s), "bridged": s.bridged}
             for s in recording.segments
@@ -194,7 +196,14 @@ def _build(facts: dict[str, Any], segments: tuple[Segment, ...]) -> Recording:
     flags = tuple(_build_flag(flag) for flag in facts.pop("flags"))
     excluded = tuple(Span(**span) for span in facts.pop("excluded"))
     reader = tuple(facts["reader"]) if facts["reader"] else None
-    read = facts | {"start": start, "excluded": excluded, "flags": flags, "reader": reader}
+    windows_s = tuple((start_s, end_s) for start_s, end_s in facts["pose_windows_s"])
+    read = facts | {
+        "start": start,
+        "excluded": excluded,
+        "flags": flags,
+        "reader": reader,
+        "pose_windows_s": windows_s,
+    }
     return Recording(segments=segments, **read)
 
 

@@ -36,6 +36,8 @@ def recording() -> Recording:
         excluded=(Span(0, 1_000_000, "docked"),),
         flags=(QualityFlag("W-GAP", 2, 0.5, 1.0, 2.0, {"n": 3}, ((1.0, 2.0),)),),
         understood={"layout": "made"},
+        pose_windows_s=((1.0, 6.0),),
+        arm_axis="-y",
     )
 
 

@@ -30,6 +30,7 @@ PAGES = {
     "poses": "help/poses",
     "reading": "help/reading",
     "example": "example",
+    "live": "live",
     "api_docs": "api/v1/docs",
     "export": "help/export",
     "problem": "problems/E-EPOCH",

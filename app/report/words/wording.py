@@ -30,6 +30,7 @@ Part = Literal[
     "pair_pages",
     "help",
     "operations",
+    "live",
 ]
 Words = Mapping[str, Any]
 LANGUAGES: tuple[Language, ...] = ("en", "fr")

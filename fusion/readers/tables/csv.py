@@ -4,12 +4,15 @@ A header is needed. Units and time come from it where it states them, and from t
 (:mod:`fusion.checks.physics`). A preamble of `# key: value` lines may state device, start and ranges.
 """
 
+import math
 import re
 from dataclasses import replace
 
 import numpy as np
 
 from fusion.caveats import Caveat
+from fusion.conventions import ArmAxis, parse_arm_axis
+from fusion.devices import find_device_name
 from fusion.errors import NoSamples, UnknownColumns, UnknownRate
 from fusion.readers.samples import PAUSE
 from fusion.readers.source import Source
@@ -102,7 +105,7 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
     facts = layout.facts()
     clock = find_clock(plan, first_stamp_us)
     return Recording(
-        device=layout.device.device if layout.device else "other",
+        device=layout.device.device if layout.device else _name_stated(facts.get("device", "")),
         sha256="",
         start=clock.start,
         time_zone=clock.time_zone,
@@ -129,6 +132,8 @@ def _read_planned(source: Source, plan: TablePlan, rate_hz: float | None) -> Rec
         serial_hash=hash_serial(facts.get("serial", "") or facts.get("serial_number", "")),
         acc_range_g=_positive(facts.get("acc_range_g")),
         gyr_range_dps=_positive(facts.get("gyr_range_dps")),
+        pose_windows_s=_read_pose_window(facts.get("pose_window_s", "")),
+        arm_axis=_read_arm_axis(facts.get("arm_axis", "")),
     )
 
 
@@ -206,6 +211,27 @@ def _positive(text: str | None) -> float | None:
     except ValueError:
         return None
     return value if 0 < value < 1e6 else None
+
+
+def _name_stated(device: str) -> str:
+    """Give the device that the preamble calls by our own name for it, else "other"."""
+    return device if find_device_name(device) else "other"
+
+
+def _read_pose_window(text: str) -> tuple[tuple[float, float], ...]:
+    """Read when the pose was held, ``START,END`` in seconds; nothing where it is not stated so."""
+    try:
+        start_s, end_s = (float(part) for part in text.split(","))
+    except ValueError:
+        return ()
+    return ((start_s, end_s),) if 0.0 <= start_s < end_s < math.inf else ()
+
+
+def _read_arm_axis(text: str) -> ArmAxis | None:
+    try:
+        return parse_arm_axis(text)
+    except ValueError:
+        return None
 
 
 def _describe_columns(plan: TablePlan) -> dict[str, str]:

@@ -43,6 +43,11 @@ class LiveElevation:
             return measure_elevation(self._vertical.update(acc, gyr), self._arm_axis)
         return self._wait_for_rest(acc, gyr)
 
+    @property
+    def has_rested(self) -> bool:
+        """Whether a still moment has told the gyroscope's bias; until then the angle may drift."""
+        return self._vertical.has_rested
+
     def _wait_for_rest(self, acc: NDArray[np.generic], gyr: NDArray[np.generic]) -> NDArray[np.float32]:
         """Sample by sample, so that the arm axis is set at the same sample however the chunks were cut."""
         waiting = np.full(len(acc), np.nan, dtype=np.float32)

@@ -1,0 +1,262 @@
+"""Live sessions over a WebSocket: docs/live.md describes the messages.
+
+The science is loaded with the first session: a server that only takes requests stays small.
+"""
+
+import asyncio
+import json
+import re
+import time
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from app.errors import AppError, BadParameter
+from app.intake import Intake
+from app.report.words.messages import describe_problem
+from app.report.words.subject import clean_text
+from app.report.words.wording import Language
+from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
+from app.services import Services
+from app.storage.store import borrow_recording
+from fusion.conventions import ArmAxis, Side
+from fusion.errors import FusionError
+
+if TYPE_CHECKING:
+    from app.live.hub import Ended, LiveHub, RunningSession
+    from app.live.source import Source
+
+LIVE_FOLDER = "live"
+HEAD_BYTES = 4096
+MOST_WAITING = 250
+"""Messages that wait for a slow page, 10 s; then the oldest are left out."""
+REFUSED, ENDED = 4400, 1000
+
+router = APIRouter(prefix="/api/v1")
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Start(_Message):
+    """Start a session: play a stored recording, or a simulated one."""
+
+    type: Literal["start"]
+    source: Literal["demo", "recording"]
+    recording: str = ""
+    speed: float = Field(default=1.0, ge=1.0, le=20.0)
+    keeps: bool = False
+    subject: str = Field(default="", max_length=LONGEST_SUBJECT)
+    side: Side | None = None
+    axis: ArmAxis | None = None
+    countdown_s: float = Field(default=5.0, ge=0.0, le=60.0)
+    lang: Language = "en"
+
+
+class Resume(_Message):
+    """Go on with a session after a reload or a lost link."""
+
+    type: Literal["resume"]
+    session: str
+    lang: Language = "en"
+
+
+class Pose(_Message):
+    """Ask for the pose again."""
+
+    type: Literal["pose"]
+    countdown_s: float = Field(default=5.0, ge=0.0, le=60.0)
+
+
+class Stop(_Message):
+    """End the session."""
+
+    type: Literal["stop"]
+
+
+class Ping(_Message):
+    """Ask for the server's clock."""
+
+    type: Literal["ping"]
+    sent_ms: float
+
+
+_FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Start | Resume)
+_LATER: TypeAdapter[Pose | Stop | Ping] = TypeAdapter(Pose | Stop | Ping)
+
+
+@router.websocket("/live")
+async def live(socket: WebSocket) -> None:
+    """Start a session or go on with one; then it sends what is new, and takes what is asked."""
+    await socket.accept()
+    language: Language = "en"
+    try:
+        first = _FIRST.validate_json(await socket.receive_text())
+        language = first.lang
+        session = await _open(socket, first)
+        await _converse(socket, session)
+    except WebSocketDisconnect:
+        return
+    except (AppError, FusionError, ValidationError, OSError, KeyError) as error:
+        with suppress(RuntimeError, WebSocketDisconnect):  # it may have hung up meanwhile
+            await socket.send_text(json.dumps(_describe_refusal(error, language)))
+            await socket.close(REFUSED)
+
+
+def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
+    refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+    problem = describe_problem(refusal.code, refusal.facts, language)
+    return {
+        "type": "problem",
+        "code": refusal.code,
+        "title": problem.title,
+        "detail": problem.detail,
+        "fix": problem.fix,
+    }
+
+
+async def _open(socket: WebSocket, first: Start | Resume) -> "RunningSession":
+    services = cast("Services", socket.app.state.services)
+    if isinstance(first, Resume):
+        hub = await run_in_threadpool(find_hub, services)
+        return hub.get(first.session)
+    return await run_in_threadpool(_start, services, first)
+
+
+def _start(services: Services, asked: Start) -> "RunningSession":
+    from app.live.hub import SessionRequest  # noqa: PLC0415  the science
+    from app.live.raw_file import Wearer  # noqa: PLC0415
+
+    request = SessionRequest(
+        Wearer(_read_subject(asked.subject), asked.side, asked.axis),
+        keeps=asked.keeps,
+        countdown_s=asked.countdown_s,
+    )
+    return find_hub(services).start(_open_source(services, asked), request)
+
+
+def _read_subject(text: str) -> str:
+    try:
+        return check_subject(text)
+    except ValueError as error:
+        raise BadParameter(name="subject", value=clean_text(text)[:60]) from error
+
+
+def _open_source(services: Services, asked: Start) -> "Source":
+    from app.live.demo import make_demo  # noqa: PLC0415
+    from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
+
+    if asked.source == "demo":
+        return ReplaySource(make_demo(), "demo", asked.speed)
+    row = services.recordings.get(asked.recording)
+    with borrow_recording(services.storage, row.id, row.sha256) as path:
+        return open_replay(path, asked.speed, row.about.file_name)
+
+
+async def _converse(socket: WebSocket, session: "RunningSession") -> None:
+    outbox = Outbox(asyncio.get_running_loop())
+    key = session.watch(outbox.put)
+    sender = asyncio.create_task(_send_on(socket, outbox))
+    try:
+        while True:
+            await _take(socket, session, outbox)
+    finally:
+        session.leave(key)
+        sender.cancel()
+        with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sender
+
+
+async def _take(socket: WebSocket, session: "RunningSession", outbox: "Outbox") -> None:
+    asked = _LATER.validate_json(await socket.receive_text())
+    if isinstance(asked, Pose):
+        session.ask_pose(asked.countdown_s)
+    elif isinstance(asked, Stop):
+        session.stop()
+    else:
+        outbox.put({"type": "pong", "sent_ms": asked.sent_ms, "server_s": outbox.read_clock_s()})
+
+
+async def _send_on(socket: WebSocket, outbox: "Outbox") -> None:
+    while True:
+        await socket.send_text(json.dumps(await outbox.take(), separators=(",", ":")))
+
+
+class Outbox:
+    """Messages of a session's thread on their way to one page; of too many the oldest are left out."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._waiting: deque[Mapping[str, Any]] = deque(maxlen=MOST_WAITING)
+        self._has_any = asyncio.Event()
+
+    def put(self, message: Mapping[str, Any]) -> None:
+        """Add a message, from any thread."""
+        self._waiting.append(message)
+        with suppress(RuntimeError):  # the server is ending
+            self._loop.call_soon_threadsafe(self._has_any.set)
+
+    async def take(self) -> Mapping[str, Any]:
+        """Wait for the oldest message."""
+        while not self._waiting:
+            self._has_any.clear()
+            if not self._waiting:
+                await self._has_any.wait()
+        return self._waiting.popleft()
+
+    @staticmethod
+    def read_clock_s() -> float:
+        """Give the clock that the messages of a session bear."""
+        return round(time.time(), 4)
+
+
+def find_hub(services: Services) -> "LiveHub":
+    """Give the sessions of this server; the first call loads the science."""
+    from app.live.hub import LiveHub  # noqa: PLC0415
+
+    return services.live.find(lambda: LiveHub(services.settings.data_dir / LIVE_FOLDER, _Keeper(services)))
+
+
+class _Keeper:
+    """Takes raw files into the library, as a recording with its analysis."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+
+    def __call__(self, ended: "Ended") -> str:
+        """Store the file and queue its analysis; give the id of the analysis."""
+        wearer = ended.request.wearer
+        return take_in(self._services, ended.path, wearer.subject, wearer.side)
+
+
+def take_in(services: Services, path: Path, subject: str, side: Side | None) -> str:
+    """Make the raw file of a session a recording, and queue its analysis; give the id of the analysis."""
+    settings = services.settings
+    request = ReportRequest(path.name, subject, side, paper=settings.paper)
+    return Intake(services.store, services.storage, settings).add(path, request, "web").id
+
+
+def take_in_cut(services: Services) -> int:
+    """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
+    folder = services.settings.data_dir / LIVE_FOLDER
+    files = sorted(folder.glob("live-*.csv"))
+    for path in files:
+        take_in(services, path, *_read_wearer(path))
+        path.unlink()
+    return len(files)
+
+
+def _read_wearer(path: Path) -> tuple[str, Side | None]:
+    """Read whose arm it is from the lines above the table."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES).decode("utf-8", "replace")
+    found = dict(re.findall(r"^# (subject|side): (.*)$", head, re.MULTILINE))
+    side = next((one for one in get_args(Side) if one == found.get("side")), None)
+    return found.get("subject", "")[:LONGEST_SUBJECT], side

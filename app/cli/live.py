@@ -1,0 +1,189 @@
+"""The angle as it comes, in the terminal."""
+
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.batch.plan import plan_tasks
+from app.cli.options import LanguageOption, SideOption, SubjectOption, parse_axis, parse_subject
+from app.cli.output import Exit, finish, print_problem, report_progress
+from app.errors import UNREADABLE_PATH, AppError
+from app.logs import escape_controls
+from app.report.words.numbers import format_angle, format_duration, format_elapsed, format_number
+from app.report.words.wording import fill, load_wording
+from app.request import Language, ReportRequest
+from fusion.errors import FusionError
+
+if TYPE_CHECKING:
+    from app.live.recorder import Recorder
+    from app.live.source import Source
+    from fusion.live import LiveStatus
+
+BAR_WIDTH = 30
+REDRAW_S, PRINT_S = 0.1, 1.0
+
+
+def live(
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="A recording, which is then played.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the raw file and the report.")] = Path(
+        "acromion-live"
+    ),
+    speed: Annotated[float, typer.Option(min=1, max=20, help="How fast a recording is played.")] = 1.0,
+    axis: Annotated[
+        str | None,
+        typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose."),
+    ] = None,
+    countdown_s: Annotated[
+        float, typer.Option("--countdown", min=0, max=60, help="Seconds before the pose is held.")
+    ] = 5.0,
+    side: SideOption = None,
+    subject: SubjectOption = "",
+    lang: LanguageOption = "en",
+) -> None:
+    """Show the angle as it comes, write every sample, and make the report when stopped (Ctrl-C)."""
+    from app.live.raw_file import PREFIX, Wearer  # noqa: PLC0415  the science, and only this needs it
+    from app.live.recorder import Recorder  # noqa: PLC0415
+
+    arm_axis = parse_axis(axis)
+    request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
+    _print_cut_sessions(out, lang)
+    opened = _open_source(source, speed, lang)
+    path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        recorder = Recorder(path, opened.facts, Wearer(request.subject, side, arm_axis))
+    except OSError as error:
+        opened.close()
+        print_problem(str(path), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
+        raise typer.Exit(Exit.NOTHING_DONE) from None
+    _run(opened, recorder, countdown_s, lang)
+    _finish(recorder, out, request)
+
+
+def _open_source(source: str, speed: float, language: Language) -> "Source":
+    from app.live.replay import open_replay  # noqa: PLC0415
+
+    try:
+        return open_replay(Path(source), speed)
+    except (FusionError, AppError) as refusal:
+        print_problem(source, refusal.code, refusal.facts, language)
+    except OSError as error:
+        print_problem(source, UNREADABLE_PATH, {"why": error.strerror or ""}, language)
+    raise typer.Exit(Exit.NOTHING_DONE)
+
+
+def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: Language) -> None:
+    """Take frames until the source ends or Ctrl-C, or SIGTERM, stops the session."""
+    screen = _Screen(language)
+    if recorder.session.arm_axis is None:
+        recorder.session.ask_pose(countdown_s)
+    try:
+        with _stopping_on(signal.SIGTERM):
+            while (frames := source.read()) is not None:
+                recorder.take(frames)
+                status = recorder.status()
+                if status.pose == "none":
+                    screen.print_refusal(status)
+                    recorder.session.ask_pose(countdown_s)
+                screen.show(status)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        source.close()
+        recorder.stop()
+    screen.show_last(recorder.status())
+
+
+@contextmanager
+def _stopping_on(number: int) -> Iterator[None]:
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+class _Screen:
+    """One line, kept up to date on a terminal; a line each second where the output is kept."""
+
+    def __init__(self, language: Language) -> None:
+        self._language = language
+        self._words = load_wording(language, "live")["terminal"]
+        self._is_terminal = sys.stdout.isatty()
+        self._due_s = 0.0
+
+    def show(self, status: "LiveStatus") -> None:
+        if time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + (REDRAW_S if self._is_terminal else PRINT_S)
+            self._print(self._describe(status))
+
+    def show_last(self, status: "LiveStatus") -> None:
+        self._print(self._describe(status))
+        if self._is_terminal:
+            typer.echo()
+
+    def print_refusal(self, status: "LiveStatus") -> None:
+        self._end_line()
+        typer.echo(load_wording(self._language, "live")["refused"][status.pose_refused])
+
+    def _print(self, line: str) -> None:
+        if self._is_terminal:
+            typer.echo(f"\r\x1b[K{line}", nl=False)
+        else:
+            typer.echo(line)
+
+    def _end_line(self) -> None:
+        if self._is_terminal:
+            typer.echo("\r\x1b[K", nl=False)
+
+    def _describe(self, status: "LiveStatus") -> str:
+        if status.pose in ("countdown", "holding"):
+            left = format_number(status.pose_left_s, 0, self._language)
+            return fill(self._words[status.pose], {"left": left})
+        facts = {
+            "angle": format_angle(status.elevation_deg, self._language).rjust(4),
+            "bar": _draw_bar(status.elevation_deg),
+            "above": format_duration(status.above_s[1], self._language),
+            "rises": str(status.rises),
+            "lost": str(status.lost),
+            "elapsed": format_elapsed(status.elapsed_s),
+            "unrested": "" if status.has_rested else self._words["unrested"],
+        }
+        return fill(self._words["line"], facts)
+
+
+def _draw_bar(elevation_deg: float | None) -> str:
+    filled = 0 if elevation_deg is None else round(BAR_WIDTH * min(elevation_deg, 180.0) / 180.0)
+    return "█" * filled + "·" * (BAR_WIDTH - filled)
+
+
+def _print_cut_sessions(out: Path, language: Language) -> None:
+    """Name the sessions of this folder that were cut: their rows are kept, and what is lost is said."""
+    from app.live.raw_file import find_cut  # noqa: PLC0415
+
+    words = load_wording(language, "live")["terminal"]
+    for cut in find_cut(out):
+        facts = {"name": cut.path.name, "elapsed": format_elapsed(cut.elapsed_s)}
+        typer.echo(escape_controls(fill(words["cut"], facts)), err=True)
+
+
+def _finish(recorder: "Recorder", out: Path, request: ReportRequest) -> None:
+    """Analyse the raw file as any recording, and say how the live angle and the report's differ."""
+    tasks = plan_tasks([recorder.path], out, request, force=False)
+    outcomes = report_progress(tasks, 1)
+    if not outcomes[0].code:
+        typer.echo(_describe_difference(recorder, tasks[0].folder, request.languages[0]))
+    finish(outcomes, out, request)
+
+
+def _describe_difference(recorder: "Recorder", folder: Path, language: Language) -> str:
+    from app.live.difference import describe_difference  # noqa: PLC0415
+
+    return describe_difference(recorder.shown, folder / "elevation.parquet", language)

@@ -1,0 +1,271 @@
+"""The live sessions of a server: each runs in a thread of its own and goes on while nobody looks.
+
+A session is known by its id. Whoever watches it gets what is new as messages that are numbered; a page that
+was reloaded gets the last minute first. A watcher that is too slow loses the oldest messages, never the raw
+file a frame.
+"""
+
+import logging
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from app.errors import AppError, NotHere, TooManySessions
+from app.live.raw_file import UNKNOWN, Wearer
+from app.live.recorder import Recorder
+from app.live.source import Source
+from app.storage.permissions import make_folder
+from fusion.errors import FusionError
+from fusion.live import LiveRows, LiveStatus
+from fusion.recording import MICROSECONDS
+
+SHOWN_HZ = 50.0
+HISTORY_S = 60.0
+MOST_WAITING = 250
+"""Messages that wait for a slow watcher: 10 s."""
+MOST_SESSIONS = 50
+ENDED_TERM_S = 3600.0
+"""How long the end of a session is remembered."""
+STOP_LIMIT_S = 10.0
+
+State = Literal["running", "stopped", "failed"]
+Message = Mapping[str, Any]
+Watch = Callable[[Message], None]
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRequest:
+    """What a person asks of a session.
+
+    ``keeps``: when it ends, its raw file becomes a recording; a replay has one already.
+    """
+
+    wearer: Wearer = UNKNOWN
+    keeps: bool = True
+    countdown_s: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The raw file of a session that has ended, and what was asked."""
+
+    path: Path
+    request: SessionRequest
+
+
+Keep = Callable[[Ended], str]
+"""Takes the raw file into the library; gives the id of its analysis."""
+
+
+class RunningSession:
+    """One session: its source, its recorder, its watchers."""
+
+    def __init__(self, session_id: str, source: Source, recorder: Recorder, request: SessionRequest) -> None:
+        self.id, self.source, self.recorder, self.request = session_id, source, recorder, request
+        self.state: State = "running"
+        self.analysis_id = ""
+        self.ended_s = 0.0
+        self._lock = threading.Lock()
+        self._watchers: dict[int, Watch] = {}
+        self._history: deque[tuple[float, float | None]] = deque(maxlen=round(HISTORY_S * SHOWN_HZ))
+        self._step = max(1, round(source.facts.rate_hz / SHOWN_HZ))
+        self._row = self._sequence = 0
+        self._is_stopping = threading.Event()
+        self._asked_pose_s: float | None = request.countdown_s if recorder.session.arm_axis is None else None
+
+    def describe(self) -> dict[str, Any]:
+        """Give what a watcher is told first."""
+        facts = self.source.facts
+        return {
+            "type": "session",
+            "session": self.id,
+            "source": facts.name,
+            "device": facts.device,
+            "rate_hz": round(facts.rate_hz, 3),
+            "state": self.state,
+            "analysis": self.analysis_id,
+            "keeps": self.request.keeps,
+        }
+
+    def watch(self, watch: Watch) -> int:
+        """Send the description, the last minute and what follows; give the key that ends it."""
+        with self._lock:
+            key = self._sequence * 1000 + len(self._watchers)
+            self._watchers[key] = watch
+            watch(self.describe())
+            watch(self._describe_update(list(self._history), "history"))
+            if self.state != "running":
+                watch(self._describe_end())
+        return key
+
+    def leave(self, key: int) -> None:
+        """End a watch."""
+        with self._lock:
+            self._watchers.pop(key, None)
+
+    def ask_pose(self, countdown_s: float) -> None:
+        """Ask for the pose, once more or for the first time."""
+        with self._lock:
+            self._asked_pose_s = countdown_s
+
+    def stop(self) -> None:
+        """Ask the session to end; it does so with the next frames, or without them."""
+        self._is_stopping.set()
+
+    def run(self, keep: Keep) -> None:
+        """Take frames until the source ends or the session is stopped."""
+        state: State = "stopped"
+        try:
+            while not self._is_stopping.is_set() and (frames := self.source.read()) is not None:
+                self._start_pose()
+                if len(frames):
+                    self._publish(self.recorder.take(frames))
+        except (AppError, FusionError, OSError):
+            logger.exception("a live session failed; its raw file is kept")
+            state = "failed"
+        finally:
+            self.source.close()
+            self._end(state, keep)
+
+    def _start_pose(self) -> None:
+        with self._lock:
+            if self._asked_pose_s is not None:
+                self.recorder.session.ask_pose(self._asked_pose_s)
+                self._asked_pose_s = None
+
+    def _publish(self, rows: LiveRows) -> None:
+        shown = np.arange(-self._row % self._step, len(rows.time_us), self._step)
+        self._row += len(rows.time_us)
+        points = [
+            (round(time_us / MICROSECONDS, 3), round(angle, 2) if is_valid else None)
+            for time_us, angle, is_valid in zip(
+                rows.time_us[shown].tolist(),
+                rows.elevation_deg[shown].tolist(),
+                rows.valid[shown].tolist(),
+                strict=True,
+            )
+        ]
+        with self._lock:
+            self._history.extend(points)
+            self._sequence += 1
+            self._send(self._describe_update(points, "update"))
+
+    def _describe_update(self, points: list[tuple[float, float | None]], kind: str) -> dict[str, Any]:
+        return {
+            "type": kind,
+            "sequence": self._sequence,
+            "came_s": round(time.time(), 4),
+            "points": points,
+            "status": describe_status(self.recorder.status()),
+        }
+
+    def _describe_end(self) -> dict[str, Any]:
+        return {"type": "ended", "state": self.state, "analysis": self.analysis_id}
+
+    def _send(self, message: Message) -> None:
+        for watch in self._watchers.values():
+            watch(message)
+
+    def _end(self, state: State, keep: Keep) -> None:
+        """Close the raw file and hand it on; a file that cannot be taken stays for the next start."""
+        path = self.recorder.stop()
+        try:
+            analysis_id = keep(Ended(path, self.request)) if self.request.keeps else ""
+            path.unlink(missing_ok=True)
+        except (AppError, OSError):
+            logger.exception("the raw file of a live session stays in its folder")
+            state, analysis_id = "failed", ""
+        with self._lock:
+            self.state, self.analysis_id, self.ended_s = state, analysis_id, time.monotonic()
+            self._send(self._describe_end())
+
+
+def describe_status(status: LiveStatus) -> dict[str, Any]:
+    """Give what the page shows of a session's state."""
+    return {
+        "elapsed_s": round(status.elapsed_s, 3),
+        "elevation_deg": None if status.elevation_deg is None else round(status.elevation_deg, 2),
+        "above_s": [round(seconds, 2) for seconds in status.above_s],
+        "counted_s": round(status.counted_s, 2),
+        "rises": status.rises,
+        "frames": status.frames,
+        "lost": status.lost,
+        "holes": status.holes,
+        "missing_s": round(status.missing_s, 3),
+        "has_rested": status.has_rested,
+        "pose": status.pose,
+        "pose_left_s": round(status.pose_left_s, 2),
+        "pose_refused": status.pose_refused,
+        "still_g": round(status.still_g, 4),
+    }
+
+
+@dataclass(slots=True)
+class LiveHub:
+    """The sessions of this server."""
+
+    folder: Path
+    keep: Keep
+    _sessions: dict[str, RunningSession] = field(default_factory=dict)
+    _threads: dict[str, threading.Thread] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def start(self, source: Source, request: SessionRequest) -> RunningSession:
+        """Start a session.
+
+        Raises
+        ------
+        TooManySessions, OSError
+        """
+        make_folder(self.folder)
+        session_id = secrets.token_urlsafe(12)
+        with self._lock:
+            self._forget()
+            if sum(session.state == "running" for session in self._sessions.values()) >= MOST_SESSIONS:
+                source.close()
+                raise TooManySessions(max=MOST_SESSIONS)
+            recorder = Recorder(self.folder / f"live-{session_id}.csv", source.facts, request.wearer)
+            session = RunningSession(session_id, source, recorder, request)
+            thread = threading.Thread(target=session.run, args=(self.keep,), name="live", daemon=True)
+            self._sessions[session_id], self._threads[session_id] = session, thread
+        thread.start()
+        return session
+
+    def get(self, session_id: str) -> RunningSession:
+        """Give a session that runs, or ended less than an hour ago.
+
+        Raises
+        ------
+        NotHere
+        """
+        session = self._sessions.get(session_id)
+        if session is None:
+            raise NotHere
+        return session
+
+    def sessions(self) -> tuple[RunningSession, ...]:
+        """Give all sessions that are remembered."""
+        return tuple(self._sessions.values())
+
+    def close(self) -> None:
+        """Stop all sessions, as the server stops: their raw files are recordings then."""
+        for session in self._sessions.values():
+            session.stop()
+        for thread in self._threads.values():
+            thread.join(STOP_LIMIT_S)
+
+    def _forget(self) -> None:
+        """Forget what ended long ago."""
+        now_s = time.monotonic()
+        for session_id, session in list(self._sessions.items()):
+            if session.state != "running" and now_s - session.ended_s > ENDED_TERM_S:
+                del self._sessions[session_id], self._threads[session_id]

@@ -1,0 +1,171 @@
+"""The raw file of a live session: every frame as it came, in a form that ``acromion run`` reads.
+
+The header lines that change (when the pose was held, when the session was stopped) have a fixed width and are
+overwritten in place. The rows are on the disk once :meth:`RawFile.sync` has returned; whoever drives the
+session calls it each second. A session that was cut shows ``stopped: no``: what came after the last row is
+lost, at most :data:`SYNC_S` and the time until its caller noticed.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from app.request import clean_file_name
+from app.storage.permissions import create_file
+from fusion.conventions import ArmAxis, Side
+from fusion.live import Frames
+from fusion.recording import MICROSECONDS
+
+SYNC_S = 1.0
+PREFIX = "live-"
+COLUMNS = "time_us,counter,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
+WIDTH = 40
+_NOT_STOPPED = "no"
+
+
+@dataclass(frozen=True, slots=True)
+class Wearer:
+    """Whose arm it is, and the sensor's axis where it was strapped along the arm."""
+
+    subject: str = ""
+    side: Side | None = None
+    arm_axis: ArmAxis | None = None
+
+
+UNKNOWN = Wearer()
+
+
+@dataclass(frozen=True, slots=True)
+class RawHeader:
+    """What is known of a session when it starts.
+
+    ``device`` as in :mod:`fusion.devices`; ``source`` in words.
+    """
+
+    device: str
+    source: str
+    start: datetime | None
+    rate_hz: float
+    wearer: Wearer = UNKNOWN
+    acc_range_g: float | None = None
+    gyr_range_dps: float | None = None
+
+
+class RawFile:
+    """Takes frames and appends them; a context manager."""
+
+    def __init__(self, path: Path, header: RawHeader) -> None:
+        """Create the file with its header.
+
+        Raises
+        ------
+        FileExistsError
+        OSError
+        """
+        self.path = path
+        self._places: dict[str, int] = {}
+        self._file = create_file(path)
+        self._write_header(header)
+        self.sync()
+
+    def write(self, frames: Frames) -> None:
+        """Append frames; their values lose nothing."""
+        rows = zip(
+            map(str, frames.time_us.tolist()),
+            map(str, frames.counter.tolist()),
+            *(map(str, column) for column in frames.acc_g.T),
+            *(map(str, column) for column in frames.gyr_dps.T),
+            strict=True,
+        )
+        self._file.write("".join(f"{','.join(row)}\n" for row in rows).encode())
+
+    def state_pose(self, start_s: float, end_s: float) -> None:
+        """Write into the header when the pose was held, in seconds from the first frame."""
+        self._overwrite("pose_window_s", f"{start_s:.3f},{end_s:.3f}")
+
+    def stop(self, now: datetime) -> None:
+        """Write into the header that the session was stopped, and close."""
+        self._overwrite("stopped", now.isoformat(timespec="seconds"))
+        self.close()
+
+    def sync(self) -> None:
+        """Have the disk take what was written."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Sync and close; the session is not stopped by it."""
+        if not self._file.closed:
+            self.sync()
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write_header(self, header: RawHeader) -> None:
+        self._put("device", header.device)
+        self._put("source", clean_file_name(header.source))
+        if header.start is not None:
+            self._put("start", header.start.isoformat(timespec="milliseconds"))
+        self._put("rate_hz", f"{header.rate_hz:.6g}")
+        for name, value in (("acc_range_g", header.acc_range_g), ("gyr_range_dps", header.gyr_range_dps)):
+            if value is not None:
+                self._put(name, f"{value:g}")
+        for name, word in asdict(header.wearer).items():
+            if word:
+                self._put(name, word)
+        self._put("pose_window_s", "none".ljust(WIDTH))
+        self._put("stopped", _NOT_STOPPED.ljust(WIDTH))
+        self._file.write(f"{COLUMNS}\n".encode())
+
+    def _put(self, name: str, value: str) -> None:
+        self._file.write(f"# {name}: ".encode())
+        self._places[name] = self._file.tell()
+        self._file.write(f"{value}\n".encode())
+
+    def _overwrite(self, name: str, value: str) -> None:
+        self._file.flush()
+        self._file.seek(self._places[name])
+        self._file.write(value.ljust(WIDTH).encode())
+        self._file.seek(0, os.SEEK_END)
+
+
+def was_stopped(path: Path) -> bool:
+    """Whether the session that wrote this file was stopped; False for one that was cut."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    return b"# stopped: " in head and f"# stopped: {_NOT_STOPPED} ".encode() not in head
+
+
+@dataclass(frozen=True, slots=True)
+class CutSession:
+    """A raw file whose session was never stopped, and how much of it there is."""
+
+    path: Path
+    elapsed_s: float
+
+
+def find_cut(folder: Path) -> Iterator[CutSession]:
+    """Find the sessions in a folder that were cut, oldest first; those of another program that runs, too."""
+    for path in sorted(folder.glob(f"{PREFIX}*.csv")):
+        if not was_stopped(path):
+            yield CutSession(path, _measure_elapsed_s(path))
+
+
+def _measure_elapsed_s(path: Path) -> float:
+    """Read the time of the last whole row; the first is at about 0."""
+    with path.open("rb") as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(0, file.tell() - 4096))
+        lines = file.read().split(b"\n")[:-1]
+    stamp = lines[-1].partition(b",")[0] if lines else b""
+    return int(stamp) / MICROSECONDS if stamp.isdigit() else 0.0

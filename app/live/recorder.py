@@ -1,0 +1,78 @@
+"""One live session as it runs: the source, the raw file, and the session in between."""
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
+from app.live.source import SourceFacts
+from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
+from fusion.pose.poses import point_along
+
+
+class Recorder:
+    """Writes each frame before it is shown, and syncs each second."""
+
+    def __init__(
+        self,
+        path: Path,
+        facts: SourceFacts,
+        wearer: Wearer = UNKNOWN,
+        *,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Create the raw file; an axis that a person names goes before the one that the source knows.
+
+        Raises
+        ------
+        OSError
+        """
+        self.facts, self.shown = facts, ShownAngles()
+        axis = point_along(wearer.arm_axis) if wearer.arm_axis else facts.arm_axis
+        self.session = LiveSession(facts.rate_hz, axis)
+        self._now_s = now_s
+        self._synced_s = now_s()
+        header = RawHeader(
+            device=facts.device,
+            source=facts.name,
+            start=facts.start,
+            rate_hz=facts.rate_hz,
+            wearer=wearer,
+            acc_range_g=facts.acc_range_g,
+            gyr_range_dps=facts.gyr_range_dps,
+        )
+        self._raw = RawFile(path, header)
+        self._stated_pose_s: tuple[float, float] | None = None
+
+    @property
+    def path(self) -> Path:
+        """Where the raw file is."""
+        return self._raw.path
+
+    def take(self, frames: Frames) -> LiveRows:
+        """Write the frames, then give their angles."""
+        self._raw.write(frames)
+        rows = self.session.take(frames)
+        self.shown.keep(rows)
+        pose_s = self.session.pose_window_s
+        if pose_s is not None and pose_s != self._stated_pose_s:
+            self._raw.state_pose(*pose_s)
+            self._stated_pose_s = pose_s
+        if self._now_s() - self._synced_s >= SYNC_S:
+            self._raw.sync()
+            self._synced_s = self._now_s()
+        return rows
+
+    def status(self) -> LiveStatus:
+        """Describe where the session stands."""
+        return self.session.status()
+
+    def stop(self) -> Path:
+        """End the session: its raw file is now an ordinary recording."""
+        self._raw.stop(datetime.now(UTC))
+        return self._raw.path
+
+    def break_off(self) -> None:
+        """Close the file without saying that the session was stopped."""
+        self._raw.close()

@@ -1,0 +1,51 @@
+"""What every source of frames gives, whatever it is behind."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Protocol
+
+from fusion.live import Frames
+from fusion.recording import Float64Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceFacts:
+    """What is known of a source once its first frames came.
+
+    Attributes
+    ----------
+    device
+        As in :mod:`fusion.devices`, or "other".
+    name
+        What it is, for people: a file's name, a port.
+    rate_hz
+        Of its frames.
+    start
+        Clock of the first frame, where it is known.
+    arm_axis
+        Shape (3,): where the source knows it already, as a recording does that has its pose.
+    acc_range_g, gyr_range_dps
+        Full scale, where it is known.
+    """
+
+    device: str
+    name: str
+    rate_hz: float
+    start: datetime | None = None
+    arm_axis: Float64Array | None = None
+    acc_range_g: float | None = None
+    gyr_range_dps: float | None = None
+
+
+class Source(Protocol):
+    """Frames as they come."""
+
+    @property
+    def facts(self) -> SourceFacts:
+        """What is known of it."""
+
+    def read(self) -> Frames | None:
+        """Wait a moment for the next frames and give them, none if none came; None when it has ended."""
+
+    def close(self) -> None:
+        """Let go of the port or file."""

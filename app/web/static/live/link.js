@@ -1,0 +1,87 @@
+// The link to the server: it comes back by itself, to the same session, and knows the server's clock.
+
+const KEPT = "acromion-live";
+const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 4000, PING_MS = 2000, SLACK_MS = 5;
+
+export class Link {
+  constructor(address, language, take) {
+    Object.assign(this, { address, language, take, session: null, waitMs: FIRST_WAIT_MS, offsetMs: 0, quickestMs: Infinity, isOver: true });
+  }
+
+  // The session that was open when the page was left or reloaded.
+  static remembered() {
+    return sessionStorage.getItem(KEPT);
+  }
+
+  start(asked) {
+    this.open({ type: "start", lang: this.language, ...asked });
+  }
+
+  resume(session) {
+    this.session = session;
+    this.open({ type: "resume", session, lang: this.language });
+  }
+
+  open(first) {
+    this.isOver = false;
+    this.socket = new WebSocket(this.address);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.waitMs = FIRST_WAIT_MS;
+      this.send(first);
+      this.ping();
+    };
+    this.socket.onmessage = (event) => this.hear(JSON.parse(event.data));
+    this.socket.onclose = () => this.lose();
+  }
+
+  send(message) {
+    if (this.isOpen) this.socket.send(JSON.stringify(message));
+  }
+
+  get isOpen() {
+    return this.socket?.readyState === WebSocket.OPEN;
+  }
+
+  ping() {
+    clearTimeout(this.timer);
+    this.send({ type: "ping", sent_ms: performance.timeOrigin + performance.now() });
+    this.timer = setTimeout(() => this.ping(), PING_MS);
+  }
+
+  hear(message) {
+    if (message.type === "pong") {
+      const nowMs = performance.timeOrigin + performance.now(), tookMs = nowMs - message.sent_ms;
+      if (tookMs > this.quickestMs + SLACK_MS) return; // a slow answer tells the clock badly
+      this.quickestMs = Math.min(tookMs, this.quickestMs);
+      this.offsetMs = message.server_s * 1000 - (message.sent_ms + nowMs) / 2;
+      return;
+    }
+    if (message.type === "session") {
+      this.session = message.session;
+      sessionStorage.setItem(KEPT, message.session);
+    }
+    if (message.type === "ended" || message.type === "problem") this.forget();
+    this.take(message);
+  }
+
+  // Milliseconds since a moment of the server's clock.
+  since(serverS) {
+    return performance.timeOrigin + performance.now() + this.offsetMs - serverS * 1000;
+  }
+
+  forget() {
+    this.isOver = true;
+    sessionStorage.removeItem(KEPT);
+    clearTimeout(this.timer);
+  }
+
+  lose() {
+    clearTimeout(this.timer);
+    if (this.isOver) return;
+    this.take({ type: "lost" });
+    if (!this.session) return;
+    setTimeout(() => this.resume(this.session), this.waitMs);
+    this.waitMs = Math.min(2 * this.waitMs, LONGEST_WAIT_MS);
+  }
+}

@@ -1,0 +1,171 @@
+// The live page: start a session, show it, stop it. The server holds the session; this page only shows it.
+
+import { $, fill, say } from "../say.js";
+import { Strip, turnArm } from "./draw.js";
+import { Link } from "./link.js";
+
+const texts = JSON.parse($("texts").textContent);
+const form = $("start");
+const base = form.dataset.base, language = form.dataset.lang;
+const strip = new Strip($("strip"));
+const number = (digits) => new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
+const whole = number(0), tenth = number(1);
+const OLD_MS = 1000, LATENCIES = 25;
+const state = { newest: null, isDrawing: false, latencies: [], pose: "", shownAt: 0 };
+
+const address = new URL(`${base}/api/v1/live`, location.href);
+address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+const link = new Link(address, language, take);
+
+function take(message) {
+  const how = { session: begin, history: addHistory, update, ended: end, problem: refuse, lost: lose }[message.type];
+  how?.(message);
+}
+
+function begin(message) {
+  form.hidden = $("end").hidden = $("problem").hidden = $("link").hidden = true;
+  $("intro").hidden = true;
+  $("session").hidden = false;
+  $("what").textContent = fill(texts.what, { source: message.source === "demo" ? texts.demo : message.source, rate: whole.format(message.rate_hz) });
+  state.isPlayed = !message.keeps;
+}
+
+function addHistory(message) {
+  strip.clear();
+  strip.add(message.points);
+  update(message);
+}
+
+function update(message) {
+  if (message.type === "update") strip.add(message.points);
+  state.newest = message;
+  if (state.isDrawing) return;
+  state.isDrawing = true;
+  requestAnimationFrame(draw);
+}
+
+function draw() {
+  state.isDrawing = false;
+  const { status, came_s: cameS, type } = state.newest;
+  const deg = status.elevation_deg;
+  $("angle").textContent = deg === null ? "–" : `${whole.format(Math.round(deg))}°`;
+  $("angle").parentElement.classList.remove("is-old");
+  turnArm($("limb"), deg);
+  strip.draw();
+  $("above").textContent = duration(status.above_s[1]);
+  $("rises").textContent = whole.format(status.rises);
+  $("elapsed").textContent = clock(status.elapsed_s);
+  $("lost").textContent = whole.format(status.lost);
+  $("missing").textContent = duration(status.missing_s);
+  $("doubt").hidden = status.has_rested || deg === null;
+  showPose(status);
+  state.shownAt = performance.now();
+  if (type === "update") measure(cameS);
+}
+
+// From the frames' arrival at the server to the picture that follows this one.
+function measure(cameS) {
+  requestAnimationFrame(() => {
+    state.latencies.push(link.since(cameS));
+    if (state.latencies.length > LATENCIES) state.latencies.shift();
+    const middle = [...state.latencies].sort((a, b) => a - b)[Math.floor(state.latencies.length / 2)];
+    $("latency").textContent = `${whole.format(Math.max(0, middle))} ms`;
+    $("latency").dataset.ms = state.latencies.at(-1).toFixed(1);
+  });
+}
+
+function showPose(status) {
+  const left = whole.format(Math.ceil(status.pose_left_s));
+  const refused = status.pose_refused && status.pose !== "holding" ? `${texts.refused[status.pose_refused]} ` : "";
+  const text = refused + ({ countdown: fill(texts.countdown, { left }), holding: fill(texts.holding, { left, still: whole.format(1000 * status.still_g) }), none: texts.no_pose }[status.pose] ?? "");
+  if (text === state.pose) return;
+  if (state.pose && !text) say(texts.pose_held);
+  state.pose = text;
+  $("pose").textContent = text;
+  $("pose").hidden = !text;
+}
+
+function end(message) {
+  $("session").hidden = true;
+  $("intro").hidden = false;
+  $("end").hidden = false;
+  $("ended-words").textContent = message.state === "failed" ? texts.failed : message.analysis ? texts.kept : texts.played;
+  $("report").hidden = !message.analysis;
+  if (message.analysis) $("report").href = `${base}/analyses/${message.analysis}`;
+  if (document.fullscreenElement) document.exitFullscreen();
+  $("end").scrollIntoView({ block: "nearest" });
+  say($("ended-words").textContent);
+}
+
+function refuse(message) {
+  const wasShown = !$("session").hidden;
+  $("intro").hidden = false;
+  $("session").hidden = true;
+  form.hidden = false;
+  $("problem").hidden = false;
+  $("problem").textContent = message.code === "E-NOT-FOUND" && wasShown ? texts.session_gone : `${message.title}. ${message.detail} ${message.fix}`;
+}
+
+function lose() {
+  $("link").hidden = $("session").hidden;
+  if (link.session) return;
+  $("problem").hidden = false;
+  $("problem").textContent = texts.no_link;
+}
+
+function duration(seconds) {
+  if (seconds < 60) return `${tenth.format(seconds)} s`;
+  const minutes = Math.floor(seconds / 60);
+  const rest = Math.floor(seconds % 60);
+  return minutes < 60 ? `${minutes} min ${rest} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+}
+
+function clock(seconds) {
+  const two = (value) => String(Math.floor(value)).padStart(2, "0");
+  return `${Math.floor(seconds / 3600)}:${two((seconds / 60) % 60)}:${two(seconds % 60)}`;
+}
+
+async function listRecordings() {
+  const wanted = new URLSearchParams(location.search).get("recording");
+  try {
+    const answer = await fetch(`${base}/api/v1/recordings?limit=50`);
+    for (const item of (await answer.json()).items) {
+      const name = [item.subject, item.file_name].filter(Boolean).join(" · ");
+      $("recordings").append(new Option(name, item.id, item.id === wanted, item.id === wanted));
+    }
+  } catch {
+    // the demonstration can be played without them
+  }
+  $("recordings").hidden = !$("recordings").children.length;
+}
+
+form.addEventListener("submit", (event) => {
+  event.preventDefault();
+  const chosen = $("source").value, source = chosen === "demo" ? { source: "demo" } : { source: "recording", recording: chosen };
+  say(texts.preparing);
+  $("problem").hidden = true;
+  $("begin").disabled = true;
+  setTimeout(() => ($("begin").disabled = false), OLD_MS);
+  link.start({ ...source, speed: Number($("speed").value) });
+});
+$("redo").addEventListener("click", () => link.send({ type: "pose" }));
+$("stop").addEventListener("click", () => link.send({ type: "stop" }));
+$("wide").addEventListener("click", () => $("session").requestFullscreen?.());
+$("again").addEventListener("click", () => {
+  $("end").hidden = true;
+  form.hidden = false;
+  $("source").focus();
+});
+document.addEventListener("keydown", (event) => {
+  if ($("session").hidden || event.ctrlKey || event.metaKey || event.altKey) return;
+  const button = { p: "redo", s: "stop", f: "wide" }[event.key.toLowerCase()];
+  if (button) $(button).click();
+});
+// An angle that is no longer fed is shown as old.
+setInterval(() => {
+  if (!$("session").hidden && performance.now() - state.shownAt > OLD_MS) $("angle").parentElement.classList.add("is-old");
+}, OLD_MS / 2);
+
+listRecordings();
+const remembered = Link.remembered();
+if (remembered) link.resume(remembered);

@@ -1,0 +1,31 @@
+"""The angle while the sensor is worn: samples in, angle out; a session of it, and the clock of a stream."""
+
+from fusion.live.clock import StreamClock
+from fusion.live.comparison import LiveDifference, ShownAngles, compare_shown
+from fusion.live.elevation import LiveElevation
+from fusion.live.session import (
+    HOLD_S,
+    THRESHOLDS_DEG,
+    Frames,
+    LiveRows,
+    LiveSession,
+    LiveStatus,
+    PoseState,
+    replay_frames,
+)
+
+__all__ = [
+    "HOLD_S",
+    "THRESHOLDS_DEG",
+    "Frames",
+    "LiveDifference",
+    "LiveElevation",
+    "LiveRows",
+    "LiveSession",
+    "LiveStatus",
+    "PoseState",
+    "ShownAngles",
+    "StreamClock",
+    "compare_shown",
+    "replay_frames",
+]

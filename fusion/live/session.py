@@ -1,0 +1,367 @@
+"""One person's session: frames in, angle, time above 60 deg, rises and what was lost so far.
+
+The angle is that of :class:`fusion.live.LiveElevation` with the session's axis, to the bit. A hole of at most
+50 ms is bridged for the filter only, as in a file; a longer one ends the segment: the direction is estimated
+anew and the gyroscope's bias is kept. Nothing is counted in a hole, nor in the first 3 s of a segment, in
+which the filter has few samples (:func:`fusion.elevation.estimate_elevation` does the same).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusion.elevation import measure_elevation
+from fusion.orientation.arrays import check_arrays, check_direction
+from fusion.orientation.live import LiveParameters, LiveVertical
+from fusion.pose.rules import RULES, object_to_window
+from fusion.readers.timebase.row_kernels import open_rows
+from fusion.recording import LONGEST_BRIDGE_US, MICROSECONDS, Float64Array, IntArray, Recording
+
+HOLD_S = RULES.length_s
+"""How long the pose is held."""
+HYSTERESIS_DEG = 5.0
+"""A rise enters above the threshold by so much, and ends below it by so much, as in the report."""
+RISE_DEG = 60.0
+THRESHOLDS_DEG = (30.0, 60.0, 90.0)
+SETTLE_S = LiveParameters().time_constant_s
+HOLE_PERIODS = 1.5
+
+PoseState = Literal["none", "countdown", "holding", "held"]
+Samples = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """Samples as they came.
+
+    Attributes
+    ----------
+    time_us
+        Shape (n,): the stream's clock, microseconds; begins at 0 and never goes back.
+    counter
+        Shape (n,): goes up by one for each sample that was taken; what it skips was lost.
+    acc_g, gyr_dps
+        Shape (n, 3), float32, one right-handed frame, g and deg/s.
+    """
+
+    time_us: IntArray
+    counter: IntArray
+    acc_g: Samples
+    gyr_dps: Samples
+
+    def __len__(self) -> int:
+        return len(self.time_us)
+
+    def cut(self, first: int, stop: int) -> "Frames":
+        """The rows [first, stop)."""
+        rows = slice(first, stop)
+        return Frames(self.time_us[rows], self.counter[rows], self.acc_g[rows], self.gyr_dps[rows])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveRows:
+    """The angle of each frame, shape (n,), NaN while no axis is known; ``valid`` where it is counted."""
+
+    time_us: IntArray
+    elevation_deg: Samples
+    valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class LiveStatus:
+    """Where a session stands.
+
+    Attributes
+    ----------
+    elapsed_s
+        From the first frame to the last, plus one period.
+    elevation_deg
+        Of the last frame; None where it is not known.
+    above_s
+        Seconds at or above each of :data:`THRESHOLDS_DEG`.
+    counted_s
+        Seconds whose angle is counted.
+    rises
+        Entries above 60 deg, hysteresis 5 deg on each side.
+    frames, lost, holes, missing_s
+        Frames taken; frames that the counter skipped; how often, and how long together.
+    has_rested
+        Whether a still moment has told the gyroscope's bias.
+    pose, pose_left_s, pose_refused, still_g
+        Where the pose stands; seconds until it is asked for or has been held; why the last one was refused
+        (:func:`fusion.pose.rules.object_to_window`, "hole"); the largest standard deviation of an
+        accelerometer axis in the last second.
+    """
+
+    elapsed_s: float
+    elevation_deg: float | None
+    above_s: tuple[float, ...]
+    counted_s: float
+    rises: int
+    frames: int
+    lost: int
+    holes: int
+    missing_s: float
+    has_rested: bool
+    pose: PoseState
+    pose_left_s: float
+    pose_refused: str
+    still_g: float
+
+
+class LiveSession:
+    """Takes frames in chunks of any size; the result does not depend on how they were cut."""
+
+    def __init__(self, rate_hz: float, arm_axis: ArrayLike | None = None) -> None:
+        """Start afresh; ``arm_axis``, shape (3,): unit vector towards the shoulder, in the sensor's frame.
+
+        Without one there is no angle until a pose has been held (:meth:`ask_pose`).
+
+        Raises
+        ------
+        fusion.orientation.arrays.UnusableArrays
+        """
+        self.rate_hz = rate_hz
+        self.pose_window_s: tuple[float, float] | None = None
+        self._period_us = MICROSECONDS / rate_hz
+        self._vertical = LiveVertical(rate_hz)
+        self._arm_axis: Float64Array | None = None if arm_axis is None else check_direction(arm_axis)
+        self._settle_rows = round(SETTLE_S * rate_hz)
+        self._segment_rows = 0
+        self._first_us = 0
+        self._last: Frames | None = None
+        self._frames = self._lost = self._holes = 0
+        self._missing_us = 0
+        self._above_rows = [0] * len(THRESHOLDS_DEG)
+        self._counted_rows = self._rises = 0
+        self._is_above: bool | None = None
+        self._elevation_deg = np.nan
+        self._pose = _Pose()
+        self._recent = np.empty((0, 3), np.float32)
+
+    @property
+    def arm_axis(self) -> Float64Array | None:
+        """The axis in use."""
+        return self._arm_axis
+
+    def ask_pose(self, countdown_s: float = 5.0) -> None:
+        """Ask for the pose: after a countdown the arm is held still for :data:`HOLD_S`.
+
+        The axis that is in use stays until a pose is accepted.
+        """
+        start_us = (int(self._last.time_us[-1]) if self._last else 0) + round(countdown_s * MICROSECONDS)
+        self._pose = _Pose(start_us)
+
+    def take(self, frames: Frames) -> LiveRows:
+        """Take the next frames, in order.
+
+        Raises
+        ------
+        fusion.orientation.arrays.UnusableArrays
+            Values that are not finite, or other shapes; then nothing has changed.
+        """
+        check_finite(frames)
+        elevation_deg = np.full(len(frames), np.nan, np.float32)
+        valid = np.zeros(len(frames), np.bool_)
+        if len(frames) == 0:
+            return LiveRows(frames.time_us, elevation_deg, valid)
+        if self._last is None:
+            self._first_us = int(frames.time_us[0])
+        for first, stop in self._find_runs(frames):
+            run = frames.cut(first, stop)
+            self._cross(run)
+            elevation_deg[first:stop], valid[first:stop] = self._fuse(run)
+            self._count(elevation_deg[first:stop][valid[first:stop]])
+            self._last = run.cut(len(run) - 1, len(run))
+        self._frames += len(frames)
+        self._elevation_deg = float(elevation_deg[-1]) if valid[-1] else np.nan
+        self._recent = np.concatenate([self._recent, frames.acc_g])[-round(self.rate_hz) :]
+        return LiveRows(frames.time_us, elevation_deg, valid)
+
+    def status(self) -> LiveStatus:
+        """Describe where the session stands."""
+        last_us = int(self._last.time_us[-1]) if self._last else self._first_us
+        elapsed_us = last_us - self._first_us + self._period_us if self._last else 0.0
+        pose, left_us = self._pose.describe(last_us, is_known=self._arm_axis is not None)
+        still_g = float(self._recent.astype(np.float64).std(axis=0).max()) if len(self._recent) else 0.0
+        return LiveStatus(
+            elapsed_s=elapsed_us / MICROSECONDS,
+            elevation_deg=None if np.isnan(self._elevation_deg) else self._elevation_deg,
+            above_s=tuple(rows / self.rate_hz for rows in self._above_rows),
+            counted_s=self._counted_rows / self.rate_hz,
+            rises=self._rises,
+            frames=self._frames,
+            lost=self._lost,
+            holes=self._holes,
+            missing_s=self._missing_us / MICROSECONDS,
+            has_rested=self._vertical.has_rested,
+            pose=pose,
+            pose_left_s=left_us / MICROSECONDS,
+            pose_refused=self._pose.refused,
+            still_g=still_g,
+        )
+
+    def _find_runs(self, frames: Frames) -> Iterator[tuple[int, int]]:
+        """Rows [first, stop) without a hole between them, and cut where a pose ends."""
+        steps_us = np.diff(frames.time_us)
+        limit_us = LONGEST_BRIDGE_US + HOLE_PERIODS * self._period_us
+        is_cut = (np.diff(frames.counter) != 1) | (steps_us > limit_us)
+        edges = {0, *(np.flatnonzero(is_cut) + 1).tolist(), len(frames)}
+        if self._pose.is_open:
+            edges.add(int(np.searchsorted(frames.time_us, self._pose.end_us)))
+        yield from pairwise(sorted(edges))
+
+    def _cross(self, run: Frames) -> None:
+        """Go over what lies between the last frame and this run."""
+        if self._last is None:
+            return
+        step_us = int(run.time_us[0] - self._last.time_us[0])
+        lost = max(0, int(run.counter[0] - self._last.counter[0]) - 1)
+        if not lost and step_us <= LONGEST_BRIDGE_US + HOLE_PERIODS * self._period_us:
+            return
+        self._lost += lost
+        self._holes += 1
+        self._missing_us += max(0, round(step_us - self._period_us))
+        if lost and step_us <= LONGEST_BRIDGE_US:
+            self._bridge(run, lost)
+            return
+        bias_dps = self._vertical.bias_dps if self._vertical.has_rested else None
+        self._vertical = LiveVertical(self.rate_hz, bias_dps)
+        self._segment_rows, self._is_above = 0, None
+        self._pose.break_off(int(self._last.time_us[0] + HOLE_PERIODS * self._period_us))
+
+    def _bridge(self, run: Frames, lost: int) -> None:
+        """Feed the filter with interpolated rows, as the reader puts them into a file's segment."""
+        last = self._last
+        if last is None:  # pragma: no cover - there is a hole only after a frame
+            return
+        acc, gyr = (
+            _interpolate(before[0], after[0], lost)
+            for before, after in ((last.acc_g, run.acc_g), (last.gyr_dps, run.gyr_dps))
+        )
+        self._vertical.update(acc, gyr)
+        self._segment_rows += lost
+
+    def _fuse(self, run: Frames) -> tuple[Samples, NDArray[np.bool_]]:
+        self._end_pose(int(run.time_us[0]))
+        self._pose.take(run)
+        up = self._vertical.update(run.acc_g, run.gyr_dps)
+        is_settled = np.arange(self._segment_rows, self._segment_rows + len(run)) >= self._settle_rows
+        self._segment_rows += len(run)
+        if self._arm_axis is None:
+            return np.full(len(run), np.nan, np.float32), np.zeros(len(run), np.bool_)
+        elevation_deg = measure_elevation(up, self._arm_axis)
+        return elevation_deg, is_settled & np.isfinite(elevation_deg)
+
+    def _end_pose(self, now_us: int) -> None:
+        """Judge the pose when its time is over; an accepted one is the axis from here on."""
+        if not self._pose.is_open or now_us < self._pose.end_us:
+            return
+        axis = self._pose.judge()
+        if axis is not None:
+            self._arm_axis = axis
+            self._is_above = None
+            first_us, end_us = self._pose.start_us - self._first_us, self._pose.end_us - self._first_us
+            self.pose_window_s = (first_us / MICROSECONDS, end_us / MICROSECONDS)
+
+    def _count(self, elevation_deg: Samples) -> None:
+        if len(elevation_deg) == 0:
+            return
+        self._counted_rows += len(elevation_deg)
+        for place, threshold_deg in enumerate(THRESHOLDS_DEG):
+            self._above_rows[place] += int(np.count_nonzero(elevation_deg >= threshold_deg))
+        high, low = elevation_deg > RISE_DEG + HYSTERESIS_DEG, elevation_deg < RISE_DEG - HYSTERESIS_DEG
+        if self._is_above is None:
+            self._is_above = bool(high[0])
+        told = np.concatenate([[self._is_above], high[high | low]])
+        self._rises += int(np.count_nonzero(~told[:-1] & told[1:]))
+        self._is_above = bool(told[-1])
+
+
+class _Pose:
+    """The window in which a person holds the pose, and its samples."""
+
+    def __init__(self, start_us: int | None = None) -> None:
+        self.refused = ""
+        self.is_open = start_us is not None
+        self.start_us = start_us or 0
+        self.end_us = self.start_us + round(HOLD_S * MICROSECONDS)
+        self._is_broken = False
+        self._acc: list[Samples] = []
+        self._gyr: list[Samples] = []
+
+    def take(self, run: Frames) -> None:
+        if self.is_open:
+            inside = run.time_us >= self.start_us
+            self._acc.append(run.acc_g[inside])
+            self._gyr.append(run.gyr_dps[inside])
+
+    def break_off(self, from_us: int) -> None:
+        """Note a hole from ``from_us`` on, longer than a bridge: it breaks a window that has begun."""
+        self._is_broken |= self.is_open and self.start_us < from_us < self.end_us
+
+    def judge(self) -> Float64Array | None:
+        """Give the axis; None where the window is refused, by the rules of a file's."""
+        self.is_open = False
+        acc, gyr = (np.concatenate([*rows, np.empty((0, 3), np.float32)]) for rows in (self._acc, self._gyr))
+        self._acc, self._gyr = [], []
+        if self._is_broken or len(acc) == 0:
+            self.refused = "hole"
+            return None
+        gravity_g = acc.mean(axis=0, dtype=np.float64)
+        self.refused = object_to_window(HOLD_S, float(acc.astype(np.float64).std(axis=0).max()), gravity_g)
+        if gyr.astype(np.float64).std(axis=0).max() > RULES.refuse_gyro_sd_dps:
+            self.refused = "moving"
+        return None if self.refused else np.asarray(gravity_g / np.linalg.norm(gravity_g))
+
+    def describe(self, now_us: int, *, is_known: bool) -> tuple[PoseState, float]:
+        """Give the state, and the microseconds until it changes."""
+        if not self.is_open:
+            return ("held" if is_known else "none"), 0.0
+        if now_us < self.start_us:
+            return "countdown", float(self.start_us - now_us)
+        return "holding", float(self.end_us - now_us)
+
+
+def check_finite(frames: Frames) -> None:
+    """Refuse values that are not numbers before any of them is taken.
+
+    Raises
+    ------
+    fusion.orientation.arrays.UnusableArrays
+    """
+    check_arrays(frames.acc_g, frames.gyr_dps, 1.0)
+
+
+def _interpolate(before: Samples, after: Samples, count: int) -> Samples:
+    rows = np.zeros((count + 2, 3), np.float32)
+    rows[0], rows[1] = before, after
+    open_rows(rows, 2, np.array([1]), np.array([count]))
+    return rows[1:-1]
+
+
+def replay_frames(recording: Recording, chunk_s: float) -> Iterator[Frames]:
+    """Play a recording in chunks, as a sensor would send its frames.
+
+    The counter skips what the file lost; rows that bridge a hole of the file are not sent.
+    """
+    counter = 0
+    reached_us = 0
+    for segment in recording.segments:
+        period_us = MICROSECONDS / segment.rate_hz
+        counter += max(0, round((segment.start_us - reached_us) / period_us)) if counter else 0
+        is_sent = np.ones(len(segment), np.bool_)
+        for first, stop in segment.bridged:
+            is_sent[first:stop] = False
+        step = max(1, round(chunk_s * segment.rate_hz))
+        for first in range(0, len(segment), step):
+            rows = np.arange(first, min(first + step, len(segment)))
+            rows = rows[is_sent[rows]]
+            time_us = segment.start_us + np.rint(rows * period_us).astype(np.int64)
+            yield Frames(time_us, counter + rows, segment.acc_g[rows], segment.gyr_dps[rows])
+        counter += len(segment)
+        reached_us = segment.end_us

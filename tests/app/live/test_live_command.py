@@ -1,0 +1,116 @@
+"""``acromion live``: the angle in the terminal, the raw file, the report."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.cli.live import _run
+from app.live.raw_file import RawFile
+from app.live.recorder import Recorder
+from app.live.source import SourceFacts
+from fusion.live import Frames, replay_frames
+from fusion.readers import read_recording
+from fusion.recording import Recording
+from tests.app.live.made import FIRST_POSE, make_worn
+from tests.app.live.test_raw_file import HEADER, START
+
+
+def write_log(path: Path, recording: Recording, *, stopped: bool = True) -> Path:
+    raw = RawFile(path, HEADER)
+    for frames in replay_frames(recording, 1e6):
+        raw.write(frames)
+    if stopped:
+        raw.stop(START)
+    else:
+        raw.close()
+    return path
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return write_log(tmp_path / "worn.csv", make_worn(FIRST_POSE, (95.0, 10.0), (0.0, 10.0)))
+
+
+def run(*words: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["live", *words])
+    return result.exit_code, result.output
+
+
+def test_a_replay_ends_with_an_ordinary_report(log: Path, tmp_path: Path) -> None:
+    code, output = run(str(log), "-o", str(tmp_path / "out"), "--speed", "20")
+
+    (raw,) = (tmp_path / "out").glob("live-*.csv")
+    assert code == 0
+    assert "rises: 1" in output
+    assert re.search(r"Live against the report, over 29\ss: 0\.\d° \(RMSE\)", output)
+    assert json.loads((tmp_path / "out" / raw.stem / "results.json").read_text())["exposure"]
+    assert np.array_equal(read_recording(raw).segments[0].acc_g, read_recording(log).segments[0].acc_g)
+
+
+def test_in_french_it_is_french(log: Path, tmp_path: Path) -> None:
+    _, output = run(str(log), "-o", str(tmp_path / "out"), "--speed", "20", "--lang", "fr")
+
+    assert "60° et plus" in output
+    assert "Direct comparé au rapport" in output
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
+    code, output = run(str(tmp_path / "none.csv"), "-o", str(tmp_path / "out"))
+
+    assert code == 3
+    assert "E-FILE" in output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_session_that_was_cut_is_named_with_what_it_holds(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    write_log(out / "live-20260302-070000.csv", make_worn((0.0, 90.0)), stopped=False)
+
+    _, output = run(str(log), "-o", str(out), "--speed", "20")
+
+    assert "live-20260302-070000.csv was cut off" in output
+    assert "It holds 0:01:30" in output
+
+
+def test_a_strapped_axis_stands_in_the_raw_file(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    run(str(log), "-o", str(out), "--speed", "20", "--axis", "z")
+
+    (raw,) = out.glob("live-*.csv")
+    assert read_recording(raw).arm_axis == "+z"
+
+
+class MadeSource:
+    """Frames of a sensor whose axis nobody knows, as fast as they are asked for."""
+
+    facts = SourceFacts("other", "made", 100.0)
+
+    def __init__(self, recording: Recording) -> None:
+        self._frames = replay_frames(recording, 0.5)
+
+    def read(self) -> Frames | None:
+        return next(self._frames, None)
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_pose_that_is_refused_is_asked_for_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # The arm moves from 6 s to 7 s, in the first window (5 s to 10 s). The chunk in which that ends has its
+    # last frame at 10.49 s; the next window begins 5 s after it, while the arm hangs.
+    source = MadeSource(make_worn((0.0, 6.0), (95.0, 1.0), (0.0, 20.0)))
+    recorder = Recorder(tmp_path / "live-a.csv", source.facts)
+
+    _run(source, recorder, 5.0, "en")
+
+    assert "The arm moved. Once more." in capsys.readouterr().out
+    assert read_recording(recorder.path).pose_windows_s == ((15.49, 20.49),)

@@ -1,0 +1,147 @@
+"""The raw file of a live session: lossless, read as an ordinary recording, whole up to a kill."""
+
+import os
+import signal
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.live.raw_file import RawFile, RawHeader, Wearer, find_cut, was_stopped
+from fusion.live import Frames
+from fusion.pipeline import analyse
+from fusion.readers import read_recording
+from fusion.recording import Recording
+from tests.app.live.made import FIRST_POSE, make_frames
+
+START = datetime(2026, 3, 2, 7, 0, tzinfo=UTC)
+HEADER = RawHeader("lsm9ds1", "replay", START, 100.0, acc_range_g=16.0, gyr_range_dps=2000.0)
+
+
+def write(path: Path, frames: Frames, pose_s: tuple[float, float] | None = None) -> Recording:
+    with RawFile(path, HEADER) as raw:
+        raw.write(frames)
+        if pose_s:
+            raw.state_pose(*pose_s)
+        raw.stop(START)
+    return read_recording(path)
+
+
+def test_what_was_written_is_read_to_the_bit(tmp_path: Path) -> None:
+    frames = make_frames(FIRST_POSE, (95.0, 10.0))
+
+    read = write(tmp_path / "live-a.csv", frames).segments[0]
+
+    assert np.array_equal(read.acc_g, frames.acc_g)
+    assert np.array_equal(read.gyr_dps, frames.gyr_dps)
+    assert read.rate_hz == pytest.approx(100.0)
+
+
+def test_device_clock_and_ranges_are_read(tmp_path: Path) -> None:
+    read = write(tmp_path / "live-a.csv", make_frames(FIRST_POSE))
+
+    assert (read.device, read.start) == ("lsm9ds1", START)
+    assert (read.acc_range_g, read.gyr_range_dps) == (16.0, 2000.0)
+
+
+def test_a_hole_is_a_hole(tmp_path: Path) -> None:
+    frames = make_frames(FIRST_POSE, (95.0, 10.0))
+    with RawFile(tmp_path / "live-a.csv", HEADER) as raw:
+        raw.write(frames.cut(0, 1000))
+        raw.write(frames.cut(1500, 2200))
+
+    first, second = read_recording(tmp_path / "live-a.csv").segments
+
+    assert len(first) == 1000
+    assert second.start_us == pytest.approx(15_000_000, abs=10)
+
+
+def test_the_pose_that_was_held_is_that_of_the_report(tmp_path: Path) -> None:
+    recording = write(tmp_path / "live-a.csv", make_frames(FIRST_POSE, (95.0, 60.0)), (5.0, 10.0))
+
+    calibration = analyse(recording).calibration
+
+    assert calibration is not None
+    assert calibration.found == "given"
+    assert (calibration.windows[0].start_s, calibration.windows[0].end_s) == (5.0, 10.0)
+
+
+def test_a_later_pose_takes_the_place_of_the_first(tmp_path: Path) -> None:
+    with RawFile(tmp_path / "live-a.csv", HEADER) as raw:
+        raw.write(make_frames(FIRST_POSE, (95.0, 10.0)))
+        raw.state_pose(5.0, 10.0)
+        raw.state_pose(12_345.678, 12_350.678)
+
+    assert read_recording(tmp_path / "live-a.csv").pose_windows_s == ((12_345.678, 12_350.678),)
+
+
+def test_without_a_pose_none_is_stated(tmp_path: Path) -> None:
+    assert write(tmp_path / "live-a.csv", make_frames(FIRST_POSE)).pose_windows_s == ()
+
+
+def test_a_strapped_axis_is_that_of_the_report(tmp_path: Path) -> None:
+    header = RawHeader("other", "port", START, 100.0, Wearer(arm_axis="+z"))
+    with RawFile(tmp_path / "live-a.csv", header) as raw:
+        raw.write(make_frames((0.0, 60.0), (95.0, 60.0)))
+
+    calibration = analyse(tmp_path / "live-a.csv").calibration
+
+    assert calibration is not None
+    assert calibration.found == "axis"
+    assert calibration.arm_axis.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_name_of_several_lines_stays_in_its_line(tmp_path: Path) -> None:
+    header = RawHeader("other", "a\n# arm_axis: x", START, 100.0)
+    with RawFile(tmp_path / "live-a.csv", header) as raw:
+        raw.write(make_frames(FIRST_POSE))
+
+    assert read_recording(tmp_path / "live-a.csv").arm_axis is None
+
+
+def test_a_session_that_is_stopped_is_not_cut(tmp_path: Path) -> None:
+    write(tmp_path / "live-a.csv", make_frames(FIRST_POSE))
+
+    assert was_stopped(tmp_path / "live-a.csv")
+    assert list(find_cut(tmp_path)) == []
+
+
+PROGRAM = """
+import os, signal, sys
+from pathlib import Path
+from app.live.raw_file import RawFile
+from tests.app.live.made import FIRST_POSE, make_frames
+from tests.app.live.test_raw_file import HEADER
+
+frames = make_frames(FIRST_POSE, (95.0, 10.0))
+raw = RawFile(Path(sys.argv[1]), HEADER)
+raw.write(frames.cut(0, 2000))
+raw.sync()
+raw.write(frames.cut(2000, 2100))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_kill_loses_what_came_after_the_last_sync_and_no_more(tmp_path: Path) -> None:
+    path = tmp_path / "live-a.csv"
+
+    ended = subprocess.run([sys.executable, "-c", PROGRAM, str(path)], env={**os.environ}, check=False)
+
+    assert ended.returncode == -signal.SIGKILL
+    (cut,) = find_cut(tmp_path)
+    assert 19.99 <= cut.elapsed_s <= 20.99
+    assert sum(map(len, read_recording(path).segments)) >= 2000
+
+
+def test_a_torn_last_row_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "live-a.csv"
+    write(path, make_frames(FIRST_POSE))
+    path.write_bytes(path.read_bytes()[:-12])
+
+    recording = read_recording(path)
+
+    assert len(recording.segments[0]) == 1199
+    assert [flag.code for flag in recording.flags if flag.code == "W-TRUNC-TAIL"] == ["W-TRUNC-TAIL"]

@@ -1,0 +1,250 @@
+"""Live sessions over the WebSocket: what is sent, what is taken, and whose calls are refused."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+from starlette.testclient import WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+
+from app.api.live import LIVE_FOLDER, find_hub
+from app.jobs.store import JobStore
+from app.live.raw_file import RawFile, RawHeader, Wearer
+from app.main import create_app
+from app.settings import Settings
+from app.storage.store import Storage
+from fusion.live import LiveElevation, replay_frames
+from fusion.recording import Recording
+from tests.app.live.made import FIRST_POSE, make_worn
+from tests.app.live.test_raw_file import START
+
+ADDRESS = "/api/v1/live"
+DAY = (FIRST_POSE, (95.0, 10.0), (0.0, 10.0))
+
+
+def write_raw(path: Path, recording: Recording, wearer: Wearer) -> None:
+    with RawFile(path, RawHeader("other", "made", START, 100.0, wearer)) as raw:
+        for frames in replay_frames(recording, 1e6):
+            raw.write(frames)
+
+
+@pytest.fixture
+def recording_id(client: TestClient, tmp_path: Path) -> str:
+    write_raw(tmp_path / "worn.csv", make_worn(*DAY), Wearer())
+    answer = client.post(
+        "/api/v1/recordings?file_name=worn.csv", content=(tmp_path / "worn.csv").read_bytes()
+    )
+    return str(answer.json()["id"])
+
+
+@contextmanager
+def connect(client: TestClient, **first: Any) -> Iterator[WebSocketTestSession]:
+    with client.websocket_connect(f"ws://localhost:8080{ADDRESS}") as socket:
+        socket.send_json(first)
+        yield socket
+
+
+def play(client: TestClient, recording_id: str, **asked: Any) -> list[dict[str, Any]]:
+    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 20, **asked}
+    with connect(client, **first) as socket:
+        return read_to_end(socket)
+
+
+def read_to_end(socket: WebSocketTestSession) -> list[dict[str, Any]]:
+    messages: list[dict[str, Any]] = []
+    while not messages or messages[-1]["type"] not in ("ended", "problem"):
+        messages.append(socket.receive_json())
+    return messages
+
+
+def read_until(socket: WebSocketTestSession, kind: str) -> dict[str, Any]:
+    while (message := socket.receive_json())["type"] != kind:
+        pass
+    return dict(message)
+
+
+def test_a_replay_sends_its_description_its_angles_and_its_end(client: TestClient, recording_id: str) -> None:
+    first, history, *updates, last = play(client, recording_id)
+
+    assert (first["type"], first["source"], first["rate_hz"]) == ("session", "worn.csv", 100.0)
+    assert (history["type"], history["points"]) == ("history", [])
+    assert {update["type"] for update in updates} == {"update"}
+    assert (last["type"], last["state"]) == ("ended", "stopped")
+    assert updates[-1]["status"]["rises"] == 1
+    assert updates[-1]["status"]["above_s"][1] == pytest.approx(10.0, abs=0.5)
+    assert updates[-1]["status"]["lost"] == 0
+
+
+def test_the_angles_sent_are_those_of_live_elevation_fifty_times_a_second(
+    client: TestClient, recording_id: str
+) -> None:
+    updates = [message for message in play(client, recording_id) if message["type"] == "update"]
+
+    points = [point for update in updates for point in update["points"]]
+    segment = make_worn(*DAY).segments[0]
+    axis = segment.acc_g[500:1000].mean(axis=0, dtype=np.float64)
+    expected = LiveElevation(100.0, axis / np.linalg.norm(axis)).update(segment.acc_g, segment.gyr_dps)
+    assert [time_s for time_s, _ in points] == pytest.approx(np.arange(0.0, 32.0, 0.02))
+    assert points[0][1] is None
+    assert [angle for _, angle in points[150:]] == pytest.approx(expected[300::2], abs=0.5)
+
+
+def test_the_messages_are_numbered(client: TestClient, recording_id: str) -> None:
+    updates = [message for message in play(client, recording_id) if message["type"] == "update"]
+
+    assert [update["sequence"] for update in updates] == list(range(1, len(updates) + 1))
+
+
+def test_a_replay_adds_no_recording(client: TestClient, recording_id: str, settings: Settings) -> None:
+    play(client, recording_id)
+
+    assert len(client.get("/api/v1/recordings").json()["items"]) == 1
+    assert list((settings.data_dir / LIVE_FOLDER).iterdir()) == []
+
+
+def test_what_is_kept_becomes_an_ordinary_recording(client: TestClient, recording_id: str) -> None:
+    *_, last = play(client, recording_id, keeps=True, subject="S012", side="right")
+
+    analysis = client.get(f"/api/v1/analyses/{last['analysis']}").json()
+    recordings = client.get("/api/v1/recordings").json()["items"]
+    assert analysis["state"] == "queued"
+    assert {one["subject"] for one in recordings} == {"", "S012"}
+
+
+def test_a_session_goes_on_after_a_lost_link(client: TestClient, recording_id: str) -> None:
+    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
+    with connect(client, **first) as socket:
+        session = socket.receive_json()["session"]
+        read_until(socket, "update")
+    with connect(client, type="resume", session=session) as socket:
+        again, history = socket.receive_json(), socket.receive_json()
+        socket.send_json({"type": "stop"})
+        ended = read_until(socket, "ended")
+
+    assert again["session"] == session
+    assert history["points"][0][0] == 0.0
+    assert ended["state"] == "stopped"
+
+
+def test_the_end_of_a_session_is_still_told_after_a_lost_link(client: TestClient, recording_id: str) -> None:
+    first, *_ = play(client, recording_id)
+
+    with connect(client, type="resume", session=first["session"]) as socket:
+        assert read_until(socket, "ended")["state"] == "stopped"
+
+
+def test_a_pose_is_asked_for_again(client: TestClient, recording_id: str) -> None:
+    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
+    with connect(client, **first) as socket:
+        read_until(socket, "update")
+        socket.send_json({"type": "pose", "countdown_s": 30})
+        while (update := read_until(socket, "update"))["status"]["pose"] != "countdown":
+            pass
+        socket.send_json({"type": "stop"})
+        read_until(socket, "ended")
+
+    assert 28 < update["status"]["pose_left_s"] <= 30
+
+
+def test_the_clock_is_told(client: TestClient, recording_id: str) -> None:
+    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
+    with connect(client, **first) as socket:
+        socket.send_json({"type": "ping", "sent_ms": 12.5})
+        pong = read_until(socket, "pong")
+        socket.send_json({"type": "stop"})
+        read_until(socket, "ended")
+
+    assert pong["sent_ms"] == 12.5
+    assert pong["server_s"] > 0
+
+
+def test_two_sessions_do_not_touch_each_other(client: TestClient, recording_id: str) -> None:
+    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
+    with connect(client, **first) as one:
+        one_id = one.receive_json()["session"]
+        *_, last, _end = play(client, recording_id)
+        one.send_json({"type": "stop"})
+        read_until(one, "ended")
+
+    assert last["status"]["frames"] == 3200
+    assert one_id not in {last.get("session")}
+
+
+@pytest.mark.parametrize(
+    ("first", "code"),
+    [
+        ({"type": "start", "source": "moon"}, "E-PARAMETER"),
+        ({"type": "start", "source": "demo", "speed": 21}, "E-PARAMETER"),
+        ({"type": "start", "source": "recording", "recording": "rec_none"}, "E-NOT-FOUND"),
+        ({"type": "resume", "session": "none"}, "E-NOT-FOUND"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(client: TestClient, first: dict[str, Any], code: str) -> None:
+    with connect(client, **first) as socket:
+        problem = socket.receive_json()
+
+        assert (problem["type"], problem["code"]) == ("problem", code)
+        assert problem["fix"]
+        with pytest.raises(WebSocketDisconnect):
+            socket.receive_json()
+
+
+def test_a_message_that_is_no_message_ends_the_connection_not_the_session(
+    client: TestClient, recording_id: str
+) -> None:
+    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 1}
+    with connect(client, **first) as socket:
+        session = socket.receive_json()["session"]
+        socket.send_text("{")
+        read_until(socket, "problem")
+
+    with connect(client, type="resume", session=session) as socket:
+        assert socket.receive_json()["state"] == "running"
+        socket.send_json({"type": "stop"})
+        read_until(socket, "ended")
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"origin": "https://evil.example"}, {"host": "evil.example"}, {"sec-fetch-site": "cross-site"}],
+)
+def test_another_site_gets_no_socket(client: TestClient, headers: dict[str, str]) -> None:
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect(f"ws://localhost:8080{ADDRESS}", headers=headers),
+    ):
+        pass
+
+
+def test_what_a_dead_server_left_becomes_a_recording(
+    settings: Settings, store: JobStore, storage: Storage
+) -> None:
+    folder = settings.data_dir / LIVE_FOLDER
+    folder.mkdir(parents=True)
+    write_raw(folder / "live-a.csv", make_worn(*DAY), Wearer("S007", "left"))
+
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
+        (recording,) = caller.get("/api/v1/recordings").json()["items"]
+
+    assert (recording["subject"], recording["side"]) == ("S007", "left")
+    assert list(folder.iterdir()) == []
+
+
+def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings, tmp_path: Path) -> None:
+    write_raw(tmp_path / "worn.csv", make_worn(*DAY), Wearer())
+    application = create_app(settings)
+    with TestClient(application, base_url="http://localhost:8080") as caller:
+        content = (tmp_path / "worn.csv").read_bytes()
+        stored = caller.post("/api/v1/recordings?file_name=worn.csv", content=content).json()["id"]
+        asked = {"type": "start", "source": "recording", "recording": stored, "keeps": True}
+        with connect(caller, **asked) as socket:
+            read_until(socket, "update")
+        hub = find_hub(application.state.services)
+
+    with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
+        assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
+    assert [session.state for session in hub.sessions()] == ["stopped"]

@@ -1,0 +1,272 @@
+"""A live session: the angle of LiveElevation, what was lost, rises, and the pose that is held."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fusion.live import Frames, LiveElevation, LiveSession, replay_frames
+from fusion.orientation.arrays import UnusableArrays
+from fusion.recording import Recording
+from tests.factories import MadeRecording, hold
+from tests.fusion.made_motion import tumble
+
+UPWARDS = np.array([0.0, 0.0, 1.0])
+
+
+def play(made: MadeRecording) -> Frames:
+    (frames,) = replay_frames(made.recording, 1e6)
+    return frames
+
+
+def leave_out(frames: Frames, first: int, stop: int) -> Frames:
+    kept = np.r_[0:first, stop : len(frames)]
+    return Frames(frames.time_us[kept], frames.counter[kept], frames.acc_g[kept], frames.gyr_dps[kept])
+
+
+def take_all(session: LiveSession, frames: Frames) -> NDArray[np.float32]:
+    return session.take(frames).elevation_deg
+
+
+def test_the_angle_is_that_of_live_elevation_to_the_bit() -> None:
+    made = hold((0.0, 10.0), (95.0, 10.0), (20.0, 10.0))
+    segment = made.recording.segments[0]
+    expected = LiveElevation(100.0, UPWARDS).update(segment.acc_g, segment.gyr_dps)
+    session = LiveSession(100.0, UPWARDS)
+
+    chunks = [session.take(frames).elevation_deg for frames in replay_frames(made.recording, 0.07)]
+
+    assert np.array_equal(np.concatenate(chunks), expected)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(1, 1999), max_size=6))
+def test_the_session_does_not_depend_on_how_the_frames_are_cut(cuts: list[int]) -> None:
+    motion = tumble(20.0, seed=1)
+    rows = np.arange(2000)
+    acc, gyr = motion.acc_g.astype(np.float32), motion.gyr_dps.astype(np.float32)
+    whole = leave_out(leave_out(Frames(rows * 10_000, rows, acc, gyr), 1400, 1500), 600, 603)
+    bounds = [0, *sorted({min(cut, len(whole) - 1) for cut in cuts}), len(whole)]
+    cut, uncut = LiveSession(100.0), LiveSession(100.0)
+    for session in (cut, uncut):
+        session.ask_pose(0.0)
+
+    pieces = [take_all(cut, whole.cut(a, b)) for a, b in itertools.pairwise(bounds)]
+
+    assert np.array_equal(np.concatenate(pieces), take_all(uncut, whole), equal_nan=True)
+    assert cut.status() == uncut.status()
+
+
+def test_time_above_and_rises_are_counted() -> None:
+    # Twice 10 s at 95 deg; the change is centred on the boundary, so 60 deg is passed 0.1 to 0.2 s after it
+    # on the way up, and as long before it on the way down.
+    made = hold((0.0, 10.0), (95.0, 10.0), (0.0, 10.0), (95.0, 10.0), (0.0, 10.0))
+    session = LiveSession(100.0, UPWARDS)
+
+    session.take(play(made))
+
+    status = session.status()
+    assert status.rises == 2
+    assert status.above_s[1] == pytest.approx(20.0, abs=0.6)
+    assert status.above_s[2] == pytest.approx(20.0, abs=1.6)
+    assert status.above_s[0] > status.above_s[1] > status.above_s[2]
+    assert status.counted_s == 47.0  # 50 s less the first 3 s of the segment
+
+
+def test_an_arm_that_is_up_when_counting_begins_has_not_risen() -> None:
+    session = LiveSession(100.0, UPWARDS)
+
+    session.take(play(hold((95.0, 10.0), (0.0, 5.0))))
+
+    assert session.status().rises == 0
+
+
+def test_a_movement_within_the_hysteresis_is_no_rise() -> None:
+    session = LiveSession(100.0, UPWARDS)
+
+    session.take(play(hold((57.0, 10.0), (63.0, 5.0), (57.0, 5.0), (63.0, 5.0))))
+
+    assert session.status().rises == 0
+
+
+def test_lost_frames_are_counted_by_the_counter() -> None:
+    frames = play(hold((0.0, 20.0)))
+    session = LiveSession(100.0, UPWARDS)
+
+    session.take(leave_out(frames, 1000, 1003))
+
+    status = session.status()
+    assert (status.frames, status.lost, status.holes) == (1997, 3, 1)
+    assert status.missing_s == pytest.approx(0.03)
+
+
+def test_a_short_hole_is_bridged_and_its_time_is_not_counted() -> None:
+    frames = leave_out(play(hold((0.0, 20.0))), 1000, 1003)
+    session = LiveSession(100.0, UPWARDS)
+
+    valid = session.take(frames).valid
+
+    assert valid[300:].all()
+    assert session.status().counted_s == pytest.approx(20.0 - 3.0 - 0.03)
+
+
+def test_a_bridged_hole_reads_as_the_readers_bridge_of_it() -> None:
+    made = hold((0.0, 5.0), (95.0, 5.0))
+    segment = made.recording.segments[0]
+    acc, gyr = segment.acc_g.copy(), segment.gyr_dps.copy()
+    for values in (acc, gyr):
+        for k in (1, 2):
+            weight = k / 3
+            mixed = values[499].astype(np.float64) * (1.0 - weight) + values[502] * weight
+            values[499 + k] = mixed.astype(np.float32)
+    expected = LiveElevation(100.0, UPWARDS).update(acc, gyr)
+
+    shown = take_all(LiveSession(100.0, UPWARDS), leave_out(play(made), 500, 502))
+
+    assert np.array_equal(shown, np.delete(expected, [500, 501]))
+
+
+def test_after_a_long_hole_nothing_is_counted_for_three_seconds() -> None:
+    frames = leave_out(play(hold((0.0, 30.0))), 1000, 1100)
+    session = LiveSession(100.0, UPWARDS)
+
+    valid = session.take(frames).valid
+
+    assert not valid[1000:1300].any()
+    assert valid[1300:].all()
+    assert session.status().missing_s == pytest.approx(1.0)
+
+
+def test_after_a_long_hole_the_bias_is_still_known() -> None:
+    frames = leave_out(play(hold((0.0, 30.0))), 1000, 1100)
+    session = LiveSession(100.0, UPWARDS)
+
+    session.take(frames.cut(0, 1010))
+
+    assert session.status().has_rested
+
+
+def test_a_sensor_that_never_rested_says_so() -> None:
+    frames = play(hold((0.0, 0.5), (95.0, 0.5), (0.0, 0.5), (95.0, 0.5), (0.0, 0.5)))
+    session = LiveSession(100.0, UPWARDS)
+
+    session.take(frames)
+
+    assert not session.status().has_rested
+
+
+def test_without_an_axis_there_is_no_angle() -> None:
+    session = LiveSession(100.0)
+
+    rows = session.take(play(hold((0.0, 10.0))))
+
+    assert np.isnan(rows.elevation_deg).all()
+    assert session.status().pose == "none"
+    assert session.status().elevation_deg is None
+
+
+def test_the_pose_held_becomes_the_axis() -> None:
+    # The arm hangs 12 s: 5 s of countdown, 5 s held; the sensor is strapped on askew.
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, -0.8], [0.0, 0.8, 0.6]])
+    made = hold((0.0, 12.0), (95.0, 10.0), mounting=turn)
+    session = LiveSession(100.0)
+    session.ask_pose(5.0)
+
+    rows = session.take(play(made))
+
+    assert session.pose_window_s == (5.0, 10.0)
+    assert np.isnan(rows.elevation_deg[:1000]).all()
+    assert rows.elevation_deg[1000] == pytest.approx(0.0, abs=0.1)
+    assert rows.elevation_deg[-1] == pytest.approx(95.0, abs=0.5)
+    assert session.status().pose == "held"
+
+
+def test_the_countdown_and_the_hold_are_told() -> None:
+    frames = play(hold((0.0, 12.0)))
+    session = LiveSession(100.0)
+    session.take(frames.cut(0, 1))
+    session.ask_pose(5.0)
+
+    session.take(frames.cut(1, 201))
+    counting = session.status()
+    session.take(frames.cut(201, 701))
+    holding = session.status()
+
+    assert (counting.pose, counting.pose_left_s) == ("countdown", 3.0)
+    assert (holding.pose, holding.pose_left_s) == ("holding", 3.0)
+
+
+def test_a_pose_in_which_the_arm_moved_is_refused() -> None:
+    session = LiveSession(100.0)
+    session.ask_pose(5.0)
+
+    session.take(play(hold((0.0, 7.0), (95.0, 10.0))))
+
+    status = session.status()
+    assert (status.pose, status.pose_refused) == ("none", "moving")
+
+
+def test_a_pose_with_a_hole_in_it_is_refused() -> None:
+    session = LiveSession(100.0)
+    session.ask_pose(5.0)
+
+    session.take(leave_out(play(hold((0.0, 20.0))), 700, 720))
+
+    assert session.status().pose_refused == "hole"
+
+
+def test_a_hole_in_the_countdown_does_not_matter() -> None:
+    session = LiveSession(100.0)
+    session.ask_pose(5.0)
+
+    session.take(leave_out(play(hold((0.0, 20.0))), 300, 320))
+
+    assert session.status().pose == "held"
+
+
+def test_the_old_axis_stays_until_a_new_pose_is_accepted() -> None:
+    session = LiveSession(100.0, UPWARDS)
+    session.ask_pose(5.0)
+
+    rows = session.take(play(hold((0.0, 7.0), (95.0, 10.0))))
+
+    assert rows.elevation_deg[-1] == pytest.approx(95.0, abs=0.5)
+    assert session.status().pose == "held"
+    assert session.status().pose_refused == "moving"
+
+
+def test_frames_that_are_no_numbers_change_nothing() -> None:
+    frames = play(hold((0.0, 5.0)))
+    bad = frames.acc_g.copy()
+    bad[3, 1] = np.nan
+    session = LiveSession(100.0, UPWARDS)
+
+    with pytest.raises(UnusableArrays):
+        session.take(replace(frames, acc_g=bad))
+
+    assert session.status().frames == 0
+
+
+def test_a_replay_skips_the_counter_over_a_hole_of_the_file() -> None:
+    first, second = hold((0.0, 10.0)).recording.segments[0], hold((0.0, 10.0)).recording.segments[0]
+    later = replace(second, start_us=11_000_000)
+    recording = Recording("other", "", None, None, 21_000_000, (first, later))
+
+    frames = list(replay_frames(recording, 1e6))
+
+    assert frames[1].counter[0] - frames[0].counter[-1] - 1 == 100
+    assert frames[1].time_us[0] == 11_000_000
+
+
+def test_a_replay_does_not_send_what_was_bridged() -> None:
+    segment = replace(hold((0.0, 10.0)).recording.segments[0], bridged=((500, 502),))
+    recording = Recording("other", "", None, None, 10_000_000, (segment,))
+
+    (frames,) = replay_frames(recording, 1e6)
+
+    assert len(frames) == 998
+    assert frames.counter[500] == 502
