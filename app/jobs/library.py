@@ -130,11 +130,14 @@ class Library:
         return counts
 
     def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
-        """Find other recordings of the same subject that have a report, the newest first."""
+        """Find other recordings of the same subject that have a report, the newest first.
+
+        A comparison with a reference is no report.
+        """
         if not job.request.subject:
             return ()
         same = recordings.c.subject == job.request.subject
-        other = (analyses.c.recording_id != job.recording_id, _select_report().is_not(None))
+        other = (analyses.c.recording_id != job.recording_id, answers.c.verdict.is_not(None))
         query = _select(LibraryFilter()).where(same, *other).order_by(*_newest_first()).limit(limit)
         return self._read(query)
 

@@ -78,3 +78,19 @@ def test_the_report_of_a_correction_names_its_version_and_what_is_different(
 
     expect(page.get_by_text("Version 2 of this report; it replaces version 1.")).to_be_visible()
     expect(page.get_by_text("What is different: the arm.")).to_be_visible()
+
+
+def test_whose_arm_it_is_said_in_a_correction_holds_for_the_recording_too(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = write_recordings(tmp_path, "gt9x", 0.02, 57)[0]
+    analysis_id = finish(server, file, side="right")
+    open_analysis(page, server, analysis_id)
+
+    page.locator("#correction").get_by_label("Subject code").fill("S057")
+    page.get_by_role("button", name="Analyse again").click()
+    expect(page.get_by_role("heading", name="The answer in short")).to_be_visible(timeout=END_MS)
+
+    recording_id = server.see(analysis_id)["recording_id"]
+    kept = server.client.get(f"/api/v1/recordings/{recording_id}").json()
+    assert (kept["subject"], kept["side"]) == ("S057", "right")
