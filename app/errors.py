@@ -210,6 +210,14 @@ class TooManySessions(AppError):
     fact_meanings = name_facts(max="sessions at once")
 
 
+class LiveSourceFailed(AppError):
+    """No samples come from where they were to come from."""
+
+    code = "E-LIVE-SOURCE"
+    outcome = Outcome(422, 3, retryable=True)
+    fact_meanings = name_facts(name="of the port", why=TERM)
+
+
 class KeyReused(AppError):
     """The idempotency key was used for another request."""
 

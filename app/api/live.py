@@ -17,8 +17,9 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from app.errors import AppError, BadParameter
+from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
+from app.live.ports import find_serial_ports
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
@@ -46,11 +47,12 @@ class _Message(BaseModel):
 
 
 class Start(_Message):
-    """Start a session: play a stored recording, or a simulated one."""
+    """Start a session: a stored or simulated recording is played, or a serial port of this computer read."""
 
     type: Literal["start"]
-    source: Literal["demo", "recording"]
+    source: Literal["demo", "recording", "port"]
     recording: str = ""
+    port: str = ""
     speed: float = Field(default=1.0, ge=1.0, le=20.0)
     keeps: bool = False
     subject: str = Field(default="", max_length=LONGEST_SUBJECT)
@@ -151,8 +153,13 @@ def _read_subject(text: str) -> str:
 
 def _open_source(services: Services, asked: Start) -> "Source":
     from app.live.demo import make_demo  # noqa: PLC0415
+    from app.live.lines import open_lines  # noqa: PLC0415
     from app.live.replay import ReplaySource, open_replay  # noqa: PLC0415
 
+    if asked.source == "port":
+        if asked.port not in find_serial_ports():  # no other file is opened for a page
+            raise LiveSourceFailed(name=clean_text(asked.port)[:60], why="port")
+        return open_lines(asked.port)
     if asked.source == "demo":
         return ReplaySource(make_demo(), "demo", asked.speed)
     row = services.recordings.get(asked.recording)

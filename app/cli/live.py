@@ -31,11 +31,18 @@ REDRAW_S, PRINT_S = 0.1, 1.0
 
 
 def live(
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help="A recording, which is then played.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A recording (played), /dev/ttyACM0, COM3, udp://:5005, tcp://board:5005.",
+        ),
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the raw file and the report.")] = Path(
         "acromion-live"
     ),
     speed: Annotated[float, typer.Option(min=1, max=20, help="How fast a recording is played.")] = 1.0,
+    baud: Annotated[int, typer.Option(min=1200, help="Of a serial port.")] = 115_200,
     axis: Annotated[
         str | None,
         typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose."),
@@ -54,7 +61,7 @@ def live(
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
     _print_cut_sessions(out, lang)
-    opened = _open_source(source, speed, lang)
+    opened = _open_source(source, speed, baud, lang)
     path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -67,11 +74,13 @@ def live(
     _finish(recorder, out, request)
 
 
-def _open_source(source: str, speed: float, language: Language) -> "Source":
+def _open_source(source: str, speed: float, baud: int, language: Language) -> "Source":
+    from app.live.lines import open_lines  # noqa: PLC0415
+    from app.live.ports import names_port  # noqa: PLC0415
     from app.live.replay import open_replay  # noqa: PLC0415
 
     try:
-        return open_replay(Path(source), speed)
+        return open_lines(source, baud) if names_port(source) else open_replay(Path(source), speed)
     except (FusionError, AppError) as refusal:
         print_problem(source, refusal.code, refusal.facts, language)
     except OSError as error:

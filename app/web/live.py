@@ -4,6 +4,7 @@ from importlib.util import find_spec
 
 from fastapi import APIRouter, Request, Response
 
+from app.live.ports import find_serial_ports
 from app.report.words.wording import load_wording
 from app.services import UsedLanguage
 from app.web.rendering import render_page
@@ -18,6 +19,7 @@ def show_live(request: Request, language: UsedLanguage) -> Response:
     values = {
         "l": words["page"],
         "texts": words["script"] | {"refused": words["refused"]},
+        "ports": find_serial_ports(),
         "can_connect": find_spec("websockets") is not None,
     }
     return render_page(request, "live.html", language, values)

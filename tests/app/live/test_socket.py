@@ -1,5 +1,6 @@
 """Live sessions over the WebSocket: what is sent, what is taken, and whose calls are refused."""
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.api.live import LIVE_FOLDER, find_hub
 from app.jobs.store import JobStore
+from app.live.ports import SerialPort
 from app.live.raw_file import RawFile, RawHeader, Wearer
 from app.main import create_app
 from app.settings import Settings
@@ -20,7 +22,9 @@ from app.storage.store import Storage
 from fusion.live import LiveElevation, replay_frames
 from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_worn
+from tests.app.live.test_ports import Board
 from tests.app.live.test_raw_file import START
+from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
 
 ADDRESS = "/api/v1/live"
 DAY = (FIRST_POSE, (95.0, 10.0), (0.0, 10.0))
@@ -248,3 +252,35 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
     assert [session.state for session in hub.sessions()] == ["stopped"]
+
+
+def test_a_board_on_a_serial_port_becomes_a_recording(
+    client: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = Board(tmp_path)
+    monkeypatch.setattr("app.api.live.find_serial_ports", lambda: (str(board.path),))
+    opening = SerialPort.__init__
+    writing: list[threading.Thread] = []
+
+    def open_and_write(port: SerialPort, name: str, baud: int = 115_200) -> None:
+        opening(port, name, baud)
+        writing.append(board.write_meanwhile(PREAMBLE + HEADER + write_rows(0, 1500)))
+
+    monkeypatch.setattr(SerialPort, "__init__", open_and_write)
+    asked = {"type": "start", "source": "port", "port": str(board.path), "keeps": True, "axis": "+z"}
+    with connect(client, **asked) as socket:
+        session = socket.receive_json()
+        while socket.receive_json()["status"]["frames"] < 1500:  # the first may be the history
+            pass
+        socket.send_json({"type": "stop"})
+        ended = read_until(socket, "ended")
+    writing[0].join()
+    board.unplug()
+
+    assert (session["device"], session["keeps"]) == ("lsm9ds1", True)
+    assert client.get(f"/api/v1/analyses/{ended['analysis']}").json()["state"] == "queued"
+
+
+def test_a_page_opens_no_other_file(client: TestClient) -> None:
+    with connect(client, type="start", source="port", port="/dev/zero", keeps=True) as socket:
+        assert socket.receive_json()["code"] == "E-LIVE-SOURCE"

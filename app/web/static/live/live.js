@@ -137,16 +137,35 @@ async function listRecordings() {
     // the demonstration can be played without them
   }
   $("recordings").hidden = !$("recordings").children.length;
+  showAsked();
 }
 
+// What is asked of a sensor is not asked of a replay.
+function readKind() {
+  const option = $("source").selectedOptions[0];
+  return option.dataset.kind ?? (option.value === "demo" ? "demo" : "recording");
+}
+
+function showAsked() {
+  const isSensor = !["demo", "recording"].includes(readKind());
+  for (const part of form.querySelectorAll("[data-for]")) part.hidden = (part.dataset.for === "sensor") !== isSensor;
+}
+
+function readAsked() {
+  const kind = readKind(), chosen = $("source").value, asked = new FormData(form);
+  if (kind === "demo" || kind === "recording") return { source: kind, speed: Number(asked.get("speed")), ...(kind === "recording" && { recording: chosen }) };
+  const whose = { subject: asked.get("subject") ?? "", side: asked.get("side") || null, axis: asked.get("axis") || null };
+  return { source: kind, keeps: true, ...whose, ...(kind === "port" && { port: chosen }) };
+}
+
+$("source").addEventListener("change", showAsked);
 form.addEventListener("submit", (event) => {
   event.preventDefault();
-  const chosen = $("source").value, source = chosen === "demo" ? { source: "demo" } : { source: "recording", recording: chosen };
   say(texts.preparing);
   $("problem").hidden = true;
   $("begin").disabled = true;
   setTimeout(() => ($("begin").disabled = false), OLD_MS);
-  link.start({ ...source, speed: Number($("speed").value) });
+  link.start(readAsked());
 });
 $("redo").addEventListener("click", () => link.send({ type: "pose" }));
 $("stop").addEventListener("click", () => link.send({ type: "stop" }));

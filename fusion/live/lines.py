@@ -1,0 +1,237 @@
+"""Lines of a board as they come: which columns they have, and the values of each whole row.
+
+The header is understood as that of a file (:mod:`fusion.readers.tables`): by the device table and by the
+names of the columns. Units must be stated, for no motion has been seen yet that could tell them.
+"""
+
+import math
+import re
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.devices import KnownDevice
+from fusion.errors import UnknownColumns, UnknownRate, UnknownUnit
+from fusion.live.clock import StreamClock
+from fusion.live.session import Frames
+from fusion.readers.tables.careful_path import NUMERIC_TIME, STAMP
+from fusion.readers.tables.csv import choose_rate_hz
+from fusion.readers.tables.header import is_row, split_fields
+from fusion.readers.tables.layout import TextLayout, find_layout
+from fusion.readers.tables.rows import TablePlan, plan_table
+from fusion.readers.timebase.grid import estimate_period_us
+from fusion.recording import MICROSECONDS
+from fusion.units import acc_scale_g, gyr_scale_dps
+
+ROWS_TO_LEARN = 25
+"""So many rows after the header are looked at before its columns are understood."""
+ROWS_TO_TIME = 200
+"""So many rows, two seconds of a usual board, tell the rate."""
+HEAD_LINES = 40
+LONGEST_LINE_BYTES = 4096
+DELIMITERS = (",", ";", "\t", " ")
+WORDS = re.compile(r"[A-Za-z#]")
+MOST_G, MOST_DPS = 64.0, 10_000.0
+"""More no part measures: a torn line that happens to have enough fields."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One sample as the board wrote it; ``stamp_us`` and ``count`` None where it writes none."""
+
+    stamp_us: int | None
+    count: int | None
+    arrived_us: int
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LineFacts:
+    """What the header says: the board, its ranges, its rate where it is stated or measured."""
+
+    device: str
+    rate_hz: float
+    acc_range_g: float | None = None
+    gyr_range_dps: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Which field is what, and the factors to microseconds, g and deg/s."""
+
+    layout: TextLayout
+    stamp: int | None
+    count: int | None
+    places: tuple[int, ...]
+    to_us: float
+    factors: tuple[float, ...]
+
+
+class LineReader:
+    """Takes bytes in pieces of any size; gives frames once header and rate are known.
+
+    Lines that are torn or hold no row are left out and counted; what they held shows as lost.
+    """
+
+    def __init__(self) -> None:
+        self.torn = 0
+        self.facts: LineFacts | None = None
+        self._carried = b""
+        self._head: deque[str] = deque(maxlen=HEAD_LINES)
+        self._learned_from: deque[tuple[str, int]] = deque(maxlen=ROWS_TO_LEARN)
+        self._columns: _Columns | None = None
+        self._waiting: list[Row] = []
+        self._clock: StreamClock | None = None
+
+    @property
+    def restarts(self) -> int:
+        """How often the board began anew."""
+        return self._clock.restarts if self._clock else 0
+
+    def feed(self, piece: bytes, arrived_us: int) -> Frames | None:
+        """Take the next bytes; None while nothing can be said yet.
+
+        Raises
+        ------
+        fusion.errors.UnknownColumns, fusion.errors.UnknownUnit, fusion.errors.UnreadableFile
+            The rows have no header, or one that does not tell columns and units.
+        fusion.errors.UnknownRate
+        """
+        rows = [row for line in self._split(piece) for row in self._take(line, arrived_us)]
+        if self._clock is None:
+            self._waiting += rows
+            if len(self._waiting) < ROWS_TO_TIME or self._columns is None:
+                return None
+            rows, self._waiting = self._waiting, []
+            self._start_clock(rows, self._columns)
+        return self._place(rows)
+
+    def _split(self, piece: bytes) -> Iterator[str]:
+        *lines, self._carried = (self._carried + piece).split(b"\n")
+        if len(self._carried) > LONGEST_LINE_BYTES:
+            self._carried = b""
+            self.torn += 1
+        for line in lines:
+            yield line.decode("utf-8", "replace").strip("\r\0 ")
+
+    def _take(self, line: str, arrived_us: int) -> Iterator[Row]:
+        """Give the row of a line; those that came before the header was understood come with it."""
+        if self._columns is not None:
+            row = self._parse(line, arrived_us, self._columns)
+            if row is not None:
+                yield row
+            return
+        if any(is_row(line, mark) for mark in DELIMITERS):
+            self._learned_from.append((line, arrived_us))
+        elif WORDS.search(line):
+            if self._learned_from:
+                self._head.clear()
+                self._learned_from.clear()
+            self._head.append(line)
+        if len(self._learned_from) == ROWS_TO_LEARN and self._head:
+            columns = self._columns = _learn([*self._head, *(text for text, _ in self._learned_from)])
+            parsed = (self._parse(text, came_us, columns) for text, came_us in self._learned_from)
+            yield from (row for row in parsed if row is not None)
+
+    def _parse(self, line: str, arrived_us: int, columns: _Columns) -> Row | None:
+        fields = split_fields(line, columns.layout.delimiter)
+        if len(fields) != columns.layout.n_columns:
+            self.torn += not _is_head_line(line, columns.layout)
+            return None
+        try:
+            values = tuple(
+                float(fields[place]) * factor
+                for place, factor in zip(columns.places, columns.factors, strict=True)
+            )
+            stamp_us = None if columns.stamp is None else round(float(fields[columns.stamp]) * columns.to_us)
+            count = None if columns.count is None else int(fields[columns.count])
+        except ValueError:
+            self.torn += not _is_head_line(line, columns.layout)
+            return None
+        if not _can_be(values):
+            self.torn += 1
+            return None
+        return Row(stamp_us, count, arrived_us, values)
+
+    def _start_clock(self, rows: list[Row], columns: _Columns) -> None:
+        rate_hz = choose_rate_hz(columns.layout, None) or _measure_rate_hz(rows)
+        self._clock = StreamClock(MICROSECONDS / rate_hz)
+        said, device = columns.layout.facts(), columns.layout.device
+        self.facts = LineFacts(
+            device.device if device else "other",
+            rate_hz,
+            _read_positive(said.get("acc_range_g", "")),
+            _read_positive(said.get("gyr_range_dps", "")),
+        )
+
+    def _place(self, rows: list[Row]) -> Frames:
+        assert self._clock is not None
+        placed = [self._clock.place(row.stamp_us, row.count, row.arrived_us) for row in rows]
+        times = np.array(placed, np.int64).reshape(-1, 2)
+        values = np.array([row.values for row in rows], np.float32).reshape(-1, 6)
+        return Frames(times[:, 0], times[:, 1], values[:, :3].copy(), values[:, 3:].copy())
+
+
+def _learn(lines: Sequence[str]) -> _Columns:
+    layout = find_layout("\n".join([*lines, ""]))
+    if layout is None or layout.header is None or layout.labels is not None:
+        raise UnknownColumns(why="no header")
+    plan = plan_table(layout)
+    by_target = {target: place for place, target in enumerate(plan.targets)}
+    places = tuple(by_target[target] for target in range(1, 7))
+    for sensor, place, scale in (
+        ("accelerometer", places[0], acc_scale_g),
+        ("gyroscope", places[3], gyr_scale_dps),
+    ):
+        if scale(plan.layout.columns[place].unit) is None:
+            raise UnknownUnit(sensor=sensor)
+    return _Columns(
+        plan.layout,
+        by_target.get(STAMP) if plan.has_times and plan.stamp_kind == NUMERIC_TIME else None,
+        next((k for k, column in enumerate(plan.layout.columns) if column.channel == "counter"), None),
+        places,
+        10.0**plan.stamp_exponent,
+        _find_factors(plan, plan.layout.device),
+    )
+
+
+def _find_factors(plan: TablePlan, device: KnownDevice | None) -> tuple[float, ...]:
+    """Give the factors of the six values; x of both sensors is turned where the device is left-handed."""
+    is_left = device is not None and device.left_gyr_factor != 1.0
+    acc, gyr = plan.acc_scale, plan.gyr_scale * (device.left_gyr_factor if device and is_left else 1.0)
+    turn = -1.0 if is_left else 1.0
+    return (turn * acc, acc, acc, turn * gyr, gyr, gyr)
+
+
+def _measure_rate_hz(rows: Iterable[Row]) -> float:
+    """Measure the rate by the stamps, else by the arrivals; a step of 2^32 us is a counter's wrap.
+
+    Raises
+    ------
+    fusion.errors.UnknownRate, fusion.errors.UnusableTime
+    """
+    times = np.array([row.arrived_us if row.stamp_us is None else row.stamp_us for row in rows], np.int64)
+    times[1:] += (1 << 32) * np.cumsum(np.diff(times) < -(1 << 31))
+    if np.any(np.diff(times) < 0):
+        raise UnknownRate
+    return MICROSECONDS / estimate_period_us(times)
+
+
+def _is_head_line(line: str, layout: TextLayout) -> bool:
+    """Whether a line is one of those above a table: a board that starts anew writes them again."""
+    return not line or line.startswith(("#", "%", "//")) or line in (layout.header, *layout.preamble)
+
+
+def _can_be(values: tuple[float, ...]) -> bool:
+    is_whole = all(math.isfinite(value) for value in values)
+    return is_whole and max(map(abs, values[:3])) <= MOST_G and max(map(abs, values[3:])) <= MOST_DPS
+
+
+def _read_positive(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if 0.0 < value < 1e6 else None
