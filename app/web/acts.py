@@ -17,10 +17,10 @@ from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL
 from app.report.words.wording import fill, load_wording
 from app.request import SUBJECT_HINT, ReportRequest, check_subject
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.day import say_whose
 from app.web.forms import Form, first, read_form
 from app.web.library import MOST_ROWS, pack_reports, summarise_jobs
 from app.web.library_views import parse_filter
+from app.web.recording.day import say_whose
 from app.web.rendering import render_page
 
 MOST_CHOSEN = 500

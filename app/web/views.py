@@ -20,7 +20,7 @@ from app.report.words.numbers import (
     format_percent,
 )
 from app.report.words.wording import Language, Words, fill, load_wording
-from app.web.day_views import DayClock, format_axis, place_rows
+from app.web.recording.day_views import DayClock, format_axis, place_rows
 from fusion.errors import (
     ExchangedSensors,
     MixedColumns,

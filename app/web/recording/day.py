@@ -22,8 +22,8 @@ from app.report.words.subject import MAX_TEXT
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
-from app.web.day_views import DayClock, place_rows
 from app.web.forms import Form, first, read_body, read_form
+from app.web.recording.day_views import DayClock, place_rows
 from app.web.rendering import find_base
 from fusion.conventions import AXIS_HINT, ArmAxis, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary

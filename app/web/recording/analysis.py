@@ -27,14 +27,14 @@ from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
 from app.storage.day_file import DayFile
 from app.storage.store import StoredRecording, seems_whole
-from app.web.columns import find_offer
-from app.web.conclusion import build_conclusion
-from app.web.day import add_changed, find_day
-from app.web.day_views import DayClock, build_day, build_hours, list_axes
 from app.web.library_views import build_entry, build_library, find_neighbours, find_took, read_filter
-from app.web.page_one import read_page_one
 from app.web.pairs import find_offers
 from app.web.profile import find_days_address
+from app.web.recording.columns import find_offer
+from app.web.recording.conclusion import build_conclusion
+from app.web.recording.day import add_changed, find_day
+from app.web.recording.day_views import DayClock, build_day, build_hours, list_axes
+from app.web.recording.page_one import read_page_one
 from app.web.rendering import find_base, render_page
 from app.web.views import (
     Fact,
