@@ -7,9 +7,10 @@ import asyncio
 import json
 import re
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
@@ -32,9 +33,11 @@ from fusion.errors import FusionError
 if TYPE_CHECKING:
     from app.live.hub import Ended, LiveHub, RunningSession
     from app.live.source import Source
+    from fusion.live.cues import Cue
 
 LIVE_FOLDER = "live"
 HEAD_BYTES = 4096
+LONGEST_NOTE = 1000
 MOST_WAITING = 250
 """Messages that wait for a slow page, 10 s; then the oldest are left out."""
 REFUSED, ENDED = 4400, 1000
@@ -44,6 +47,14 @@ router = APIRouter(prefix="/api/v1")
 
 class _Message(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+
+class Rule(_Message):
+    """A rule of cues; ``limit``: seconds, or percent of a share."""
+
+    kind: Literal["hold", "share", "stays"]
+    angle_deg: float = Field(default=60.0, gt=0.0, lt=180.0)
+    limit: float = Field(gt=0.0, lt=3600.0)
 
 
 class Start(_Message):
@@ -58,6 +69,7 @@ class Start(_Message):
     subject: str = Field(default="", max_length=LONGEST_SUBJECT)
     side: Side | None = None
     axis: ArmAxis | None = None
+    cues: list[Rule] = Field(default_factory=list, max_length=10)
     countdown_s: float = Field(default=5.0, ge=0.0, le=60.0)
     lang: Language = "en"
 
@@ -77,6 +89,13 @@ class Pose(_Message):
     countdown_s: float = Field(default=5.0, ge=0.0, le=60.0)
 
 
+class Cues(_Message):
+    """Pause the cues, or go on with them."""
+
+    type: Literal["cues"]
+    paused: bool
+
+
 class Stop(_Message):
     """End the session."""
 
@@ -91,7 +110,7 @@ class Ping(_Message):
 
 
 _FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Start | Resume)
-_LATER: TypeAdapter[Pose | Stop | Ping] = TypeAdapter(Pose | Stop | Ping)
+_LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(Pose | Cues | Stop | Ping)
 
 
 @router.websocket("/live")
@@ -133,12 +152,14 @@ async def _open(socket: WebSocket, first: Start | Resume) -> "RunningSession":
 
 
 def _start(services: Services, asked: Start) -> "RunningSession":
-    from app.live.hub import SessionRequest  # noqa: PLC0415  the science
+    from app.live.cue_log import parse_rule  # noqa: PLC0415  the science
+    from app.live.hub import SessionRequest  # noqa: PLC0415
     from app.live.raw_file import Wearer  # noqa: PLC0415
 
     request = SessionRequest(
         Wearer(_read_subject(asked.subject), asked.side, asked.axis),
         keeps=asked.keeps,
+        rules=tuple(parse_rule(f"{rule.kind}:{rule.angle_deg}:{rule.limit}") for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
     return find_hub(services).start(_open_source(services, asked), request)
@@ -185,6 +206,8 @@ async def _take(socket: WebSocket, session: "RunningSession", outbox: "Outbox") 
     asked = _LATER.validate_json(await socket.receive_text())
     if isinstance(asked, Pose):
         session.ask_pose(asked.countdown_s)
+    elif isinstance(asked, Cues):
+        session.pause_cues(paused=asked.paused)
     elif isinstance(asked, Stop):
         session.stop()
     else:
@@ -228,19 +251,44 @@ def find_hub(services: Services) -> "LiveHub":
     """Give the sessions of this server; the first call loads the science."""
     from app.live.hub import LiveHub  # noqa: PLC0415
 
-    return services.live.find(lambda: LiveHub(services.settings.data_dir / LIVE_FOLDER, _Keeper(services)))
+    return services.live.find(lambda: LiveHub(services.settings.data_dir / LIVE_FOLDER, _Library(services)))
 
 
-class _Keeper:
-    """Takes raw files into the library, as a recording with its analysis."""
+CUED = "cues"
+"""The tag of a recording in which cues were given: with and without can be told apart afterwards."""
+
+
+class _Library:
+    """Takes raw files in, as recordings with their analysis; announces cues."""
 
     def __init__(self, services: Services) -> None:
         self._services = services
 
-    def __call__(self, ended: "Ended") -> str:
+    def keep(self, ended: "Ended") -> str:
         """Store the file and queue its analysis; give the id of the analysis."""
         wearer = ended.request.wearer
-        return take_in(self._services, ended.path, wearer.subject, wearer.side)
+        analysis_id = take_in(self._services, ended.path, wearer.subject, wearer.side)
+        if ended.request.rules:
+            self._note_cues(self._services.store.get(analysis_id).recording_id, ended)
+        return analysis_id
+
+    def announce(self, session_id: str, cue: "Cue") -> None:
+        """Write the deliveries."""
+        rule = cue.rule
+        facts = {"session": session_id, "time_s": f"{cue.time_s:.3f}", "kind": rule.kind}
+        self._services.webhooks.announce_cue(facts | {"angle_deg": f"{rule.angle_deg:g}"})
+
+    def _note_cues(self, recording_id: str, ended: "Ended") -> None:
+        """Log the cues in the note of the recording, as many as it takes."""
+        from app.live.cue_log import format_rule  # noqa: PLC0415
+
+        counts = Counter(format_rule(cue.rule) for cue in ended.cues)
+        rules = [f"{format_rule(rule)}: {counts[format_rule(rule)]}" for rule in ended.request.rules]
+        times = " ".join(f"{cue.time_s:.0f}" for cue in ended.cues)
+        row = self._services.recordings.get(recording_id)
+        note = f"cues {', '.join(rules)}; s: {times}"[:LONGEST_NOTE]
+        self._services.recordings.describe(row, replace(row.about, note=note))
+        self._services.recordings.tag([recording_id], [CUED])
 
 
 def take_in(services: Services, path: Path, subject: str, side: Side | None) -> str:

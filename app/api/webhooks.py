@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.problems import PROBLEM_RESPONSES
 from app.delivery import check_address
-from app.jobs.webhooks import EVENTS, Webhook
+from app.jobs.webhooks import EVENTS, USUAL_EVENTS, Webhook
 from app.services import UsedServices
 
 router = APIRouter(prefix="/api/v1/webhooks", responses=PROBLEM_RESPONSES, tags=["webhooks"])
-EventName = Literal["analysis.finished", "batch.finished"]
+EventName = Literal["analysis.finished", "batch.finished", "live.cue"]
 
 
 class WebhookWish(BaseModel):
@@ -21,7 +21,7 @@ class WebhookWish(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     url: Annotated[str, Field(max_length=2000, description="http or https")]
-    events: Annotated[list[EventName], Field(min_length=1, max_length=len(EVENTS))] = list(EVENTS)
+    events: Annotated[list[EventName], Field(min_length=1, max_length=len(EVENTS))] = list(USUAL_EVENTS)
 
 
 class WebhookView(BaseModel):

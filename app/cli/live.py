@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from app.live.recorder import Recorder
     from app.live.source import Source
     from fusion.live import LiveStatus
+    from fusion.live.cues import Cue, CueRule
 
 BAR_WIDTH = 30
 REDRAW_S, PRINT_S = 0.1, 1.0
@@ -47,6 +48,10 @@ def live(
         str | None,
         typer.Option(metavar="x|-x|y|-y|z|-z", help="Axis along the arm, in place of a pose."),
     ] = None,
+    cue: Annotated[
+        list[str] | None,
+        typer.Option(metavar="RULE", help="hold:60:10, share:60:10, stays:60:30; again for more."),
+    ] = None,
     countdown_s: Annotated[
         float, typer.Option("--countdown", min=0, max=60, help="Seconds before the pose is held.")
     ] = 5.0,
@@ -61,17 +66,27 @@ def live(
     arm_axis = parse_axis(axis)
     request = ReportRequest("", parse_subject(subject), side, languages=(lang,), arm_axis=arm_axis)
     _print_cut_sessions(out, lang)
+    rules = _parse_rules(cue)
     opened = _open_source(source, speed, baud, lang)
     path = out / f"{PREFIX}{datetime.now().astimezone():%Y%m%d-%H%M%S}.csv"
     try:
         out.mkdir(parents=True, exist_ok=True)
-        recorder = Recorder(path, opened.facts, Wearer(request.subject, side, arm_axis))
+        recorder = Recorder(path, opened.facts, Wearer(request.subject, side, arm_axis), rules)
     except OSError as error:
         opened.close()
         print_problem(str(path), UNREADABLE_PATH, {"why": error.strerror or ""}, lang)
         raise typer.Exit(Exit.NOTHING_DONE) from None
     _run(opened, recorder, countdown_s, lang)
     _finish(recorder, out, request)
+
+
+def _parse_rules(texts: list[str] | None) -> "tuple[CueRule, ...]":
+    from app.live.cue_log import CUE_HINT, parse_rule  # noqa: PLC0415
+
+    try:
+        return tuple(parse_rule(text) for text in texts or ())
+    except ValueError:
+        raise typer.BadParameter(f"write {CUE_HINT}", param_hint="--cue") from None
 
 
 def _open_source(source: str, speed: float, baud: int, language: Language) -> "Source":
@@ -96,7 +111,7 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
     try:
         with _stopping_on(signal.SIGTERM):
             while (frames := source.read()) is not None:
-                recorder.take(frames)
+                screen.print_cues(recorder.take_cues(recorder.take(frames)))
                 status = recorder.status()
                 if status.pose == "none":
                     screen.print_refusal(status)
@@ -107,7 +122,15 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
     finally:
         source.close()
         recorder.stop()
+    _write_cues(recorder)
     screen.show_last(recorder.status())
+
+
+def _write_cues(recorder: "Recorder") -> None:
+    from app.live.cue_log import write_log  # noqa: PLC0415
+
+    if recorder.cues:
+        write_log(recorder.path, recorder.cues)
 
 
 @contextmanager
@@ -141,6 +164,15 @@ class _Screen:
     def print_refusal(self, status: "LiveStatus") -> None:
         self._end_line()
         typer.echo(load_wording(self._language, "live")["refused"][status.pose_refused])
+
+    def print_cues(self, cues: "list[Cue]") -> None:
+        """Ring the bell of the terminal, and say which rule rang it."""
+        words = load_wording(self._language, "live")["cue"]
+        for cue in cues:
+            self._end_line()
+            limit = cue.rule.percent if cue.rule.kind == "share" else cue.rule.seconds
+            facts = {"angle": f"{cue.rule.angle_deg:g}", "limit": f"{limit:g}"}
+            typer.echo(f"\a{format_elapsed(cue.time_s)}  {fill(words[cue.rule.kind], facts)}")
 
     def _print(self, line: str) -> None:
         if self._is_terminal:

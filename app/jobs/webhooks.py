@@ -16,8 +16,10 @@ from app.jobs.database.tables import analyses, batch_items, batches, deliveries,
 from app.jobs.job import JobState
 from app.jobs.queries import RowStore, format_now, select_items
 
-Event = Literal["analysis.finished", "batch.finished"]
+Event = Literal["analysis.finished", "batch.finished", "live.cue"]
 EVENTS: tuple[Event, ...] = get_args(Event)
+USUAL_EVENTS: tuple[Event, ...] = ("analysis.finished", "batch.finished")
+"""What a webhook is told that names no events: cues are quiet by default."""
 PAUSES_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400.0)
 """Between one try and the next, as Standard Webhooks advises; after the last the delivery is given up."""
 
@@ -74,6 +76,11 @@ class WebhookStore(RowStore):
             connection.execute(delete(deliveries).where(deliveries.c.webhook_id == webhook_id))
             if connection.execute(delete(webhooks).where(webhooks.c.id == webhook_id)).rowcount != 1:
                 raise NotHere
+
+    def announce_cue(self, data: dict[str, str]) -> None:
+        """Write the deliveries for a cue of a live session, for those who asked for such events."""
+        with self._engine.begin() as connection:
+            _announce(connection, _read_hooks(connection), "live.cue", data)
 
     def find_due(self, elapsed_s: float) -> tuple[Delivery, ...]:
         """Count elapsed time off every delay; gives the deliveries that are due."""

@@ -13,17 +13,20 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
+from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import AppError, NotHere, TooManySessions
+from app.live.cue_log import find_limit
 from app.live.raw_file import UNKNOWN, Wearer
 from app.live.recorder import Recorder
 from app.live.source import Source
 from app.storage.permissions import make_folder
 from fusion.errors import FusionError
 from fusion.live import LiveRows, LiveStatus
+from fusion.live.cues import Cue, CueRule
 from fusion.recording import MICROSECONDS
 
 SHOWN_HZ = 50.0
@@ -51,19 +54,27 @@ class SessionRequest:
 
     wearer: Wearer = UNKNOWN
     keeps: bool = True
+    rules: tuple[CueRule, ...] = ()
     countdown_s: float = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The raw file of a session that has ended, and what was asked."""
+    """The raw file of a session that has ended, what was asked, and its cues."""
 
     path: Path
     request: SessionRequest
+    cues: tuple[Cue, ...] = ()
 
 
-Keep = Callable[[Ended], str]
-"""Takes the raw file into the library; gives the id of its analysis."""
+class Library(Protocol):
+    """What a session hands on."""
+
+    def keep(self, ended: Ended) -> str:
+        """Take the raw file in; give the id of its analysis."""
+
+    def announce(self, session_id: str, cue: Cue) -> None:
+        """Tell the webhooks that asked for cues."""
 
 
 class RunningSession:
@@ -94,6 +105,8 @@ class RunningSession:
             "state": self.state,
             "analysis": self.analysis_id,
             "keeps": self.request.keeps,
+            "cues": [_describe_rule(rule) for rule in self.request.rules],
+            "cues_paused": self.recorder.are_cues_paused,
         }
 
     def watch(self, watch: Watch) -> int:
@@ -117,24 +130,32 @@ class RunningSession:
         with self._lock:
             self._asked_pose_s = countdown_s
 
+    def pause_cues(self, *, paused: bool) -> None:
+        """Give no cues, or give them again."""
+        self.recorder.are_cues_paused = paused
+        with self._lock:
+            self._send({"type": "cues", "paused": paused})
+
     def stop(self) -> None:
         """Ask the session to end; it does so with the next frames, or without them."""
         self._is_stopping.set()
 
-    def run(self, keep: Keep) -> None:
+    def run(self, library: Library) -> None:
         """Take frames until the source ends or the session is stopped."""
         state: State = "stopped"
         try:
             while not self._is_stopping.is_set() and (frames := self.source.read()) is not None:
                 self._start_pose()
                 if len(frames):
-                    self._publish(self.recorder.take(frames))
+                    rows = self.recorder.take(frames)
+                    self._publish(rows)
+                    self._give_cues(self.recorder.take_cues(rows), library)
         except (AppError, FusionError, OSError):
             logger.exception("a live session failed; its raw file is kept")
             state = "failed"
         finally:
             self.source.close()
-            self._end(state, keep)
+            self._end(state, library)
 
     def _start_pose(self) -> None:
         with self._lock:
@@ -159,6 +180,16 @@ class RunningSession:
             self._sequence += 1
             self._send(self._describe_update(points, "update"))
 
+    def _give_cues(self, cues: list[Cue], library: Library) -> None:
+        """Tell the watchers and the webhooks; a webhook that cannot be told ends no session."""
+        for cue in cues:
+            with self._lock:
+                self._send({"type": "cue", "time_s": round(cue.time_s, 3)} | _describe_rule(cue.rule))
+            try:
+                library.announce(self.id, cue)
+            except SQLAlchemyError:
+                logger.exception("a cue could not be announced")
+
     def _describe_update(self, points: list[tuple[float, float | None]], kind: str) -> dict[str, Any]:
         return {
             "type": kind,
@@ -169,17 +200,19 @@ class RunningSession:
         }
 
     def _describe_end(self) -> dict[str, Any]:
-        return {"type": "ended", "state": self.state, "analysis": self.analysis_id}
+        count = len(self.recorder.cues)
+        return {"type": "ended", "state": self.state, "analysis": self.analysis_id, "cues": count}
 
     def _send(self, message: Message) -> None:
         for watch in self._watchers.values():
             watch(message)
 
-    def _end(self, state: State, keep: Keep) -> None:
+    def _end(self, state: State, library: Library) -> None:
         """Close the raw file and hand it on; a file that cannot be taken stays for the next start."""
         path = self.recorder.stop()
         try:
-            analysis_id = keep(Ended(path, self.request)) if self.request.keeps else ""
+            ended = Ended(path, self.request, tuple(self.recorder.cues))
+            analysis_id = library.keep(ended) if self.request.keeps else ""
             path.unlink(missing_ok=True)
         except (AppError, OSError):
             logger.exception("the raw file of a live session stays in its folder")
@@ -187,6 +220,10 @@ class RunningSession:
         with self._lock:
             self.state, self.analysis_id, self.ended_s = state, analysis_id, time.monotonic()
             self._send(self._describe_end())
+
+
+def _describe_rule(rule: CueRule) -> dict[str, Any]:
+    return {"kind": rule.kind, "angle_deg": rule.angle_deg, "limit": find_limit(rule)}
 
 
 def describe_status(status: LiveStatus) -> dict[str, Any]:
@@ -214,7 +251,7 @@ class LiveHub:
     """The sessions of this server."""
 
     folder: Path
-    keep: Keep
+    library: Library
     _sessions: dict[str, RunningSession] = field(default_factory=dict)
     _threads: dict[str, threading.Thread] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -233,9 +270,11 @@ class LiveHub:
             if sum(session.state == "running" for session in self._sessions.values()) >= MOST_SESSIONS:
                 source.close()
                 raise TooManySessions(max=MOST_SESSIONS)
-            recorder = Recorder(self.folder / f"live-{session_id}.csv", source.facts, request.wearer)
+            recorder = Recorder(
+                self.folder / f"live-{session_id}.csv", source.facts, request.wearer, request.rules
+            )
             session = RunningSession(session_id, source, recorder, request)
-            thread = threading.Thread(target=session.run, args=(self.keep,), name="live", daemon=True)
+            thread = threading.Thread(target=session.run, args=(self.library,), name="live", daemon=True)
             self._sessions[session_id], self._threads[session_id] = session, thread
         thread.start()
         return session

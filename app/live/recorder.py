@@ -8,6 +8,7 @@ from pathlib import Path
 from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
 from app.live.source import SourceFacts
 from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
+from fusion.live.cues import Cue, CueRule, CueWatch
 from fusion.pose.poses import point_along
 
 
@@ -19,6 +20,7 @@ class Recorder:
         path: Path,
         facts: SourceFacts,
         wearer: Wearer = UNKNOWN,
+        rules: tuple[CueRule, ...] = (),
         *,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -31,6 +33,9 @@ class Recorder:
         self.facts, self.shown = facts, ShownAngles()
         axis = point_along(wearer.arm_axis) if wearer.arm_axis else facts.arm_axis
         self.session = LiveSession(facts.rate_hz, axis)
+        self.cues: list[Cue] = []
+        self.are_cues_paused = False
+        self._cue_watch = CueWatch(rules)
         self._now_s = now_s
         self._synced_s = now_s()
         header = RawHeader(
@@ -63,6 +68,14 @@ class Recorder:
             self._raw.sync()
             self._synced_s = self._now_s()
         return rows
+
+    def take_cues(self, rows: LiveRows) -> list[Cue]:
+        """Give the cues of these rows, and log them; while they are paused there are none."""
+        cues = self._cue_watch.take(rows)
+        if self.are_cues_paused:
+            return []
+        self.cues += cues
+        return cues
 
     def status(self) -> LiveStatus:
         """Describe where the session stands."""

@@ -18,7 +18,7 @@ def show_live(request: Request, language: UsedLanguage) -> Response:
     words = load_wording(language, "live")
     values = {
         "l": words["page"],
-        "texts": words["script"] | {"refused": words["refused"]},
+        "texts": words["script"] | {"refused": words["refused"], "cue": words["cue"]},
         "ports": find_serial_ports(),
         "can_connect": find_spec("websockets") is not None,
     }

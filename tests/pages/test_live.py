@@ -137,3 +137,22 @@ def test_everyone_can_use_it(browser: Browser, server: RunningServer, right: str
         assert page.evaluate("() => document.documentElement.scrollWidth") <= look.width
         page.keyboard.press("s")
         expect(page.locator("#end")).to_be_visible()
+
+
+def test_cues_are_quiet_until_chosen_and_can_be_paused(page: Page, server: RunningServer) -> None:
+    page.goto(f"{server.address}live?lang=en")
+    expect(page.locator("input[name=rule]:checked")).to_have_count(0)
+    page.click("summary")
+    page.check("input[value=hold]")
+    page.fill("input[name=hold-angle]", "10")
+    page.fill("input[name=hold-limit]", "1")
+    page.select_option("#speed", "20")
+    page.click("#begin")
+
+    expect(page.locator("#cue")).to_contain_text("Above 10° for 1")
+    page.keyboard.press("c")
+
+    expect(page.locator("#quiet")).to_have_attribute("aria-pressed", "true")
+    expect(page.locator("#cue")).to_be_hidden()
+    page.keyboard.press("s")
+    expect(page.locator("#end")).to_be_visible()

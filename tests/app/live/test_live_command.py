@@ -114,3 +114,24 @@ def test_a_pose_that_is_refused_is_asked_for_again(
 
     assert "The arm moved. Once more." in capsys.readouterr().out
     assert read_recording(recorder.path).pose_windows_s == ((15.49, 20.49),)
+
+
+def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(log: Path, tmp_path: Path) -> None:
+    # Above 60 deg from about 12 s to about 22 s: cues after 4 s and after 8 s.
+    out = tmp_path / "out"
+
+    _, output = run(str(log), "-o", str(out), "--speed", "20", "--cue", "hold:60:4")
+
+    (written,) = out.glob("live-*.cues.csv")
+    head, *rows = written.read_text().splitlines()
+    assert head == "time_s,kind,angle_deg,limit"
+    assert [row.split(",")[1:] for row in rows] == [["hold", "60", "4"]] * 2
+    assert len(re.findall(r"Above 60° for 4\ss\.", output)) == 2
+
+
+@pytest.mark.parametrize("rule", ["hold", "hold:60", "moon:60:4", "hold:60:x", "hold:200:4", "share:60:-1"])
+def test_a_rule_that_cannot_be_is_a_usage_error(log: Path, tmp_path: Path, rule: str) -> None:
+    code, output = run(str(log), "-o", str(tmp_path / "out"), "--cue", rule)
+
+    assert code == 2
+    assert "hold:60:10" in output

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy import select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
 from app.api.live import LIVE_FOLDER, find_hub
+from app.jobs.database.tables import deliveries
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
 from app.live.raw_file import RawFile, RawHeader, Wearer
@@ -284,3 +286,55 @@ def test_a_board_on_a_serial_port_becomes_a_recording(
 def test_a_page_opens_no_other_file(client: TestClient) -> None:
     with connect(client, type="start", source="port", port="/dev/zero", keeps=True) as socket:
         assert socket.receive_json()["code"] == "E-LIVE-SOURCE"
+
+
+HOLD = {"kind": "hold", "angle_deg": 60, "limit": 4}
+
+
+def test_cues_are_sent_counted_and_noted(client: TestClient, recording_id: str) -> None:
+    # The arm is above 60 deg from about 12 s to about 22 s: cues after 4 s and after 8 s.
+    messages = play(client, recording_id, cues=[HOLD], keeps=True)
+
+    cues = [message for message in messages if message["type"] == "cue"]
+    assert [round(cue["time_s"]) for cue in cues] == [16, 20]
+    assert (cues[0]["kind"], cues[0]["limit"]) == ("hold", 4)
+    assert messages[-1]["cues"] == 2
+    kept = client.get("/api/v1/recordings").json()["items"]
+    assert [one["note"] for one in kept if one["note"]] == ["cues hold:60:4: 2; s: 16 20"]
+
+
+def test_without_rules_it_is_quiet(client: TestClient, recording_id: str) -> None:
+    messages = play(client, recording_id, keeps=True)
+
+    assert not any(message["type"] == "cue" for message in messages)
+    assert not any(one["note"] for one in client.get("/api/v1/recordings").json()["items"])
+
+
+def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -> None:
+    first = {"type": "start", "source": "recording", "recording": recording_id, "speed": 5, "cues": [HOLD]}
+    with connect(client, **first) as socket:
+        socket.send_json({"type": "cues", "paused": True})
+        assert read_until(socket, "cues")["paused"]
+        messages = read_to_end(socket)
+
+    assert messages[-1]["cues"] == 0
+
+
+def test_a_cue_is_announced_to_the_webhooks_that_ask_for_it(
+    client: TestClient, recording_id: str, store: JobStore
+) -> None:
+    hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
+    told = hooks.add("https://hooks.example/cues", ("live.cue",))
+    hooks.add("https://hooks.example/ends", ("analysis.finished",))
+
+    play(client, recording_id, cues=[HOLD])
+
+    with store.engine.connect() as connection:
+        rows = connection.execute(select(deliveries.c.event, deliveries.c.webhook_id)).all()
+    assert [tuple(row) for row in rows] == [("live.cue", told.id)] * 2
+
+
+def test_a_webhook_that_names_no_events_is_told_of_no_cues(client: TestClient) -> None:
+    made = client.post("/api/v1/webhooks", json={"url": "https://1.1.1.1/all"}).json()
+
+    assert made["events"] == ["analysis.finished", "batch.finished"]

@@ -1,16 +1,18 @@
 // The live page: start a session, show it, stop it. The server holds the session; this page only shows it.
 
 import { $, fill, say } from "../say.js";
+import { Cues } from "./cues.js";
 import { Strip, turnArm } from "./draw.js";
 import { Link } from "./link.js";
 
 const texts = JSON.parse($("texts").textContent);
 const form = $("start");
 const base = form.dataset.base, language = form.dataset.lang;
+const cues = new Cues();
 const strip = new Strip($("strip"));
 const number = (digits) => new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
 const whole = number(0), tenth = number(1);
-const OLD_MS = 1000, LATENCIES = 25;
+const OLD_MS = 1000, CUE_MS = 5000, LATENCIES = 25;
 const state = { newest: null, isDrawing: false, latencies: [], pose: "", shownAt: 0 };
 
 const address = new URL(`${base}/api/v1/live`, location.href);
@@ -18,7 +20,7 @@ address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 const link = new Link(address, language, take);
 
 function take(message) {
-  const how = { session: begin, history: addHistory, update, ended: end, problem: refuse, lost: lose }[message.type];
+  const how = { session: begin, history: addHistory, update, ended: end, problem: refuse, lost: lose, cue: showCue, cues: showQuiet }[message.type];
   how?.(message);
 }
 
@@ -27,7 +29,8 @@ function begin(message) {
   $("intro").hidden = true;
   $("session").hidden = false;
   $("what").textContent = fill(texts.what, { source: message.source === "demo" ? texts.demo : message.source, rate: whole.format(message.rate_hz) });
-  state.isPlayed = !message.keeps;
+  $("quiet").hidden = !message.cues.length;
+  showQuiet({ paused: message.cues_paused });
 }
 
 function addHistory(message) {
@@ -83,6 +86,19 @@ function showPose(status) {
   state.pose = text;
   $("pose").textContent = text;
   $("pose").hidden = !text;
+}
+
+function showCue(message) {
+  cues.give();
+  $("cue").textContent = fill(texts.cue[message.kind], { angle: message.angle_deg, limit: message.limit });
+  $("cue").hidden = false;
+  clearTimeout(state.cueTimer);
+  state.cueTimer = setTimeout(() => ($("cue").hidden = true), CUE_MS);
+}
+
+function showQuiet(message) {
+  state.isQuiet = message.paused;
+  $("quiet").setAttribute("aria-pressed", String(message.paused));
 }
 
 function end(message) {
@@ -151,7 +167,15 @@ function showAsked() {
   for (const part of form.querySelectorAll("[data-for]")) part.hidden = (part.dataset.for === "sensor") !== isSensor;
 }
 
+function readRules(asked) {
+  return asked.getAll("rule").map((kind) => ({ kind, angle_deg: Number(asked.get(`${kind}-angle`)), limit: Number(asked.get(`${kind}-limit`)) }));
+}
+
 function readAsked() {
+  return { ...readSource(), cues: readRules(new FormData(form)) };
+}
+
+function readSource() {
   const kind = readKind(), chosen = $("source").value, asked = new FormData(form);
   if (kind === "demo" || kind === "recording") return { source: kind, speed: Number(asked.get("speed")), ...(kind === "recording" && { recording: chosen }) };
   const whose = { subject: asked.get("subject") ?? "", side: asked.get("side") || null, axis: asked.get("axis") || null };
@@ -162,6 +186,7 @@ $("source").addEventListener("change", showAsked);
 form.addEventListener("submit", (event) => {
   event.preventDefault();
   say(texts.preparing);
+  cues.choose(new FormData(form).getAll("way"));
   $("problem").hidden = true;
   $("begin").disabled = true;
   setTimeout(() => ($("begin").disabled = false), OLD_MS);
@@ -169,6 +194,7 @@ form.addEventListener("submit", (event) => {
 });
 $("redo").addEventListener("click", () => link.send({ type: "pose" }));
 $("stop").addEventListener("click", () => link.send({ type: "stop" }));
+$("quiet").addEventListener("click", () => link.send({ type: "cues", paused: !state.isQuiet }));
 $("wide").addEventListener("click", () => $("session").requestFullscreen?.());
 $("again").addEventListener("click", () => {
   $("end").hidden = true;
@@ -176,9 +202,9 @@ $("again").addEventListener("click", () => {
   $("source").focus();
 });
 document.addEventListener("keydown", (event) => {
-  if ($("session").hidden || event.ctrlKey || event.metaKey || event.altKey) return;
-  const button = { p: "redo", s: "stop", f: "wide" }[event.key.toLowerCase()];
-  if (button) $(button).click();
+  if ($("session").hidden || event.target.matches("input, select") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const button = { p: "redo", s: "stop", f: "wide", c: "quiet" }[event.key.toLowerCase()];
+  if (button && !$(button).hidden) $(button).click();
 });
 // An angle that is no longer fed is shown as old.
 setInterval(() => {
