@@ -58,7 +58,7 @@ from app.jobs.database.connect import (
     find_database_file,
     translate_start_errors,
 )
-from app.jobs.pool import WorkerPool
+from app.jobs.processes.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
 from app.services import Services, open_services
@@ -69,19 +69,19 @@ from app.storage.store import FolderLock, check_folder
 from app.upkeep.recover import check_known
 from app.version import software_version
 from app.web.acts import router as act_routes
-from app.web.analysis import respond_with_page
-from app.web.analysis import router as page_routes
 from app.web.api_docs import router as docs_routes
 from app.web.batches import router as batch_pages
-from app.web.columns import router as column_routes
-from app.web.conclusion import router as conclusion_routes
-from app.web.day import router as day_routes
 from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
 from app.web.live import router as live_page
 from app.web.pairs import router as pair_pages
 from app.web.profile import router as profile_pages
+from app.web.recording.analysis import respond_with_page
+from app.web.recording.analysis import router as page_routes
+from app.web.recording.columns import router as column_routes
+from app.web.recording.conclusion import router as conclusion_routes
+from app.web.recording.day import router as day_routes
 from app.web.rendering import FOLDER, Assets, find_assets
 from app.web.rendering import router as asset_routes
 from app.web.validations import router as validation_pages
@@ -213,7 +213,7 @@ def _prepare_database(settings: Settings) -> None:
     finally:
         lock.release()
     if settings.engine == "procrastinate":
-        load_extra("app.jobs.cluster").install(settings.database_url)
+        load_extra("app.jobs.processes.cluster").install(settings.database_url)
     if copy:
         logger.info("the tables were migrated; their rows from before are in %s", copy)
 

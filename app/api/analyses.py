@@ -171,11 +171,21 @@ def create_analyses(
     paper, flow = services.settings.paper, way_in if len(rows) == 1 else "api"
     asked = [(row, build_request(row, body.settings, language, paper)) for row in rows]
     pairs = [_start(services, row, request, flow, again=body.again) for row, request in asked]
+    for row in rows:
+        _fill_in(services, row, body.settings)
     for job, _ in pairs if body.study else ():
         services.store.join_study(body.study, job.id)
     views = [_view(job, language, existed=existed) for job, existed in pairs]
     items = [view.model_dump(exclude_unset=True) for view in views]
     return _accept(items[0] | {"items": items}, pairs[0][0])  # type: ignore[return-value]
+
+
+def _fill_in(services: Services, row: StoredRow, settings: AnalysisSettings) -> None:
+    """Write on a recording whose arm it is, where it does not say so yet."""
+    about = row.about
+    stated = replace(about, subject=about.subject or settings.subject, side=about.side or settings.side)
+    if stated != about:
+        services.recordings.describe(row, stated)
 
 
 @router.post("/analyses/{analysis_id}/cancel", response_model_exclude_unset=True)

@@ -18,7 +18,7 @@ from app.api.side_files import write_side_files
 from app.api.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload
-from app.jobs.leader import Leader
+from app.jobs.processes.leader import Leader
 from app.jobs.results import complete_headlines
 from app.jobs.webhooks import Delivery
 from app.services import Services

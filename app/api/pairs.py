@@ -200,6 +200,22 @@ class TellingView(BaseModel):
     detectable_range: Ends | None
 
 
+class TrendView(BaseModel):
+    """One person's time above 60 deg from the first day to the last.
+
+    ``outside``: later days that differ from the first by more than ``detectable``.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    first: float
+    last: float
+    change: float
+    detectable: float
+    sd_from: Literal["person", "published"]
+    outside: int
+
+
 class BandView(BaseModel):
     """A quarter hour of the clock over the days; null where too few days are analysed in it."""
 
@@ -225,6 +241,7 @@ class ArmDaysView(BaseModel):
     days: list[DayView]
     figures: dict[str, MeanView]
     telling: TellingView | None
+    trend: TrendView | None
     overlay: list[BandView]
 
 

@@ -33,6 +33,8 @@ GROUPS: tuple[Group, ...] = get_args(Group)
 Order = Literal["newest", "name", "subject", "date", "side", "hours", "quality", "above_60"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 
+JUDGED_BY = 40
+"""Earlier analyses by which the time left of one is judged."""
 VIEWS_FILE = "views.json"
 _ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 _DOUBTFUL = ("caution", "poor")
@@ -70,6 +72,15 @@ class Entry:
     tags: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Took:
+    """How long a finished analysis took."""
+
+    file_name: str
+    size_bytes: int
+    took_s: float
+
+
 class Library:
     """The queries of the library; it only reads."""
 
@@ -85,6 +96,17 @@ class Library:
         """Give some recordings, the newest first; those in the trash are left out."""
         chosen = recordings.c.id.in_(recording_ids)
         return self._read(_select(LibraryFilter(batch=batch)).where(chosen).order_by(*_newest_first()))
+
+    def find_took(self) -> tuple[Took, ...]:
+        """Say how long the last analyses took, by which the time left of others is judged."""
+        query = select_jobs().where(analyses.c.state == JobState.SUCCEEDED).order_by(*_newest_first())
+        with self._reader.connect() as connection:
+            jobs = [read_job(row) for row in connection.execute(query.limit(JUDGED_BY))]
+        return tuple(
+            Took(job.file_name, job.size_bytes, (job.ended_at - job.started_at).total_seconds())
+            for job in jobs
+            if job.started_at and job.ended_at and job.request.reference is None
+        )
 
     def find_tags(self) -> tuple[str, ...]:
         """Give every tag, by the alphabet."""
@@ -108,11 +130,14 @@ class Library:
         return counts
 
     def find_others(self, job: Job, limit: int = 6) -> tuple[Entry, ...]:
-        """Find other recordings of the same subject that have a report, the newest first."""
+        """Find other recordings of the same subject that have a report, the newest first.
+
+        A comparison with a reference is no report.
+        """
         if not job.request.subject:
             return ()
         same = recordings.c.subject == job.request.subject
-        other = (analyses.c.recording_id != job.recording_id, _select_report().is_not(None))
+        other = (analyses.c.recording_id != job.recording_id, answers.c.verdict.is_not(None))
         query = _select(LibraryFilter()).where(same, *other).order_by(*_newest_first()).limit(limit)
         return self._read(query)
 

@@ -33,8 +33,8 @@ from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import translate_database_errors, translate_start_errors
 from app.jobs.figures import HeadlineFigures, read_headline
 from app.jobs.job import Job
-from app.jobs.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
 from app.jobs.mappings import MappingStore
+from app.jobs.processes.lease import ClaimHeartbeat, LeaseWatch, WorkerHeartbeat, identify_self
 from app.jobs.side_files import SideWriter
 from app.jobs.store import JobStore
 from app.logs import start_logging
@@ -165,7 +165,7 @@ def choose_engine(settings: Settings) -> Callable[..., None]:
     """Give the loop of the engine in the settings; Procrastinate is loaded only where it is chosen."""
     if settings.engine == "embedded":
         return partial(run_worker, settings)
-    return partial(load_extra("app.jobs.cluster").run_cluster_worker, settings)
+    return partial(load_extra("app.jobs.processes.cluster").run_cluster_worker, settings)
 
 
 def run_next_patiently(bench: Bench) -> bool:

@@ -78,5 +78,6 @@ def _write(studied: StudiedDays, request: ProfileRequest, out: Path) -> None:
         report = build_days(studied, language)
         write_report(report, request.kinds, request.paper, {"profile.json": body}, out)
         if request.has_drawings:
-            shown = [asdict(replace(chart, table=_NO_TABLE)) for chart in report.figures]
+            charts = (*report.figures, *(chart for section in report.sections for chart in section.figures))
+            shown = [asdict(replace(chart, table=_NO_TABLE)) for chart in charts]
             (out / f"drawings.{language}.json").write_text(json.dumps(shown), "utf-8")

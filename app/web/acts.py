@@ -20,6 +20,7 @@ from app.services import Services, UsedLanguage, UsedServices
 from app.web.forms import Form, first, read_form
 from app.web.library import MOST_ROWS, pack_reports, summarise_jobs
 from app.web.library_views import parse_filter
+from app.web.recording.day import say_whose
 from app.web.rendering import render_page
 
 MOST_CHOSEN = 500
@@ -184,14 +185,6 @@ def _analyse_again(services: Services, entries: Sequence[Entry], change: Mapping
     for job, request in asked if change else ():
         say_whose(services, job, request, tuple(change))
     return services.store.repeat_all(asked)
-
-
-def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
-    """Write what is asked of these names (subject, side) on the recording, for its next analysis to know."""
-    row = services.recordings.get(job.recording_id)
-    about = replace(row.about, **{name: getattr(asked, name) for name in names})
-    if about != row.about:
-        services.recordings.describe(row, about)
 
 
 def _ask_again(entry: Entry, change: Mapping[str, Any]) -> tuple[Job, ReportRequest | None]:

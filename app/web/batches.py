@@ -19,9 +19,9 @@ from app.jobs.job import Job, JobState
 from app.report.words.wording import Language, fill, load_wording
 from app.request import find_window_hint
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.acts import say_whose
 from app.web.forms import read_body
 from app.web.library_views import build_library, read_filter
+from app.web.recording.day import say_whose
 from app.web.rendering import find_base, render_page
 from app.web.validations import list_compared
 from app.web.views import format_compared, format_moment

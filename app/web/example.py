@@ -18,7 +18,7 @@ from app.report.render.brief import format_brief
 from app.report.render.html import find_template_folder, render_html
 from app.report.words.wording import Language, load_wording
 from app.services import UsedLanguage, UsedServices
-from app.web.page_one import PageOne
+from app.web.recording.page_one import PageOne
 from app.web.rendering import render_page
 from app.web.views import build_answer
 

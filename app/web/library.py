@@ -22,9 +22,9 @@ from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, enco
 from app.report.words.messages import describe_problem
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.analysis import find_results
 from app.web.forms import first, read_form
 from app.web.library_views import parse_filter, read_filter, write_filter
+from app.web.recording.analysis import find_results
 from app.web.rendering import find_base, render_page
 from app.web.views import format_moment, format_size
 

@@ -1,6 +1,6 @@
 """Views of the library: rows, groups with their counts, pages."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from typing import Any
@@ -10,7 +10,7 @@ from fastapi import Request
 
 from app.jobs.figures import HeadlineFigures
 from app.jobs.job import Job, JobState
-from app.jobs.library import FALLING, GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order
+from app.jobs.library import FALLING, GROUPS, ORDERS, Entry, Group, Library, LibraryFilter, Order, Took
 from app.report.words.numbers import format_duration, format_percent
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
@@ -123,8 +123,9 @@ def build_library(
     page = min(_read_page(request.query_params.get("page", "")), pages)
     entries = library.find_page(wanted, PER_PAGE, (page - 1) * PER_PAGE)
     words = load_wording(language, "page")["list"]
+    took = find_took(services, entries)
     return {
-        "entries": [build_entry(entry, language) for entry in entries],
+        "entries": [build_entry(entry, language, took) for entry in entries],
         "headings": _build_headings(wanted, language),
         "wanted": wanted,
         "tags": library.find_tags(),
@@ -143,12 +144,19 @@ def build_library(
     }
 
 
-def build_entry(entry: Entry, language: Language) -> ShownEntry:
+def find_took(services: Services, entries: Sequence[Entry]) -> tuple[Took, ...]:
+    """Say how long earlier analyses took, where one of these runs."""
+    jobs = (job for entry in entries for job in (entry.job, entry.attempt) if job)
+    is_running = any(job.state is JobState.RUNNING for job in jobs)
+    return Library(services.store.reader).find_took() if is_running else ()
+
+
+def build_entry(entry: Entry, language: Language, took: Sequence[Took] = ()) -> ShownEntry:
     """Show a recording with its report or, without one, its newest analysis."""
     job, words = entry.job, load_wording(language, "page")
     start = (entry.headline.start if entry.headline else None) or ""
     return ShownEntry(
-        row=build_row(job, language, now_utc()),
+        row=build_row(job, language, now_utc(), took),
         recording_id=job.recording_id,
         name=job.request.subject or job.file_name,
         when=start[:16].replace("T", " ") or format_time(job.created_at),
@@ -156,7 +164,7 @@ def build_entry(entry: Entry, language: Language) -> ShownEntry:
         arm=str(words["column"][f"side_{job.request.side}"]) if job.request.side else "",
         figures=_build_figures(entry.headline, words, language) if entry.headline else None,
         tags=tuple((tag, urlencode({"tag": tag})) for tag in entry.tags),
-        attempt=_build_attempt(entry, language),
+        attempt=_build_attempt(entry, language, took),
     )
 
 
@@ -193,11 +201,11 @@ def draw_spark(day: str) -> tuple[str, str, str]:
     return "".join(parts), f"{min(known):.0f}", f"{max(known):.0f}"
 
 
-def _build_attempt(entry: Entry, language: Language) -> JobRow | None:
+def _build_attempt(entry: Entry, language: Language, took: Sequence[Took]) -> JobRow | None:
     """Build the row of a newer attempt, unless a person has cancelled it."""
     if entry.attempt is None or entry.attempt.state is JobState.CANCELLED:
         return None
-    return build_row(entry.attempt, language, now_utc())
+    return build_row(entry.attempt, language, now_utc(), took)
 
 
 def find_neighbours(services: Services, request: Request, job: Job) -> dict[str, Any]:

@@ -18,8 +18,8 @@ from app.report.pairs import load_pair_words
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.curves import CurveView, Laid, build_curves
-from app.web.day import add_changed
+from app.web.recording.curves import CurveView, Laid, build_curves
+from app.web.recording.day import add_changed
 from app.web.rendering import find_base, render_page
 
 # Which analyses fit together: the other arm of the same day, other days of the same person.

@@ -19,9 +19,9 @@ from app.report.words.numbers import format_angle
 from app.report.words.wording import Language, fill, find_nearest, load_wording
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import OWN_CURVE, REFERENCE_CURVE
-from app.web.curves import CurveView
-from app.web.day import Piece, cut_curve, find_day
-from app.web.day_views import DayClock
+from app.web.recording.curves import CurveView
+from app.web.recording.day import Piece, cut_curve, find_day
+from app.web.recording.day_views import DayClock
 from app.web.rendering import find_base, render_page
 from app.web.views import build_row, format_size, now_utc
 from fusion.errors import FusionError

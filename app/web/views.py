@@ -1,12 +1,16 @@
 """Views of a job for the pages: words and formatted numbers, so that the templates only place them."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from math import ceil
+from pathlib import Path
+from statistics import median
 from typing import Any
 
 from app.jobs.job import Job, JobState
+from app.jobs.library import Took
 from app.report.words.columns import format_columns
 from app.report.words.messages import Problem, describe_problem
 from app.report.words.numbers import (
@@ -16,7 +20,7 @@ from app.report.words.numbers import (
     format_percent,
 )
 from app.report.words.wording import Language, Words, fill, load_wording
-from app.web.day_views import DayClock, format_axis, place_rows
+from app.web.recording.day_views import DayClock, format_axis, place_rows
 from fusion.errors import (
     ExchangedSensors,
     MixedColumns,
@@ -49,6 +53,8 @@ ASK_COLUMNS = frozenset(
 """Refusals that a person may cure by saying what the columns are."""
 
 SENTENCES = 3
+MOST_APART = 2.0
+"""Times the size of a file: by larger or smaller ones no time left is judged."""
 MOST_PERIODS = 12
 
 
@@ -99,12 +105,14 @@ class Fact:
     key: str = ""
 
 
-def build_row(job: Job, language: Language, now: datetime) -> JobRow:
-    """Build the row of a job in the list."""
+def build_row(job: Job, language: Language, now: datetime, took: Sequence[Took] = ()) -> JobRow:
+    """Build the row of a job in the list; ``took``: earlier analyses, by which its time left is judged."""
     words = load_wording(language, "page")
     state_word = str(words["state"][job.state.value])
     percent = round(100 * job.progress)
-    duration = _format_row_duration(job, words, language, now)
+    left_s = estimate_left_s(job, took, now)
+    left = fill(words["row"]["time_left"], {"duration": format_duration(left_s, language)}) if left_s else ""
+    duration = ", ".join(filter(None, (_format_row_duration(job, words, language, now), left)))
     return JobRow(
         id=job.id,
         key=f"of-{job.recording_id}",
@@ -124,6 +132,25 @@ def build_row(job: Job, language: Language, now: datetime) -> JobRow:
         asks_columns=asks_columns(job),
         compared=format_compared(job, words),
     )
+
+
+def estimate_left_s(job: Job, took: Sequence[Took], now: datetime) -> float | None:
+    """Estimate how long a running analysis still takes, s, by files of its kind and about its size.
+
+    None where no such file was analysed before, or when it takes longer than those.
+    """
+    if job.state is not JobState.RUNNING or job.started_at is None or job.request.reference is not None:
+        return None
+    scaled = [
+        each.took_s * job.size_bytes / each.size_bytes
+        for each in took
+        if Path(each.file_name).suffix.lower() == Path(job.file_name).suffix.lower()
+        and 1 / MOST_APART <= job.size_bytes / max(each.size_bytes, 1) <= MOST_APART
+    ]
+    if not scaled:
+        return None
+    left_s = median(scaled) - (now - job.started_at).total_seconds()
+    return float(ceil(left_s)) if left_s > 0 else None
 
 
 def format_compared(job: Job, words: Words) -> str:

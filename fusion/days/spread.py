@@ -176,6 +176,49 @@ def find_detectable_between(sd: float, before_days: int, after_days: int) -> flo
     return 1.96 * sd * sqrt(1.0 / before_days + 1.0 / after_days)
 
 
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """One person's days in order of time, each against the first (docs/profile.md).
+
+    Attributes
+    ----------
+    first, last, change
+        The figure on the first and the last day, and the last less the first.
+    detectable
+        MDC95 between two single days; ``sd_from`` says whose deviation that is.
+    outside
+        How many of the later days differ from the first by more.
+    """
+
+    first: float
+    last: float
+    change: float
+    detectable: float
+    sd_from: Literal["person", "published"]
+    outside: int
+
+    @property
+    def is_larger(self) -> bool:
+        """Whether the last day differs from the first by more than single days do anyway."""
+        return abs(self.change) > self.detectable
+
+
+def find_trend(values: Sequence[float], published_sd: float) -> Trend | None:
+    """Set every day against the first; None of fewer than two.
+
+    The person's own deviation, from :data:`LEAST_OWN_DAYS` days on, holds the trend itself, so that it
+    rather hides a change than makes one.
+    """
+    if len(values) < 2:
+        return None
+    days = describe_days(values)
+    own = days.sd if days.days >= LEAST_OWN_DAYS else None
+    detectable = find_detectable_between(published_sd if own is None else own, 1, 1)
+    outside = sum(abs(value - values[0]) > detectable for value in values[1:])
+    whose: Literal["person", "published"] = "published" if own is None else "person"
+    return Trend(values[0], values[-1], values[-1] - values[0], detectable, whose, outside)
+
+
 def pool_deviation(sides: Sequence[Sequence[float]]) -> tuple[float, int] | None:
     """Pool the deviation within several series; with its degrees of freedom, None without any."""
     freedom = sum(len(values) - 1 for values in sides if values)

@@ -108,6 +108,28 @@ def test_an_analysis_leads_to_the_days_of_its_person(client: TestClient, days: F
     assert all(each in address for each in days)
 
 
+def test_an_analysis_says_whose_arm_it_is_where_the_recording_does_not(
+    client: TestClient, bench: OpenBench, days: Finished
+) -> None:
+    recording = client.post("/api/v1/recordings", params={"file_name": "c.gt3x"}, content=b"3 5").json()["id"]
+    settings = {"subject": "S012", "side": "right"}
+    made = client.post("/api/v1/analyses", json={"recording_ids": [recording], "settings": settings})
+    assert run_next(bench(write_day))
+
+    assert made.json()["id"] in client.get(f"/analyses/{days[0]}").text
+    kept = client.get(f"/api/v1/recordings/{recording}").json()
+    assert (kept["subject"], kept["side"]) == ("S012", "right")
+
+
+def test_what_a_recording_says_of_itself_stays_when_an_analysis_says_otherwise(client: TestClient) -> None:
+    about = {"file_name": "c.gt3x", "subject": "S012"}
+    recording = client.post("/api/v1/recordings", params=about, content=b"3 5").json()["id"]
+
+    client.post("/api/v1/analyses", json={"recording_ids": [recording], "settings": {"subject": "S013"}})
+
+    assert client.get(f"/api/v1/recordings/{recording}").json()["subject"] == "S012"
+
+
 def test_a_sensor_on_the_trunk_is_no_day_of_an_arm(
     client: TestClient, bench: OpenBench, days: Finished
 ) -> None:

@@ -255,6 +255,16 @@ def test_the_plot_of_a_comparison_is_a_drawing_of_its_own(client: TestClient, be
     assert "sandbox" in plot.headers["content-security-policy"]
 
 
+def test_a_comparison_is_no_other_visit_of_a_person(
+    client: TestClient, bench: OpenBench, add_job: AddJob
+) -> None:
+    compare(client, bench, subject="S1")
+    shift = add_job(subject="S1")
+    run_next(bench(stand_ins.write_report))
+
+    assert "/beside/" not in client.get(f"/analyses/{shift.id}").text
+
+
 def test_an_analysis_has_no_second_angle(client: TestClient, add_job: AddJob) -> None:
     assert client.get(f"/validations/{add_job().id}/curve?of=own&from_s=0&to_s=1").status_code == 404
 

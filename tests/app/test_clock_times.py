@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from app.errors import BadParameter
 from app.request import ReportRequest
-from app.web.day import correct_request, read_rows, write_csv
-from app.web.day_views import DayClock, place_rows
+from app.web.recording.day import correct_request, read_rows, write_csv
+from app.web.recording.day_views import DayClock, place_rows
 from fusion.diary import read_diary
 from fusion.errors import UnusableCalibration
 

@@ -15,7 +15,7 @@ from app.report.render.html import render_html
 from app.report.render.pdf import render_pdf
 from app.report.words.subject import ReportSubject
 from app.request import Conclusion, ReportRequest
-from app.web.conclusion import read_conclusion
+from app.web.recording.conclusion import read_conclusion
 from tests.app.analysis_factory import make_analysis, make_subject
 
 SAID = Conclusion("Overhead work is the load.\nMeasure again in May.", "M. Tremblay", "2026-11-23")

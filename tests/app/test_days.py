@@ -208,6 +208,83 @@ def test_two_days_are_judged_by_the_published_one() -> None:
     assert telling["detectable"] == pytest.approx(1.96 * 2.0, abs=1e-6)
 
 
+def trend_of(*percents: float) -> dict[str, Any]:
+    trend: dict[str, Any] = describe_profile(group_days(week(*percents)))["arms"][0]["trend"]
+    return trend
+
+
+def test_the_last_day_is_set_against_the_first_by_what_two_single_days_differ() -> None:
+    trend = trend_of(10.0, 16.0, 5.0, 14.0)
+
+    # 1.96 sqrt(2) 2.0 = 5.54: the second day lies 6 above the first, the third 5 below
+    assert (trend["first"], trend["last"], trend["change"]) == (10.0, 14.0, 4.0)
+    assert trend["detectable"] == pytest.approx(1.96 * sqrt(2) * 2.0, abs=1e-6)
+    assert (trend["sd_from"], trend["outside"]) == ("published", 1)
+
+
+def test_from_five_days_on_the_trend_is_judged_by_the_persons_own_deviation() -> None:
+    trend = trend_of(*FIVE)  # deviation sqrt(2): 1.96 sqrt(2) sqrt(2) = 3.92, and 8 is 4 above the first
+
+    assert (trend["sd_from"], trend["outside"]) == ("person", 1)
+    assert trend["detectable"] == pytest.approx(3.92, abs=1e-6)
+
+
+def test_days_given_as_before_and_after_have_no_trend_of_their_own() -> None:
+    days = [make_day(0, stage="before"), make_day(1, stage="before"), make_day(2, stage="after")]
+
+    assert [arm["trend"] for arm in describe_profile(group_days(days))["arms"]] == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("language", "told", "judged", "outside"),
+    [
+        (
+            "en",
+            "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points.",
+            "That is more than two single days differ anyway (5.5 points, by the published deviation).",
+            "Of the 2 later days 1 differs from the first by more.",
+        ),
+        (
+            "fr",
+            "Du 2 mars 2026 (10,0 %) au 4 mars 2026 (16,0 %) : +6,0 points.",
+            "C'est plus que l'écart habituel entre deux jours (5,5 points, d'après l'écart publié).",
+            "Sur les 2 jours suivants, 1 s'écarte davantage du premier.",
+        ),
+    ],
+)
+def test_the_answer_tells_the_way_from_the_first_day_to_the_last(
+    language: Language, told: str, judged: str, outside: str
+) -> None:
+    sentences = build_days(group_days(week(10.0, 12.0, 16.0)), language).sentences
+
+    assert plain(sentences[2]) == f"{told} {judged} {outside}"
+
+
+def test_every_day_is_drawn_by_its_date_with_what_days_differ_by() -> None:
+    report = report_of(week(10.0, 12.0))
+
+    (drawing,) = (figure for section in report.sections for figure in section.figures)
+    assert drawing.title == "Day after day: time above 60°"
+    told = [(date, plain(percent)) for _, date, percent in drawing.table.rows]
+    assert told == [("2026-03-02", "10.0 %"), ("2026-03-03", "12.0 %")]
+    assert drawing.wide.count("<circle") == 2
+    assert "minimal detectable change between two single days (95 %): Right arm 5.5 points" in plain(
+        drawing.note
+    )
+
+
+def test_days_without_a_clock_are_not_drawn_by_their_dates() -> None:
+    days = [change_recording(day, start=None) for day in week(10.0, 12.0)]
+
+    assert not any(section.figures for section in report_of(days).sections)
+
+
+def test_the_days_of_a_group_are_not_drawn_by_their_dates() -> None:
+    report = report_of([*week(4.0, 6.0), *week(10.0, 12.0, subject="S013")])
+
+    assert not any(section.figures for section in report.sections)
+
+
 def test_a_group_has_its_spread_between_and_within_people() -> None:
     studied = group_days([*week(4.0, 6.0), *week(10.0, 12.0, subject="S013")])
 
@@ -304,7 +381,7 @@ def report_of(days: list[MeasuredDay], language: Language = "en") -> Report:
 
 
 def test_the_answer_states_mean_range_and_spread() -> None:
-    mean, spread = map(plain, report_of(week(*FIVE)).sentences)
+    mean, spread, _ = map(plain, report_of(week(*FIVE)).sentences)
 
     assert mean == (
         "Right arm, 5 days: time above 60° was 6.0 % of the analysed time on average (4.2–7.8 %), "

@@ -19,7 +19,7 @@ from app.jobs.children import fork_server as forking
 from app.jobs.children.attempt import NICENESS, choose_limits
 from app.jobs.children.fork_server import NotStarted, end_fork_server, warm_up_and_wait
 from app.jobs.job import Claimer, JobState
-from app.jobs.lease import LeaseWatch, identify_self
+from app.jobs.processes.lease import LeaseWatch, identify_self
 from app.jobs.store import JobStore
 from app.jobs.worker import reclaim_abandoned, run_next
 from app.settings import Settings

@@ -10,7 +10,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.api.analyses import run_to_end
 from app.jobs.database.connect import open_database
-from app.jobs.leader import Leader
+from app.jobs.processes.leader import Leader
 
 on_postgresql = pytest.mark.parametrize("database", ["postgresql"], indirect=True)
 

@@ -11,7 +11,7 @@ from app.jobs.mappings import MappingStore
 from app.jobs.store import JobStore
 from app.jobs.worker import run_next
 from app.request import write_profile
-from app.web.columns import name_columns
+from app.web.recording.columns import name_columns
 from tests.app import stand_ins
 from tests.app.conftest import AddJob, OpenBench
 

@@ -2,7 +2,7 @@
 
 from app.api.analysis_models import AnalysisSettings
 from app.report.words.columns import format_columns
-from app.web.columns import read_profile
+from app.web.recording.columns import read_profile
 from fusion.readers import propose_profile
 
 TABLE = (

@@ -18,7 +18,7 @@ from app.cli import app
 from app.jobs.database.connect import connect
 from app.jobs.database.tables import REVISION
 from app.jobs.job import Job, JobState
-from app.jobs.lease import identify_self
+from app.jobs.processes.lease import identify_self
 from app.jobs.recordings import Description, RecordingStore, UploadStore
 from app.jobs.store import JobStore
 from app.jobs.webhooks import EVENTS, WebhookStore

@@ -288,7 +288,7 @@ def list_keys(words: Any, path: str = "") -> list[str]:
 
 def test_every_word_of_the_page_is_used() -> None:
     folder = Path(app.web.__path__[0])
-    sources = [*folder.glob("*.py"), *(folder.parents[1] / "templates" / "web").glob("*.html")]
+    sources = [*folder.rglob("*.py"), *(folder.parents[1] / "templates" / "web").glob("*.html")]
     code = "".join(path.read_text() for path in sources)
     wording = Path(app.report.words.wording.__file__).parent / "en.toml"
     built = (

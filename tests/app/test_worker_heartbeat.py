@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from app.jobs.lease import START_TIMES, SilenceCount, read_heartbeat
+from app.jobs.processes.lease import START_TIMES, SilenceCount, read_heartbeat
 
 
 def hear(count: SilenceCount, beats: str) -> list[bool]:

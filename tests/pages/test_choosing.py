@@ -186,3 +186,21 @@ def test_rows_sent_by_a_script_are_named_by_subject_date_and_arm_in_french_on_a_
     row.get_by_role("checkbox").click()
     expect(page.get_by_role("button", name="PDF (ZIP)")).to_be_in_viewport()
     assert page.evaluate("document.documentElement.scrollWidth") == 360
+
+
+def test_on_a_phone_the_list_begins_on_the_first_screen_and_the_rest_unfolds(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    page.set_viewport_size({"width": 360, "height": 740})
+    page.goto(f"{server.address}?lang=en")
+
+    expect(page.locator("#rows .row").first).to_be_in_viewport()
+    expect(page.locator("#subject")).to_be_hidden()
+    page.get_by_text("Arm, subject, study").click()
+    page.locator("#subject").fill("S012")
+    page.set_viewport_size({"width": 1200, "height": 740})
+    expect(page.get_by_label("Subject or file")).to_be_visible()
+    page.set_viewport_size({"width": 360, "height": 740})
+
+    expect(page.locator("#subject")).to_be_visible()  # what is said is never folded away
+    expect(page.get_by_label("Subject or file")).to_be_hidden()

@@ -20,9 +20,9 @@ def test_a_failed_repetition_leaves_the_report_in_the_list_and_says_why(
     open_home(page, server)
 
     row = find_row(page, "repeated.gt3x")
-
     expect(row.get_by_role("link", name="Open the report")).to_be_visible()
-    expect(row).to_contain_text("The last attempt failed")
+    row.get_by_text("The last attempt failed").first.click()
+
     expect(row).to_contain_text("What to do")
     expect(row.get_by_role("button", name="Try again")).to_be_visible()
 
@@ -32,11 +32,13 @@ def test_what_was_asked_in_vain_is_corrected_and_tried_again(
 ) -> None:
     open_home(page, server)
 
-    find_row(page, "repeated.gt3x").get_by_role("link", name="Correct and try again").click()
+    row = find_row(page, "repeated.gt3x")
+    row.get_by_text("The last attempt failed").first.click()
+    row.get_by_role("link", name="Correct and try again").click()
     expect(page.get_by_text("These are the settings of the attempt that failed.")).to_be_visible()
-    row = page.locator("#periods tr").first
-    expect(row.locator("[name=label]")).to_have_value("")
-    row.locator("[name=end]").fill("07:00:20")
+    period = page.locator("#periods tr").first
+    expect(period.locator("[name=label]")).to_have_value("")
+    period.locator("[name=end]").fill("07:00:20")
     page.get_by_label("Reason").fill("the break was short")
     page.get_by_role("button", name="Analyse again").click()
 
@@ -78,3 +80,19 @@ def test_the_report_of_a_correction_names_its_version_and_what_is_different(
 
     expect(page.get_by_text("Version 2 of this report; it replaces version 1.")).to_be_visible()
     expect(page.get_by_text("What is different: the arm.")).to_be_visible()
+
+
+def test_whose_arm_it_is_said_in_a_correction_holds_for_the_recording_too(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = write_recordings(tmp_path, "gt9x", 0.02, 57)[0]
+    analysis_id = finish(server, file, side="right")
+    open_analysis(page, server, analysis_id)
+
+    page.locator("#correction").get_by_label("Subject code").fill("S057")
+    page.get_by_role("button", name="Analyse again").click()
+    expect(page).to_have_url(re.compile("before="))
+
+    recording_id = server.see(analysis_id)["recording_id"]
+    kept = server.client.get(f"/api/v1/recordings/{recording_id}").json()
+    assert (kept["subject"], kept["side"]) == ("S057", "right")

@@ -157,7 +157,7 @@ def test_a_computer_that_slept_finds_its_workers_well(
 
 
 def test_a_worker_that_stands_still_ends_itself() -> None:
-    begin = "import time; from app.jobs.lease import WorkerHeartbeat"
+    begin = "import time; from app.jobs.processes.lease import WorkerHeartbeat"
     program = f"{begin}; WorkerHeartbeat(None, 1).start(); time.sleep(600)"
 
     assert subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False).returncode == 1

@@ -10,10 +10,15 @@ from app.report.analysis.day import Day, Mark, MinuteBand
 from app.report.charts.day import DayLabels, Overlay, draw_overlays
 from app.report.charts.days import FigureRow, draw_rows
 from app.report.charts.svg import NARROW, WIDE
-from app.report.days.people import ArmDays
+from app.report.charts.visits import Visit, VisitPanel, draw_visits
+from app.report.days.document import MAIN, follow_days
+from app.report.days.people import ArmDays, MeasuredDay
+from app.report.days.tables import format_points, name_arm
+from app.report.figures import format_figure
 from app.report.model import Chart, Table
 from app.report.words.numbers import Clock, format_angle
 from app.report.words.wording import Language, Words, fill
+from fusion.days import Trend
 from fusion.days.overlay import PERCENTS, QUARTER_S, ClockBand, find_first_quarter
 
 _DAY_S = 86_400.0
@@ -113,6 +118,54 @@ def _tabulate(placed: Sequence[Placed], clock: Clock) -> tuple[tuple[str, ...], 
         )
         for at, band in placed
     )
+
+
+def build_visits(arms: Sequence[ArmDays], words: Words, language: Language) -> tuple[Chart, ...]:
+    """Draw every day by its date against the first; nothing where no arm has two days with a date."""
+    entry = words["visits"]
+    followed = [(arm, trend) for arm in arms if (trend := follow_days(arm))]
+    if not followed:
+        return ()
+    panels = [_lay_visits(arm, trend, language) for arm, trend in followed]
+    spreads = (
+        f"{name_arm(arm.side, arm.stage, language)} {format_points(trend.detectable, MAIN, language)}"
+        for arm, trend in followed
+    )
+    alternative = fill(entry["alternative"], {"list": ", ".join(panel.name for panel in panels)})
+    rows = tuple(
+        (panel.name, visit.date, format_figure(visit.percent, MAIN, language))
+        for panel in panels
+        for visit in panel.visits
+    )
+    return (
+        Chart(
+            title=entry["title"],
+            alternative=alternative,
+            wide=draw_visits(panels, (entry["title"], alternative), WIDE),
+            narrow=draw_visits(panels, (entry["title"], alternative), NARROW),
+            table=Table(entry["title"], tuple(entry["columns"]), rows),
+            note=fill(entry["note"], {"spreads": ", ".join(spreads)}),
+        ),
+    )
+
+
+def _lay_visits(arm: ArmDays, trend: Trend, language: Language) -> VisitPanel:
+    visits = (_lay_visit(day, day.start) for day in arm.days if day.start)
+    band = trend.first - trend.detectable, trend.first + trend.detectable
+    return VisitPanel(name_arm(arm.side, arm.stage, language), tuple(filter(None, visits)), band)
+
+
+def _lay_visit(day: MeasuredDay, start: datetime) -> Visit | None:
+    percent = day.list_figures()[MAIN]
+    if percent is None:
+        return None
+    at_days = (start - _MIDNIGHT).total_seconds() / _DAY_S
+    return Visit(at_days, f"{start:%Y-%m-%d}", percent, _find_span(day), day.left_out is not None)
+
+
+def _find_span(day: MeasuredDay) -> tuple[float, float] | None:
+    interval = day.find_interval(MAIN)
+    return (interval.low, interval.high) if interval else None
 
 
 def build_rows(

@@ -19,11 +19,13 @@ from fusion.days import (
     GroupChange,
     GroupSpread,
     Telling,
+    Trend,
     compare_people,
     describe_days,
     describe_group,
     find_detectable_between,
     find_telling,
+    find_trend,
     pool_deviation,
 )
 from fusion.days.overlay import LEAST_DAYS, PERCENTS, ClockBand
@@ -72,7 +74,7 @@ def describe_profile(studied: StudiedDays) -> dict[str, Any]:
 
 
 def _describe_arm(arm: ArmDays) -> dict[str, Any]:
-    telling = tell_days(arm)
+    telling, trend = tell_days(arm), follow_days(arm)
     return {
         "subject": arm.subject,
         "side": arm.side,
@@ -83,6 +85,7 @@ def _describe_arm(arm: ArmDays) -> dict[str, Any]:
             for name, figure in describe_arm(arm).items()
         },
         "telling": _spell(telling) if telling else None,
+        "trend": _spell(trend) if trend else None,
         "overlay": [_describe_band(band) for band in arm.bands],
     }
 
@@ -119,7 +122,7 @@ def format_quarter(start_s: float) -> str:
     return f"{hours:02d}:{rest // 60:02d}"
 
 
-def _spell(figure: DayMean | GroupSpread | GroupChange | Telling) -> dict[str, Any]:
+def _spell(figure: DayMean | GroupSpread | GroupChange | Telling | Trend) -> dict[str, Any]:
     spelled = {name: getattr(figure, name) for name in type(figure).__slots__}
     return {
         name: [value.low, value.high] if isinstance(value, Interval) else value
@@ -148,6 +151,13 @@ def tell_days(arm: ArmDays) -> Telling | None:
     """Find how many days tell a change of half the time above 60 deg; None where no day counts."""
     values = arm.list_values(MAIN)
     return find_telling(describe_days(values), BETWEEN_DAY_SD[MAIN]) if values else None
+
+
+def follow_days(arm: ArmDays) -> Trend | None:
+    """Set the time above 60 deg of every day with a date against the first; None on a side of a change."""
+    dated = [day.list_figures()[MAIN] for day in arm.counted if day.start]
+    values = [value for value in dated if value is not None]
+    return find_trend(values, BETWEEN_DAY_SD[MAIN]) if arm.stage == "all" else None
 
 
 def list_groups(studied: StudiedDays) -> Iterator[tuple[Side | None, Stage, dict[str, GroupSpread]]]:

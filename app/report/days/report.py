@@ -5,14 +5,17 @@ Pure. Its figures are those of :mod:`app.report.days.document`; each is defined 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from app.report.analysis.chapters import format_accuracy, format_pose_caution
 from app.report.charts.days import FigureRow
-from app.report.days.charts import build_overlays, build_rows
+from app.report.days.charts import build_overlays, build_rows, build_visits
 from app.report.days.document import (
     MAIN,
     describe_arm,
     describe_profile,
     find_group_pose,
+    follow_days,
     list_changes,
     list_groups,
     tell_days,
@@ -157,7 +160,30 @@ def _list_arm_sentences(arm: ArmDays, words: Words, language: Language) -> list[
     if days.days < 2:
         return [fill(entry["one"], facts), fill(entry["more"], facts)]
     needed = fill(entry["more" if telling.more_days else "enough"], facts)
-    return [fill(entry["mean"], facts), f"{fill(entry['spread'], facts)} {needed}"]
+    trend = _tell_trend(arm, words, language)
+    return [fill(entry["mean"], facts), f"{fill(entry['spread'], facts)} {needed}", *trend]
+
+
+def _tell_trend(arm: ArmDays, words: Words, language: Language) -> list[str]:
+    """Say whether the last day differs from the first by more than single days do."""
+    trend, entry = follow_days(arm), words["sentence"]["trend"]
+    starts = [day.start for day in arm.counted if day.start]
+    if trend is None:
+        return []
+    facts = {
+        "from": format_date(starts[0], language),
+        "to": format_date(starts[-1], language),
+        "first": format_figure(trend.first, MAIN, language),
+        "last": format_figure(trend.last, MAIN, language),
+        "change": format_points(trend.change, MAIN, language, is_signed=True),
+        "detectable": format_points(trend.detectable, MAIN, language),
+        "own": words["sentence"]["own"][trend.sd_from],
+        "outside": str(trend.outside),
+        "later": str(len(starts) - 1),
+    }
+    told = f"{fill(entry['told'], facts)} {fill(entry['larger' if trend.is_larger else 'not larger'], facts)}"
+    outside = fill(entry["outside" if trend.outside else "none"], facts)
+    return [f"{told} {outside}" if len(starts) > 2 else told]
 
 
 def _list_group_sentences(studied: StudiedDays, words: Words, language: Language) -> list[str]:
@@ -293,10 +319,15 @@ def _list_sections(studied: StudiedDays, words: Words, language: Language) -> tu
         build_means(studied, words, language),
         build_group(studied, words, language),
         build_changes(studied, words, language),
-        build_days_table(studied, words, language),
+        replace(build_days_table(studied, words, language), figures=_follow_person(studied, words, language)),
         build_sources(studied, words, language),
     )
     return tuple(section for section in made if section)
+
+
+def _follow_person(studied: StudiedDays, words: Words, language: Language) -> tuple[Chart, ...]:
+    """Draw one person's days by their dates."""
+    return build_visits(studied.arms, words, language) if len(studied.people) == 1 else ()
 
 
 def _build_limits(studied: StudiedDays, language: Language) -> tuple[Note, Note]:

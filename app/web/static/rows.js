@@ -10,6 +10,19 @@ let timer = 0;
 let asked = 0;
 let shown = 0; // two questions may be under way at once: an older answer never takes back a newer one
 
+// On a phone what is asked less often is folded above the list, unless something is said in it.
+const narrow = window.matchMedia("(max-width: 44rem)");
+
+function fold() {
+  for (const part of document.querySelectorAll(".folds")) {
+    const isSaid = [...part.querySelectorAll("input:not([type=radio], [type=hidden])")].some(({ value }) => value);
+    part.open = !narrow.matches || isSaid || Boolean(part.closest("#bar:not(.is-bar)"));
+  }
+}
+
+narrow.addEventListener("change", fold);
+fold();
+
 export async function refresh() {
   clearTimeout(timer);
   const turn = (asked += 1);

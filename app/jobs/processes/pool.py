@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.jobs.lease import SilenceCount, read_heartbeat
+from app.jobs.processes.lease import SilenceCount, read_heartbeat
 from app.settings import Settings
 
 CHECK_S = 0.5
@@ -84,7 +84,7 @@ class WorkerPool:
         """Start a worker that runs this very code, whatever the working folder."""
         command = [sys.executable, "-P", "-m", "app.jobs.worker"]
         arguments = ["--data", str(self._settings.data_dir), "--parent", str(os.getpid())]
-        code = str(Path(__file__).resolve().parents[2])
+        code = str(Path(__file__).resolve().parents[3])
         path = os.pathsep.join(filter(None, [code, os.environ.get("PYTHONPATH")]))
         environment = os.environ | self._settings.as_environment() | {"PYTHONPATH": path}
         silence = SilenceCount(round(self._settings.worker_silence_s / CHECK_S))

@@ -8,9 +8,9 @@ from app.errors import NoSuchFile
 from app.jobs.job import Job
 from app.report.findings import decode_findings
 from app.services import Services
-from app.web.day import find_day
-from app.web.day_views import DayClock
-from app.web.page_one import Minutes, list_minutes
+from app.web.recording.day import find_day
+from app.web.recording.day_views import DayClock
+from app.web.recording.page_one import Minutes, list_minutes
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import zip_longest
 from typing import Annotated, Any, TypeVar, get_args
@@ -21,8 +22,8 @@ from app.report.words.subject import MAX_TEXT
 from app.request import SUBJECT_HINT, ReportRequest, check_subject, find_window_hint
 from app.services import Services, UsedLanguage, UsedServices
 from app.storage.day_file import DAY_NAME, DayFile, open_day
-from app.web.day_views import DayClock, place_rows
 from app.web.forms import Form, first, read_body, read_form
+from app.web.recording.day_views import DayClock, place_rows
 from app.web.rendering import find_base
 from fusion.conventions import AXIS_HINT, ArmAxis, Pose, Side, parse_arm_axis
 from fusion.diary import DiaryEntry, read_diary
@@ -267,12 +268,22 @@ async def try_other_pose(analysis_id: str, request: Request, services: UsedServi
     return await run_in_threadpool(_add_again, job, other, request, services)
 
 
+def say_whose(services: Services, job: Job, asked: ReportRequest, names: Sequence[str]) -> None:
+    """Write what is asked of these names (subject, side) on the recording, for its next analysis to know."""
+    row = services.recordings.get(job.recording_id)
+    about = replace(row.about, **{name: getattr(asked, name) for name in names})
+    if about != row.about:
+        services.recordings.describe(row, about)
+
+
 def add_changed(services: Services, job: Job, asked: ReportRequest) -> Job:
     """Analyse a recording once more; what was concluded from other figures is left out."""
     return services.store.add_correction((job.recording_id, job.sha256), replace(asked, conclusion=None))
 
 
 def _add_again(job: Job, corrected: ReportRequest, request: Request, services: Services) -> Response:
+    said = [name for name in ("subject", "side") if getattr(corrected, name) != getattr(job.request, name)]
+    say_whose(services, job, corrected, said)
     again = add_changed(services, job, corrected)
     address = f"{find_base(request)}/analyses/{again.id}?before={job.id}"
     return RedirectResponse(address, HTTP_303_SEE_OTHER)

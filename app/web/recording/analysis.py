@@ -27,14 +27,14 @@ from app.request import ReportRequest
 from app.services import Services, UsedLanguage, UsedServices, choose_language, find_services
 from app.storage.day_file import DayFile
 from app.storage.store import StoredRecording, seems_whole
-from app.web.columns import find_offer
-from app.web.conclusion import build_conclusion
-from app.web.day import add_changed, find_day
-from app.web.day_views import DayClock, build_day, build_hours, list_axes
-from app.web.library_views import build_entry, build_library, find_neighbours, read_filter
-from app.web.page_one import read_page_one
+from app.web.library_views import build_entry, build_library, find_neighbours, find_took, read_filter
 from app.web.pairs import find_offers
 from app.web.profile import find_days_address
+from app.web.recording.columns import find_offer
+from app.web.recording.conclusion import build_conclusion
+from app.web.recording.day import add_changed, find_day
+from app.web.recording.day_views import DayClock, build_day, build_hours, list_axes
+from app.web.recording.page_one import read_page_one
 from app.web.rendering import find_base, render_page
 from app.web.views import (
     Fact,
@@ -346,7 +346,8 @@ def home(request: Request, services: UsedServices, language: UsedLanguage) -> Re
 def rows(request: Request, services: UsedServices, language: UsedLanguage, only: str = "") -> Response:
     """Give the list alone, for a page that is open already; ``only`` one analysis if named."""
     if only:
-        entries = [build_entry(Entry(services.store.get(only), None), language)]
+        entry = Entry(services.store.get(only), None)
+        entries = [build_entry(entry, language, find_took(services, [entry]))]
         values = {"entries": entries, "is_empty": False, "count": "", "query": ""}
     else:
         values = build_library(services, request, read_filter(request), language)
@@ -374,13 +375,14 @@ def analysis(
     attempt = next((other for other in history.jobs if other.id == seen.attempt != job.id), None)
     asked = attempt.request if attempt else job.request
     report = history.find_report()
+    took = find_took(services, [Entry(job, None)])
     values = {
-        "row": build_row(job, language, now_utc()),
+        "row": build_row(job, language, now_utc(), took),
         "settings": build_settings(job, find_clock(services, history), language),
         "job_request": asked,
         "reason": asked.reason if attempt else "",
         "is_attempt": attempt is not None,
-        "entry": build_entry(Entry(job, None), language),
+        "entry": build_entry(Entry(job, None), language, took),
         "d": load_wording(language, "day"),
         "why_unusable": {why: load_wording(language)["fact"]["why"][why] for why in WINDOW_FAULTS},
         "b": load_wording(language, "pair_pages"),

@@ -23,7 +23,7 @@ from sqlalchemy.exc import OperationalError
 from app.jobs.children.attempt import MakeReport
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
-from app.jobs.lease import WorkerHeartbeat
+from app.jobs.processes.lease import WorkerHeartbeat
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 

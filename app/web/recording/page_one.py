@@ -13,7 +13,7 @@ from app.report.words.numbers import Clock, format_angle, format_duration, forma
 from app.report.words.wording import Language, Words, fill, load_wording
 from app.services import Services
 from app.storage.day_file import DayFile
-from app.web.day_views import DayClock
+from app.web.recording.day_views import DayClock
 
 HIGHEST = 10
 LEAST_S = 0.5
