@@ -4,6 +4,7 @@ import asyncio
 import logging
 import signal
 import socket
+import ssl
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Iterator
@@ -40,6 +41,7 @@ from app.api.validations import router as validation_routes
 from app.api.webhooks import router as webhook_routes
 from app.errors import (
     AppError,
+    BadParameter,
     DatabaseAway,
     DatabaseDamaged,
     DiskFull,
@@ -162,10 +164,11 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
 
     Raises
     ------
-    ForeignAddress, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew, DatabaseDamaged, DatabaseLocked,
-    DatabaseAway, StoreAway, DiskFull, UnknownRecordings
+    ForeignAddress, BadParameter, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew, DatabaseDamaged,
+    DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_loopback(settings.host)
+    check_certificate(settings)
     start_logging()
     listener = listen(settings)
     try:
@@ -175,7 +178,8 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     except BaseException:
         listener.close()
         raise
-    address = f"http://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
+    scheme = "https" if settings.tls_cert else "http"
+    address = f"{scheme}://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
     pool = WorkerPool(settings)
     pool.start()
     watch = _watch_folder(application, settings)
@@ -242,6 +246,26 @@ def check_loopback(host: str) -> None:
         own = False
     if not own:
         raise ForeignAddress(host=host)
+
+
+def check_certificate(settings: Settings) -> None:
+    """Refuse a certificate without its key, and files that are none.
+
+    Raises
+    ------
+    BadParameter
+    """
+    cert, key = settings.tls_cert, settings.tls_key
+    if cert is None and key is None:
+        return
+    try:
+        if cert is None or key is None:
+            raise FileNotFoundError
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key)
+    except OSError as error:  # SSLError is one
+        given = ", ".join(str(path) for path in (cert, key) if path)
+        allowed = "--tls-cert CERT.pem --tls-key KEY.pem"
+        raise BadParameter(name="--tls-cert, --tls-key", value=given, allowed=allowed) from error
 
 
 def respond_to_error(request: Request, error: Exception) -> Response:
@@ -352,6 +376,8 @@ def configure_server(application: FastAPI, settings: Settings) -> uvicorn.Config
     return uvicorn.Config(
         application,
         root_path=settings.root_path.rstrip("/"),
+        ssl_certfile=settings.tls_cert,
+        ssl_keyfile=settings.tls_key,
         http=make_timeout_protocol(settings.header_patience_s),
         ws="websockets-sansio" if find_spec("websockets") else "none",
         ws_max_size=MAX_LIVE_MESSAGE_BYTES,

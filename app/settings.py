@@ -33,6 +33,8 @@ class Settings(BaseSettings):
         for workers on many machines.
     host, port
         Where the server listens. Only loopback is served until accounts exist; port 0 takes a free one.
+    tls_cert, tls_key
+        Certificate (PEM, with its chain) and key for HTTPS; both or neither.
     workers
         Worker processes that ``serve`` keeps alive.
     max_upload_bytes, min_free_bytes
@@ -83,6 +85,8 @@ class Settings(BaseSettings):
     engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"
     port: int = 8080
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
     workers: int = 1
     max_upload_bytes: int = 4 * GIB
     min_free_bytes: int = 2 * GIB

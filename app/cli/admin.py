@@ -35,6 +35,8 @@ def serve(
     watch: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Take in what is put into this folder, too.")
     ] = None,
+    tls_cert: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Certificate of HTTPS.")] = None,
+    tls_key: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Its key.")] = None,
 ) -> None:
     """Serve the page and the API, with the workers that do the analyses."""
     from app.main import serve as serve_app  # noqa: PLC0415
@@ -42,6 +44,8 @@ def serve(
 
     try:
         settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
+        if tls_cert or tls_key:
+            settings = settings.model_copy(update={"tls_cert": tls_cert, "tls_key": tls_key})
         serve_app(settings, open_browser=open_)
     except AppError as refusal:
         print_problem("serve", refusal.code, refusal.facts, "en")

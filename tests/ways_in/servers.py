@@ -44,7 +44,7 @@ class RunningServer:
 
     def _find_address(self) -> str | None:
         assert self.process.poll() is None, self._log.read_text()
-        found = re.search(r"Acromion is at (http://\S+)", self._log.read_text())
+        found = re.search(r"Acromion is at (https?://\S+)", self._log.read_text())
         return found[1] if found else None
 
     def send(self, recording: Path, **wishes: str) -> dict[str, Any]:

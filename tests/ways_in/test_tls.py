@@ -1,0 +1,71 @@
+"""HTTPS and the WebSocket over TLS, with a certificate made for the test."""
+
+import json
+import ssl
+import subprocess
+from pathlib import Path
+
+import httpx2
+import pytest
+from typer.testing import CliRunner
+from websockets.sync.client import connect
+
+from app.cli import app
+from tests.ways_in.servers import RunningServer
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A certificate of 127.0.0.1, signed by itself, and its key."""
+    folder = tmp_path_factory.mktemp("tls")
+    cert, key = folder / "cert.pem", folder / "key.pem"
+    command = [
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "rsa:2048",
+        "-nodes",
+        "-days",
+        "2",
+        "-subj",
+        "/CN=localhost",
+    ]
+    names = ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(cert)]
+    subprocess.run([*command, *names], check=True, capture_output=True)
+    return cert, key
+
+
+def test_pages_and_sockets_are_served_over_tls(certificate: tuple[Path, Path], tmp_path: Path) -> None:
+    cert, key = certificate
+    trust = ssl.create_default_context(cafile=str(cert))
+    settings = {"ACROMION_TLS_CERT": str(cert), "ACROMION_TLS_KEY": str(key)}
+    server = RunningServer(tmp_path / "data", tmp_path / "log", 0, **settings)
+    try:
+        answer = httpx2.get(f"{server.address}api/v1/version", verify=trust, timeout=60)
+        with connect(f"{server.address.replace('https', 'wss')}api/v1/live", ssl=trust) as socket:
+            socket.send(json.dumps({"type": "resume", "session": "none"}))
+            heard = json.loads(socket.recv(timeout=60))
+    finally:
+        server.stop()
+
+    assert server.address.startswith("https://127.0.0.1:")
+    assert answer.status_code == 200
+    assert heard["code"] == "E-NOT-FOUND"
+
+
+def test_a_certificate_without_its_key_is_refused(certificate: tuple[Path, Path], tmp_path: Path) -> None:
+    result = CliRunner().invoke(
+        app, ["serve", "--data", str(tmp_path / "data"), "--tls-cert", str(certificate[0])]
+    )
+
+    assert result.exit_code == 2
+    assert "E-PARAMETER" in result.output
+
+
+def test_a_file_that_is_no_certificate_is_refused(certificate: tuple[Path, Path], tmp_path: Path) -> None:
+    wrong = tmp_path / "cert.pem"
+    wrong.write_text("none")
+    words = ["--tls-cert", str(wrong), "--tls-key", str(certificate[1])]
+
+    assert CliRunner().invoke(app, ["serve", "--data", str(tmp_path / "data"), *words]).exit_code == 2
