@@ -184,6 +184,11 @@ class _Screen:
         if self._is_terminal:
             typer.echo("\r\x1b[K", nl=False)
 
+    def _doubt(self, status: "LiveStatus") -> str:
+        if status.is_frame_doubtful:
+            return str(self._words["frame"])
+        return "" if status.has_rested else str(self._words["unrested"])
+
     def _describe(self, status: "LiveStatus") -> str:
         if status.pose in ("countdown", "holding"):
             left = format_number(status.pose_left_s, 0, self._language)
@@ -195,7 +200,7 @@ class _Screen:
             "rises": str(status.rises),
             "lost": str(status.lost),
             "elapsed": format_elapsed(status.elapsed_s),
-            "unrested": "" if status.has_rested else self._words["unrested"],
+            "doubt": self._doubt(status),
         }
         return fill(self._words["line"], facts)
 

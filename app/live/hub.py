@@ -247,6 +247,7 @@ def describe_status(status: LiveStatus) -> dict[str, Any]:
         "holes": status.holes,
         "missing_s": round(status.missing_s, 3),
         "has_rested": status.has_rested,
+        "is_frame_doubtful": status.is_frame_doubtful,
         "pose": status.pose,
         "pose_left_s": round(status.pose_left_s, 2),
         "pose_refused": status.pose_refused,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusion.elevation import measure_elevation
+from fusion.live.frame import FrameWatch
 from fusion.orientation.arrays import check_arrays, check_direction
 from fusion.orientation.live import LiveParameters, LiveVertical
 from fusion.pose.rules import RULES, object_to_window
@@ -91,6 +92,9 @@ class LiveStatus:
         Frames taken; frames that the counter skipped; how often, and how long together.
     has_rested
         Whether a still moment has told the gyroscope's bias.
+    is_frame_doubtful
+        Whether gravity turns against the gyroscope (:mod:`fusion.live.frame`): the angle is then wrong while
+        the arm moves.
     pose, pose_left_s, pose_refused, still_g
         Where the pose stands; seconds until it is asked for or has been held; why the last one was refused
         (:func:`fusion.pose.rules.object_to_window`, "hole"); the largest standard deviation of an
@@ -107,6 +111,7 @@ class LiveStatus:
     holes: int
     missing_s: float
     has_rested: bool
+    is_frame_doubtful: bool
     pose: PoseState
     pose_left_s: float
     pose_refused: str
@@ -142,6 +147,7 @@ class LiveSession:
         self._elevation_deg = np.nan
         self._pose = _Pose()
         self._recent = np.empty((0, 3), np.float32)
+        self._frame = FrameWatch(rate_hz)
 
     @property
     def arm_axis(self) -> Float64Array | None:
@@ -199,6 +205,7 @@ class LiveSession:
             holes=self._holes,
             missing_s=self._missing_us / MICROSECONDS,
             has_rested=self._vertical.has_rested,
+            is_frame_doubtful=self._frame.is_doubtful,
             pose=pose,
             pose_left_s=left_us / MICROSECONDS,
             pose_refused=self._pose.refused,
@@ -225,6 +232,7 @@ class LiveSession:
             return
         self._lost += lost
         self._holes += 1
+        self._frame.break_off()
         self._missing_us += max(0, round(step_us - self._period_us))
         if lost and step_us <= LONGEST_BRIDGE_US:
             self._bridge(run, lost)
@@ -249,6 +257,7 @@ class LiveSession:
     def _fuse(self, run: Frames) -> tuple[Samples, NDArray[np.bool_]]:
         self._end_pose(int(run.time_us[0]))
         self._pose.take(run)
+        self._frame.take(run.acc_g, run.gyr_dps)
         up = self._vertical.update(run.acc_g, run.gyr_dps)
         is_settled = np.arange(self._segment_rows, self._segment_rows + len(run)) >= self._settle_rows
         self._segment_rows += len(run)

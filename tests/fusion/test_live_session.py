@@ -270,3 +270,29 @@ def test_a_replay_does_not_send_what_was_bridged() -> None:
 
     assert len(frames) == 998
     assert frames.counter[500] == 502
+
+
+MOVING = ((0.0, 5.0), (95.0, 2.0), (0.0, 2.0), (95.0, 2.0), (0.0, 2.0), (95.0, 2.0), (0.0, 2.0))
+
+
+def test_a_right_handed_frame_is_not_doubted() -> None:
+    session = LiveSession(100.0, UPWARDS)
+
+    session.take(play(hold(*MOVING)))
+
+    assert not session.status().is_frame_doubtful
+
+
+def test_a_left_handed_frame_is_doubted_once_the_arm_has_moved() -> None:
+    # The registers of an LSM9DS1: x of both sensors points the other way.
+    frames = play(hold(*MOVING))
+    mirror = np.array([-1.0, 1.0, 1.0], np.float32)
+    session = LiveSession(100.0, UPWARDS)
+    mirrored = replace(frames, acc_g=frames.acc_g * mirror, gyr_dps=frames.gyr_dps * mirror)
+
+    session.take(mirrored.cut(0, 400))
+    at_rest = session.status().is_frame_doubtful
+    session.take(mirrored.cut(400, len(frames)))
+
+    assert not at_rest
+    assert session.status().is_frame_doubtful

@@ -63,6 +63,7 @@ function draw() {
   $("lost").textContent = whole.format(status.lost);
   $("missing").textContent = duration(status.missing_s);
   $("doubt").hidden = status.has_rested || deg === null;
+  $("frame").hidden = !status.is_frame_doubtful;
   showPose(status);
   state.shownAt = performance.now();
   if (type === "update") measure(cameS);
