@@ -16,8 +16,10 @@ SLOWEST_DPS = 20.0
 NEAR_1_G = 0.25
 ENOUGH_G2 = 0.5
 """Of turned gravity, squared and summed: about five seconds at 60 deg/s."""
-LARGEST_SLOPE = -0.3
+LARGEST_SLOPE = -0.5
 """Gravity turned as foreseen has the slope 1, in a left-handed frame -1."""
+LEAST_EXPLAINED = 0.5
+"""Of what was seen, by the wrong turn: violent movement turns gravity any way, but by no rule."""
 
 
 Samples = NDArray[np.float32]
@@ -31,12 +33,14 @@ class FrameWatch:
         self._block_s = self._rows / rate_hz
         self._gathered = np.empty((0, 6))
         self._before: Float64Array | None = None
-        self._agreed_g2 = self._foreseen_g2 = 0.0
+        self._agreed_g2 = self._foreseen_g2 = self._seen_g2 = 0.0
 
     @property
     def is_doubtful(self) -> bool:
         """Whether enough motion has been seen, and gravity turned the other way."""
-        return self._foreseen_g2 >= ENOUGH_G2 and self._agreed_g2 < LARGEST_SLOPE * self._foreseen_g2
+        if self._foreseen_g2 < ENOUGH_G2 or self._agreed_g2 > LARGEST_SLOPE * self._foreseen_g2:
+            return False
+        return self._agreed_g2**2 > LEAST_EXPLAINED * self._foreseen_g2 * self._seen_g2
 
     def take(self, acc_g: Samples, gyr_dps: Samples) -> None:
         """Take the next samples of one unbroken run, shapes (n, 3)."""
@@ -59,5 +63,7 @@ class FrameWatch:
         if np.linalg.norm(rate_dps) < SLOWEST_DPS or abs(np.linalg.norm(gravity_g) - 1.0) > NEAR_1_G:
             return
         foreseen_g = -np.cross(RADIANS * rate_dps, gravity_g) * self._block_s
-        self._agreed_g2 += float(foreseen_g @ (after[:3] - before[:3]))
+        seen_g = after[:3] - before[:3]
+        self._agreed_g2 += float(foreseen_g @ seen_g)
+        self._seen_g2 += float(seen_g @ seen_g)
         self._foreseen_g2 += float(foreseen_g @ foreseen_g)
