@@ -18,6 +18,7 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from app.api.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
 from app.live.ports import PushedPort, find_serial_ports
@@ -25,7 +26,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
 from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
-from app.services import Services
+from app.services import Services, UsedLanguage, UsedServices
 from app.storage.store import borrow_recording
 from fusion.conventions import ArmAxis, Side
 from fusion.errors import FusionError
@@ -195,6 +196,44 @@ def _open_source(services: Services, asked: Start, pushed: PushedPort) -> "Sourc
     row = services.recordings.get(asked.recording)
     with borrow_recording(services.storage, row.id, row.sha256) as path:
         return open_replay(path, asked.speed, row.about.file_name)
+
+
+class DifferenceView(BaseModel):
+    """How the angle that was shown and that of the report differ, at the same moments.
+
+    ``rmse_deg`` and ``bias_deg``: live less report; the shares are those below 30 deg, from 30, 60, 90 deg
+    on. Nulls where no moment has both.
+    """
+
+    text: str
+    compared_s: float | None = None
+    rmse_deg: float | None = None
+    bias_deg: float | None = None
+    live_percent: list[float] | None = None
+    report_percent: list[float] | None = None
+
+
+@router.get("/live/{session_id}/difference", responses=PROBLEM_RESPONSES, tags=["live"])
+def get_difference(session_id: str, services: UsedServices, language: UsedLanguage) -> DifferenceView:
+    """Compare what a session showed with its report, once that is made; for an hour after its end."""
+    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415  the science
+
+    session = find_hub(services).get(session_id)
+    job = services.store.get(session.analysis_id)
+    with services.results.borrow(job, "elevation.parquet") as parquet:
+        found = measure_difference(session.recorder.shown, parquet)
+    view = DifferenceView(text=describe_difference(found, language))
+    if found is None:
+        return view
+    return view.model_copy(
+        update={
+            "compared_s": found.compared_s,
+            "rmse_deg": round(found.rmse_deg, 6),
+            "bias_deg": round(found.bias_deg, 6),
+            "live_percent": [round(percent, 6) for percent in found.live_percent],
+            "report_percent": [round(percent, 6) for percent in found.report_percent],
+        }
+    )
 
 
 async def _converse(socket: WebSocket, session: "RunningSession", inbox: "Inbox") -> None:

@@ -230,6 +230,6 @@ def _finish(recorder: "Recorder", out: Path, request: ReportRequest) -> None:
 
 
 def _describe_difference(recorder: "Recorder", folder: Path, language: Language) -> str:
-    from app.live.difference import describe_difference  # noqa: PLC0415
+    from app.live.difference import describe_difference, measure_difference  # noqa: PLC0415
 
-    return describe_difference(recorder.shown, folder / "elevation.parquet", language)
+    return describe_difference(measure_difference(recorder.shown, folder / "elevation.parquet"), language)

@@ -6,13 +6,17 @@ from app.report.words.numbers import format_duration, format_number, format_perc
 from app.report.words.wording import fill, load_wording
 from app.request import Language
 from fusion.angle_files.elevation_parquet import read_elevation
-from fusion.live import ShownAngles, compare_shown
+from fusion.live import LiveDifference, ShownAngles, compare_shown
 
 
-def describe_difference(shown: ShownAngles, elevation: Path, language: Language) -> str:
-    """Compare what was shown with ``elevation.parquet`` of the report, and put it into words."""
+def measure_difference(shown: ShownAngles, elevation: Path) -> LiveDifference | None:
+    """Compare what was shown with ``elevation.parquet`` of the report."""
+    return compare_shown(shown, read_elevation(elevation))
+
+
+def describe_difference(found: LiveDifference | None, language: Language) -> str:
+    """Put it into words."""
     words = load_wording(language, "live")["difference"]
-    found = compare_shown(shown, read_elevation(elevation))
     if found is None:
         return str(words["none"])
     names = ("below_30", "from_30", "from_60", "from_90")

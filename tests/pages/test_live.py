@@ -1,12 +1,15 @@
 """The live page: a replay by mouse and keyboard, in both languages, after a reload and a lost link."""
 
+import json
 import re
 from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, CDPSession, Page, WebSocketRoute, expect
+from websockets.sync.client import connect
 
 from tests.pages.conftest import open_page
+from tests.pages.steps import see_end
 from tests.pages.test_everyone import Look, list_barriers
 from tests.ways_in.servers import RunningServer
 
@@ -235,3 +238,23 @@ def test_the_phone_s_own_sensors_are_read(page: Page, server: RunningServer) -> 
 def send_reading(tools: CDPSession, kind: str, xyz: dict[str, float]) -> None:
     reading = {"type": kind, "reading": {"xyz": xyz}}
     tools.send("Emulation.setSensorOverrideReadings", reading)
+
+
+def test_a_session_that_is_kept_is_compared_with_its_report(server: RunningServer, right: str) -> None:
+    recording = server.see(right)["recording_id"]
+    asked = {"type": "start", "source": "recording", "recording": recording, "speed": 20, "keeps": True}
+    with connect(f"{server.address.replace('http', 'ws')}api/v1/live") as socket:
+        socket.send(json.dumps(asked))
+        session = json.loads(socket.recv())["session"]
+        ended = next(found for text in socket if (found := json.loads(text))["type"] == "ended")
+
+    assert see_end(server, ended["analysis"])["state"] == "succeeded"
+    told = server.client.get(f"/api/v1/live/{session}/difference?lang=fr").json()
+    assert told["compared_s"] > 160
+    assert 0 < told["rmse_deg"] < 5
+    assert sum(told["live_percent"]) == pytest.approx(100.0)
+    assert told["text"].startswith("Direct comparé au rapport")
+
+
+def test_before_its_report_is_made_there_is_no_comparison(server: RunningServer) -> None:
+    assert server.client.get("/api/v1/live/none/difference").status_code == 404

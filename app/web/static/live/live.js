@@ -1,6 +1,6 @@
 // The live page: start a session, show it, stop it. The server holds the session; this page only shows it.
 
-import { $, fill, say } from "../say.js";
+import { $, fill, rest, say } from "../say.js";
 import { Cues } from "./cues.js";
 import { Strip, turnArm } from "./draw.js";
 import { Link } from "./link.js";
@@ -13,7 +13,7 @@ const cues = new Cues();
 const strip = new Strip($("strip"));
 const number = (digits) => new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
 const whole = number(0), tenth = number(1);
-const OLD_MS = 1000, CUE_MS = 5000, LATENCIES = 25;
+const OLD_MS = 1000, CUE_MS = 5000, TRY_MS = 3000, MOST_TRIES = 100, LATENCIES = 25;
 const state = { newest: null, isDrawing: false, latencies: [], pose: "", shownAt: 0 };
 
 const address = new URL(`${base}/api/v1/live`, location.href);
@@ -112,9 +112,24 @@ function end(message) {
   $("ended-words").textContent = message.state === "failed" ? texts.failed : message.analysis ? texts.kept : texts.played;
   $("report").hidden = !message.analysis;
   if (message.analysis) $("report").href = `${base}/analyses/${message.analysis}`;
+  $("difference").hidden = true;
+  if (message.analysis) tellDifference(link.session);
   if (document.fullscreenElement) document.exitFullscreen();
   $("end").scrollIntoView({ block: "nearest" });
   say($("ended-words").textContent);
+}
+
+// One line on how live and report differ, once the report is made.
+async function tellDifference(session) {
+  for (let tries = 0; tries < MOST_TRIES && !$("end").hidden; tries++) {
+    const answer = await fetch(`${base}/api/v1/live/${session}/difference?lang=${language}`).catch(() => null);
+    if (answer?.ok) {
+      $("difference").textContent = (await answer.json()).text;
+      $("difference").hidden = false;
+      return;
+    }
+    await rest(TRY_MS);
+  }
 }
 
 function refuse(message) {
