@@ -150,7 +150,7 @@ class RunningSession:
 
     def run(self, library: Library) -> None:
         """Take frames until the source ends or the session is stopped."""
-        state: State = "stopped"
+        state: State = "failed"
         try:
             while not self._is_stopping.is_set() and (frames := self.source.read()) is not None:
                 self._start_pose()
@@ -158,9 +158,9 @@ class RunningSession:
                     rows = self.recorder.take(frames)
                     self._publish(rows)
                     self._give_cues(self.recorder.take_cues(rows), library)
+            state = "stopped"
         except (AppError, FusionError, OSError):
             logger.exception("a live session failed; its raw file is kept")
-            state = "failed"
         finally:
             self.source.close()
             self._end(state, library)
@@ -217,8 +217,8 @@ class RunningSession:
 
     def _end(self, state: State, library: Library) -> None:
         """Close the raw file and hand it on; a file that cannot be taken stays for the next start."""
-        path = self.recorder.stop()
         try:
+            path = self.recorder.stop()
             ended = Ended(path, self.request, tuple(self.recorder.cues))
             analysis_id = library.keep(ended) if self.request.keeps else ""
             path.unlink(missing_ok=True)
