@@ -394,6 +394,8 @@ def take_in(services: Services, path: Path, subject: str, side: Side | None) -> 
 def take_in_cut(services: Services) -> int:
     """At the start of a server: make recordings of the sessions that its end cut off; give how many."""
     folder = services.settings.data_dir / LIVE_FOLDER
+    for path in folder.glob("replay-*.csv"):  # what was played is stored already
+        path.unlink()
     files = sorted(folder.glob("live-*.csv"))
     for path in files:
         take_in(services, path, *_read_wearer(path))

@@ -279,8 +279,9 @@ class LiveHub:
             if sum(session.state == "running" for session in self._sessions.values()) >= MOST_SESSIONS:
                 source.close()
                 raise TooManySessions(max=MOST_SESSIONS)
+            prefix = "live" if request.keeps else "replay"
             recorder = Recorder(
-                self.folder / f"live-{session_id}.csv", source.facts, request.wearer, request.rules
+                self.folder / f"{prefix}-{session_id}.csv", source.facts, request.wearer, request.rules
             )
             session = RunningSession(session_id, source, recorder, request)
             thread = threading.Thread(target=session.run, args=(self.library,), name="live", daemon=True)

@@ -226,12 +226,13 @@ def test_another_site_gets_no_socket(client: TestClient, headers: dict[str, str]
         pass
 
 
-def test_what_a_dead_server_left_becomes_a_recording(
+def test_what_a_dead_server_left_becomes_a_recording_but_for_what_it_played(
     settings: Settings, store: JobStore, storage: Storage
 ) -> None:
     folder = settings.data_dir / LIVE_FOLDER
     folder.mkdir(parents=True)
     write_raw(folder / "live-a.csv", make_worn(*DAY), Wearer("S007", "left"))
+    write_raw(folder / "replay-b.csv", make_worn(*DAY), Wearer())
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         (recording,) = caller.get("/api/v1/recordings").json()["items"]
