@@ -272,22 +272,28 @@ class LiveHub:
         ------
         TooManySessions, OSError
         """
-        make_folder(self.folder)
-        session_id = secrets.token_urlsafe(12)
-        with self._lock:
-            self._forget()
-            if sum(session.state == "running" for session in self._sessions.values()) >= MOST_SESSIONS:
-                source.close()
-                raise TooManySessions(max=MOST_SESSIONS)
-            prefix = "live" if request.keeps else "replay"
-            recorder = Recorder(
-                self.folder / f"{prefix}-{session_id}.csv", source.facts, request.wearer, request.rules
-            )
-            session = RunningSession(session_id, source, recorder, request)
-            thread = threading.Thread(target=session.run, args=(self.library,), name="live", daemon=True)
-            self._sessions[session_id], self._threads[session_id] = session, thread
+        try:
+            with self._lock:
+                session, thread = self._add(source, request)
+        except BaseException:
+            source.close()
+            raise
         thread.start()
         return session
+
+    def _add(self, source: Source, request: SessionRequest) -> tuple[RunningSession, threading.Thread]:
+        self._forget()
+        if sum(session.state == "running" for session in self._sessions.values()) >= MOST_SESSIONS:
+            raise TooManySessions(max=MOST_SESSIONS)
+        make_folder(self.folder)
+        session_id = secrets.token_urlsafe(12)
+        prefix = "live" if request.keeps else "replay"
+        path = self.folder / f"{prefix}-{session_id}.csv"
+        recorder = Recorder(path, source.facts, request.wearer, request.rules)
+        session = RunningSession(session_id, source, recorder, request)
+        thread = threading.Thread(target=session.run, args=(self.library,), name="live", daemon=True)
+        self._sessions[session_id], self._threads[session_id] = session, thread
+        return session, thread
 
     def get(self, session_id: str) -> RunningSession:
         """Give a session that runs, or ended less than an hour ago.

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from app.errors import TooManySessions
 from app.live.hub import Ended, LiveHub, SessionRequest
 from app.live.raw_file import Wearer
 from app.live.source import SourceFacts
@@ -18,6 +19,7 @@ class BreakingSource:
     """Frames of 22 s, then an error."""
 
     facts = SourceFacts("other", "made", 100.0)
+    is_closed = False
 
     def __init__(self, error: Exception) -> None:
         self._frames = replay_frames(make_worn(FIRST_POSE, (95.0, 10.0)), 1.0)
@@ -30,7 +32,7 @@ class BreakingSource:
         return frames
 
     def close(self) -> None:
-        pass
+        self.is_closed = True
 
 
 class Shelf:
@@ -83,3 +85,15 @@ def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(tmp_path: P
     assert messages[-1]["analysis"] == ""
     (raw,) = (tmp_path / "live").glob("live-*.csv")
     assert sum(map(len, read_recording(raw).segments)) == 2200
+
+
+def test_more_sessions_than_the_server_runs_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.hub.MOST_SESSIONS", 0)
+    source = BreakingSource(OSError("gone"))
+
+    with pytest.raises(TooManySessions):
+        LiveHub(tmp_path / "live", Shelf()).start(source, SessionRequest())
+
+    assert source.is_closed
