@@ -1,5 +1,6 @@
 // Arduino Nano 33 BLE Sense (first revision, LSM9DS1): raw registers as lines for `acromion live /dev/ttyACM0`.
-// 119 Hz, 16 g, 2000 deg/s at 70 mdps for a count (not 2000/32768). Not yet compiled nor run on a board by us.
+// 119 Hz, 16 g, 2000 deg/s at 70 mdps for a count (not 2000/32768). It compiles against Arduino's core
+// interface and for AVR; it was not compiled by the Nano's own tool chain, nor run on a board.
 
 #include <Wire.h>
 

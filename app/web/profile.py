@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
@@ -36,7 +37,7 @@ class DaysQuery(BaseModel):
     analysis: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
     after: Annotated[list[str], Field(max_length=MOST_DAYS)] = []
     study: Annotated[str, Field(max_length=40)] = ""
-    since: Annotated[str, Field(pattern=r"^(\d{4}-\d{2}-\d{2})?$")] = ""
+    since: date | Literal[""] = ""
     same_subject: bool = False
     mixed_methods: bool = False
 
@@ -78,8 +79,9 @@ def _find_study(services: Services, query: DaysQuery) -> Sides:
     ]
     if not query.since:
         return tuple(job for job, _ in placed), ()
-    before = tuple(job for job, start in placed if start and start < query.since)
-    return before, tuple(job for job, start in placed if start >= query.since)
+    since = query.since.isoformat()
+    before = tuple(job for job, start in placed if start and start < since)
+    return before, tuple(job for job, start in placed if start >= since)
 
 
 Asked = Annotated[ProfiledJobs, Depends(find_days)]

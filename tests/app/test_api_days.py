@@ -204,6 +204,7 @@ def test_a_change_before_or_after_all_days_is_no_change(client: TestClient, grou
         ({"study": "ba_0"}, 404),
         ({"since": "2026-03-05"}, 422),
         ({"study": identify_study(STUDY), "since": "spring"}, 422),
+        ({"study": identify_study(STUDY), "since": "2026-13-45"}, 422),
     ],
 )
 def test_a_study_that_is_not_there_or_a_day_that_is_none_is_refused(
