@@ -86,6 +86,7 @@ from app.web.recording.conclusion import router as conclusion_routes
 from app.web.recording.day import router as day_routes
 from app.web.rendering import FOLDER, Assets, find_assets
 from app.web.rendering import router as asset_routes
+from app.web.reports import router as report_pages
 from app.web.validations import router as validation_pages
 from fusion.errors import FusionError
 
@@ -104,6 +105,7 @@ ROUTES = (
 )
 PAGES = (
     page_routes,
+    report_pages,
     batch_pages,
     day_routes,
     conclusion_routes,

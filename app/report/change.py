@@ -6,6 +6,7 @@ report for people; both come from :func:`fusion.comparison.compare_days`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
@@ -206,9 +207,11 @@ def _format_change(change: FigureChange, words: Words, language: Language) -> st
     return f"{fill(entry[change.name], facts)} {fill(entry[change.verdict], facts)}"
 
 
-def _build_changes(compared: DayComparison, words: Words, language: Language) -> Section:
+def format_rows(changes: Iterable[FigureChange], language: Language) -> tuple[tuple[str, ...], ...]:
+    """Write each change with its units: name, before, after, change, minimal detectable change, verdict."""
+    words = load_pair_words(language)["compare"]
     entry = words["table"]
-    rows = tuple(
+    return tuple(
         (
             entry["figure"][change.name],
             format_figure(change.before, change.name, language),
@@ -217,8 +220,13 @@ def _build_changes(compared: DayComparison, words: Words, language: Language) ->
             _format_detectable(change, words, language),
             entry["verdict"][change.verdict],
         )
-        for change in compared.changes
+        for change in changes
     )
+
+
+def _build_changes(compared: DayComparison, words: Words, language: Language) -> Section:
+    entry = words["table"]
+    rows = format_rows(compared.changes, language)
     table = Table(
         entry["caption"], tuple(entry["columns"]), rows, note=fill(entry["note"], {"source": SOURCE})
     )

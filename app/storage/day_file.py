@@ -77,7 +77,11 @@ def write_day(path: Path, segments: Sequence[DaySegment], facts: Mapping[str, An
 
 def _pack_segment(segment: DaySegment, arrays: list[NDArray[Any]]) -> dict[str, Any]:
     """Append the arrays of a segment to ``arrays``; gives their head, with their shapes in this order."""
-    rows = np.where(np.isnan(segment.angle_deg), INVALID, np.rint(segment.angle_deg * UNITS_PER_DEG))
+    exact = segment.angle_deg * UNITS_PER_DEG
+    rounded = np.rint(exact)
+    # What was below a threshold (a whole degree) stays below it, so that times above one are the report's.
+    is_lifted = (rounded > exact) & (rounded % UNITS_PER_DEG == 0)
+    rows = np.where(np.isnan(exact), INVALID, rounded - is_lifted)
     packed = [rows.astype("<i2"), *_reduce_levels(rows.astype("<i2")), segment.quiet.astype("<f4")]
     arrays.extend(packed)
     return {

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
 
-from app.api.guard import REPORT_POLICY
 from app.report.analysis.report import build_report
 from app.report.export.results import build_results, encode_results
 from app.report.findings import Kept, decode_findings
@@ -19,7 +18,8 @@ from app.report.render.html import find_template_folder, render_html
 from app.report.words.wording import Language, load_wording
 from app.services import UsedLanguage, UsedServices
 from app.web.recording.page_one import PageOne
-from app.web.rendering import render_page
+from app.web.rendering import find_base, render_page
+from app.web.reports import find_way, lay_way
 from app.web.views import build_answer
 
 router = APIRouter(prefix="/example", include_in_schema=False)
@@ -56,12 +56,10 @@ def show_example(request: Request, language: UsedLanguage) -> Response:
 
 
 @router.get("/report.html")
-def show_report(language: UsedLanguage) -> Response:
+def show_report(request: Request, language: UsedLanguage) -> Response:
     """Give the report."""
-    body = render_html(_build_report(language))
-    return Response(
-        body, media_type="text/html; charset=utf-8", headers={"Content-Security-Policy": REPORT_POLICY}
-    )
+    way = find_way(f"{find_base(request)}/example", request)
+    return lay_way(render_html(_build_report(language)).decode(), way, request, language)
 
 
 @router.get("/report.pdf")

@@ -122,7 +122,6 @@ def build_library(
     pages = max(1, -(-counts[wanted.group] // PER_PAGE))
     page = min(_read_page(request.query_params.get("page", "")), pages)
     entries = library.find_page(wanted, PER_PAGE, (page - 1) * PER_PAGE)
-    words = load_wording(language, "page")["list"]
     took = find_took(services, entries)
     return {
         "entries": [build_entry(entry, language, took) for entry in entries],
@@ -134,7 +133,7 @@ def build_library(
         "older": counts["older"],
         "query": write_filter(wanted),
         "chips": _build_chips(wanted, counts, language),
-        "count": fill(words["summary"], _format_counts(counts)),
+        "count": _format_count(counts, load_wording(language, "page")),
         "is_empty": not counts["all"] and wanted == LibraryFilter(),
         "page": page,
         "pages": pages,
@@ -244,8 +243,11 @@ def _build_chips(wanted: LibraryFilter, counts: Mapping[Any, int], language: Lan
     ]
 
 
-def _format_counts(counts: Mapping[Any, int]) -> dict[str, str]:
-    return {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
+def _format_count(counts: Mapping[Any, int], words: Words) -> str:
+    """Say how many are done, and that nobody has to wait for the others."""
+    facts = {"done": str(counts["all"] - counts["active"]), "all": str(counts["all"])}
+    told = fill(words["list"]["summary"], facts)
+    return f"{told}. {words['row']['close_hint']}" if counts["active"] else told
 
 
 def _read_day(text: str) -> str:

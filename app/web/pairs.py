@@ -8,12 +8,12 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import FileResponse, RedirectResponse
 from pydantic import BaseModel, Field
 
-from app.api.guard import REPORT_POLICY
 from app.api.pairs import build_pair_download_name
 from app.errors import RecordedProblem
 from app.jobs.children.pairs import PairedJobs, PairReport
 from app.jobs.job import Job
 from app.jobs.library import Entry, Library
+from app.report.change import format_rows
 from app.report.pairs import load_pair_words
 from app.report.words.wording import Language, fill, load_wording
 from app.request import LONGEST_OFFSET_S, PairKind, PairRequest, ReportRequest
@@ -21,6 +21,8 @@ from app.services import Services, UsedLanguage, UsedServices
 from app.web.recording.curves import CurveView, Laid, build_curves
 from app.web.recording.day import add_changed
 from app.web.rendering import find_base, render_page
+from app.web.reports import find_way, lay_way
+from fusion.comparison import FigureChange
 
 # Which analyses fit together: the other arm of the same day, other days of the same person.
 
@@ -121,7 +123,8 @@ def show_pair(asked: Asked, request: Request, services: UsedServices, language: 
         "trunk_offset": _format_offset(asked.request.trunk_offset_s),
         "trunk_limit": load_pair_words(language)["pair"]["trunk"]["limit"],
         "same_subject": asked.request.same_subject,
-        "names": load_pair_words(language)["compare"]["table"]["figure"],
+        "days": _name_days(figures),
+        "changes": format_rows((FigureChange(**row) for row in figures.get("figures", ())), language),
         "curves": _build_curves(services, asked, figures, language, find_base(request)),
         "d": load_wording(language, "day"),
         "b": b,
@@ -134,7 +137,11 @@ def _build_curves(
 ) -> tuple[CurveView, ...]:
     """Build the curves: of a pair, and its trunk, on one clock; of two visits by the time of the day."""
     b = load_wording(language, "pair_pages")
-    laid: tuple[Laid, ...] = ((asked.first, b["before"], None), (asked.second, b["after"], None))
+    before, after = (
+        f"{b[name]} · {day}" if day else b[name]
+        for name, day in zip(("before", "after"), _name_days(figures), strict=True)
+    )
+    laid: tuple[Laid, ...] = ((asked.first, before, None), (asked.second, after, None))
     if asked.request.kind == "pair":
         laid = ((asked.first, b["left"], 0.0), (asked.second, b["right"], figures["clock"]["offset_s"]))
     if asked.trunk is not None:
@@ -144,12 +151,17 @@ def _build_curves(
 
 @router.get("/beside/{kind}/report.{form}", response_class=FileResponse)
 def get_report(
-    form: Literal["html", "pdf"], asked: Asked, services: UsedServices, language: UsedLanguage
+    form: Literal["html", "pdf"],
+    asked: Asked,
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
 ) -> Response:
     """Give the report of two, to read or to file."""
     path = _make(services, asked).find("report", form, language)
     if form == "html":
-        return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+        place = f"{find_base(request)}/beside/{asked.request.kind}"
+        return lay_way(path.read_text("utf-8"), find_way(place, request), request, language)
     return FileResponse(
         path, media_type="application/pdf", filename=build_pair_download_name(asked, f"{language}.pdf")
     )
@@ -197,6 +209,14 @@ def _offer_trunks(services: Services, asked: PairedJobs, figures: Mapping[str, A
     found = find_trunks(services, asked.first, asked.second, figures["left"].get("start") or "")
     chosen = (asked.trunk,) if asked.trunk and asked.trunk.id not in {job.id for job in found} else ()
     return (*chosen, *found)
+
+
+def _name_days(figures: Mapping[str, Any]) -> tuple[str, str]:
+    """Name two visits by when they began; empty without a clock, and for a pair, which its arms name."""
+    before, after = (
+        str(figures.get(side, {}).get("start") or "")[:16].replace("T", " ") for side in ("before", "after")
+    )
+    return before, after
 
 
 def _format_offset(offset_s: float | None) -> str:

@@ -10,7 +10,6 @@ from fastapi.responses import FileResponse
 from markupsafe import Markup
 from pydantic import BaseModel, Field
 
-from app.api.guard import REPORT_POLICY
 from app.api.pairs import MOST_DAYS, build_pair_download_name
 from app.errors import CannotProfile, RecordedProblem
 from app.jobs.children.pairs import PairReport, ProfiledJobs
@@ -21,7 +20,8 @@ from app.report.words.numbers import format_percent
 from app.report.words.wording import Language, load_wording
 from app.request import ProfileRequest
 from app.services import Services, UsedLanguage, UsedServices
-from app.web.rendering import render_page
+from app.web.rendering import find_base, render_page
+from app.web.reports import find_way, lay_way
 
 MOST_OFFERED = 60
 """Recordings of one person in the form."""
@@ -118,12 +118,17 @@ def show_days(asked: Asked, request: Request, services: UsedServices, language: 
 
 @router.get("/days/report.{form}", response_class=FileResponse)
 def get_days_report(
-    form: Literal["html", "pdf"], asked: Asked, services: UsedServices, language: UsedLanguage
+    form: Literal["html", "pdf"],
+    asked: Asked,
+    request: Request,
+    services: UsedServices,
+    language: UsedLanguage,
 ) -> Response:
     """Get the report of several days, to read or to file."""
     path = services.pairs.make(asked).find("report", form, language)
     if form == "html":
-        return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+        way = find_way(f"{find_base(request)}/days", request)
+        return lay_way(path.read_text("utf-8"), way, request, language)
     name = build_pair_download_name(asked, f"{language}.pdf")
     return FileResponse(path, media_type="application/pdf", filename=name)
 

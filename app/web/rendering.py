@@ -128,7 +128,7 @@ def render_page(
         base=find_base(request),
         static=find_base(request) + find_assets(),
         plotly=find_base(request) + find_plotly(),
-        language_link=_turn_language(request, language),
+        language_link=turn_language(request, language),
     )
     response = HTMLResponse(body, status, headers={"Content-Language": language})
     if request.query_params.get("lang") == language:
@@ -148,7 +148,7 @@ def find_base(request: Request) -> str:
     return str(request.scope.get("root_path", "")).rstrip("/")
 
 
-def _turn_language(request: Request, language: Language) -> str:
+def turn_language(request: Request, language: Language) -> str:
     """Give the same page in the other language; French is that of the place that the browser names."""
     kept = {name: value for name, value in request.query_params.items() if name != "lang"}
     other = "en" if is_french(language) else prefer_language(request, ("fr", "fr-CA"))

@@ -186,13 +186,15 @@ def build_figures(results: Mapping[str, Any], language: Language) -> tuple[Fact,
     words = load_wording(language, "page")
     exposure, time = results["exposure"], results["time"]
     above = {row["threshold_deg"]: row["percent"] for row in exposure["time_above"]}
-    count = {row["threshold_deg"]: row["count"] for row in exposure["entries"]}
+    rises = {row["threshold_deg"]: row for row in exposure["entries"]}
     recorded = {"recorded": format_duration(time["recorded_s"], language)}
     percentiles = exposure["percentiles_deg"]
     values = {
+        "above_30": format_percent(above[30], language),
         "above_60": format_percent(above[60], language),
         "above_90": format_percent(above[90], language),
-        "entries": format_number(count[60], 0, language),
+        "entries": format_number(rises[60]["count"], 0, language),
+        "entries_per_h": format_number(rises[60].get("per_hour"), 0, language),
         "median": format_angle(percentiles["50"], language),
         "p90": format_angle(percentiles["90"], language),
         "analysed": format_duration(time["analysed_s"], language),

@@ -9,7 +9,7 @@ from math import ceil
 from app.report.charts import svg
 
 _PANEL_PX = 130.0
-_NAME_PX = 28.0
+_NAME_PX = 34.0
 _DATES_PX = 22.0
 _LEFT_PX = 44.0
 _RIGHT_PX = 14.0
@@ -50,7 +50,7 @@ def draw_visits(panels: Sequence[VisitPanel], words: tuple[str, str], width_px: 
     for number, panel in enumerate(panels):
         y = number * (_PANEL_PX + _NAME_PX + _DATES_PX) + _NAME_PX
         place = _Place(_LEFT_PX, first, per_day, y, _PANEL_PX / top, width_px - _RIGHT_PX)
-        body.append(svg.text(0, y - 7, panel.name, "strong"))
+        body.append(svg.text(0, y - 14, panel.name, "strong"))
         body += [*_draw_band(panel, place), *_draw_scale(place, step, top), *_draw_panel(panel, place)]
     height = len(panels) * (_PANEL_PX + _NAME_PX + _DATES_PX)
     return svg.picture(width_px, height, f"visits{width_px:.0f}", words, body)

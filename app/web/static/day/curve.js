@@ -7,6 +7,8 @@ const MARGIN = { l: 46, r: 12, t: 10, b: 30 };
 const GUIDES_DEG = [30, 60, 90];
 const POINTS = 1000;
 const MARK_PX = 85;
+const TOP_DEG = 180;
+const MARKS_DEG = 42; // room above it for the numbers of the episodes, so that they hide no name
 const MINUTES_FROM_S = 1800;
 
 export class Curve {
@@ -38,7 +40,7 @@ export class Curve {
       margin: MARGIN, showlegend: false, dragmode: false, hovermode: false,
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { size: 13, color: ink("--soft") },
       xaxis: { ...axis, range: [this.view.fromS, this.view.toS], tickvals: marks.map((m) => m[0]), ticktext: marks.map((m) => m[1]), showgrid: false, tickangle: 0 },
-      yaxis: { ...axis, range: [0, 180], tickvals: [0, 30, 60, 90, 120, 150, 180], ticksuffix: "°" },
+      yaxis: { ...axis, range: [0, points.length ? TOP_DEG + MARKS_DEG : TOP_DEG], tickvals: [0, 30, 60, 90, 120, 150, 180], ticksuffix: "°" },
       shapes: [...GUIDES_DEG.map(guide), ...bands.map((band) => area(band, band.row === chosen))],
       annotations: [...this.label(bands), ...this.point(points)],
     };
@@ -75,7 +77,7 @@ export class Curve {
     const { fromS, toS } = this.view;
     const inView = points.filter(({ atS }) => atS >= fromS && atS <= toS).sort((one, other) => one.atS - other.atS);
     return inView.map(({ text, atS }, place) => ({
-      x: atS, y: 165 - 14 * (place % 3), yanchor: "top", text, showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
+      x: atS, y: TOP_DEG + MARKS_DEG - 14 * (place % 3), yanchor: "top", text, showarrow: false, font: { size: 12, color: ink("--card") }, bgcolor: ink("--accent"), borderpad: 2,
     }));
   }
 

@@ -21,8 +21,9 @@ export class Day {
     this.clock = new Clock(start, Number(duration), Boolean(dated));
     this.bands = new Bands(form, this.clock, this.words);
     this.view = new View(Number(duration), () => this.moved());
-    this.curve = new Curve($("curve"), curve, this.clock, this.view, JSON.parse(box.dataset.minutes));
-    this.overview = new Overview($("overview"), curve, this.view);
+    const minutes = JSON.parse(box.dataset.minutes);
+    this.curve = new Curve($("curve"), curve, this.clock, this.view, minutes);
+    this.overview = new Overview($("overview"), curve, this.view, minutes);
     this.handles = new Handles(this.bands, this.curve, this.view, (isDone) => this.changed(isDone));
     this.marks = [...document.querySelectorAll("[data-mark]")].map(({ dataset }) => ({ text: dataset.mark, atS: this.clock.read(dataset.at) }));
     this.tasks = new Tasks($("tasks-now"), this.bands);

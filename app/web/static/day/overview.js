@@ -6,8 +6,9 @@ const HEIGHT = 40;
 const TOP_DEG = 180;
 
 export class Overview {
-  constructor(place, address, view) {
-    Object.assign(this, { place, address, view });
+  // minutes: those of the report; without them, the lowest and highest samples.
+  constructor(place, address, view, minutes) {
+    Object.assign(this, { place, address, view, minutes });
     this.canvas = document.createElement("canvas");
     place.append(this.canvas);
     place.addEventListener("pointerdown", (event) => this.follow(event));
@@ -15,6 +16,7 @@ export class Overview {
   }
 
   async load() {
+    if (this.minutes.length) return this.draw();
     const query = new URLSearchParams({ from_s: 0, to_s: this.view.durationS, points: 800 });
     const answer = await fetch(`${this.address}?${query}`);
     if (!answer.ok) throw new Error(String(answer.status));
@@ -34,12 +36,19 @@ export class Overview {
     const pen = this.canvas.getContext("2d");
     pen.scale(scale, scale);
     const xOf = (second) => (second / this.view.durationS) * width;
+    const yOf = (degrees) => HEIGHT * (1 - degrees / TOP_DEG);
+    for (const [start, end, low, middle, high] of this.minutes.flat()) {
+      const wide = Math.max(1, xOf(end - start));
+      pen.fillStyle = ink("--minutes");
+      pen.fillRect(xOf(start), yOf(high), wide, Math.max(1, yOf(low) - yOf(high)));
+      pen.fillStyle = ink("--median");
+      pen.fillRect(xOf(start), yOf(middle) - 0.5, wide, 1);
+    }
     pen.fillStyle = ink("--accent");
     for (const { start_s: start, step_s: step, low, high } of this.stretches || []) {
       high.forEach((value, place) => {
         if (value === null) return;
-        const top = HEIGHT * (1 - value / TOP_DEG), bottom = HEIGHT * (1 - low[place] / TOP_DEG);
-        pen.fillRect(xOf(start + place * step), top, Math.max(1, xOf(step)), Math.max(1, bottom - top));
+        pen.fillRect(xOf(start + place * step), yOf(value), Math.max(1, xOf(step)), Math.max(1, yOf(low[place]) - yOf(value)));
       });
     }
     pen.strokeStyle = ink("--ink");

@@ -1,0 +1,64 @@
+"""A report as a page: above it the way back, the PDF and the other language, which no copy of the file holds."""
+
+from html import escape
+from typing import NamedTuple
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import HTMLResponse
+
+from app.api.guard import REPORT_POLICY
+from app.report.words.wording import Language, find_nearest, load_wording
+from app.services import UsedLanguage, UsedServices
+from app.web.rendering import find_base, turn_language
+
+STYLE = (
+    "<style>.way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;"
+    "padding:.6rem 1rem}"
+    ".way a{display:inline-block;min-height:24px}@media print{.way{display:none}}</style></head>"
+)
+
+
+class Way(NamedTuple):
+    """Where a report leads: back to its page, and to its PDF in this language."""
+
+    back: str
+    pdf: str
+
+
+def lay_way(report: str, way: Way, request: Request, language: Language) -> HTMLResponse:
+    """Lay the way back above a report; its file is left as it is, and printing leaves the links out."""
+    page = load_wording(language, "page")
+    words, other = page["report_way"], f' lang="{page["other_language_code"]}"'
+    links = (
+        (way.back, words["back"], ""),
+        (way.pdf, words["pdf"], " download"),
+        (turn_language(request, language), page["other_language"], other),
+    )
+    told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
+    bar = f'<nav class="way" aria-label="{escape(words["label"])}">{told}</nav>'
+    body = report.replace("</head>", STYLE, 1).replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
+    return HTMLResponse(body, headers={"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"})
+
+
+def find_way(place: str, request: Request) -> Way:
+    """Give the way of a report whose page and PDF are asked for by the same query."""
+    query = f"?{request.url.query}" if request.url.query else ""
+    return Way(f"{place}{query}", f"{place}/report.pdf{query}")
+
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/analyses/{analysis_id}/report.html")
+def show_report(
+    analysis_id: str, request: Request, services: UsedServices, language: UsedLanguage
+) -> Response:
+    """Show the report of a recording, or of a comparison with a reference."""
+    job = services.store.get(analysis_id)
+    stem, place = ("report", "analyses") if job.request.reference is None else ("validation", "validations")
+    made = find_nearest(language, job.request.languages)
+    report = services.results.read(job, f"{stem}.{made}.html").decode()
+    base = find_base(request)
+    pdf = f"{base}/api/v1/{place}/{job.id}/{stem}.pdf?{urlencode({'lang': made})}"
+    return lay_way(report, Way(f"{base}/{place}/{job.id}", pdf), request, language)
