@@ -150,6 +150,6 @@ def find_base(request: Request) -> str:
 
 def turn_language(request: Request, language: Language) -> str:
     """Give the same page in the other language; French is that of the place that the browser names."""
-    kept = {name: value for name, value in request.query_params.items() if name != "lang"}
+    kept = [(name, value) for name, value in request.query_params.multi_items() if name != "lang"]
     other = "en" if is_french(language) else prefer_language(request, ("fr", "fr-CA"))
-    return "?" + urlencode(kept | {"lang": other})
+    return "?" + urlencode([*kept, ("lang", other)])

@@ -1,5 +1,7 @@
-"""A report as a page: above it the way back, the PDF and the other language, which no copy of the file holds."""
+"""A report as a page: above it the way back, the PDF and the other language; copies of the file hold none."""
 
+from base64 import b64encode
+from hashlib import sha256
 from html import escape
 from typing import NamedTuple
 from urllib.parse import urlencode
@@ -13,10 +15,15 @@ from app.services import UsedLanguage, UsedServices
 from app.web.rendering import find_base, turn_language
 
 STYLE = (
-    "<style>.way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;"
-    "padding:.6rem 1rem}"
-    ".way a{display:inline-block;min-height:24px}@media print{.way{display:none}}</style></head>"
+    ".way{display:flex;flex-wrap:wrap;gap:.4rem 1.4rem;max-width:60rem;margin:0 auto;padding:.6rem 1rem}"
+    ".way a{display:inline-block;min-height:24px}@media print{.way{display:none}}"
 )
+STYLE_HASH = b64encode(sha256(STYLE.encode()).digest()).decode()
+"""A report's own policy lets in styles by their hash alone."""
+
+
+POLICY = f"{REPORT_POLICY} allow-downloads"
+"""Its PDF may be downloaded, all else is as strict as for the file."""
 
 
 class Way(NamedTuple):
@@ -37,8 +44,12 @@ def lay_way(report: str, way: Way, request: Request, language: Language) -> HTML
     )
     told = "".join(f'<a href="{escape(place)}"{more}>{escape(name)}</a>' for place, name, more in links)
     bar = f'<nav class="way" aria-label="{escape(words["label"])}">{told}</nav>'
-    body = report.replace("</head>", STYLE, 1).replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
-    return HTMLResponse(body, headers={"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"})
+    head, end, body = report.partition("</head>")
+    head = head.replace("style-src ", f"style-src 'sha256-{STYLE_HASH}' ", 1) + f"<style>{STYLE}</style>"
+    whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
+    return HTMLResponse(
+        whole, headers={"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"}
+    )
 
 
 def find_way(place: str, request: Request) -> Way:

@@ -135,3 +135,9 @@ def test_time_above_is_a_part_of_the_valid_time_of_a_stretch(tmp_path: Path) -> 
     assert day.measure_above(8.0, 22.0, 60.0) == pytest.approx((9.0, 5.0))
     assert day.measure_above(25.0, 104.0, 60.0) == pytest.approx((9.0, 4.0))
     assert day.measure_above(40.0, 90.0, 60.0) == (0.0, 0.0)
+
+
+def test_what_is_just_below_a_threshold_does_not_count_as_above_it(tmp_path: Path) -> None:
+    day = make_day(tmp_path, (0.0, np.array([59.996, 60.0, 60.004, 59.0])))
+
+    assert day.measure_above(0.0, 0.04, 60.0) == pytest.approx((0.04, 0.02))

@@ -69,6 +69,17 @@ def repeated(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="session")
+def corrected(server: RunningServer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a second analysis, with tasks: what is new stands beside what was."""
+    folder = tmp_path_factory.mktemp("corrected")
+    file = write_recordings(folder, "gt9x", HOURS, 52)[0].rename(folder / "corrected.gt3x")
+    first = finish(server, file, subject="S052", side="left")
+    tasks = [("07:00:30", "07:01:15", "reaching for the top shelf"), ("07:01:20", "07:02:30", "packing")]
+    periods = [{"start": start, "end": end, "kind": "task", "label": label} for start, end, label in tasks]
+    return repeat(server, first, "succeeded", periods=periods)
+
+
+@pytest.fixture(scope="session")
 def batch(server: RunningServer, right: str, unknown: str) -> str:
     """The id of a batch that is over: one recording with a report, one without."""
     items = [{"recording_id": server.see(job)["recording_id"]} for job in (right, unknown)]

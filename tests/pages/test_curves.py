@@ -1,8 +1,12 @@
 """Several curves above one another: both arms of a shift, two visits; they move together."""
 
-import pytest
-from playwright.sync_api import Page
+import re
+from math import sin
 
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.pages.steps import see_end
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -59,3 +63,46 @@ def test_a_curve_is_dragged_and_the_other_follows(
     (after, _), (other, _) = page.evaluate(SEEN)
     assert after > before
     assert other == pytest.approx(after)
+
+
+@pytest.fixture(scope="module")
+def compared(server: RunningServer) -> str:
+    """The id of a comparison with a reference, in a study."""
+    times = [k / 20 for k in range(600)]
+    rows = "".join(f"{t},{45 + 30 * sin(1.3 * t + 2 * sin(0.17 * t)):.3f}\n" for t in times)
+    files = {name: (f"{name}.csv", "time_s,elevation_deg\n" + rows) for name in ("recording", "reference")}
+    wishes = {"study": "Against the laboratory", "subject": "S088"}
+    sent = server.client.post("/api/v1/validations", files=files, data=wishes).json()
+    assert see_end(server, sent["id"])["state"] == "succeeded"
+    return str(sent["id"])
+
+
+def test_a_comparison_with_a_reference_draws_both_angles(
+    page: Page, server: RunningServer, compared: str
+) -> None:
+    page.goto(f"{server.address}validations/{compared}?lang=en")
+    page.locator("#curves .curve .main-svg").first.wait_for()
+
+    assert page.evaluate("acromionCurves.curves[0].lines().map(({x}) => x.length > 100)") == [True, True]
+
+
+def test_a_comparison_of_a_study_stands_there_with_its_plot(
+    page: Page, server: RunningServer, compared: str
+) -> None:
+    page.goto(f"{server.address}batches?lang=en")
+
+    page.get_by_role("link", name="Against the laboratory").click()
+
+    item = page.locator("figure", has_text="S088")
+    expect(item).to_contain_text("reference.csv")
+    expect(item.locator("img")).to_be_visible()
+    assert item.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 0
+
+
+def test_the_report_of_a_comparison_leads_back(page: Page, server: RunningServer, compared: str) -> None:
+    page.goto(f"{server.address}validations/{compared}?lang=en")
+
+    page.get_by_role("link", name="Read in English").click()
+    page.get_by_role("link", name="Back to the page").click()
+
+    expect(page).to_have_url(re.compile(f"/validations/{compared}$"))

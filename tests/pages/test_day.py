@@ -174,6 +174,39 @@ def test_a_task_that_is_new_has_its_figure_now_and_none_before(day: Page) -> Non
     expect(row).to_be_visible(timeout=END_MS)
 
 
+def test_a_drawn_task_has_the_figure_of_the_report(day: Page) -> None:
+    add_period(day, "task", "stacking")
+    day.get_by_role("button", name="Analyse again").click()
+    changed = day.get_by_role("row", name=re.compile(r"stacking: above 60°"))
+    expect(changed).to_be_visible(timeout=END_MS)
+    reported = changed.locator("td").last.inner_text()
+
+    expect(day.locator("#tasks-now li", has_text="stacking")).to_contain_text(f"({reported})")
+
+
+def test_each_figure_of_the_tiles_stands_before_and_now(day: Page) -> None:
+    set_window(day, "07:00:04", "07:00:09")
+    day.get_by_role("button", name="Analyse again").click()
+    expect(day.get_by_role("heading", name="What the correction changed")).to_be_visible(timeout=END_MS)
+
+    for figure in ("Time with the arm above 30°", "Time with the arm above 90°", "Rises above 60° an hour"):
+        expect(day.get_by_role("row", name=figure)).to_be_visible(timeout=END_MS)
+
+
+def test_what_is_added_to_the_day_is_a_task_unless_said_otherwise(day: Page) -> None:
+    expect(day.get_by_label("Kind of period to add")).to_have_value("task")
+
+
+@pytest.mark.parametrize(("language", "score"), [("en", r"0\.\d\d"), ("fr", r"0,\d\d")])
+def test_proposals_are_written_in_the_numbers_of_the_language(
+    page: Page, server: RunningServer, right: str, language: str, score: str
+) -> None:
+    open_analysis(page, server, right, language)
+    wait_for_curve(page)
+
+    expect(page.locator(".proposals li").first).to_contain_text(re.compile(score))
+
+
 def test_what_cannot_be_is_refused_beside_what_was_typed(day: Page) -> None:
     add_period(day, "break", "backwards")
     row = day.locator("#periods tr").last

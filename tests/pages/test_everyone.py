@@ -26,6 +26,9 @@ LOOKS_RULES = [
 PAGES = {
     "home": "",
     "analysis": "analyses/{right}",
+    "corrected": "analyses/{corrected}",
+    "report": "analyses/{corrected}/report.html",
+    "report of two": "beside/compare/report.html?first={left}&second={right}",
     "help": "help",
     "poses": "help/poses",
     "reading": "help/reading",
@@ -51,7 +54,7 @@ PAGES = {
     "attempt": "analyses/{right}?attempt={repeated}",
     "absent": "analyses/an_none",
 }
-SHOWN = ("right", "left", "unknown", "offered", "repeated", "batch", "trunk")
+SHOWN = ("right", "left", "corrected", "unknown", "offered", "repeated", "batch", "trunk")
 
 
 FIND_SMALL = """

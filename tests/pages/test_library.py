@@ -2,6 +2,8 @@
 
 import csv
 import re
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -12,7 +14,7 @@ from playwright.sync_api import Page, expect
 
 from fusion.simulation import simulate_shift, write_recordings, write_shift
 from tests.pages.conftest import finish
-from tests.pages.steps import find_row, make_file, open_home, see_end
+from tests.pages.steps import END_MS, find_row, make_file, open_home, see_end
 from tests.ways_in.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -173,6 +175,47 @@ def test_a_recording_is_thrown_away_taken_back_and_deleted_for_good(
     expect(page.get_by_role("heading", name="Trash")).to_be_visible()
     assert server.client.get(f"/api/v1/analyses/{analysis_id}").status_code == 404
     assert server.client.get("/api/v1/recordings", params={"subject": "S021"}).json()["items"] == []
+
+
+def test_the_address_of_what_was_deleted_offers_to_take_it_back(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = write_recordings(tmp_path, "gt9x", 0.02, 22)[0].rename(tmp_path / "thrown.gt3x")
+    analysis_id = finish(server, file, subject="S022")
+    server.client.post(f"/recordings/{server.see(analysis_id)['recording_id']}/delete")
+    for address in (f"analyses/{analysis_id}", f"analyses/{analysis_id}/report.html"):
+        page.goto(f"{server.address}{address}?lang=en")
+        expect(page.locator("main")).to_contain_text("is in the trash")
+
+    page.get_by_role("button", name="Take back").click()
+
+    page.goto(f"{server.address}analyses/{analysis_id}?lang=en")
+    expect(page.locator(".tiles")).to_be_visible()
+
+
+def test_a_report_of_an_older_method_is_marked_and_analysed_again_by_one_click(
+    page: Page, server: RunningServer, tmp_path: Path
+) -> None:
+    file = write_recordings(tmp_path, "gt9x", 0.02, 23)[0].rename(tmp_path / "older.gt3x")
+    analysis_id = finish(server, file, subject="S023")
+    age_report(server, analysis_id)
+    page.goto(f"{server.address}?group=older&lang=en")
+    row = page.locator("#rows tbody.row")
+    expect(row).to_have_count(1)
+    expect(row.locator(".older")).to_have_text("older")
+
+    row.get_by_role("button", name=re.compile("Analyse S023.* again")).click()
+
+    page.goto(f"{server.address}?text=S023&lang=en")
+    expect(find_row(page, "S023").locator(".quality")).to_be_visible(timeout=END_MS)
+    expect(page.locator(".older")).to_have_count(0, timeout=END_MS)
+
+
+def age_report(server: RunningServer, analysis_id: str) -> None:
+    """Write in the database that a report was made by the method before today's."""
+    with closing(sqlite3.connect(server.data / "acromion.sqlite3", timeout=30)) as database, database:
+        change = "UPDATE answers SET method_version = method_version - 1 WHERE analysis_id = ?"
+        assert database.execute(change, (analysis_id,)).rowcount == 1
 
 
 def test_both_arms_of_a_shift_are_offered_as_a_pair_with_an_offset(

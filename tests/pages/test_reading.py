@@ -67,3 +67,21 @@ def test_where_a_pose_is_chosen_the_reason_to_lean_stands_beside_it(
     open_analysis(page, server, right, language)
 
     expect(page.locator(".field", has=page.locator("#pose"))).to_contain_text(reason)
+
+
+def test_the_ready_shift_opens_by_one_click_without_an_analysis(page: Page, server: RunningServer) -> None:
+    page.goto(f"{server.address}help?lang=en")
+
+    page.get_by_role("link", name="A whole shift, ready to read").click()
+
+    expect(page.locator(".tile .value").first).to_have_text(re.compile(r"\d+\.\d\s%"))
+    expect(page.get_by_text("No person was measured")).to_be_visible()
+
+
+def test_help_begins_with_what_happened_and_leads_to_the_code(page: Page, server: RunningServer) -> None:
+    page.goto(f"{server.address}help?lang=en")
+    expect(page.locator(".happened a").first).to_be_hidden()
+
+    page.get_by_text("A file is not taken for a recording").click()
+
+    expect(page.locator(".happened a").first).to_be_visible()

@@ -118,3 +118,37 @@ def test_the_page_prints_without_its_forms(page: Page, server: RunningServer, ri
     expect(page.locator("#correction")).to_be_hidden()
     expect(page.get_by_role("navigation").first).to_be_hidden()
     expect(page.get_by_role("heading", name="The answer in short")).to_be_visible()
+
+
+def test_a_report_leads_back_to_its_page_to_its_pdf_and_to_the_other_language(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    open_analysis(page, server, right)
+
+    page.get_by_role("link", name="Read in English").click()
+    page.get_by_role("link", name="Français").click()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="PDF").click()
+    page.get_by_role("link", name="Retour à la page").click()
+
+    assert download.value.suggested_filename.endswith(".fr.pdf")
+    expect(page).to_have_url(f"{server.address}analyses/{right}")
+
+
+def test_what_leads_back_is_neither_printed_nor_in_the_file(
+    page: Page, server: RunningServer, right: str
+) -> None:
+    page.goto(f"{server.address}analyses/{right}/report.html?lang=en")
+    expect(page.locator(".way")).to_be_visible()
+
+    page.emulate_media(media="print")
+
+    expect(page.locator(".way")).to_be_hidden()
+    assert "Back to the page" not in server.client.get(f"/api/v1/analyses/{right}/report.html").text
+
+
+def test_no_page_shows_an_address_of_the_api(page: Page, server: RunningServer, right: str) -> None:
+    for address in ("", f"analyses/{right}", f"analyses/{right}/report.html", "batches", "help/reading"):
+        page.goto(server.address + address)
+
+        assert "/api/v1" not in page.locator("body").inner_text(), address

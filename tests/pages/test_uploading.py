@@ -41,6 +41,34 @@ def test_all_of_many_chosen_files_appear_at_once_and_are_taken(
         expect(find_row(page, file.name)).to_be_visible(timeout=END_MS)
 
 
+def test_many_files_on_their_way_take_a_line_each_and_leave_the_list_in_sight(
+    page: Page, server: RunningServer, tmp_path: Path, right: str
+) -> None:
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.route("**/api/v1/uploads**", lambda route: route.abort())
+    for number in range(60):
+        make_file(tmp_path, f"line_{number}.csv")
+    open_home(page, server)
+
+    page.set_input_files("#folder", tmp_path)
+
+    rows = page.locator("#uploads .row")
+    expect(rows).to_have_count(60)
+    assert rows.last.evaluate("row => row.offsetHeight") < 60
+    assert page.locator("#rows table").evaluate("table => table.getBoundingClientRect().top") < 600
+
+
+def test_the_files_of_a_folder_go_by_their_names(page: Page, server: RunningServer, tmp_path: Path) -> None:
+    page.route("**/api/v1/uploads**", lambda route: route.abort())
+    for number in (10, 9, 1, 2):
+        make_file(tmp_path, f"P{number}.csv")
+    open_home(page, server)
+
+    page.set_input_files("#folder", tmp_path)
+
+    expect(page.locator("#uploads .name")).to_have_text(["P1.csv", "P2.csv", "P9.csv", "P10.csv"])
+
+
 def test_dropped_files_are_taken(page: Page, server: RunningServer) -> None:
     open_home(page, server)
     dropped = page.evaluate_handle(DROPPED_FILE, "dropped.csv")

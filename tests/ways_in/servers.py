@@ -35,7 +35,7 @@ class RunningServer:
             str(workers),
         ]
         environment = os.environ | {"ACROMION_MIN_FREE_BYTES": "0"} | settings
-        self._log = log
+        self.data, self._log = data, log
         with log.open("ab") as file:
             file.truncate(0)
             self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=file, stderr=file)
