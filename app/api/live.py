@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 from anyio import CapacityLimiter, to_thread
 from anyio.lowlevel import RunVar
@@ -121,8 +121,10 @@ class Ping(_Message):
     sent_ms: float
 
 
-_FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Start | Resume)
-_LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(Pose | Cues | Stop | Ping)
+_FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Annotated[Start | Resume, Field(discriminator="type")])
+_LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(
+    Annotated[Pose | Cues | Stop | Ping, Field(discriminator="type")]
+)
 
 
 @router.websocket("/live")
@@ -146,7 +148,7 @@ async def live(socket: WebSocket) -> None:
 
 
 def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
-    refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+    refusal = error if isinstance(error, AppError | FusionError) else _name_wrong_part(error)
     problem = describe_problem(refusal.code, refusal.facts, language)
     return {
         "type": "problem",
@@ -155,6 +157,15 @@ def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
         "detail": problem.detail,
         "fix": problem.fix,
     }
+
+
+def _name_wrong_part(error: Exception) -> BadParameter:
+    """Name the part of a message that cannot be, and what it held."""
+    if not isinstance(error, ValidationError):
+        return BadParameter(name="message")
+    first = error.errors(include_url=False, include_context=False)[0]
+    name = ".".join(map(str, first["loc"])) or "message"
+    return BadParameter(name=clean_text(name)[:60], value=clean_text(str(first["input"]))[:60])
 
 
 async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":

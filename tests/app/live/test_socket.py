@@ -279,6 +279,13 @@ def count_starting(client: TestClient) -> int:
     return int(client.portal.call(lambda: _find_limiter().borrowed_tokens))
 
 
+def test_the_part_of_a_message_that_cannot_be_is_named(client: TestClient) -> None:
+    with connect(client, type="start", source="demo", speed=50) as socket:
+        problem = socket.receive_json()
+
+    assert problem["detail"].startswith("start.speed cannot be 50")
+
+
 def test_a_message_that_is_too_long_in_coming_ends_the_connection(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
