@@ -5,6 +5,7 @@ The science is loaded with the first session: a server that only takes requests 
 
 import asyncio
 import json
+import logging
 import re
 import time
 from collections import Counter, deque
@@ -12,8 +13,10 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
+from anyio import CapacityLimiter, to_thread
+from anyio.lowlevel import RunVar
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -21,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from app.api.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
-from app.live.ports import PushedPort, find_serial_ports
+from app.live.ports import WAIT_S, PushedPort, find_serial_ports
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
@@ -43,8 +46,13 @@ SILENCE_S = 600.0
 """After which a session whose page has gone ends by itself."""
 MOST_WAITING = 250
 """Messages that wait for a slow page, 10 s; then the oldest are left out."""
+FIRST_LIMIT_S = 30.0
+"""A page that connects says within this time what it wants."""
+MOST_STARTING = 50
+"""Sources that are waited for at once, in threads of their own: a silent board holds up no other request."""
 REFUSED, ENDED = 4400, 1000
 
+logger = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1")
 
 
@@ -113,8 +121,10 @@ class Ping(_Message):
     sent_ms: float
 
 
-_FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Start | Resume)
-_LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(Pose | Cues | Stop | Ping)
+_FIRST: TypeAdapter[Start | Resume] = TypeAdapter(Annotated[Start | Resume, Field(discriminator="type")])
+_LATER: TypeAdapter[Pose | Cues | Stop | Ping] = TypeAdapter(
+    Annotated[Pose | Cues | Stop | Ping, Field(discriminator="type")]
+)
 
 
 @router.websocket("/live")
@@ -123,7 +133,7 @@ async def live(socket: WebSocket) -> None:
     await socket.accept()
     language: Language = "en"
     try:
-        first = _FIRST.validate_json(await socket.receive_text())
+        first = _FIRST.validate_json(await asyncio.wait_for(socket.receive_text(), FIRST_LIMIT_S))
         language = first.lang
         async with _receiving(socket) as inbox:
             session = await _open(socket, first, inbox)
@@ -138,7 +148,7 @@ async def live(socket: WebSocket) -> None:
 
 
 def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
-    refusal = error if isinstance(error, AppError | FusionError) else BadParameter(name="message")
+    refusal = error if isinstance(error, AppError | FusionError) else _name_wrong_part(error)
     problem = describe_problem(refusal.code, refusal.facts, language)
     return {
         "type": "problem",
@@ -149,6 +159,15 @@ def _describe_refusal(error: Exception, language: Language) -> dict[str, Any]:
     }
 
 
+def _name_wrong_part(error: Exception) -> BadParameter:
+    """Name the part of a message that cannot be, and what it held."""
+    if not isinstance(error, ValidationError):
+        return BadParameter(name="message")
+    first = error.errors(include_url=False, include_context=False)[0]
+    name = ".".join(map(str, first["loc"])) or "message"
+    return BadParameter(name=clean_text(name)[:60], value=clean_text(str(first["input"]))[:60])
+
+
 async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
     services = cast("Services", socket.app.state.services)
     if isinstance(first, Resume):
@@ -156,7 +175,19 @@ async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "Ru
         return hub.get(first.session)
     port = PushedPort()
     inbox.push = port.push
-    return await run_in_threadpool(_start, services, first, port)
+    return await to_thread.run_sync(_start, services, first, port, limiter=_find_limiter())
+
+
+_STARTING: RunVar[CapacityLimiter] = RunVar("live sessions that start")
+
+
+def _find_limiter() -> CapacityLimiter:
+    try:
+        return _STARTING.get()
+    except LookupError:
+        made = CapacityLimiter(MOST_STARTING)
+        _STARTING.set(made)
+        return made
 
 
 def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSession":
@@ -271,7 +302,7 @@ class Inbox:
     """What comes from one page: bytes go to the source at once, texts wait for their turn."""
 
     def __init__(self) -> None:
-        self.push: Callable[[bytes], None] | None = None
+        self.push: Callable[[bytes], bool] | None = None
         self._texts: asyncio.Queue[str | None] = asyncio.Queue()
 
     async def fill(self, socket: WebSocket) -> None:
@@ -283,7 +314,8 @@ class Inbox:
                 return
             piece = message.get("bytes")
             if piece is not None and self.push is not None:
-                await run_in_threadpool(self.push, piece)
+                while not self.push(piece):
+                    await asyncio.sleep(WAIT_S)
             elif message.get("text") is not None:
                 await self._texts.put(message["text"])
 
@@ -396,17 +428,24 @@ def take_in_cut(services: Services) -> int:
     folder = services.settings.data_dir / LIVE_FOLDER
     for path in folder.glob("replay-*.csv"):  # what was played is stored already
         path.unlink()
-    files = sorted(folder.glob("live-*.csv"))
-    for path in files:
-        take_in(services, path, *_read_wearer(path))
-        path.unlink()
-    return len(files)
+    count = 0
+    for path in sorted(folder.glob("live-*.csv")):
+        try:
+            _take_in_cut_file(services, path)
+        except (AppError, OSError):
+            logger.exception("a raw file that was cut off stays in its folder: %s", path.name)
+        else:
+            count += 1
+    return count
 
 
-def _read_wearer(path: Path) -> tuple[str, Side | None]:
-    """Read whose arm it is from the lines above the table."""
+def _take_in_cut_file(services: Services, path: Path) -> None:
+    """Read from the lines above the table whose arm it is and which cues were chosen, and take it in."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES).decode("utf-8", "replace")
-    found = dict(re.findall(r"^# (subject|side): (.*)$", head, re.MULTILINE))
+    found = dict(re.findall(r"^# (subject|side|cues): (.*)$", head, re.MULTILINE))
     side = next((one for one in get_args(Side) if one == found.get("side")), None)
-    return found.get("subject", "")[:LONGEST_SUBJECT], side
+    analysis_id = take_in(services, path, found.get("subject", "")[:LONGEST_SUBJECT], side)
+    if "cues" in found:
+        services.recordings.tag([services.store.get(analysis_id).recording_id], [CUED])
+    path.unlink()

@@ -119,11 +119,24 @@ def _run(source: "Source", recorder: "Recorder", countdown_s: float, language: L
                 screen.show(status)
     except KeyboardInterrupt:
         pass
+    except (FusionError, AppError) as refusal:
+        print_problem(source.facts.name, refusal.code, refusal.facts, language)
+    except OSError as error:  # the disk took no more
+        print_problem(str(recorder.path), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
     finally:
         source.close()
-        recorder.stop()
-    _write_cues(recorder)
+    _stop(recorder, language)
     screen.show_last(recorder.status())
+
+
+def _stop(recorder: "Recorder", language: Language) -> None:
+    """Close the raw file and write the cues beside it."""
+    try:
+        recorder.stop()
+        _write_cues(recorder)
+    except OSError as error:
+        print_problem(str(recorder.path), UNREADABLE_PATH, {"why": error.strerror or ""}, language)
+        raise typer.Exit(Exit.NOTHING_DONE) from None
 
 
 def _write_cues(recorder: "Recorder") -> None:

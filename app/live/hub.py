@@ -5,6 +5,7 @@ was reloaded gets the last minute first. A watcher that is too slow loses the ol
 file a frame.
 """
 
+import itertools
 import logging
 import secrets
 import threading
@@ -89,6 +90,7 @@ class RunningSession:
         self.ended_s = 0.0
         self._lock = threading.Lock()
         self._watchers: dict[int, Watch] = {}
+        self._keys = itertools.count()
         self._history: deque[tuple[float, float | None]] = deque(maxlen=round(HISTORY_S * SHOWN_HZ))
         self._step = max(1, round(source.facts.rate_hz / SHOWN_HZ))
         self._row = self._sequence = 0
@@ -114,7 +116,7 @@ class RunningSession:
     def watch(self, watch: Watch) -> int:
         """Send the description, the last minute and what follows; give the key that ends it."""
         with self._lock:
-            key = self._sequence * 1000 + len(self._watchers)
+            key = next(self._keys)
             self._watchers[key] = watch
             watch(self.describe())
             watch(self._describe_update(list(self._history), "history"))
@@ -127,11 +129,10 @@ class RunningSession:
         with self._lock:
             self._watchers.pop(key, None)
 
-    def push(self, piece: bytes) -> None:
-        """Hand on bytes from a page, to a session whose source is one; others ignore them."""
+    def push(self, piece: bytes) -> bool:
+        """Hand on bytes from a page, to a session whose source is one; False while it takes no more."""
         port = self.source.port if isinstance(self.source, LineSource) else None
-        if isinstance(port, PushedPort):
-            port.push(piece)
+        return port.push(piece) if isinstance(port, PushedPort) else True
 
     def ask_pose(self, countdown_s: float) -> None:
         """Ask for the pose, once more or for the first time."""

@@ -4,6 +4,7 @@ import queue
 import re
 import socket
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 WAIT_S = 0.05
 REOPEN_S = 0.5
 BAUD = 115_200
+SENDER_SILENCE_S = 5.0
+"""A board that starts anew may send from another port: after so long another sender is heard."""
+LINE_SILENCE_S = 10.0
+"""A board that lost its power hangs up no line: after so long it is called again."""
 PIECE_BYTES = 65_536
 MOST_PIECES = 256
 SERIAL_PORT = re.compile(r"^(COM\d+|/dev/\S+)$", re.IGNORECASE)
@@ -69,7 +74,7 @@ class SerialPort:
             self._port.close()
 
     def _open(self) -> "Serial":
-        return self._serial.Serial(self._name, self._baud, timeout=WAIT_S)
+        return self._serial.Serial(self._name, self._baud, timeout=WAIT_S, exclusive=True)
 
     def _reopen(self) -> None:
         self.close()
@@ -79,10 +84,11 @@ class SerialPort:
 
 
 class UdpPort:
-    """Datagrams of whole lines; the first sender is the only one that is heard."""
+    """Datagrams of whole lines; one sender is heard, another one only after it has fallen silent."""
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, *, now_s: Callable[[], float] = time.monotonic) -> None:
         """Listen; raises OSError."""
+        self._now_s, self._heard_s = now_s, now_s()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(WAIT_S)
         self._socket.bind((host, port))
@@ -99,9 +105,11 @@ class UdpPort:
             piece, sender = self._socket.recvfrom(PIECE_BYTES)
         except TimeoutError:
             return b""
-        self._sender = self._sender or sender
+        if self._sender is None or self._now_s() - self._heard_s > SENDER_SILENCE_S:
+            self._sender = sender
         if sender != self._sender:
             return b""
+        self._heard_s = self._now_s()
         return piece if piece.endswith(b"\n") else piece + b"\n"
 
     def close(self) -> None:
@@ -110,10 +118,11 @@ class UdpPort:
 
 
 class TcpPort:
-    """A board that serves its lines over TCP; a connection that breaks is made again."""
+    """A board that serves its lines over TCP; a connection that breaks, or brings nothing, is made again."""
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, *, now_s: Callable[[], float] = time.monotonic) -> None:
         """Connect; raises OSError."""
+        self._now_s, self._heard_s = now_s, now_s()
         self._address = (host, port)
         self._socket = self._connect()
 
@@ -122,11 +131,14 @@ class TcpPort:
         try:
             piece = self._socket.recv(PIECE_BYTES)
         except TimeoutError:
+            if self._now_s() - self._heard_s > LINE_SILENCE_S:
+                self._reconnect()
             return b""
         except OSError:
             piece = b""
         if not piece:
             self._reconnect()
+        self._heard_s = self._now_s()
         return piece
 
     def close(self) -> None:
@@ -143,23 +155,24 @@ class TcpPort:
         time.sleep(REOPEN_S)
         with suppress(OSError):
             self._socket = self._connect()
+        self._heard_s = self._now_s()
 
 
 class PushedPort:
-    """Bytes that a page hands on, of a board or of its own sensors; whoever pushes waits while it is full."""
+    """Bytes that a page hands on, of a board or of its own sensors."""
 
     def __init__(self) -> None:
         self._pieces: queue.Queue[bytes] = queue.Queue(MOST_PIECES)
         self._is_open = True
 
-    def push(self, piece: bytes) -> None:
-        """Add bytes; those of a session that has ended are dropped."""
-        while self._is_open:
+    def push(self, piece: bytes) -> bool:
+        """Add bytes; False while it is full. Those of a session that has ended are dropped."""
+        if self._is_open:
             try:
-                self._pieces.put(piece, timeout=WAIT_S)
+                self._pieces.put_nowait(piece)
             except queue.Full:
-                continue
-            return
+                return False
+        return True
 
     def read(self) -> bytes:
         """Wait a moment for bytes."""

@@ -43,7 +43,7 @@ UNKNOWN = Wearer()
 class RawHeader:
     """What is known of a session when it starts.
 
-    ``device`` as in :mod:`fusion.devices`; ``source`` in words.
+    ``device`` as in :mod:`fusion.devices`; ``source`` in words; ``cues``: the rules of cues that were chosen.
     """
 
     device: str
@@ -53,6 +53,7 @@ class RawHeader:
     wearer: Wearer = UNKNOWN
     acc_range_g: float | None = None
     gyr_range_dps: float | None = None
+    cues: str = ""
 
 
 class RawFile:
@@ -123,6 +124,8 @@ class RawFile:
         for name, word in asdict(header.wearer).items():
             if word:
                 self._put(name, word)
+        if header.cues:
+            self._put("cues", header.cues)
         self._put("pose_window_s", "none".ljust(WIDTH))
         self._put("stopped", _NOT_STOPPED.ljust(WIDTH))
         self._file.write(f"{COLUMNS}\n".encode())

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.live.cue_log import format_rule
 from app.live.raw_file import SYNC_S, UNKNOWN, RawFile, RawHeader, Wearer
 from app.live.source import SourceFacts
 from fusion.live import Frames, LiveRows, LiveSession, LiveStatus, ShownAngles
@@ -46,6 +47,7 @@ class Recorder:
             wearer=wearer,
             acc_range_g=facts.acc_range_g,
             gyr_range_dps=facts.gyr_range_dps,
+            cues=" ".join(map(format_rule, rules)),
         )
         self._raw = RawFile(path, header)
         self._stated_pose_s: tuple[float, float] | None = None

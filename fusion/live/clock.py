@@ -11,14 +11,20 @@ LONGEST_LOSS = 0.25
 """A counter that jumps by up to this part of its size has lost frames; by more, it began anew."""
 LONGEST_STEP_US = 60 * MICROSECONDS
 """A stamp that jumps further began anew: the board was reset."""
+LONGEST_DELAY_US = MICROSECONDS // 2
+"""Rows without a stamp that come later than this were lost or not taken; up to it they were on their way."""
+ARRIVAL_GAIN, MOST_PULL = 0.005, 0.05
+"""So much of its distance from the arrivals the time of rows without a stamp takes back at each row, up to so
+much of a period."""
 
 
 @dataclass(slots=True)
 class StreamClock:
     """Gives each frame a time that never goes back and a counter that never wraps.
 
-    A frame without stamp of its own has the time at which it arrived; one without counter is counted by its
-    time, so that a step of more than 1.5 periods shows as lost frames. After a restart of the board the time
+    Frames without stamps are a period apart and follow the arrivals slowly, for frames come in bursts; frames
+    without counter are counted by their time: a step of more than 1.5 periods, or without stamps a delay of
+    more than half a second, shows as lost frames. After a restart of the board the time
     goes on by what passed between the arrivals.
     """
 
@@ -29,6 +35,7 @@ class StreamClock:
     _time_us: int = -1
     _counter: int = -1
     _arrived_us: int = 0
+    _origin_us: int = 0
 
     def place(self, stamp_us: int | None, count: int | None, arrived_us: int) -> tuple[int, int]:
         """Give time (us) and counter of the next frame.
@@ -42,6 +49,9 @@ class StreamClock:
         """
         if self._time_us < 0:
             time_us, counter = 0, 0
+            self._origin_us = arrived_us
+        elif stamp_us is None:
+            time_us, counter = self._place_unstamped(count, arrived_us)
         else:
             step_us = self._step(stamp_us, arrived_us)
             time_us = self._time_us + step_us
@@ -50,10 +60,24 @@ class StreamClock:
         self._time_us, self._counter, self._arrived_us = time_us, counter, arrived_us
         return time_us, counter
 
-    def _step(self, stamp_us: int | None, arrived_us: int) -> int:
+    def _place_unstamped(self, count: int | None, arrived_us: int) -> tuple[int, int]:
+        restarts = self.restarts
+        steps = self._count_step(count, round(self.period_us))
+        due_us = self._time_us + steps * self.period_us
+        late_us = arrived_us - self._origin_us - due_us
+        is_unnumbered = count is None or self.restarts > restarts
+        if is_unnumbered and late_us > LONGEST_DELAY_US:
+            steps += round(late_us / self.period_us)
+            due_us += late_us
+        else:
+            most_us = MOST_PULL * self.period_us
+            due_us += max(-most_us, min(ARRIVAL_GAIN * late_us, most_us))
+        return max(self._time_us + 1, round(due_us)), self._counter + steps
+
+    def _step(self, stamp_us: int, arrived_us: int) -> int:
         """Microseconds since the frame before, at least one."""
         between_us = max(1, arrived_us - self._arrived_us)
-        if stamp_us is None or self._stamp < 0:
+        if self._stamp < 0:
             return between_us
         step_us = stamp_us - self._stamp
         if step_us < 0 and self._stamp < STAMP_SIZE:

@@ -7,14 +7,16 @@ names of the columns. Units must be stated, for no motion has been seen yet that
 import math
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusion.devices import KnownDevice
-from fusion.errors import UnknownColumns, UnknownRate, UnknownUnit
-from fusion.live.clock import StreamClock
+from fusion.errors import FusionError, UnknownColumns, UnknownRate, UnknownUnit, UnusableTime
+from fusion.live.clock import STAMP_SIZE, StreamClock
 from fusion.live.session import Frames
 from fusion.readers.tables.careful_path import NUMERIC_TIME, STAMP
 from fusion.readers.tables.csv import choose_rate_hz
@@ -35,6 +37,10 @@ DELIMITERS = (",", ";", "\t", " ")
 WORDS = re.compile(r"[A-Za-z#]")
 MOST_G, MOST_DPS = 64.0, 10_000.0
 """More no part measures: a torn line that happens to have enough fields."""
+MOST_NUMBER = 1 << 53
+"""More no stamp or counter reaches."""
+RATE_TOLERANCE = 0.1
+"""A board whose rate leaves that of its first seconds by more was set anew: its angle would be wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +90,8 @@ class LineReader:
         self._columns: _Columns | None = None
         self._waiting: list[Row] = []
         self._clock: StreamClock | None = None
+        self._changed: _Columns | None = None
+        self._recent = np.empty((0, 2), np.int64)
 
     @property
     def restarts(self) -> int:
@@ -98,13 +106,18 @@ class LineReader:
         fusion.errors.UnknownColumns, fusion.errors.UnknownUnit, fusion.errors.UnreadableFile
             The rows have no header, or one that does not tell columns and units.
         fusion.errors.UnknownRate
+        fusion.errors.UnusableTime
+            The rate changed.
         """
         rows = [row for line in self._split(piece) for row in self._take(line, arrived_us)]
         if self._clock is None:
             self._waiting += rows
             if len(self._waiting) < ROWS_TO_TIME or self._columns is None:
                 return None
-            rows, self._waiting = self._waiting, []
+            self._waiting = rows = _drop_before_restart(self._waiting)
+            if len(rows) < ROWS_TO_TIME:
+                return None
+            self._waiting = []
             self._start_clock(rows, self._columns)
         return self._place(rows)
 
@@ -119,7 +132,7 @@ class LineReader:
     def _take(self, line: str, arrived_us: int) -> Iterator[Row]:
         """Give the row of a line; those that came before the header was understood come with it."""
         if self._columns is not None:
-            row = self._parse(line, arrived_us, self._columns)
+            row = self._parse(line, arrived_us, self._follow_header(line, self._columns))
             if row is not None:
                 yield row
             return
@@ -138,7 +151,7 @@ class LineReader:
     def _parse(self, line: str, arrived_us: int, columns: _Columns) -> Row | None:
         fields = split_fields(line, columns.layout.delimiter)
         if len(fields) != columns.layout.n_columns:
-            self.torn += not _is_head_line(line, columns.layout)
+            self._take_words(line, columns)
             return None
         try:
             values = tuple(
@@ -147,13 +160,31 @@ class LineReader:
             )
             stamp_us = None if columns.stamp is None else round(float(fields[columns.stamp]) * columns.to_us)
             count = None if columns.count is None else int(fields[columns.count])
-        except ValueError:
-            self.torn += not _is_head_line(line, columns.layout)
+        except (ValueError, OverflowError):
+            self._take_words(line, columns)
             return None
-        if not _can_be(values):
+        if not _can_be(values) or max(abs(stamp_us or 0), abs(count or 0)) > MOST_NUMBER:
             self.torn += 1
             return None
         return Row(stamp_us, count, arrived_us, values)
+
+    def _take_words(self, line: str, columns: _Columns) -> None:
+        """Take a line that is no row: a line above the table, another header, else a torn line."""
+        if _is_head_line(line, columns.layout):
+            return
+        self._changed = _learn_again(line)
+        self.torn += self._changed is None
+
+    def _follow_header(self, line: str, columns: _Columns) -> _Columns:
+        """Take the columns of a header that changed where this row has as many; else it was a torn one."""
+        changed, self._changed = self._changed, None
+        if changed is None:
+            return columns
+        if len(split_fields(line, changed.layout.delimiter)) != changed.layout.n_columns:
+            self.torn += 1
+            return columns
+        self._columns = changed
+        return changed
 
     def _start_clock(self, rows: list[Row], columns: _Columns) -> None:
         rate_hz = choose_rate_hz(columns.layout, None) or _measure_rate_hz(rows)
@@ -170,8 +201,41 @@ class LineReader:
         assert self._clock is not None
         placed = [self._clock.place(row.stamp_us, row.count, row.arrived_us) for row in rows]
         times = np.array(placed, np.int64).reshape(-1, 2)
+        if rows and rows[-1].stamp_us is not None:
+            self._check_rate(times, self._clock.period_us)
         values = np.array([row.values for row in rows], np.float32).reshape(-1, 6)
         return Frames(times[:, 0], times[:, 1], values[:, :3].copy(), values[:, 3:].copy())
+
+    def _check_rate(self, times: NDArray[np.int64], period_us: float) -> None:
+        """Compare the period of the last rows with that of the first."""
+        self._recent = np.concatenate([self._recent, times])[-ROWS_TO_TIME:]
+        if len(self._recent) < ROWS_TO_TIME:
+            return
+        steps = np.diff(self._recent, axis=0)
+        measured_us = float(np.median(steps[:, 0] / steps[:, 1]))
+        if abs(measured_us / period_us - 1.0) > RATE_TOLERANCE:
+            raise UnusableTime(why="rate changed")
+
+
+def _learn_again(line: str) -> _Columns | None:
+    """Understand the header of a board that was set anew; None for a line that is none."""
+    delimiter = next((mark for mark in DELIMITERS if mark in line), "")
+    if not delimiter or not WORDS.search(line):
+        return None
+    row = delimiter.join("1" for _ in split_fields(line, delimiter))
+    try:
+        return _learn([line, *[row] * ROWS_TO_LEARN])
+    except FusionError:
+        return None
+
+
+def _drop_before_restart(rows: list[Row]) -> list[Row]:
+    """Leave out what came before a board began anew; opening its port resets many a board."""
+    stamps = [row.stamp_us for row in rows if row.stamp_us is not None]
+    falls = [
+        k for k, (before, after) in enumerate(pairwise(stamps), 1) if -STAMP_SIZE // 2 < after - before < 0
+    ]
+    return rows[falls[-1] :] if falls else rows
 
 
 def _learn(lines: Sequence[str]) -> _Columns:
@@ -205,14 +269,27 @@ def _find_factors(plan: TablePlan, device: KnownDevice | None) -> tuple[float, .
     return (turn * acc, acc, acc, turn * gyr, gyr, gyr)
 
 
-def _measure_rate_hz(rows: Iterable[Row]) -> float:
-    """Measure the rate by the stamps, else by the arrivals; a step of 2^32 us is a counter's wrap.
+def _measure_rate_hz(rows: Sequence[Row]) -> float:
+    """Measure the rate by the stamps, of which a step of 2^32 us is a wrap; else by the arrivals.
+
+    Rows come in bursts: those of the first are the ones that an earlier moment sent.
 
     Raises
     ------
     fusion.errors.UnknownRate, fusion.errors.UnusableTime
     """
-    times = np.array([row.arrived_us if row.stamp_us is None else row.stamp_us for row in rows], np.int64)
+    stamps = [row.stamp_us for row in rows if row.stamp_us is not None]
+    if not stamps:
+        arrivals = np.array([row.arrived_us for row in rows], np.int64)
+        if arrivals[-1] <= arrivals[0]:
+            raise UnknownRate
+        return (
+            MICROSECONDS
+            * float(np.mean(arrivals > arrivals[0]))
+            * len(arrivals)
+            / int(arrivals[-1] - arrivals[0])
+        )
+    times = np.array(stamps, np.int64)
     times[1:] += (1 << 32) * np.cumsum(np.diff(times) < -(1 << 31))
     if np.any(np.diff(times) < 0):
         raise UnknownRate

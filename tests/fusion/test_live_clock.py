@@ -1,5 +1,8 @@
 """The clock of a stream: wraps, restarts, lost frames; all hand-worked at 100 Hz (10,000 us)."""
 
+import numpy as np
+import pytest
+
 from fusion.live import StreamClock
 
 
@@ -37,8 +40,31 @@ def test_without_a_counter_a_late_frame_is_not_a_loss() -> None:
     assert place((0, None, 0), (14_000, None, 14_000))[1] == (14_000, 1)
 
 
-def test_without_a_stamp_the_arrival_is_the_time() -> None:
-    assert place((None, 1, 5_000), (None, 2, 15_500))[1] == (10_500, 1)
+def test_without_a_stamp_rows_are_a_period_apart_however_they_come() -> None:
+    # Four rows in one burst each 40 ms.
+    bursts = [(None, None, 40_000 * (k // 4)) for k in range(4000)]
+
+    placed = np.array(place(*bursts))
+
+    assert placed[:, 1].tolist() == list(range(4000))
+    assert np.abs(np.diff(placed[:, 0]) - 10_000).max() <= 500
+    assert placed[-1, 0] == pytest.approx(39_990_000, abs=40_000)
+
+
+def test_without_a_stamp_the_time_follows_a_board_whose_rate_is_another() -> None:
+    # 101 Hz for 100 Hz, over 60 s.
+    placed = place(*((None, None, 9_901 * k) for k in range(6000)))
+
+    assert placed[-1][0] == pytest.approx(9_901 * 5999, abs=30_000)
+
+
+def test_without_stamp_and_counter_a_silence_is_a_loss() -> None:
+    # A second without a row: the row after it is due 10 ms after the one before, and 99 were lost.
+    assert place((None, None, 0), (None, None, 1_000_000))[1] == (1_000_000, 100)
+
+
+def test_without_a_stamp_a_counter_tells_a_delay_from_a_loss() -> None:
+    assert place((None, 7, 0), (None, 8, 1_000_000))[1] == (10_500, 1)
 
 
 def test_a_board_that_restarts_goes_on_by_the_arrivals() -> None:

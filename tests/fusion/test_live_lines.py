@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fusion.errors import NoGyroscope, UnknownColumns, UnknownUnit
+from fusion.errors import NoGyroscope, UnknownColumns, UnknownUnit, UnusableTime
 from fusion.live import Frames
 from fusion.live.lines import LineReader
 
@@ -83,6 +83,64 @@ def test_a_value_that_no_sensor_has_is_a_torn_line(value: str) -> None:
 
     assert reader.torn == 1
     assert len(frames) == 299
+
+
+@pytest.mark.parametrize("start", ["inf,250", "1e300,250", "2500000,99999999999999999999"])
+def test_a_stamp_or_a_count_that_no_board_has_is_a_torn_line(start: str) -> None:
+    wrong = f"{start},0.25,0.0,1.0,0.5,0.0,0.0\n"
+
+    reader, frames = read(HEADER + write_rows(0, 250) + wrong + write_rows(251, 300))
+
+    assert reader.torn == 1
+    assert len(frames) == 299
+
+
+def test_a_board_that_is_reset_while_its_rate_is_measured_is_read_from_there() -> None:
+    before = HEADER + write_rows(0, 100, stamp=50_000_000)
+
+    reader, frames = read(before + HEADER + write_rows(0, 250))
+
+    assert reader.facts is not None
+    assert reader.facts.rate_hz == 100.0
+    assert len(frames) == 250
+
+
+def test_a_header_that_changes_is_followed() -> None:
+    # The same columns, the gyroscope in rad/s: 0.5 rad/s are 28.648 deg/s.
+    changed = HEADER.replace("dps", "rad/s")
+
+    reader, frames = read(HEADER + write_rows(0, 250) + changed + write_rows(250, 300))
+
+    assert reader.torn == 0
+    assert frames.gyr_dps[249, 0] == pytest.approx(0.5)
+    assert frames.gyr_dps[250, 0] == pytest.approx(28.648, abs=0.001)
+
+
+def test_a_torn_header_changes_nothing() -> None:
+    reader, frames = read(HEADER + write_rows(0, 250) + HEADER[12:] + write_rows(250, 300))
+
+    assert reader.torn == 1
+    assert len(frames) == 300
+
+
+def test_a_board_that_sends_at_another_rate_is_refused() -> None:
+    # From 100 to 50 Hz, the counter without a gap: the angle would turn half as far.
+    slower = "".join(f"{3_000_000 + 20_000 * k},{300 + k},0.0,0.0,1.0,0.5,0.0,0.0\n" for k in range(200))
+
+    with pytest.raises(UnusableTime, match="rate changed"):
+        read(HEADER + write_rows(0, 300) + slower)
+
+
+def test_without_stamps_rows_in_bursts_tell_the_rate() -> None:
+    # Ten rows each 100 ms.
+    reader = LineReader()
+    reader.feed(NANO.encode(), 0)
+
+    for k in range(1, 31):
+        reader.feed(b"0.100,0.200,0.900,10.0,20.0,30.0\n" * 10, 100_000 * k)
+
+    assert reader.facts is not None
+    assert reader.facts.rate_hz == pytest.approx(100.0)
 
 
 def test_bytes_that_are_no_text_are_torn_lines() -> None:

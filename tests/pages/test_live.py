@@ -100,6 +100,22 @@ def test_the_pose_is_asked_for_by_a_key(playing: Page) -> None:
     expect(playing.locator("#pose")).to_contain_text("Let the arm hang along the body.")
 
 
+def test_in_full_screen_figures_are_read_from_three_metres(playing: Page) -> None:
+    # 16 arc minutes, the least of ISO 9241-303, are 14 mm at 3 m: capitals of 50 px on a 24-inch screen of
+    # 1920 x 1080, a font of 70 px. The countdown is read on the way: 13 arc minutes.
+    playing.set_viewport_size({"width": 1920, "height": 1080})
+    playing.keyboard.press("f")
+    expect(playing.locator("#session:fullscreen")).to_be_attached()
+    playing.keyboard.press("p")
+    expect(playing.locator("#pose")).to_be_visible()
+
+    measure = "(part) => parseFloat(getComputedStyle(part).fontSize)"
+    assert playing.locator("#angle").evaluate(measure) > 300
+    assert playing.locator("#above").evaluate(measure) >= 69
+    assert playing.locator("#pose").evaluate(measure) >= 55
+    assert playing.evaluate("document.getElementById('session').scrollHeight <= innerHeight")
+
+
 def test_it_is_stopped_by_a_key_and_a_replay_adds_nothing(playing: Page) -> None:
     playing.keyboard.press("s")
 

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 
 from app.errors import TooManySessions
-from app.live.hub import Ended, LiveHub, SessionRequest
+from app.live.hub import Ended, LiveHub, RunningSession, SessionRequest
 from app.live.raw_file import Wearer
+from app.live.recorder import Recorder
 from app.live.source import SourceFacts
 from fusion.live import Frames, replay_frames
 from fusion.live.cues import Cue
@@ -77,6 +78,22 @@ def test_a_bug_ends_its_own_session_and_loses_nothing(tmp_path: Path) -> None:
     messages = run(tmp_path, BreakingSource(ZeroDivisionError()), Shelf())
 
     assert messages[-1]["state"] == "failed"
+
+
+def test_a_watch_that_ends_ends_no_other(tmp_path: Path) -> None:
+    source = BreakingSource(OSError("gone"))
+    recorder = Recorder(tmp_path / "live-a.csv", source.facts)
+    session = RunningSession("a", source, recorder, SessionRequest())
+    seen: list[str] = []
+    first = session.watch(lambda _: None)
+    session.watch(lambda message: seen.append(f"second {message['type']}"))
+    session.leave(first)
+    session.watch(lambda message: seen.append(f"third {message['type']}"))
+
+    session.pause_cues(paused=True)
+
+    recorder.stop()
+    assert seen[-2:] == ["second cues", "third cues"]
 
 
 def test_a_raw_file_that_cannot_be_taken_in_stays_for_the_next_start(tmp_path: Path) -> None:

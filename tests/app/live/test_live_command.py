@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from app.cli.live import _run
 from app.live.raw_file import RawFile
 from app.live.recorder import Recorder
 from app.live.source import SourceFacts
+from fusion.errors import UnusableTime
 from fusion.live import Frames, replay_frames
 from fusion.readers import read_recording
 from fusion.recording import Recording
@@ -102,6 +105,16 @@ class MadeSource:
         pass
 
 
+class StrayingSource(MadeSource):
+    """Its board is set to another rate in the end."""
+
+    def read(self) -> Frames | None:
+        frames = super().read()
+        if frames is None:
+            raise UnusableTime(why="rate changed")
+        return frames
+
+
 def test_a_pose_that_is_refused_is_asked_for_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,6 +127,29 @@ def test_a_pose_that_is_refused_is_asked_for_again(
 
     assert "The arm moved. Once more." in capsys.readouterr().out
     assert read_recording(recorder.path).pose_windows_s == ((15.49, 20.49),)
+
+
+def test_a_board_that_goes_astray_is_said_and_what_came_is_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = StrayingSource(make_worn((0.0, 20.0)))
+    recorder = Recorder(tmp_path / "live-a.csv", source.facts)
+
+    _run(source, recorder, 5.0, "en")
+
+    assert "the board sends at another rate than at the start" in capsys.readouterr().err
+    assert sum(map(len, read_recording(recorder.path).segments)) == 2000
+
+
+def test_a_disk_that_takes_no_more_is_said(tmp_path: Path, log: Path) -> None:
+    # A limit of the size of a file, as a full disk: 256 blocks of 1 KiB.
+    command = f"ulimit -f 256; {sys.executable} -m app live {log} --speed 20 -o {tmp_path / 'out'}"
+
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+
+    assert ended.returncode == 3
+    assert "File too large" in ended.stderr
+    assert "Traceback" not in ended.stderr
 
 
 def test_cues_ring_the_bell_and_are_logged_beside_the_raw_file(log: Path, tmp_path: Path) -> None:

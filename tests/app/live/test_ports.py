@@ -12,7 +12,7 @@ import pytest
 
 from app.errors import LiveSourceFailed
 from app.live.lines import LineSource, open_lines
-from app.live.ports import SerialPort, TcpPort, UdpPort, names_port, open_port
+from app.live.ports import MOST_PIECES, PushedPort, SerialPort, TcpPort, UdpPort, names_port, open_port
 from fusion.live import LiveSession
 from tests.fusion.test_live_lines import HEADER, PREAMBLE, write_rows
 
@@ -170,6 +170,56 @@ def test_datagrams_are_read_and_a_second_sender_is_not_heard() -> None:
     source.close()
 
     assert session.status().lost == 0
+
+
+def test_a_board_that_starts_anew_from_another_port_is_heard_after_a_silence() -> None:
+    passed_s = [0.0]
+    port = UdpPort("127.0.0.1", 0, now_s=lambda: passed_s[0])
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as before,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as after,
+    ):
+        before.sendto(b"1\n", ("127.0.0.1", port.port))
+        port.read()
+        passed_s[0] = 6.0
+        after.sendto(b"2\n", ("127.0.0.1", port.port))
+
+        assert port.read() == b"2\n"
+    port.close()
+
+
+def test_a_line_that_brings_nothing_is_called_again() -> None:
+    passed_s = [0.0]
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = TcpPort("127.0.0.1", server.getsockname()[1], now_s=lambda: passed_s[0])
+        silent, _ = server.accept()
+        passed_s[0] = 11.0
+        port.read()
+        again, _ = server.accept()
+        with silent, again:
+            again.sendall(b"3\n")
+
+            assert port.read() == b"3\n"
+        port.close()
+
+
+def test_a_serial_port_serves_one_session_at_a_time(board: Board) -> None:
+    port = SerialPort(str(board.path))
+
+    with pytest.raises(LiveSourceFailed) as refusal:
+        SerialPort(str(board.path))
+
+    port.close()
+    assert refusal.value.facts["why"] == "port"
+
+
+def test_bytes_that_a_full_port_cannot_take_are_not_lost() -> None:
+    port = PushedPort()
+    taken = sum(port.push(b"x") for _ in range(MOST_PIECES + 1))
+
+    assert taken == MOST_PIECES
+    assert port.read() == b"x"
+    assert port.push(b"y")
 
 
 def test_a_board_over_tcp_is_read_and_called_again() -> None:

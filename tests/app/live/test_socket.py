@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +13,18 @@ from sqlalchemy import select
 from starlette.testclient import WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.api.live import LIVE_FOLDER, find_hub
-from app.jobs.database.tables import deliveries
+from app.api.live import LIVE_FOLDER, _find_limiter, find_hub
+from app.jobs.database.tables import deliveries, recordings
 from app.jobs.store import JobStore
 from app.live.ports import SerialPort
 from app.live.raw_file import RawFile, RawHeader, Wearer
+from app.live.recorder import Recorder
+from app.live.source import SourceFacts
 from app.main import create_app
 from app.settings import Settings
 from app.storage.store import Storage
 from fusion.live import LiveElevation, replay_frames
+from fusion.live.cues import CueRule
 from fusion.recording import Recording
 from tests.app.live.made import FIRST_POSE, make_worn
 from tests.app.live.test_ports import Board
@@ -239,6 +242,56 @@ def test_what_a_dead_server_left_becomes_a_recording_but_for_what_it_played(
 
     assert (recording["subject"], recording["side"]) == ("S007", "left")
     assert list(folder.iterdir()) == []
+
+
+def test_a_session_with_cues_that_a_kill_cut_off_still_bears_the_tag(
+    settings: Settings, store: JobStore
+) -> None:
+    folder = settings.data_dir / LIVE_FOLDER
+    folder.mkdir(parents=True)
+    rules = (CueRule("hold", 60.0, 10.0),)
+    recorder = Recorder(folder / "live-a.csv", SourceFacts("other", "made", 100.0), Wearer(), rules)
+    for frames in replay_frames(make_worn(*DAY), 1.0):
+        recorder.take(frames)
+    recorder.break_off()
+
+    with TestClient(create_app(settings)), store.engine.connect() as connection:
+        assert connection.execute(select(recordings.c.tags)).scalars().all() == ['["cues"]']
+
+
+def test_boards_that_are_silent_hold_up_no_other_request(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.lines.LEARN_LIMIT_S", 3.0)
+    silent = 45  # more than the threads that answer requests
+    with ExitStack() as sockets:
+        for _ in range(silent):
+            sockets.enter_context(connect(client, type="start", source="lines", name="silent"))
+        while count_starting(client) < silent:
+            pass
+        client.get("/healthz")
+
+        assert count_starting(client) == silent
+
+
+def count_starting(client: TestClient) -> int:
+    assert client.portal is not None
+    return int(client.portal.call(lambda: _find_limiter().borrowed_tokens))
+
+
+def test_the_part_of_a_message_that_cannot_be_is_named(client: TestClient) -> None:
+    with connect(client, type="start", source="demo", speed=50) as socket:
+        problem = socket.receive_json()
+
+    assert problem["detail"].startswith("start.speed cannot be 50")
+
+
+def test_a_message_that_is_too_long_in_coming_ends_the_connection(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.api.live.FIRST_LIMIT_S", 0.05)
+    with client.websocket_connect(f"ws://localhost:8080{ADDRESS}") as socket:
+        assert socket.receive_json()["code"] == "E-PARAMETER"
 
 
 def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 // The strip of the last minute and the arm.
 
-const SECONDS = 60, TOP_DEG = 180, LINES_DEG = [30, 60, 90];
+const SECONDS = 60, TOP_DEG = 180, FOOT_DEG = -6, LINES_DEG = [30, 60, 90];
 const LONGEST_STEP_S = 0.2;
 
 export class Strip {
@@ -28,7 +28,7 @@ export class Strip {
     const pen = canvas.getContext("2d"), style = getComputedStyle(canvas);
     pen.setTransform(scale, 0, 0, scale, 0, 0);
     pen.clearRect(0, 0, width, height);
-    const y = (deg) => height - (deg / TOP_DEG) * height;
+    const y = (deg) => height - ((deg - FOOT_DEG) / (TOP_DEG - FOOT_DEG)) * height;
     this.drawLevels(pen, style, width, y);
     const endS = this.points.at(-1)?.[0] ?? 0;
     this.drawCurve(pen, style, (timeS) => width - ((endS - timeS) / SECONDS) * width, y);
@@ -36,7 +36,7 @@ export class Strip {
 
   drawLevels(pen, style, width, y) {
     const edges = [...LINES_DEG, TOP_DEG];
-    pen.font = "12px system-ui, sans-serif";
+    pen.font = `${style.fontSize} system-ui, sans-serif`;
     LINES_DEG.forEach((deg, place) => {
       pen.fillStyle = style.getPropertyValue(`--level-${place + 1}`);
       pen.fillRect(0, y(edges[place + 1]), width, y(deg) - y(edges[place + 1]));

@@ -13,7 +13,7 @@ const cues = new Cues();
 const strip = new Strip($("strip"));
 const number = (digits) => new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
 const whole = number(0), tenth = number(1);
-const OLD_MS = 1000, CUE_MS = 5000, TRY_MS = 3000, MOST_TRIES = 100, LATENCIES = 25;
+const OLD_MS = 1000, CUE_MS = 5000, TRY_MS = 3000, MOST_TRIES = 100, LATENCIES = 25, MOST_STILL_MG = 50;
 const state = { newest: null, isDrawing: false, latencies: [], pose: "", shownAt: 0 };
 
 const address = new URL(`${base}/api/v1/live`, location.href);
@@ -26,7 +26,7 @@ function take(message) {
 }
 
 function begin(message) {
-  form.hidden = $("end").hidden = $("problem").hidden = $("link").hidden = true;
+  form.hidden = $("end").hidden = $("problem").hidden = $("link").hidden = $("preparing").hidden = true;
   $("intro").hidden = true;
   $("session").hidden = false;
   $("reopen").hidden = sensor !== null || !sessionStorage.getItem(KIND);
@@ -83,9 +83,10 @@ function measure(cameS) {
 function showPose(status) {
   const left = whole.format(Math.ceil(status.pose_left_s));
   const refused = status.pose_refused && status.pose !== "holding" ? `${texts.refused[status.pose_refused]} ` : "";
-  const text = refused + ({ countdown: fill(texts.countdown, { left }), holding: fill(texts.holding, { left, still: whole.format(1000 * status.still_g) }), none: texts.no_pose }[status.pose] ?? "");
+  const text = refused + ({ countdown: fill(texts.countdown, { left }), holding: fill(texts.holding, { left, still: whole.format(1000 * status.still_g), most: whole.format(MOST_STILL_MG) }), none: texts.no_pose }[status.pose] ?? "");
   if (text === state.pose) return;
   if (state.pose && !text) say(texts.pose_held);
+  $("pose").style.setProperty("--moved", status.pose === "holding" ? Math.min(1, (1000 * status.still_g) / MOST_STILL_MG) : 0);
   state.pose = text;
   $("pose").textContent = text;
   $("pose").hidden = !text;
@@ -109,7 +110,7 @@ function end(message) {
   $("session").hidden = true;
   $("intro").hidden = false;
   $("end").hidden = false;
-  $("ended-words").textContent = message.state === "failed" ? texts.failed : message.analysis ? texts.kept : texts.played;
+  $("ended-words").textContent = message.state === "failed" ? (message.analysis ? texts.broke_off : texts.failed) : message.analysis ? texts.kept : texts.played;
   $("report").hidden = !message.analysis;
   if (message.analysis) $("report").href = `${base}/analyses/${message.analysis}`;
   $("difference").hidden = true;
@@ -134,6 +135,7 @@ async function tellDifference(session) {
 
 function refuse(message) {
   closeSensor();
+  $("preparing").hidden = true;
   const wasShown = !$("session").hidden;
   $("intro").hidden = false;
   $("session").hidden = true;
@@ -145,6 +147,7 @@ function refuse(message) {
 function lose() {
   $("link").hidden = $("session").hidden;
   if (link.session) return;
+  $("preparing").hidden = true;
   $("problem").hidden = false;
   $("problem").textContent = texts.no_link;
 }
@@ -213,6 +216,7 @@ async function openSensor(kind) {
 }
 
 function failSensor(error) {
+  $("preparing").hidden = true;
   $("problem").hidden = false;
   $("problem").textContent = `${texts.sensor_failed} ${error?.message ?? ""}`;
   $("reopen").hidden = $("session").hidden;
@@ -247,7 +251,7 @@ $("reopen").addEventListener("click", () => openSensor(sessionStorage.getItem(KI
 $("source").addEventListener("change", showAsked);
 form.addEventListener("submit", (event) => {
   event.preventDefault();
-  say(texts.preparing);
+  $("preparing").hidden = false;
   cues.choose(new FormData(form).getAll("way"));
   $("problem").hidden = true;
   $("begin").disabled = true;
