@@ -35,6 +35,7 @@ class EveryoneLeads(Leader):
     """What there was before: each worker looks after all."""
 
     def is_leader(self) -> bool:
+        """Lead, whoever else does."""
         return True
 
 
@@ -55,7 +56,7 @@ class SimulatedWorker:
     ) -> None:
         bench = open_bench(settings)
         event.listen(bench.store.engine, "after_cursor_execute", count)
-        me = Claimer(f"computer {number}", 1, "1")
+        me = Claimer(f"computer {number}", 1, "")
         watch = LeaseWatch(me, settings.lease_s)
         self._bench: Bench = replace(bench, watch=watch, revives=all_lead)
         self._leader = (EveryoneLeads if all_lead else Leader)(bench.store.engine, REVIVAL, 60.0)

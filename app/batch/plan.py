@@ -41,6 +41,8 @@ TABLES = (
     "settings.yaml",
     "methods.md",
     "index.html",
+    "datapackage.json",
+    "ro-crate-metadata.json",
 )
 """Files next to the recordings' folders."""
 
