@@ -2,9 +2,9 @@
 
 There are no standard codes for arm elevation, so the codes are our own: the names of ``summary.csv`` in the
 system ``urn:acromion:dictionary``. Each resource names the profile that it keeps, HL7's own of R4: those for
-vital signs or devices ask for codes that do not exist for these figures. The subject is an identifier, never a name. No time of generation stands
-in it, so that the same analysis gives the same bytes. Shape: HL7 FHIR R4 (4.0.1), Bundle, DiagnosticReport,
-Observation; units: UCUM.
+vital signs or devices ask for codes that do not exist for these figures. The subject is an identifier, never
+a name. No time of generation stands in it, so that the same analysis gives the same bytes. Shape: HL7 FHIR R4
+(4.0.1), Bundle, DiagnosticReport, Observation; units: UCUM.
 """
 
 import base64
