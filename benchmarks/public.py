@@ -1,9 +1,9 @@
 """The public benchmark: ``python -m benchmarks.public [-o DIR] [--data DIR] [--hours 8] [--only PART...]``.
 
-Writes one page, ``benchmark.html``, and the same numbers as ``benchmark.json``: accuracy on BROAD, on recorded
-motion and on the ten tasks; speed and memory beside VQF, offlineVQF, ahrs, imufusion, pandas and polars; the
-machine and every version. What cannot be measured here is named with what it needs. The measuring is that of
-``benchmarks.validation`` and ``benchmarks.readers``. Needs the extras `dev` and `bench`.
+Writes one page, ``benchmark.html``, and the same numbers as ``benchmark.json``: accuracy on BROAD, on
+recorded motion and on the ten tasks; speed and memory beside VQF, offlineVQF, ahrs, imufusion, pandas and
+polars; the machine and every version. What cannot be measured here is named with what it needs. The
+measuring is that of ``benchmarks.validation`` and ``benchmarks.readers``. Needs the extras `dev` and `bench`.
 """
 
 import argparse
@@ -184,19 +184,25 @@ def _lack(part: Part, what: str) -> Part:
     return Part(part.key, part.title, part.text, missing=what)
 
 
-_BROAD = """Seventeen trials of a hand-held sensor beside optical motion capture. The figure is the root mean
-square angle between the estimated and the optical vertical in motion, at the one lag that is best
-for each estimator. None uses a magnetometer."""
-_RECORDED = """{n} shifts for each device, put together from people's recorded arm motion, with a simulated sensor
-and its faults; the calibration pose is found, not told. No sensor worn by a person with a reference
-for the upper arm is among the data."""
-_TASKS = """Five virtual people do the ten tasks of a published study, each five times; rigid arm, exact truth,
-simulated faults of the sensors. `published` is the algorithm of that study."""
-_FUSION = """A simulated recording in memory. `smoothed`, `published` and `live` do the whole way to the angle:
-still moments, calibration, fusion. The peers get arrays in their units and give quaternions.
-imufusion runs in its Python loop; it and ahrs (Madgwick, Mahony) run over 30 s, scaled."""
-_READING = """Each reader in a process of its own, one thread, after a warm-up: the columns of acceleration and
-angular rate as numbers. acromion also finds the columns and the time."""
+_BROAD = """\
+Seventeen trials of a hand-held sensor beside optical motion capture. The figure is the root
+mean square angle between the estimated and the optical vertical in motion, at the one lag
+that is best for each estimator. None uses a magnetometer."""
+_RECORDED = """\
+{n} shifts for each device, put together from people's recorded arm motion, with a simulated
+sensor and its faults; the calibration pose is found, not told. No sensor worn by a person
+with a reference for the upper arm is among the data."""
+_TASKS = """\
+Five virtual people do the ten tasks of a published study, each five times; rigid arm, exact
+truth, simulated faults of the sensors. `published` is the algorithm of that study."""
+_FUSION = """\
+A simulated recording in memory. `smoothed`, `published` and `live` do the whole way to the
+angle: still moments, calibration, fusion. The peers get arrays in their units and give
+quaternions. imufusion runs in its Python loop; it and ahrs (Madgwick, Mahony) run over 30
+s, scaled."""
+_READING = """\
+Each reader in a process of its own, one thread, after a warm-up: the columns of
+acceleration and angular rate as numbers. acromion also finds the columns and the time."""
 
 
 def describe_machine() -> dict[str, str]:

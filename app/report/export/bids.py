@@ -129,7 +129,7 @@ def _list_participants(runs: Iterable[_Run]) -> list[Sequence[str]]:
 
 def _list_scans(runs: Iterable[_Run]) -> tuple[Sequence[str], list[Sequence[str]]]:
     """List the files of one subject and when each recording began, by the clock of the device."""
-    rows = [
+    rows: list[Sequence[str]] = [
         (f"motion/{run.stem}_motion.tsv", (run.angles.results["recording"]["start"] or "n/a")[:19])
         for run in runs
     ]

@@ -6,7 +6,7 @@ Shape: Frictionless Data Package and Table Schema.
 
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, PROBLEM_COLUMNS, Dialect
 from app.report.figures import NOT_OF_ONE, PERIODS, SUMMARY, Column, find_unit
@@ -40,7 +40,9 @@ def _describe_table(name: str, dialect: Dialect, make: Callable[[Dialect], list[
     }
 
 
-def _describe_column(column: Column, table: str, dialect: Dialect) -> dict[str, Any]:
+def _describe_column(
+    column: Column, table: Literal["summary", "periods"], dialect: Dialect
+) -> dict[str, Any]:
     field: dict[str, Any] = {"name": column.name, "title": column.explain("en", table)}
     unit = find_unit(column.name)
     if column.kind == "text":
