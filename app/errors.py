@@ -28,6 +28,8 @@ REFUSED_BY_THE_SCIENCE = Outcome(422, 3)
 # Codes that no class carries: nothing raises them.
 UNREADABLE_PATH = "E-FILE"
 NO_RECORDING = "E-NO-RECORDING"
+NO_SHARDS = "E-NO-SHARDS"
+NO_RESULTS = "E-NO-RESULTS"
 CANCELLED = "E-CANCELLED"
 
 

@@ -15,7 +15,8 @@ from fusion.diary import DiaryEntry
 from fusion.task_windows import TaskWindow
 
 Stage = Literal["preparing", "reading", "checking", "calibrating", "fusing", "counting", "rendering"]
-Language = Literal["en", "fr", "fr-CA"]
+Language = Literal["en", "fr", "fr-CA", "de"]
+"""Of a report; the pages are in English and French."""
 ReportKind = Literal["html", "pdf"]
 Paper = Literal["a4", "letter"]
 OnStage = Callable[[Stage, float], None]

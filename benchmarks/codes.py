@@ -10,6 +10,8 @@ import fusion.orientation.arrays  # noqa: F401 (declares a refusal of its own)
 from app.errors import (
     CANCELLED,
     NO_RECORDING,
+    NO_RESULTS,
+    NO_SHARDS,
     REFUSED_BY_THE_SCIENCE,
     UNREADABLE_PATH,
     AppError,
@@ -70,7 +72,7 @@ def write_document() -> str:
         others="\n".join(_describe_others(refusals)),
         bare=", ".join(
             f"`{code}` ({describe_problem(code, {}, 'en').title})"
-            for code in (UNREADABLE_PATH, NO_RECORDING, CANCELLED)
+            for code in (UNREADABLE_PATH, NO_RECORDING, NO_SHARDS, NO_RESULTS, CANCELLED)
         ),
     )
 

@@ -22,9 +22,10 @@ BINARIES = find_binaries()
 class PostgresServer:
     """A cluster that nobody else sees; it runs as ``postgres`` where we are root, for it refuses root."""
 
-    def __init__(self) -> None:
+    def __init__(self, connections: int = 200) -> None:
         assert BINARIES is not None
         self.folder = Path(tempfile.mkdtemp(prefix="acromion-pg-"))
+        self._connections = connections
         self._user = "postgres" if os.geteuid() == 0 else None
         if self._user:
             shutil.chown(self.folder, self._user)
@@ -38,7 +39,7 @@ class PostgresServer:
 
     def start(self) -> None:
         """Start, and wait until it answers."""
-        options = f"-k {self.folder} -c listen_addresses='' -c max_connections=200"
+        options = f"-k {self.folder} -c listen_addresses='' -c max_connections={self._connections}"
         self._run("pg_ctl", "-w", "-l", str(self.folder / "log"), "-o", options, "start")
 
     def stop(self, mode: str = "fast") -> None:

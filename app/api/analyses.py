@@ -4,7 +4,7 @@ import asyncio
 import json
 import re
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar
@@ -41,6 +41,7 @@ from app.jobs.regeneration import find_same, retry
 from app.jobs.results import check_succeeded
 from app.jobs.store import JobFilter
 from app.report.export.columns import PERIOD_COLUMNS, describe_periods
+from app.report.export.crate import CRATE, Made, encode_crate
 from app.report.export.csv import encode_table
 from app.report.export.naming import pack_files
 from app.report.words.wording import Language, find_nearest
@@ -315,7 +316,9 @@ def _encode_event(view: AnalysisView) -> str:
     return f"event: analysis\ndata: {view.model_dump_json(exclude_unset=True)}\n\n"
 
 
-EXPORT_NAMES = tuple(name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap")))
+EXPORT_NAMES = tuple(
+    name for name in RESULT_NAMES if name.startswith(("summary", "dictionary", "redcap", "datapackage"))
+)
 
 
 ReportLanguage = Annotated[
@@ -398,8 +401,14 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     job = services.store.get(analysis_id)
     check_succeeded(job, "bundle.zip")
     names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
-    body = pack_files({name: services.results.read(job, name) for name in names})
+    files = {name: services.results.read(job, name) for name in names}
+    made = Made("the recording", _measure(files), json.loads(files.get("results.json", b"null")))
+    body = pack_files({**files, CRATE: encode_crate([made], {})})
     return serve_bytes(request, services, job, "bundle.zip", body)
+
+
+def _measure(files: Mapping[str, bytes]) -> dict[str, int]:
+    return {name: len(content) for name, content in files.items()}
 
 
 @router.get("/analyses/{analysis_id}/periods.csv", response_class=FileResponse)

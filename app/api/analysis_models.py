@@ -311,6 +311,7 @@ RESULT_NAMES = (
     "summary.xlsx",
     "summary.parquet",
     "dictionary.csv",
+    "datapackage.json",
     "redcap_import.csv",
     "redcap_dictionary.csv",
     "fhir.json",

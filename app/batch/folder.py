@@ -62,12 +62,17 @@ def make_marker(task: Task, digest: str = "") -> Marker:
 
     ``digest``: SHA-256 of its one log, where it is known.
     """
-    digest, settings = digest or _hash_files(task), _write_settings(task)
-    parts = [digest, task.request.file_name, settings, identify_engine()]
-    fingerprint = hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    digest, settings = digest or _hash_files(task), _write_settings(task.request)
+    fingerprint = take_fingerprint(digest, task.request)
     language, paper = task.request.languages[0], task.request.paper
     place = identify_place(task.log)
     return Marker(fingerprint, digest, settings, language=language, papers={language: paper}, place=place)
+
+
+def take_fingerprint(digest: str, request: ReportRequest) -> str:
+    """Hash what the figures depend on: the bytes (by their digest), what is asked, and the software."""
+    parts = [digest, request.file_name, _write_settings(request), identify_engine()]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
@@ -85,13 +90,13 @@ def read_marker(folder: Path, figures: str = "results.json") -> Marker | None:
 def is_up_to_date(task: Task) -> bool:
     """Whether the report that is there holds the figures that the task would make."""
     before = read_marker(task.folder)
-    if before is None or before.settings != _write_settings(task):  # the log need not be read
+    if before is None or before.settings != _write_settings(task.request):  # the log need not be read
         return False
     return before.fingerprint == make_marker(task).fingerprint
 
 
-def _write_settings(task: Task) -> str:
-    return json.dumps(task.request.describe_settings(), sort_keys=True)
+def _write_settings(request: ReportRequest) -> str:
+    return json.dumps(request.describe_settings(), sort_keys=True)
 
 
 def write_marker(folder: Path, marker: Marker) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from itertools import count, takewhile
+from itertools import chain, count
 from pathlib import Path
 
 from app.errors import UnusableList
@@ -41,26 +41,71 @@ TABLES = (
     "settings.yaml",
     "methods.md",
     "index.html",
+    "datapackage.json",
+    "ro-crate-metadata.json",
 )
 """Files next to the recordings' folders."""
 
 PROFILES = "profiles"
 """Folder of the column profiles that were used, beside the recordings' folders; no recording's own."""
+
+SHARDS = "shards"
+"""Folder of what several processes of one run tell each other (:mod:`app.batch.shards`)."""
+
+OWN_FOLDERS = (PROFILES, SHARDS)
 _RESERVED = re.compile(r'[<>:"/\\|?*\x00-\x1f]|[. ]+$')
 
-Known = Callable[[Path], Mapping[str, str]]
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """What one look at the results saw: the folders of each stem, in order, and which recording each names.
+
+    It is looked at once: folders that another process makes meanwhile change nothing of this plan.
+    """
+
+    folders: Mapping[str, tuple[Path, ...]]
+    names: Mapping[Path, Mapping[str, str]]
+
+    def list_numbered(self, log: Path) -> tuple[Path, ...]:
+        """List the folders that may be of a recording, those of its stem, by number."""
+        return self.folders.get(format_folder_name(log).casefold(), ())
+
+    def find_place(self, path: Path) -> str:
+        """Give the hash of the place that a folder names; "" for none."""
+        return self.names.get(path, {}).get("place", "")
+
+
+def _look_at(out: Path, logs: Iterable[Path]) -> _Made:
+    """Read the markers of the folders that may be of these recordings."""
+    folders: dict[str, list[tuple[int, Path]]] = {format_folder_name(log).casefold(): [] for log in logs}
+    for path in out.iterdir() if out.is_dir() else ():
+        whole = path.name.casefold()
+        for stem, number in {(whole, 1), _split_number(whole)}:
+            if stem in folders:
+                folders[stem].append((number, path))
+    ordered = {stem: tuple(path for _, path in sorted(found)) for stem, found in folders.items()}
+    every = {path for found in ordered.values() for path in found}
+    return _Made(ordered, {path: _read_marker(path) for path in every})
+
+
+def _split_number(name: str) -> tuple[str, int]:
+    """Split ``arm-2`` into ``arm`` and 2; 1 where there is no number."""
+    stem, _, number = name.rpartition("-")
+    return (stem, int(number)) if stem and number.isdecimal() else (name, 1)
 
 
 def place_folders(logs: Sequence[Path], out: Path) -> list[Path]:
-    """Give each recording its folder: that of an earlier run, or one that no other recording has."""
-    known, digest = cache(_read_marker), cache(hash_file)
+    """Give each recording its folder: that of an earlier run, or one that no other recording has.
+
+    Whatever part of a study is done already, by this process or another, the plan is the same.
+    """
+    made, digest = _look_at(out, logs), cache(hash_file)
     placed: dict[int, Path] = {}
     taken = {name.casefold() for name in TABLES}
-    by_bytes = partial(_find_bytes, known, digest)
-    for find in (partial(_find_place, known), by_bytes, partial(_find_free, known)):
+    by_bytes = partial(_find_bytes, made, digest)
+    for find in (partial(_find_place, made), by_bytes, partial(_find_free, made)):
         for k, log in enumerate(logs):
-            free = (path for path in _find_names(log, out) if path.name.casefold() not in taken)
-            folder = None if k in placed else find(log, free)
+            folder = None if k in placed else find(log, _Names(log, out, taken))
             if folder is not None:
                 placed[k] = folder
                 taken.add(folder.name.casefold())
@@ -76,36 +121,46 @@ def format_folder_name(log: Path) -> str:
     """Give the file's stem, as a name that can only be a folder directly below the results."""
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     safe = _RESERVED.sub("_", clean_text(stem)).lstrip(". ")
-    return f"{safe}_" if safe == PROFILES else safe[:120] or "recording"
+    return f"{safe}_" if safe in OWN_FOLDERS else safe[:120] or "recording"
 
 
-def _find_names(log: Path, out: Path) -> Iterator[Path]:
-    stem = format_folder_name(log)
-    yield out / stem
-    yield from (out / f"{stem}-{number}" for number in count(2))
+@dataclass(frozen=True, slots=True)
+class _Names:
+    """The names that a recording's folder may have: its stem, then numbered."""
+
+    log: Path
+    out: Path
+    taken: Collection[str]
+
+    def list_all(self) -> Iterator[Path]:
+        stem = format_folder_name(self.log)
+        every = chain([self.out / stem], (self.out / f"{stem}-{number}" for number in count(2)))
+        return filter(self.is_free, every)
+
+    def is_free(self, path: Path) -> bool:
+        return path.name.casefold() not in self.taken
 
 
-def _find_place(known: Known, log: Path, folders: Iterable[Path]) -> Path | None:
+def _find_place(made: _Made, log: Path, names: _Names) -> Path | None:
     """Find the folder that was made of a recording in this very place."""
     place = identify_place(log)
-    return next((path for path in takewhile(Path.exists, folders) if known(path).get("place") == place), None)
+    mine = (path for path in made.list_numbered(log) if made.find_place(path) == place)
+    return next(filter(names.is_free, mine), None)
 
 
-def _find_bytes(
-    known: Known, digest: Callable[[Path], str], log: Path, folders: Iterable[Path]
-) -> Path | None:
+def _find_bytes(made: _Made, digest: Callable[[Path], str], log: Path, names: _Names) -> Path | None:
     """Find the folder that was made of these bytes while they lay elsewhere."""
-    for path in takewhile(Path.exists, folders):
-        first = known(path).get("input", "").split()[:1]
+    for path in filter(names.is_free, made.list_numbered(log)):
+        first = made.names[path].get("input", "").split()[:1]
         with suppress(OSError):  # a log that cannot be read is reported when its turn comes
-            if known(path).get("place") and first == [digest(log)]:
+            if made.find_place(path) and first == [digest(log)]:
                 return path
     return None
 
 
-def _find_free(known: Known, _log: Path, folders: Iterable[Path]) -> Path | None:
+def _find_free(made: _Made, _log: Path, names: _Names) -> Path | None:
     """Find a folder that names no recording: one that does not exist yet, or of an early release."""
-    return next(path for path in folders if not known(path).get("place"))
+    return next(path for path in names.list_all() if not made.find_place(path))
 
 
 def _read_marker(folder: Path) -> Mapping[str, str]:

@@ -126,7 +126,12 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("axis", "arm_axis", lambda value: None if value is None else parse_arm_axis(value), AXIS_HINT),
     Setting("slip_at", "slip_times_s", _read_slip_list, f"[{SLIP_HINT}]"),
     Setting("rate_hz", "rate_hz", _read_rate, "1 to 10000"),
-    Setting("lang", "languages", lambda value: (_choose(get_args(Language))[0](value),), "en|fr|fr-CA"),
+    Setting(
+        "lang",
+        "languages",
+        lambda value: (_choose(get_args(Language))[0](value),),
+        "|".join(get_args(Language)),
+    ),
     Setting("report", "kinds", _read_kinds, "[html, pdf]"),
     Setting("paper", "paper", *_choose(get_args(Paper))),
     Setting("diary", "diary", _read_diary, "[{start, end, kind, label}]"),

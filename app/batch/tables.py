@@ -19,6 +19,7 @@ from app.report.export.columns import (
     summarise_failure,
     summarise_results,
 )
+from app.report.export.crate import CRATE, Made, encode_crate
 from app.report.export.csv import (
     FRENCH_EXCEL,
     PROBLEM_COLUMNS,
@@ -28,6 +29,7 @@ from app.report.export.csv import (
     encode_table,
     tell_problem,
 )
+from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.methods_text import write_methods
 from app.report.export.xlsx import encode_workbook
 from app.report.render.html import IndexRow, render_index
@@ -37,6 +39,7 @@ from app.request import ReportRequest
 from app.storage.store import write_durably
 from app.version import software_revision, software_version
 
+CSV_TABLES = ("summary.csv", "summary_fr.csv", "periods.csv", "problems.csv", "dictionary.csv")
 _PACKAGES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "typst")
 
 
@@ -46,8 +49,22 @@ def write_tables(out: Path, outcomes: Sequence[Outcome], request: ReportRequest,
     Each is the old one or the new one, whole, whatever ends us meanwhile.
     """
     out.mkdir(parents=True, exist_ok=True)
+    sizes: dict[str, int] = {}
     for name, content in _encode_tables(outcomes, request, made_at):
         write_durably(out / name, content)
+        sizes[name] = len(content)
+    ended_at = made_at.isoformat(timespec="seconds")
+    write_durably(out / CRATE, encode_crate([_list_made(one) for one in outcomes], sizes, ended_at))
+
+
+def _list_made(outcome: Outcome) -> Made:
+    """List the files of one recording as they stand in its folder, without those of earlier versions."""
+    task = outcome.task
+    if outcome.code:
+        return Made(task.name, code=outcome.code)
+    files = sorted(path for path in task.folder.iterdir() if path.is_file())
+    sizes = {f"{task.folder.name}/{path.name}": path.stat().st_size for path in files}
+    return Made(task.name, sizes, _read_results(outcome))
 
 
 def _encode_tables(
@@ -60,6 +77,7 @@ def _encode_tables(
     yield "problems.csv", encode_table(PROBLEM_COLUMNS, _list_problems(outcomes, request))
     yield "periods.csv", encode_table(PERIOD_COLUMNS, _list_periods(outcomes))
     yield "dictionary.csv", encode_dictionary()
+    yield DATAPACKAGE, encode_datapackage(CSV_TABLES)
     yield "index.html", _render_index(outcomes, request)
     yield "settings.yaml", encode_settings(request)
     yield "methods.md", _write_methods(outcomes, request)

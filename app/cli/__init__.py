@@ -11,10 +11,11 @@ import typer
 from app.cli.admin import backup, doctor, recover, restore, serve, verify, worker
 from app.cli.compare import compare, pair, validate
 from app.cli.conformance import conformance
+from app.cli.export import export
 from app.cli.inspection import inspect, version
 from app.cli.live import live
 from app.cli.profile import profile
-from app.cli.run import exposure, run
+from app.cli.run import collect, exposure, run
 from app.cli.samples import demo, simulate
 
 app = typer.Typer(
@@ -26,7 +27,7 @@ app = typer.Typer(
 )
 
 for command in (
-    *(run, exposure, pair, compare, profile, validate),
+    *(run, collect, export, exposure, pair, compare, profile, validate),
     *(live, demo, simulate, conformance, inspect, version),
     *(serve, worker, backup, restore, recover, verify, doctor),
 ):

@@ -11,6 +11,7 @@ import typer
 
 from app.batch.inputs import Participant, read_participants
 from app.batch.plan import PROFILES, read_list
+from app.batch.shards import SHARD_HINT, Shard, parse_shard
 from app.cli.output import Exit, print_problem
 from app.errors import UNREADABLE_PATH, AppError, UnusableList
 from app.request import (
@@ -164,6 +165,14 @@ def parse_axis(text: str | None) -> ArmAxis | None:
         return parse_arm_axis(text) if text is not None else None
     except ValueError:
         raise typer.BadParameter(f"write {AXIS_HINT}", param_hint="--axis") from None
+
+
+def parse_shard_option(text: str | None) -> Shard | None:
+    """Read which slice of the recordings is done; None for all."""
+    try:
+        return parse_shard(text) if text is not None else None
+    except ValueError:
+        raise typer.BadParameter(f"write {SHARD_HINT}, e.g. 3/8", param_hint="--shard") from None
 
 
 def parse_slip_times(texts: list[str] | None) -> tuple[float, ...]:

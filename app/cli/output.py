@@ -13,12 +13,13 @@ from datetime import UTC, datetime
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 
 from app.batch.plan import Task, format_path
 from app.batch.run import Outcome, find_done, run_tasks
+from app.batch.shards import ShardRecord
 from app.errors import UNREADABLE_PATH, Interrupted
 from app.jobs.children.fork_server import warm_up
 from app.logs import escape_controls
@@ -193,7 +194,7 @@ def print_problem(name: str, code: str, facts: Any, language: Language) -> None:
     )
 
 
-def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> None:
+def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> NoReturn:
     """Write the tables and leave with the exit code that agrees with them."""
     language = request.languages[0]
     if outcomes:
@@ -212,6 +213,16 @@ def finish(outcomes: Sequence[Outcome], out: Path, request: ReportRequest) -> No
     if len(outcomes) > 1 or choose_exit(outcomes) is Exit.INTERRUPTED:
         typer.echo(_format_total(outcomes, language), err=True)
     raise typer.Exit(choose_exit(outcomes))
+
+
+def finish_shard(outcomes: Sequence[Outcome], record: ShardRecord, out: Path, language: Language) -> NoReturn:
+    """Leave the failures of this slice to ``acromion collect``, and leave with the exit code of the slice."""
+    with _handling_signals(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM):
+        record.write(outcomes)
+    typer.echo(_format_total(outcomes, language), err=True)
+    words = load_wording(language, "run")["outcome"]
+    typer.echo(fill(words["shard"], {"folder": format_path(out)}), err=True)
+    raise typer.Exit(choose_exit(outcomes) if outcomes else Exit.ALL_GOOD)
 
 
 def format_question(outcome: Outcome) -> list[str]:

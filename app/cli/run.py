@@ -11,6 +11,7 @@ from app.batch.folder import is_up_to_date
 from app.batch.inputs import Participant, assign_participants
 from app.batch.plan import Task, find_recordings, format_path, plan_joined, plan_tasks
 from app.batch.run import choose_workers, measure_capacity
+from app.batch.shards import ShardRecord, collect_outcomes
 from app.cli.options import (
     DiaryOption,
     LanguageOption,
@@ -25,6 +26,7 @@ from app.cli.options import (
     name_sensor,
     parse_axis,
     parse_kinds,
+    parse_shard_option,
     parse_slip_times,
     parse_subject,
     parse_windows,
@@ -37,13 +39,14 @@ from app.cli.options import (
 from app.cli.output import (
     Exit,
     finish,
+    finish_shard,
     print_failure,
     print_json,
     print_outcome,
     print_problem,
     report_progress,
 )
-from app.errors import NO_RECORDING
+from app.errors import NO_RECORDING, NO_SHARDS
 from app.report.words.wording import fill, load_wording
 from app.request import Language, Paper, ReportRequest
 from fusion.conventions import MethodName, Pose
@@ -105,6 +108,10 @@ def run(
     ] = None,
     join: Annotated[bool, typer.Option("--join", help="The files are one shift, in one report.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Do finished recordings again.")] = False,
+    shard: Annotated[
+        str | None,
+        typer.Option(metavar="K/N", help="Do the K-th of N slices; acromion collect makes the tables."),
+    ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what would be done; write nothing.")
     ] = False,
@@ -142,13 +149,32 @@ def run(
     tasks, unmatched = assign_participants(tasks, read_participants_file(participants, language))
     _print_unmatched(unmatched, language)
     check_windows(task.request for task in tasks)
+    mine, record = parse_shard_option(shard), None
+    if mine:
+        tasks, record = mine.select(tasks), ShardRecord(out, mine, tasks, request)
     if dry_run:
         _print_plan(tasks, language)
         raise typer.Exit
     on_outcome = print_json if json_log else print_failure if quiet else print_outcome
     keep_profile(profile, out)
     count = workers or _choose_workers(tasks, language)
-    finish(report_progress(tasks, count, on_outcome), out, request)
+    if record is None:
+        finish(report_progress(tasks, count, on_outcome), out, request)
+    record.begin()
+    finish_shard(report_progress(tasks, count, on_outcome), record, out, language)
+
+
+def collect(
+    out: Annotated[Path, typer.Argument(metavar="DIR", help="Results that runs with --shard wrote.")],
+    lang: Annotated[Language, typer.Option("--lang", help="Language of messages.")] = "en",
+) -> None:
+    """Make the tables of a run that several processes shared (--shard), once."""
+    try:
+        outcomes, request = collect_outcomes(out)
+    except (OSError, ValueError, KeyError, TypeError):
+        print_problem(format_path(out), NO_SHARDS, {}, lang)
+        raise typer.Exit(Exit.USAGE) from None
+    finish(outcomes, out, request)
 
 
 def exposure(

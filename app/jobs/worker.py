@@ -57,7 +57,10 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Everything that a worker needs; ``make`` replaces the science where it is given."""
+    """Everything that a worker needs; ``make`` replaces the science where it is given.
+
+    ``revives``: it puts back what dead workers held before each job; not where one does so for all.
+    """
 
     store: JobStore
     storage: Storage
@@ -67,6 +70,7 @@ class Bench:
     cache: DecodedCache
     make: MakeReport | None = None
     heartbeat: WorkerHeartbeat = field(default_factory=WorkerHeartbeat)
+    revives: bool = True
 
 
 def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
@@ -89,7 +93,8 @@ def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
 
 def run_next(bench: Bench) -> bool:
     """Do one job, from claim to published report; False when nothing waits."""
-    reclaim_abandoned(bench)
+    if bench.revives:
+        reclaim_abandoned(bench)
     job = bench.store.claim(bench.watch.me)
     if job is None or job.token is None:
         return False

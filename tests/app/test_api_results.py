@@ -3,12 +3,16 @@
 import hashlib
 import io
 import zipfile
+from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
+from frictionless import validate
+from rocrate.rocrate import ROCrate
 
 from app.jobs.children.attempt import MakeReport
 from app.jobs.worker import run_next
+from app.report.export.crate import CRATE
 from tests.app import stand_ins
 from tests.app.conftest import OpenBench
 
@@ -179,7 +183,22 @@ def test_the_bundle_holds_every_file_as_it_is_stored(client: TestClient, bench: 
     bundle = zipfile.ZipFile(io.BytesIO(client.get(f"{address}/bundle.zip").content))
 
     assert bundle.read("results.json") == stand_ins.RESULTS
-    assert len(bundle.namelist()) == 2 + len(stand_ins.EXPORTS) + 2 * 3
+    assert len(bundle.namelist()) == 2 + len(stand_ins.EXPORTS) + 2 * 3 + 1  # the crate
+
+
+def test_the_bundle_is_a_crate_whose_tables_keep_their_schema(
+    client: TestClient, bench: OpenBench, small_gt3x: bytes, tmp_path: Path
+) -> None:
+    sent = client.post("/api/v1/analyze", content=small_gt3x)
+    run_next(bench(None))
+    bundle = zipfile.ZipFile(io.BytesIO(client.get(f"{sent.headers['location']}/bundle.zip").content))
+    bundle.extractall(tmp_path / "crate")
+
+    crate = ROCrate(tmp_path / "crate")
+
+    files = {file.id: int(file["contentSize"]) for file in crate.data_entities}
+    assert files == {one.filename: one.file_size for one in bundle.infolist() if one.filename != CRATE}
+    assert validate(tmp_path / "crate" / "datapackage.json").valid
 
 
 def test_the_answer_to_paste_comes_in_the_language_asked_for(client: TestClient, bench: OpenBench) -> None:

@@ -116,3 +116,14 @@ def test_the_same_analysis_gives_the_same_bytes() -> None:
     results = json.loads(encode_results(make_analysis(), make_subject()))
 
     assert encode_fhir(results, {"en": PDF}, ANSWER) == encode_fhir(results, {"en": PDF}, ANSWER)
+
+
+def test_every_resource_names_its_profile() -> None:
+    bundle = bundle_of()
+    resources = [bundle, *(entry["resource"] for entry in bundle["entry"])]
+
+    assert {resource["resourceType"]: resource["meta"]["profile"] for resource in resources} == {
+        "Bundle": ["http://hl7.org/fhir/StructureDefinition/Bundle"],
+        "DiagnosticReport": ["http://hl7.org/fhir/StructureDefinition/DiagnosticReport"],
+        "Observation": ["http://hl7.org/fhir/StructureDefinition/Observation"],
+    }

@@ -1,6 +1,7 @@
-"""Several web servers on one database: one leads, so that no term passes twice as fast."""
+"""Several processes on one database: one leads, for all the others."""
 
 import asyncio
+import os
 import threading
 from collections.abc import Iterator
 
@@ -10,7 +11,14 @@ from sqlalchemy.exc import OperationalError
 
 from app.api.analyses import run_to_end
 from app.jobs.database.connect import open_database
-from app.jobs.processes.leader import Leader
+from app.jobs.job import Claimer, JobState
+from app.jobs.processes.cluster import install, revive_if_leading
+from app.jobs.processes.leader import REVIVAL, Leader
+from app.jobs.processes.lease import identify_self
+from app.jobs.store import JobStore
+from tests.app import stand_ins
+from tests.app.conftest import AddJob, OpenBench
+from tests.ways_in.servers import wait_for
 
 on_postgresql = pytest.mark.parametrize("database", ["postgresql"], indirect=True)
 
@@ -61,6 +69,41 @@ def test_a_leader_whose_connection_is_cut_leads_no_more(leaders: tuple[Leader, L
     with pytest.raises(OperationalError):
         one.is_leader()
     assert [other.is_leader(), one.is_leader()] == [True, False]
+
+
+@on_postgresql
+def test_a_leader_that_stands_still_leads_no_more(engine: Engine, leaders: tuple[Leader, Leader]) -> None:
+    silent, other = Leader(engine, REVIVAL, silence_s=0.2), Leader(leaders[1].engine, REVIVAL, silence_s=60)
+    assert silent.is_leader()
+
+    wait_for(other.is_leader)
+
+    with pytest.raises(OperationalError):
+        silent.is_leader()
+    other.close()
+
+
+@on_postgresql
+def test_upkeep_and_revival_have_a_leader_each(leaders: tuple[Leader, Leader]) -> None:
+    one, other = leaders[0], Leader(leaders[1].engine, REVIVAL)
+
+    assert [one.is_leader(), other.is_leader()] == [True, True]
+    other.close()
+
+
+@on_postgresql
+def test_only_the_leader_puts_back_what_a_dead_worker_held(
+    store: JobStore, add_job: AddJob, bench: OpenBench, leaders: tuple[Leader, Leader]
+) -> None:
+    install(store.engine.url.render_as_string(hide_password=False))
+    job, workshop, (one, other) = add_job(), bench(stand_ins.write_report), leaders
+    store.claim(Claimer(identify_self().place, os.getpid(), "1"))
+    assert one.is_leader()
+
+    assert not revive_if_leading(workshop, other)
+    assert store.get(job.id).state is JobState.RUNNING
+    assert revive_if_leading(workshop, one)
+    assert store.get(job.id).state is JobState.QUEUED
 
 
 def test_where_there_can_be_only_one_server_it_leads(engine: Engine) -> None:

@@ -68,3 +68,17 @@ def test_a_folder_of_an_earlier_release_is_taken_as_before(logs: tuple[Path, Pat
 
 def test_no_recording_is_named_as_a_table(tmp_path: Path) -> None:
     assert names((tmp_path / "Summary.csv.gt3x",), tmp_path / "out") == ["Summary.csv-2"]
+
+
+def test_a_recording_keeps_its_folder_where_one_before_it_has_none(
+    logs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    finish(tmp_path / "out" / "arm-2", logs[1])
+
+    assert names(logs, tmp_path / "out") == ["arm", "arm-2"]
+
+
+def test_no_recording_is_named_as_a_folder_of_ours(tmp_path: Path) -> None:
+    logs = (tmp_path / "shards.gt3x", tmp_path / "profiles.gt3x")
+
+    assert names(logs, tmp_path / "out") == ["shards_", "profiles_"]

@@ -2,8 +2,9 @@
 
 A trigger in PostgreSQL defers one Procrastinate job for each analysis that becomes queued, in the
 transaction that writes the row, whoever writes it. That job is only a wake-up: the worker that receives it
-claims a row as all workers do, and a superfluous wake-up finds no row. Living workers put back what a dead
-worker held: rows by their lease, Procrastinate's own jobs by its heartbeats.
+claims a row as all workers do, and a superfluous wake-up finds no row. One of the living workers, the leader,
+puts back what dead workers held: rows by their lease, Procrastinate's own jobs by its heartbeats. The others
+ask only whether it still leads.
 """
 
 import asyncio
@@ -23,12 +24,14 @@ from sqlalchemy.exc import OperationalError
 from app.jobs.children.attempt import MakeReport
 from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
+from app.jobs.processes.leader import REVIVAL, Leader
 from app.jobs.processes.lease import WorkerHeartbeat
 from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
 REVIVE_S = 5.0
+LEADER_SILENCE_S = 30.0
 
 _TRIGGER = f"""
 CREATE OR REPLACE FUNCTION acromion_wake() RETURNS trigger LANGUAGE plpgsql AS $$
@@ -75,7 +78,7 @@ def run_cluster_worker(
 
     ``make`` replaces the science where it is given.
     """
-    bench = open_bench(settings, make)
+    bench = replace(open_bench(settings, make), revives=False)
     if heartbeat is not None:
         bench = replace(bench, heartbeat=heartbeat)
     install(settings.database_url)
@@ -113,7 +116,8 @@ async def _listen(bench: Bench, engine: App, parent_pid: int | None) -> None:
             update_heartbeat_interval=bench.settings.heartbeat_s,
         )
     )
-    reviver = asyncio.create_task(_revive_for_ever(bench, engine))
+    leader = Leader(bench.store.engine, REVIVAL, LEADER_SILENCE_S)
+    reviver = asyncio.create_task(_revive_for_ever(bench, engine, leader))
     stop = asyncio.create_task(_wait_for_stop(bench, parent_pid))
     tasks = (listener, reviver, stop)
     try:
@@ -122,6 +126,7 @@ async def _listen(bench: Bench, engine: App, parent_pid: int | None) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.to_thread(leader.close)
     for task in done:
         task.result()
 
@@ -134,21 +139,29 @@ async def _wait_for_stop(bench: Bench, parent_pid: int | None) -> None:
         await asyncio.sleep(0.2)
 
 
-def _revive(bench: Bench) -> None:
-    """Put back the rows of dead workers, and wake a worker for rows whose wake-up was lost."""
+def revive_if_leading(bench: Bench, leader: Leader) -> bool:
+    """Where this worker leads, put back the rows of dead workers, and wake a worker for lost wake-ups."""
+    if not leader.is_leader():
+        return False
     reclaim_abandoned(bench)
     bench.store.run(_TOP_UP)
+    return True
 
 
-async def _revive_for_ever(bench: Bench, engine: App) -> None:
+async def _revive_for_ever(bench: Bench, engine: App, leader: Leader) -> None:
     """Put back what dead workers held, every ``REVIVE_S``."""
     while True:
         try:
-            await asyncio.to_thread(_revive, bench)
-            for job in await engine.job_manager.get_stalled_jobs(
-                queue=QUEUE, seconds_since_heartbeat=bench.settings.lease_s
-            ):
-                await engine.job_manager.retry_job(job)
+            if await asyncio.to_thread(revive_if_leading, bench, leader):
+                await _retry_stalled(bench, engine)
         except OperationalError:
             logger.warning("nothing revived: the database does not answer")
         await asyncio.sleep(REVIVE_S)
+
+
+async def _retry_stalled(bench: Bench, engine: App) -> None:
+    """Make Procrastinate's jobs of dead workers wait again."""
+    for job in await engine.job_manager.get_stalled_jobs(
+        queue=QUEUE, seconds_since_heartbeat=bench.settings.lease_s
+    ):
+        await engine.job_manager.retry_job(job)

@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 
 from app.report.export.columns import encode_dictionary, encode_summary, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, Cell, Row, encode_table
+from app.report.export.datapackage import DATAPACKAGE, encode_datapackage
 from app.report.export.parquet import lay_some_numbers, lay_some_texts
 from app.report.export.xlsx import encode_workbook
 from app.report.figures import NOT_OF_ONE, SUMMARY, Column, Results, find_unit
@@ -78,7 +79,7 @@ def _describe(name: str, kind: str, label: str) -> Row:
 def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
     """Write the tables of one recording, by file name; every figure is the one of ``results.json``."""
     row = summarise_results(results)
-    return {
+    tables = {
         "summary.csv": encode_summary([row]),
         "summary_fr.csv": encode_summary([row], FRENCH_EXCEL),
         "summary.xlsx": encode_workbook([results]),
@@ -87,6 +88,7 @@ def export_results(results: Mapping[str, Any]) -> dict[str, bytes]:
         "redcap_import.csv": encode_redcap_import([results]),
         "redcap_dictionary.csv": encode_redcap_dictionary(),
     }
+    return tables | {DATAPACKAGE: encode_datapackage(tables)}
 
 
 def encode_parquet(every: list[Mapping[str, Any]]) -> bytes:

@@ -1,9 +1,10 @@
 """One analysis as a FHIR R4 bundle: a DiagnosticReport with the PDF, and its figures as Observations.
 
 There are no standard codes for arm elevation, so the codes are our own: the names of ``summary.csv`` in the
-system ``urn:acromion:dictionary``. The subject is an identifier, never a name. No time of generation stands
-in it, so that the same analysis gives the same bytes. Shape: HL7 FHIR R4 (4.0.1), Bundle, DiagnosticReport,
-Observation; units: UCUM.
+system ``urn:acromion:dictionary``. Each resource names the profile that it keeps, HL7's own of R4: those for
+vital signs or devices ask for codes that do not exist for these figures. The subject is an identifier, never
+a name. No time of generation stands in it, so that the same analysis gives the same bytes. Shape: HL7 FHIR R4
+(4.0.1), Bundle, DiagnosticReport, Observation; units: UCUM.
 """
 
 import base64
@@ -21,6 +22,7 @@ from app.report.words.wording import Language
 
 CODES = "urn:acromion:dictionary"
 SUBJECTS = "urn:acromion:subject"
+_PROFILES = "http://hl7.org/fhir/StructureDefinition"
 _UCUM = {"%": "%", "1/h": "/h", "deg/s": "deg/s", "deg": "deg", "Hz": "Hz", "s": "s"}
 
 
@@ -42,6 +44,7 @@ def build_fhir(
     ]
     report = {
         "resourceType": "DiagnosticReport",
+        "meta": _name_profile("DiagnosticReport"),
         **common,
         "code": _build_code("upper_arm_elevation", "Upper-arm elevation report"),
         "result": [{"reference": address} for address, _ in observations],
@@ -51,10 +54,15 @@ def build_fhir(
     entries = [(_address(digest, "report"), report), *observations]
     return {
         "resourceType": "Bundle",
+        "meta": _name_profile("Bundle"),
         "type": "collection",
         "identifier": {"system": "urn:ietf:rfc:3986", "value": _address(digest, "bundle")},
         "entry": [{"fullUrl": address, "resource": resource} for address, resource in entries],
     }
+
+
+def _name_profile(resource: str) -> dict[str, Any]:
+    return {"profile": [f"{_PROFILES}/{resource}"]}
 
 
 def _describe_common(results: Results) -> dict[str, Any]:
@@ -95,6 +103,7 @@ def _build_observations(
         ]
         observation = {
             "resourceType": "Observation",
+            "meta": _name_profile("Observation"),
             **common,
             "code": _build_code(column.name, column.explain("en")),
             "valueQuantity": _measure(column.name, row[column.name]),

@@ -1,7 +1,7 @@
 """Numbers, durations, clock times and dates as English and French readers write them.
 
-Both languages group thousands with a narrow no-break space and put a no-break space before the per cent sign
-(ISO 80000-1; narrow in English); French has the decimal comma and "10 h 42".
+All languages group thousands with a narrow no-break space and put a no-break space before the per cent sign
+(ISO 80000-1; narrow but in French); French has "10 h 42", and all but English the decimal comma.
 """
 
 import math
@@ -31,13 +31,13 @@ def format_number(value: float | None, decimals: int, language: Language) -> str
     if not text.strip("−0.,"):
         text = text.lstrip("−")
     whole, _, fraction = text.partition(".")
-    mark = "," if is_french(language) else "."
+    mark = "." if language == "en" else ","
     return whole.replace(",", NARROW) + (mark + fraction if fraction else "")
 
 
 def format_exact(value: float, language: Language) -> str:
     """Write up to six decimals, without the closing zeros, so that sums can be checked by hand."""
-    mark = "," if is_french(language) else "."
+    mark = "." if language == "en" else ","
     text = format_number(value, 6, language).rstrip("0")
     return text.removesuffix(mark)
 
@@ -113,7 +113,7 @@ def format_long_duration(duration_s: float) -> str:
 
 def format_clock(moment: datetime, language: Language, *, with_seconds: bool = False) -> str:
     """Write a clock time: "10:42" or "10 h 42"."""
-    if language == "en":
+    if not is_french(language):
         return moment.strftime("%H:%M:%S" if with_seconds else "%H:%M")
     text = f"{moment.hour}{NARROW}h{NARROW}{moment.minute:02d}"
     return f"{text}{NARROW}min{NARROW}{moment.second:02d}{NARROW}s" if with_seconds else text
@@ -133,9 +133,9 @@ def format_elapsed(elapsed_s: float) -> str:
 
 
 def format_date(day: date, language: Language) -> str:
-    """Write a date that cannot be misread: "3 March 2026", "3 mars 2026"."""
+    """Write a date that cannot be misread: "3 March 2026", "3 mars 2026", "3. März 2026"."""
     month = load_wording(language)["months"][day.month - 1]
-    number = "1er" if is_french(language) and day.day == 1 else str(day.day)
+    number = "1er" if is_french(language) and day.day == 1 else f"{day.day}{'.' * (language == 'de')}"
     return f"{number}\u00a0{month}\u00a0{day.year}"
 
 

@@ -9,13 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from app.report.words.subject import clean_text
+from app.request import Language as Language  # noqa: PLC0414  it is named here, too
 from fusion.devices import KNOWN_DEVICES
 from fusion.devices import find_device_name as find_known_name
 
-Language = Literal["en", "fr", "fr-CA"]
 Part = Literal[
     "report",
     "pairs",
@@ -34,15 +34,16 @@ Part = Literal[
 ]
 Words = Mapping[str, Any]
 LANGUAGES: tuple[Language, ...] = ("en", "fr")
-"""Those with a file of words; the French of Québec is made from the French one by rules."""
-EVERY_LANGUAGE: tuple[Language, ...] = get_args(Language)
+"""Those whose words are complete; the French of Québec is made from the French one by rules."""
+EVERY_LANGUAGE: tuple[Language, ...] = ("en", "fr", "fr-CA")
+"""Those of the pages. A report may be in another, whose words say what they leave in English."""
 
 _FOLDER = Path(__file__).parent
 _TABLES = re.compile(r"^(?=\[)", re.MULTILINE)
 _TABLE_PART = re.compile(r"\[+(\w+)")
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 _PLURAL = re.compile(r"\{(\w+)\|([^{}|]*)\|([^{}|]*)\}")
-_COUNTED = re.compile(r"\{(\w+):(en|fr)\|([^{}|]*)\|([^{}|]*)\}")
+_COUNTED = re.compile(r"\{(\w+):([a-z]{2})\|([^{}|]*)\|([^{}|]*)\}")
 _OPTIONAL = re.compile(r"\[([^\[\]]*)\]")
 _NARROW_SPACE = "\u202f"
 _NO_BREAK_SPACE = "\u00a0"
@@ -61,8 +62,27 @@ def load_wording(language: Language, part: Part = "report") -> Words:
     punctuation and the curly apostrophe are set here, so that no translator has to type them. The meanings
     of columns ("tables") stay as they are: programs read them.
     """
-    words = tomllib.loads(_split_language(language[:2])[part])[part]
+    words = _read_words(language[:2], part)
+    if language not in EVERY_LANGUAGE:
+        words = _lay_over(_read_words("en", part), words)
     return MappingProxyType(words if part == "tables" else _set_all(words, language))
+
+
+def _read_words(language: str, part: Part) -> Words:
+    """Read one part of a file of words; nothing where the file leaves it out."""
+    found: Words = tomllib.loads(_split_language(language).get(part, "")).get(part, {})
+    return found
+
+
+def _lay_over(below: Words, above: Words) -> Words:
+    """Take the words above where there are any, else those below: a sentence in English is no gap."""
+    return {key: _lay_one_over(below.get(key), above.get(key)) for key in {**below, **above}}
+
+
+def _lay_one_over(below: Any, above: Any) -> Any:
+    if isinstance(below, Mapping) and isinstance(above, Mapping):
+        return _lay_over(below, above)
+    return below if above is None else above
 
 
 @cache
@@ -78,7 +98,7 @@ def _split_language(language: str) -> Mapping[str, str]:
 
 def is_french(language: Language) -> bool:
     """Return whether a language is French, of France or of Québec."""
-    return language != "en"
+    return language in ("fr", "fr-CA")
 
 
 def find_other_language(language: Language) -> Language:
@@ -95,7 +115,7 @@ def find_nearest(wanted: Language, made: Sequence[Language]) -> Language:
 
 def join_clauses(clauses: Iterable[str], language: Language) -> str:
     """Put clauses side by side, with a semicolon between them."""
-    return {"en": "; ", "fr": f"{_NARROW_SPACE}; ", "fr-CA": "; "}[language].join(clauses)
+    return (f"{_NARROW_SPACE}; " if language == "fr" else "; ").join(clauses)
 
 
 def find_device_name(words: Words, device: str) -> str:
@@ -144,7 +164,7 @@ def _is_complete(text: str, facts: Mapping[str, str]) -> bool:
 
 
 def _is_one(number: str, language: str) -> bool:
-    """Return whether a number takes the singular: 1 in English, all below 2 in French (Unicode CLDR)."""
+    """Return whether a number takes the singular: 1, in French all below 2 (Unicode CLDR)."""
     try:
         value = abs(float(re.sub(r"\s", "", number).replace(",", ".").replace("−", "-")))
     except ValueError:

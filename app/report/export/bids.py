@@ -1,0 +1,206 @@
+"""Angles of finished analyses as a Motion-BIDS dataset: the derivative form, one folder for each subject.
+
+Subjects are codes in letters and digits, as BIDS asks; no file name and no serial number stands in it. Each
+row of ``elevation.parquet`` is a row of ``_motion.tsv``: seconds from the first sample (``latency``), the
+angle (``n/a`` where none was measured) and whether it counts. Nothing is filled: a hole is a step in
+``latency``. Shape: BIDS 1.10, motion.
+"""
+
+import io
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pcsv
+import pyarrow.parquet as pq
+
+from app.report.export.csv import guard_text
+from app.report.figures import Results
+from app.version import software_version
+
+TRACKING = "acromion"
+TASK = "work"
+_BIDS_VERSION = "1.10.0"
+_LATENCY, _ELEVATION, _VALID = "latency", "elevation", "valid"
+
+
+@dataclass(frozen=True, slots=True)
+class Angles:
+    """One finished analysis: its results and its ``elevation.parquet``."""
+
+    results: Results
+    parquet: Path
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """Where one analysis stands in the dataset."""
+
+    angles: Angles
+    subject: str
+    number: int
+
+    @property
+    def stem(self) -> str:
+        side = self.angles.results["recording"]["side"]
+        arm = f"_acq-{side}" if side else ""
+        return f"sub-{self.subject}_task-{TASK}_tracksys-{TRACKING}{arm}_run-{self.number:02d}"
+
+
+def list_bids(every: Sequence[Angles]) -> Iterator[tuple[str, bytes]]:
+    """Give the files of the dataset, by their path in it; the same analyses give the same bytes."""
+    runs = list(_place(every))
+    yield "dataset_description.json", _encode_json(_describe_dataset())
+    yield "README.md", _README.encode()
+    yield "participants.tsv", _encode_rows(("participant_id", "code"), _list_participants(runs))
+    yield "participants.json", _encode_json({"code": {"Description": "Subject code as it was given"}})
+    for subject in dict.fromkeys(run.subject for run in runs):
+        mine = [run for run in runs if run.subject == subject]
+        yield f"sub-{subject}/sub-{subject}_scans.tsv", _encode_rows(*_list_scans(mine))
+    for run in runs:
+        stem = f"sub-{run.subject}/motion/{run.stem}"
+        yield f"{stem}_motion.json", _encode_json(_describe_motion(run.angles))
+        yield f"{stem}_channels.tsv", _encode_rows(*_list_channels(run.angles.results))
+        yield f"{stem}_motion.tsv", _encode_motion(run.angles.parquet)
+
+
+def _place(every: Sequence[Angles]) -> Iterator[_Run]:
+    """Give each analysis its subject, and a number among those of the same arm, in order of time."""
+    labels = _label_subjects(every)
+    counts: dict[tuple[str, str | None], int] = {}
+    for angles in sorted(every, key=_tell_order):
+        recording = angles.results["recording"]
+        key = labels[_name_subject(recording)], recording["side"]
+        counts[key] = counts.get(key, 0) + 1
+        yield _Run(angles, key[0], counts[key])
+
+
+def _tell_order(angles: Angles) -> tuple[str, str, str]:
+    recording = angles.results["recording"]
+    return _name_subject(recording), recording["start"] or "", recording["sha256"]
+
+
+def _name_subject(recording: Mapping[str, Any]) -> str:
+    """Give the code of the subject; without one each recording is of somebody else."""
+    return recording["subject"] or f"r{recording['sha256'][:12]}"
+
+
+def _label_subjects(every: Iterable[Angles]) -> dict[str, str]:
+    """Write each code in letters and digits; two codes that then read alike are numbered."""
+    labels: dict[str, str] = {}
+    for code in sorted({_name_subject(angles.results["recording"]) for angles in every}):
+        plain = re.sub(r"[^A-Za-z0-9]", "", code) or "subject"
+        label, number = plain, 1
+        while label in labels.values():
+            number += 1
+            label = f"{plain}x{number}"
+        labels[code] = label
+    return labels
+
+
+def _describe_dataset() -> dict[str, Any]:
+    return {
+        "Name": "Upper-arm elevation",
+        "BIDSVersion": _BIDS_VERSION,
+        "DatasetType": "derivative",
+        "GeneratedBy": [{"Name": "Acromion", "Version": software_version()}],
+    }
+
+
+_README = """# Upper-arm elevation
+
+The angle between the upper arm and gravity (0 deg hanging, 90 deg level, 180 deg overhead), estimated by
+Acromion from a motion sensor on the upper arm. One run for each recording; `acq` is the arm.
+
+Columns of each `_motion.tsv`, in order: seconds from the first sample, elevation in degrees (`n/a`: not
+measured), 1 where the angle counts and 0 where it does not. Missing time is a step in the first column.
+"""
+
+
+def _list_participants(runs: Iterable[_Run]) -> list[Sequence[str]]:
+    codes = {run.subject: run.angles.results["recording"]["subject"] or "n/a" for run in runs}
+    return [(f"sub-{subject}", code) for subject, code in codes.items()]
+
+
+def _list_scans(runs: Iterable[_Run]) -> tuple[Sequence[str], list[Sequence[str]]]:
+    """List the files of one subject and when each recording began, by the clock of the device."""
+    rows: list[Sequence[str]] = [
+        (f"motion/{run.stem}_motion.tsv", (run.angles.results["recording"]["start"] or "n/a")[:19])
+        for run in runs
+    ]
+    return ("filename", "acq_time"), rows
+
+
+def _describe_motion(angles: Angles) -> dict[str, Any]:
+    recording, method = angles.results["recording"], angles.results["method"]
+    rate_hz, count = _measure_rate(angles.parquet)
+    return {
+        "TaskName": TASK,
+        "TaskDescription": "Work, as recorded over a shift",
+        "SamplingFrequency": rate_hz,
+        "SamplingFrequencyEffective": rate_hz,
+        "TrackingSystemName": TRACKING,
+        "DeviceSerialNumber": recording["serial_hash"] or "n/a",
+        "ManufacturersModelName": recording["device"],
+        "SoftwareVersions": software_version(),
+        "RecordingType": "discontinuous" if angles.results["time"]["missing_s"] else "continuous",
+        "RecordingDuration": angles.results["time"]["recorded_s"],
+        "MotionChannelCount": 3,
+        "ORNTChannelCount": 1,
+        "LATENCYChannelCount": 1,
+        "MISCChannelCount": 1,
+        "TrackedPointsCount": 1,
+        "MissingValues": "n/a where no sample was measured; missing time is a step in latency",
+        "ElevationMethod": f"{method['name']} {method['version']}" if method else "n/a",
+        "SampleCount": count,
+    }
+
+
+def _measure_rate(parquet: Path) -> tuple[float, int]:
+    """Give the rate from the commonest step between two rows, and the number of rows."""
+    time_us = pq.read_table(parquet, columns=["time_us"])["time_us"].combine_chunks()
+    if len(time_us) < 2:
+        return 1.0, len(time_us)
+    steps = pc.subtract(time_us.slice(1), time_us.slice(0, len(time_us) - 1))
+    step_us = pc.quantile(steps, 0.5, interpolation="nearest")[0].as_py()
+    return round(1e6 / step_us, 6), len(time_us)
+
+
+def _list_channels(results: Results) -> tuple[Sequence[str], list[Sequence[str]]]:
+    side = results["recording"]["side"]
+    point = f"{side}_upper_arm" if side else "upper_arm"
+    columns = ("name", "component", "type", "tracked_point", "units", "description")
+    return columns, [
+        (_LATENCY, "n/a", "LATENCY", "n/a", "s", "Time from the first sample"),
+        (_ELEVATION, "n/a", "ORNT", point, "deg", "Angle between the upper arm and gravity"),
+        (_VALID, "n/a", "MISC", point, "n/a", "1: the angle counts; 0: it does not"),
+    ]
+
+
+def _encode_motion(parquet: Path) -> bytes:
+    """Write the rows without a header, as BIDS has it."""
+    table = pq.read_table(parquet)
+    angle_deg = pc.cast(pc.divide(pc.cast(table["elevation_cdeg"], pa.float64()), 100.0), pa.string())
+    columns = [
+        pc.divide(pc.cast(table["time_us"], pa.float64()), 1e6),
+        pc.fill_null(angle_deg, "n/a"),
+        pc.cast(table["valid"], pa.int8()),
+    ]
+    body = io.BytesIO()
+    options = pcsv.WriteOptions(include_header=False, delimiter="\t", quoting_style="none")
+    pcsv.write_csv(pa.Table.from_arrays(columns, [_LATENCY, _ELEVATION, _VALID]), body, options)
+    return body.getvalue()
+
+
+def _encode_rows(names: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
+    lines = [names, *([guard_text(cell) for cell in row] for row in rows)]
+    return "".join("\t".join(line) + "\n" for line in lines).encode()
+
+
+def _encode_json(value: Any) -> bytes:
+    return (json.dumps(value, ensure_ascii=False, indent=1) + "\n").encode()

@@ -1,0 +1,191 @@
+"""Where results come from, for programs: an RO-Crate (Process Run), ``ro-crate-metadata.json``.
+
+Each recording is an action: Acromion (version, revision) made these files from a recording by these settings.
+A recording is named by the SHA-256 of its bytes (RFC 6920), never by its file's name, which may hold a
+person's. Shape: RO-Crate 1.1, Process Run Crate 0.5.
+"""
+
+import base64
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import date, datetime, timedelta
+from typing import Any
+from urllib.parse import quote
+
+from app.report.figures import Results
+from app.version import software_revision, software_version
+
+CRATE = "ro-crate-metadata.json"
+PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
+_SPECIFICATION = "https://w3id.org/ro/crate/1.1"
+_SOFTWARE = "#acromion"
+_STATUS = "http://schema.org"
+_NO_DATE = date(1970, 1, 1)
+"""As in the PDF: the date of a recording without a clock."""
+
+_MEDIA_TYPES = {
+    "csv": "text/csv",
+    "html": "text/html",
+    "json": "application/json",
+    "md": "text/markdown",
+    "parquet": "application/vnd.apache.parquet",
+    "pdf": "application/pdf",
+    "txt": "text/plain",
+    "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+    "yaml": "application/yaml",
+}
+Entity = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What was made of one recording: the files (path in the crate: bytes), from its results.
+
+    Of a recording that failed there is its ``code`` instead.
+    """
+
+    name: str
+    files: Mapping[str, int] = field(default_factory=dict)
+    results: Results | None = None
+    code: str | None = None
+
+
+def encode_crate(every: Sequence[Made], others: Mapping[str, int], ended_at: str = "") -> bytes:
+    """Describe the files of every recording, and ``others`` that are of all of them together.
+
+    ``ended_at``: when the last was made; "" states none, so that the same analysis gives the same bytes.
+    """
+    actions = [_describe_action(rank, made, ended_at) for rank, made in enumerate(every, 1)]
+    files = [_describe_file(path, size) for path, size in _list_files(every, others)]
+    graph = [
+        _describe_descriptor(),
+        _describe_root(every, [file["@id"] for file in files], [action["@id"] for action in actions]),
+        {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
+        {"@id": "#rights", "@type": "CreativeWork", **_RIGHTS},
+        _describe_software(),
+        *actions,
+        *_gather_objects(every),
+        *files,
+    ]
+    crate = {"@context": f"{_SPECIFICATION}/context", "@graph": graph}
+    return (json.dumps(crate, ensure_ascii=False, indent=1) + "\n").encode()
+
+
+_RIGHTS = {
+    "name": "Not stated",
+    "description": "Health data. Acromion states no licence: ask whoever holds the recordings.",
+}
+
+
+def _describe_descriptor() -> Entity:
+    return {
+        "@id": CRATE,
+        "@type": "CreativeWork",
+        "about": {"@id": "./"},
+        "conformsTo": {"@id": _SPECIFICATION},
+    }
+
+
+def _describe_root(every: Sequence[Made], files: list[str], actions: list[str]) -> Entity:
+    return {
+        "@id": "./",
+        "@type": "Dataset",
+        "conformsTo": {"@id": PROFILE},
+        "name": "Upper-arm elevation",
+        "description": "Exposure of the upper arm to elevation, from recordings of a motion sensor.",
+        "datePublished": max(map(_find_date, every), default=_NO_DATE).isoformat(),
+        "license": {"@id": "#rights"},
+        "hasPart": [{"@id": name} for name in files],
+        "mentions": [{"@id": name} for name in actions],
+    }
+
+
+def _find_date(made: Made) -> date:
+    """Give the day on which a recording ended."""
+    start = (made.results or {}).get("recording", {}).get("start")
+    if made.results is None or not start:
+        return _NO_DATE
+    return (datetime.fromisoformat(start) + timedelta(seconds=made.results["time"]["recorded_s"])).date()
+
+
+def _describe_software() -> Entity:
+    return {
+        "@id": _SOFTWARE,
+        "@type": "SoftwareApplication",
+        "name": "Acromion",
+        "softwareVersion": f"{software_version()} ({software_revision()})",
+        "description": "Turns a recording of an upper-arm motion sensor into a report.",
+    }
+
+
+def _describe_action(rank: int, made: Made, ended_at: str) -> Entity:
+    action: Entity = {
+        "@id": f"#analysis-{rank}",
+        "@type": "CreateAction",
+        "name": f"Analysis of {made.name}",
+        "instrument": {"@id": _SOFTWARE},
+        **({"endTime": ended_at} if ended_at else {}),
+    }
+    if made.code:
+        return action | {"actionStatus": f"{_STATUS}/FailedActionStatus", "error": made.code}
+    return action | {
+        "actionStatus": f"{_STATUS}/CompletedActionStatus",
+        "object": [{"@id": one["@id"]} for one in _describe_objects(made)],
+        "result": [{"@id": _quote(path)} for path in made.files],
+    }
+
+
+def _gather_objects(every: Iterable[Made]) -> list[Entity]:
+    return list({one["@id"]: one for made in every for one in _describe_objects(made)}.values())
+
+
+def _describe_objects(made: Made) -> list[Entity]:
+    """Describe what an analysis was made from: the bytes of the recording, and what was asked."""
+    if made.results is None or "recording" not in made.results:
+        return []
+    recording, method = made.results["recording"], made.results["method"]
+    calibration = made.results["calibration"] or {}
+    asked = {
+        "side": recording["side"],
+        "method": f"{method['name']} {method['version']}" if method else None,
+        "pose": calibration.get("pose"),
+        "axis": calibration.get("axis"),
+    }
+    settings = [
+        {"@id": f"#{name}-{_make_id(value)}", "@type": "PropertyValue", "name": name, "value": value}
+        for name, value in asked.items()
+        if value
+    ]
+    return [_describe_recording(recording), *settings]
+
+
+def _describe_recording(recording: Mapping[str, Any]) -> Entity:
+    digest = base64.urlsafe_b64encode(bytes.fromhex(recording["sha256"])).decode().rstrip("=")
+    return {
+        "@id": f"ni:///sha-256;{digest}",
+        "@type": "CreativeWork",
+        "name": f"Recording of a motion sensor ({recording['device']})",
+        "identifier": recording["sha256"],
+    }
+
+
+def _make_id(value: str) -> str:
+    return "".join(sign if sign.isalnum() else "-" for sign in value)
+
+
+def _list_files(every: Iterable[Made], others: Mapping[str, int]) -> Iterable[tuple[str, int]]:
+    yield from others.items()
+    for made in every:
+        yield from made.files.items()
+
+
+def _describe_file(path: str, size_bytes: int) -> Entity:
+    kind = _MEDIA_TYPES.get(path.rpartition(".")[2])
+    described = {"@id": _quote(path), "@type": "File", "name": path, "contentSize": str(size_bytes)}
+    return described | ({"encodingFormat": kind} if kind else {})
+
+
+def _quote(path: str) -> str:
+    """Write a path as a URI of the crate."""
+    return quote(path)

@@ -1,0 +1,80 @@
+"""Slices of a run: which recordings each does, and what the tables are made of."""
+
+from pathlib import Path
+
+import pytest
+
+from app.batch.plan import plan_tasks
+from app.batch.run import Outcome
+from app.batch.shards import Shard, ShardRecord, collect_outcomes, parse_shard
+from app.request import ReportRequest
+
+ASKED = ReportRequest("", languages=("en",))
+
+
+def plan(tmp_path: Path, *names: str) -> list:  # type: ignore[type-arg]
+    logs = [tmp_path / name for name in names]
+    return plan_tasks(logs, tmp_path / "out", ASKED, lambda log: log.name, force=False)
+
+
+def test_the_slices_hold_every_recording_once_and_differ_by_one_at_most(tmp_path: Path) -> None:
+    tasks = plan(tmp_path, "d.csv", "a.csv", "e.csv", "c.csv", "b.csv")
+
+    slices = [[task.name for task in Shard(k, 2).select(tasks)] for k in (1, 2)]
+
+    assert slices == [["a.csv", "c.csv", "e.csv"], ["b.csv", "d.csv"]]
+
+
+def test_more_slices_than_recordings_leave_some_empty(tmp_path: Path) -> None:
+    assert Shard(3, 3).select(plan(tmp_path, "a.csv", "b.csv")) == []
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/2/3", "-1/2"])
+def test_what_names_no_slice_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r".*"):
+        parse_shard(text)
+
+
+def test_a_recording_without_report_or_failure_is_not_done(tmp_path: Path) -> None:
+    ShardRecord(tmp_path / "out", Shard(1, 2), plan(tmp_path, "a.csv", "b.csv"), ASKED).begin()
+
+    outcomes, request = collect_outcomes(tmp_path / "out")
+
+    assert [(o.task.name, o.code) for o in outcomes] == [
+        ("a.csv", "E-INTERRUPTED"),
+        ("b.csv", "E-INTERRUPTED"),
+    ]
+    assert request == ASKED
+
+
+def test_a_failure_is_collected_with_its_facts(tmp_path: Path) -> None:
+    tasks = plan(tmp_path, "a.csv")
+    record = ShardRecord(tmp_path / "out", Shard(1, 1), tasks, ASKED)
+    record.begin()
+    record.write([Outcome(tasks[0], code="E-SHORT", facts={"seconds": 4})])
+
+    (outcome,), _ = collect_outcomes(tmp_path / "out")
+
+    assert (outcome.code, outcome.facts) == ("E-SHORT", {"seconds": 4})
+
+
+def test_what_slices_of_another_number_reported_counts_no_more(tmp_path: Path) -> None:
+    tasks = plan(tmp_path, "a.csv")
+    before = ShardRecord(tmp_path / "out", Shard(1, 1), tasks, ASKED)
+    before.begin()
+    before.write([Outcome(tasks[0], code="E-SHORT")])
+
+    ShardRecord(tmp_path / "out", Shard(2, 2), tasks, ASKED).begin()
+
+    assert collect_outcomes(tmp_path / "out")[0][0].code == "E-INTERRUPTED"
+
+
+def test_what_was_reported_of_another_plan_counts_no_more(tmp_path: Path) -> None:
+    tasks = plan(tmp_path, "a.csv", "b.csv")
+    before = ShardRecord(tmp_path / "out", Shard(1, 2), tasks[:1], ASKED)
+    before.begin()
+    before.write([Outcome(tasks[0], code="E-SHORT")])
+
+    ShardRecord(tmp_path / "out", Shard(2, 2), tasks, ASKED).begin()
+
+    assert [o.code for o in collect_outcomes(tmp_path / "out")[0]] == ["E-INTERRUPTED", "E-INTERRUPTED"]

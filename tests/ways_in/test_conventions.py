@@ -1,0 +1,147 @@
+"""Exports in conventions of the field, each opened by a tool of others."""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from frictionless import validate
+from rocrate.rocrate import ROCrate
+
+from tests.ways_in.typed import run
+
+NAME = "Mme Tremblay.gt3x"
+
+
+@pytest.fixture(scope="module")
+def results(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two arms of one person, a person whose code reads alike, and a file that is none."""
+    folder = tmp_path_factory.mktemp("study")
+    for name in (NAME, "left.gt3x", "other.gt3x"):
+        shutil.copy(shift_gt3x, folder / name)
+    (folder / "empty.gt3x").touch()
+    rows = ["file,subject,side", f"{NAME},S-01,right", "left.gt3x,S-01,left", "other.gt3x,S01,right"]
+    (folder / "people.csv").write_text("\n".join(rows) + "\n")
+    out = tmp_path_factory.mktemp("results") / "out"
+    assert run("run", folder, "-o", out, "--participants", folder / "people.csv", "-j", "2").exit_code == 1
+    return out
+
+
+# ------------------------------------------------------------------ tables: Frictionless
+
+
+def find_errors(package: Path) -> list[str]:
+    report = validate(package)
+    return [error.message for task in report.tasks for error in task.errors] + [
+        e.message for e in report.errors
+    ]
+
+
+def test_the_tables_of_a_run_keep_their_schema(results: Path) -> None:
+    assert find_errors(results / "datapackage.json") == []
+
+
+def test_the_tables_of_a_recording_keep_their_schema(results: Path) -> None:
+    assert find_errors(results / "left" / "datapackage.json") == []
+
+
+def test_a_table_whose_cell_is_no_number_does_not(results: Path, tmp_path: Path) -> None:
+    shutil.copytree(results, tmp_path / "out")
+    table = tmp_path / "out" / "summary.csv"
+    rows = list(csv.reader(table.read_text("utf-8").splitlines()))
+    rows[1][rows[0].index("analysed_s")] = "long"
+    table.write_text("".join(",".join(row) + "\n" for row in rows), "utf-8")
+
+    assert any("analysed_s" in error for error in find_errors(tmp_path / "out" / "datapackage.json"))
+
+
+# ------------------------------------------------------------------ origin: RO-Crate
+
+
+def test_the_crate_names_what_was_done_with_each_recording(results: Path) -> None:
+    crate = ROCrate(results)
+
+    actions = [crate.dereference(one.id) for one in crate.root_dataset["mentions"]]
+
+    assert [(one["name"], one["actionStatus"].rpartition("/")[2]) for one in actions] == [
+        ("Analysis of Mme Tremblay.gt3x", "CompletedActionStatus"),
+        ("Analysis of empty.gt3x", "FailedActionStatus"),
+        ("Analysis of left.gt3x", "CompletedActionStatus"),
+        ("Analysis of other.gt3x", "CompletedActionStatus"),
+    ]
+    assert {one["instrument"]["name"] for one in actions} == {"Acromion"}
+
+
+def test_every_file_of_the_crate_is_there_and_as_long_as_it_says(results: Path) -> None:
+    described = {file.id: int(file["contentSize"]) for file in ROCrate(results).data_entities}
+
+    found = {name: (results / name.replace("%20", " ")).stat().st_size for name in described}
+
+    assert described == found
+    assert {"summary.csv", "left/results.json", "left/elevation.parquet"} <= described.keys()
+
+
+# ------------------------------------------------------------------ angles: Motion-BIDS
+
+
+@pytest.fixture(scope="module")
+def dataset(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("bids") / "dataset"
+    assert run("export", results, "-o", out).exit_code == 0
+    return out
+
+
+def find_bids_errors(dataset: Path) -> list[str]:
+    validator = Path(sys.executable).with_name("bids-validator-deno")
+    told = subprocess.run([validator, dataset, "--json"], capture_output=True, check=False, timeout=120)
+    report: dict[str, Any] = json.loads(told.stdout)
+    assert report["summary"]["modalities"] == ["motion"]
+    return [issue["code"] for issue in report["issues"]["issues"] if issue["severity"] == "error"]
+
+
+def test_the_dataset_is_valid_bids(dataset: Path) -> None:
+    assert find_bids_errors(dataset) == []
+
+
+def test_a_dataset_without_its_channels_is_not(dataset: Path, tmp_path: Path) -> None:
+    shutil.copytree(dataset, tmp_path / "dataset")
+    for path in (tmp_path / "dataset").rglob("*_channels.tsv"):
+        path.write_text("name\nlatency\n")
+
+    assert find_bids_errors(tmp_path / "dataset") != []
+
+
+def test_each_arm_of_each_person_has_its_run(dataset: Path) -> None:
+    assert sorted(path.name for path in dataset.rglob("*_motion.tsv")) == [
+        "sub-S01_task-work_tracksys-acromion_acq-left_run-01_motion.tsv",
+        "sub-S01_task-work_tracksys-acromion_acq-right_run-01_motion.tsv",
+        "sub-S01x2_task-work_tracksys-acromion_acq-right_run-01_motion.tsv",
+    ]
+
+
+def test_the_angles_are_those_of_the_results(dataset: Path, results: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    angles = pandas.read_parquet(results / "left" / "elevation.parquet")
+
+    rows = pandas.read_csv(next(dataset.rglob("*left*_motion.tsv")), sep="\t", header=None, na_values="n/a")
+
+    assert rows[0].tolist() == (angles["time_us"] / 1e6).tolist()
+    assert rows[1].tolist() == (angles["elevation_cdeg"] / 100).tolist()
+    assert rows[2].tolist() == angles["valid"].astype(int).tolist()
+
+
+def test_no_name_of_a_file_stands_in_the_dataset(dataset: Path) -> None:
+    contents = b"".join(path.read_bytes() for path in dataset.rglob("*") if path.is_file())
+
+    assert b"Tremblay" not in contents
+
+
+def test_results_that_are_none_are_refused(tmp_path: Path) -> None:
+    result = run("export", tmp_path, "-o", tmp_path / "bids")
+
+    assert result.exit_code == 3
+    assert "E-NO-RESULTS" in result.stderr

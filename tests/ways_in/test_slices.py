@@ -1,0 +1,124 @@
+"""A study done by eight processes, two of which are killed and started again."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.ways_in.servers import ROOT
+from tests.ways_in.typed import read_table, run
+
+SLICES = 8
+KILLED = {3: "arm-5", 6: "e"}
+"""Slices, and the folder at which each is killed."""
+OPTIONS = ("--report", "html", "-j", "1", "--quiet")
+PATIENCE_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def study(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eleven recordings, five of one name; two are none."""
+    folder = tmp_path_factory.mktemp("sliced")
+    for place in ("p1", "p2", "p3", "p4", "p5"):
+        (folder / place).mkdir()
+        shutil.copy(shift_gt3x, folder / place / "arm.gt3x")
+    (folder / "p2" / "arm.gt3x").write_bytes(b"")
+    for name in "abcde":
+        shutil.copy(shift_gt3x, folder / f"{name}.gt3x")
+    (folder / "broken.gt3x").write_bytes(b"no recording")
+    (folder / "people.csv").write_text("file,subject,side\na.gt3x,S01,left\np3/arm.gt3x,S02,right\n")
+    return folder
+
+
+def list_arguments(study: Path, out: Path) -> tuple[str | Path, ...]:
+    return ("run", study, "-o", out, "--participants", study / "people.csv", *OPTIONS)
+
+
+def start(study: Path, out: Path, number: int) -> "subprocess.Popen[bytes]":
+    typed = (*list_arguments(study, out), "--shard", f"{number}/{SLICES}")
+    return subprocess.Popen(
+        [sys.executable, "-m", "app", *map(str, typed)], cwd=ROOT, stderr=subprocess.DEVNULL
+    )
+
+
+def kill_at_work(process: "subprocess.Popen[bytes]", out: Path, folder: str) -> None:
+    """Kill a process while it analyses: its products are there in part."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not (out / f".{folder}.part").exists():
+        assert process.poll() is None
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+
+
+@pytest.fixture(scope="module")
+def sliced(study: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight processes write into one folder; the third and the sixth die at work and are started again."""
+    out = tmp_path_factory.mktemp("by_eight") / "out"
+    processes = {number: start(study, out, number) for number in range(1, SLICES + 1)}
+    try:
+        for number, folder in KILLED.items():
+            kill_at_work(processes[number], out, folder)
+        for process in processes.values():
+            process.wait(PATIENCE_S)
+    finally:
+        for process in processes.values():
+            process.kill()
+            process.wait()
+    return out
+
+
+def test_what_a_killed_process_had_not_done_is_not_done(sliced: Path) -> None:
+    result = run("collect", sliced)
+    codes = {row["path"]: row["error_code"] for row in read_table(sliced / "summary.csv")}
+
+    assert result.exit_code == 130
+    assert codes["e.gt3x"] == "E-INTERRUPTED"
+    assert codes["b.gt3x"] == ""
+
+
+def test_tables_of_eight_processes_are_those_of_one_to_the_byte(
+    sliced: Path, study: Path, tmp_path: Path
+) -> None:
+    for number in KILLED:
+        start(study, sliced, number).wait(PATIENCE_S)
+    collected = run("collect", sliced)
+    alone = run(*list_arguments(study, tmp_path / "out"))
+
+    assert collected.exit_code == alone.exit_code == 1
+    assert read_tables(sliced) == read_tables(tmp_path / "out")
+
+
+def read_tables(out: Path) -> dict[str, bytes]:
+    """Read every table, without the moment at which they were made."""
+    made_at = json.loads((out / "run.json").read_bytes())["made_at"].encode()
+    tables = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
+    return {name: content.replace(made_at, b"then") for name, content in tables.items()}
+
+
+def test_no_process_leaves_anything_half_made(sliced: Path) -> None:
+    assert not list(sliced.glob(".*"))
+
+
+def test_a_folder_that_no_slice_wrote_into_is_refused(tmp_path: Path) -> None:
+    result = run("collect", tmp_path)
+
+    assert result.exit_code == 2
+    assert "E-NO-SHARDS" in result.stderr
+
+
+def test_a_slice_that_is_none_is_a_usage_error(study: Path, tmp_path: Path) -> None:
+    result = run("run", study, "-o", tmp_path / "out", "--shard", "9/8")
+
+    assert result.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_slice_without_recordings_is_no_failure(shift_gt3x: Path, tmp_path: Path) -> None:
+    assert run("run", shift_gt3x, "-o", tmp_path / "out", "--shard", "2/2").exit_code == 0
