@@ -17,6 +17,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from app.errors import list_refusals
 from app.main import create_app
 from app.report.analysis.report import build_report
 from app.report.export.results import encode_results
@@ -24,6 +25,7 @@ from app.report.findings import Kept, decode_findings
 from app.report.model import Report
 from app.report.render.html import render_html
 from app.report.render.pdf import render_first_page, render_pdf
+from app.report.words.messages import CaveatWords, Problem, describe_flag, describe_problem, find_flag_codes
 from app.report.words.wording import LANGUAGES, Language, load_wording
 from app.settings import Settings
 from app.web.example import find_example
@@ -31,7 +33,7 @@ from app.web.help import POSES
 from app.web.reading import draw_example
 from app.web.rendering import pages
 from benchmarks.site.notebook import run_notebook, write_markdown
-from fusion.diary import KINDS
+from fusion.recording import QualityFlag
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -113,10 +115,19 @@ def _fill_words(markdown: str, language: Language) -> str:
             r=help_words["reading"],
             pictures=draw_example(language),
             pose_names=POSES,
-            kinds=KINDS,
-            language=language,
+            caveats=_describe_caveats(language),
+            refusals=_describe_refusals(language),
         )
     )
+
+
+def _describe_caveats(language: Language) -> dict[str, CaveatWords]:
+    return {code: describe_flag(QualityFlag(code), language) for code in find_flag_codes()}
+
+
+def _describe_refusals(language: Language) -> dict[str, Problem]:
+    codes = sorted({refusal.code for refusal in list_refusals()})
+    return {code: describe_problem(code, {}, language) for code in codes}
 
 
 @cache

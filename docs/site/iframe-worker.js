@@ -1,6 +1,7 @@
 // Search from a disk: browsers start no worker for a page of a folder, so its script runs in a hidden frame.
 if (location.protocol === "file:") {
-  window.Worker = class extends EventTarget {
+  // The theme looks for the second name to find its scripts beside the worker's.
+  window.Worker = window.IFrameWorker = class extends EventTarget {
     constructor(address) {
       super();
       const frame = document.createElement("iframe");
