@@ -8,7 +8,7 @@ import json
 import re
 import shlex
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,12 @@ PAGES = sorted(
 )
 FENCE = re.compile(r"^```([\w+-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 KNOWN = {"sh", "python", "r", "csv", "toml", "json", "yaml", "text", "http", "ini", "cpp", "javascript"}
-PARSERS = {"toml": tomllib.loads, "json": json.loads, "yaml": yaml.safe_load, "python": ast.parse}
+PARSERS: Mapping[str, Callable[[str], object]] = {
+    "toml": tomllib.loads,
+    "json": json.loads,
+    "yaml": yaml.safe_load,
+    "python": ast.parse,
+}
 
 Block = tuple[str, str, str]
 
