@@ -12,7 +12,8 @@ NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "code" / "recording_to
 
 @pytest.fixture(scope="module")
 def kept() -> nbformat.NotebookNode:
-    return nbformat.read(NOTEBOOK, as_version=4)  # type: ignore[no-untyped-call]
+    notebook: nbformat.NotebookNode = nbformat.read(NOTEBOOK, as_version=4)  # type: ignore[no-untyped-call]
+    return notebook
 
 
 def test_the_notebook_is_kept_without_outputs(kept: nbformat.NotebookNode) -> None:
