@@ -39,20 +39,38 @@ def render_pdf(
     report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper = "a4"
 ) -> bytes:
     """Render the report with its attachments; the same input gives the same bytes."""
-    files: dict[str, bytes] = {
-        "main.typ": _read_template("report.typ" if isinstance(report, Report) else "agreement.typ"),
-        "pieces.typ": _read_template("pieces.typ"),
-        "report.json": _encode(report, tuple(attachments), paper),
-        **{f"attached/{name}": content for name, content in attachments.items()},
-    }
     document: bytes = typst.compile(  # type: ignore[call-overload] # its types do not know file sets
-        files,
+        _gather_files(report, attachments, paper),
         font_paths=[str(find_template_folder() / "fonts")],
         ignore_system_fonts=True,
         pdf_standards=list(STANDARDS),
         timestamp=0,
     )
     return _pack(document)
+
+
+def render_first_page(report: Report | AgreementReport, paper: Paper, dots_per_inch: int) -> bytes:
+    """Render the first page of the PDF as a PNG, for documents that show it."""
+    pages: bytes | list[bytes] = typst.compile(  # type: ignore[call-overload] # as above
+        _gather_files(report, {}, paper),
+        font_paths=[str(find_template_folder() / "fonts")],
+        ignore_system_fonts=True,
+        format="png",
+        ppi=dots_per_inch,
+        timestamp=0,
+    )
+    return pages if isinstance(pages, bytes) else pages[0]
+
+
+def _gather_files(
+    report: Report | AgreementReport, attachments: Mapping[str, bytes], paper: Paper
+) -> dict[str, bytes]:
+    return {
+        "main.typ": _read_template("report.typ" if isinstance(report, Report) else "agreement.typ"),
+        "pieces.typ": _read_template("pieces.typ"),
+        "report.json": _encode(report, tuple(attachments), paper),
+        **{f"attached/{name}": content for name, content in attachments.items()},
+    }
 
 
 def _pack(document: bytes) -> bytes:

@@ -1,0 +1,159 @@
+"""Build the site from ``docs/``: the pages, the words and drawings of the product, a report, the notebook.
+
+    mkdocs build --strict -f docs/mkdocs.yml
+
+mkdocs takes this module as its hook. What the product says already is not written again: a page whose head
+names a language (``words: en``) is a Jinja template with the words and drawings of the product, the example's
+report is rendered, and the notebook is run.
+"""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+
+from jinja2 import ChoiceLoader, Environment, FileSystemLoader
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+from app.errors import list_refusals
+from app.main import create_app
+from app.report.analysis.report import build_report
+from app.report.export.results import encode_results
+from app.report.findings import Kept, decode_findings
+from app.report.model import Report
+from app.report.render.html import render_html
+from app.report.render.pdf import render_first_page, render_pdf
+from app.report.words.messages import CaveatWords, Problem, describe_flag, describe_problem, find_flag_codes
+from app.report.words.wording import LANGUAGES, Language, load_wording
+from app.settings import Settings
+from app.web.example import find_example
+from app.web.help import POSES
+from app.web.reading import draw_example
+from app.web.rendering import pages
+from benchmarks.site.notebook import run_notebook, write_markdown
+from fusion.recording import QualityFlag
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+SHARED_PAGES = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md")
+"""Pages of the root that the site shows, too."""
+
+SHARED_FILES = (
+    "CITATION.cff",
+    "docker/compose.yaml",
+    "docker/compose.many.yaml",
+    "docker/env.example",
+)
+PAGE_DOTS_PER_INCH = 110
+
+_TO_ROOT = re.compile(r"\]\((?:\.\./)+(?=(?:" + "|".join((*SHARED_PAGES, *SHARED_FILES)) + r")[)#])")
+_TO_DOCS = re.compile(r"\]\(docs/")
+_FENCE_WORDS = re.compile(r"^(```\w+) [\w.]+$", re.MULTILINE)
+"""What a test does with a block stands behind its language; mkdocs would not know the block."""
+
+_TEXT = re.compile(r"(?<=>)[^<>]+(?=<)")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Take the pages from ``docs/`` itself, which mkdocs does not allow to be said."""
+    config.docs_dir = str(DOCS)
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what is made: pages of the root, the example's report, the API's description, the notebook."""
+    made: dict[str, str | bytes] = {name: (ROOT / name).read_text("utf-8") for name in SHARED_PAGES}
+    made |= {name: (ROOT / name).read_bytes() for name in SHARED_FILES}
+    for language in LANGUAGES:
+        made |= _render_example(language)
+    made["openapi.json"] = json.dumps(create_app(Settings()).openapi(), indent=1)
+    for name, content in made.items():
+        files.append(File.generated(config, name, content=content))
+    for notebook in [file for file in files if file.src_uri.endswith(".ipynb")]:
+        page = write_markdown(run_notebook(DOCS / notebook.src_uri))
+        name = Path(notebook.src_uri).with_suffix(".md").as_posix()
+        files.append(File.generated(config, name, content=page))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Fill in the product's words, and lead links that leave ``docs/`` to where the site has them."""
+    language = page.meta.get("words")
+    if language:
+        markdown = _fill_words(markdown, language)
+    up = "../" * page.file.src_uri.count("/")
+    markdown = _TO_ROOT.sub(f"]({up}", markdown)
+    if page.file.src_uri in SHARED_PAGES:
+        markdown = _TO_DOCS.sub("](", markdown)
+    return _FENCE_WORDS.sub(r"\1", markdown)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Name the language of a page, for those who hear it; French has its spaces before punctuation."""
+    language = page.meta.get("words")
+    if language == "fr":
+        html = _TEXT.sub(lambda found: _set_french(found[0]), html)
+    return f'<div lang="{language}">{html}</div>' if language else html
+
+
+def _set_french(text: str) -> str:
+    text = re.sub(r" (?=[;!?](?:\s|$))", "\u202f", text)
+    return re.sub(r" (?=[:%»](?:\s|[.,)]|$))|(?<=«) ", "\u00a0", text)
+
+
+def _fill_words(markdown: str, language: Language) -> str:
+    help_words = load_wording(language, "help")
+    return (
+        _make_environment()
+        .from_string(markdown)
+        .render(
+            words=load_wording(language),
+            day=load_wording(language, "day"),
+            h=help_words,
+            r=help_words["reading"],
+            pictures=draw_example(language),
+            pose_names=POSES,
+            caveats=_describe_caveats(language),
+            refusals=_describe_refusals(language),
+        )
+    )
+
+
+def _describe_caveats(language: Language) -> dict[str, CaveatWords]:
+    return {code: describe_flag(QualityFlag(code), language) for code in find_flag_codes()}
+
+
+def _describe_refusals(language: Language) -> dict[str, Problem]:
+    codes = sorted({refusal.code for refusal in list_refusals()})
+    return {code: describe_problem(code, {}, language) for code in codes}
+
+
+@cache
+def _make_environment() -> Environment:
+    loaders = [FileSystemLoader(DOCS / "site")]
+    if pages.loader is not None:
+        loaders.append(pages.loader)  # type: ignore[arg-type] # any loader will do
+    return pages.overlay(loader=ChoiceLoader(loaders))
+
+
+@cache
+def _read_example() -> Kept:
+    return decode_findings(find_example().read_bytes())
+
+
+def _build_example(language: Language) -> Report:
+    kept = _read_example()
+    return build_report(kept.findings, kept.subject, language)
+
+
+def _render_example(language: Language) -> dict[str, str | bytes]:
+    """Render the report of the example as HTML and PDF, and its page 1 as a picture."""
+    kept, report = _read_example(), _build_example(language)
+    attached = {"results.json": encode_results(kept.findings, kept.subject)}
+    return {
+        f"example/report_{language}.html": render_html(report),
+        f"example/report_{language}.pdf": render_pdf(report, attached),
+        f"example/page1_{language}.png": render_first_page(report, "a4", PAGE_DOTS_PER_INCH),
+    }

@@ -1,0 +1,55 @@
+# Acromion from R: the tables of a finished run, and an analysis over the API.
+#
+#   Rscript acromion.R OUT                        the tables in the folder OUT of "acromion run ... -o OUT"
+#   Rscript acromion.R OUT shift.gt3x ADDRESS     and an analysis by a server, for example http://127.0.0.1:8080
+#
+# Base R reads the tables; the API needs the packages httr2 and jsonlite.
+
+read_summary <- function(out) {
+  # One row for each recording. Codes of people stay text: "007" is no number.
+  read.csv(file.path(out, "summary.csv"), colClasses = c(subject = "character"), na.strings = "", encoding = "UTF-8")
+}
+
+read_periods <- function(out) {
+  # One row for each hour, and for each period of the diary.
+  read.csv(file.path(out, "periods.csv"), colClasses = c(subject = "character"), na.strings = "", encoding = "UTF-8")
+}
+
+usable <- function(summary) {
+  # Failed recordings and poor data stay in the table, and out of the means.
+  summary[is.na(summary$error_code) & summary$verdict != "poor", ]
+}
+
+analyse <- function(path, address, ...) {
+  # Send a recording, wait for its end, and give its results.json as a list. "..." says what is known of it:
+  # subject = "S012", side = "right", calibration = "5,15".
+  api <- httr2::request(paste0(address, "/api/v1"))
+  sent <- httr2::req_url_path_append(api, "analyze")
+  sent <- httr2::req_url_query(sent, file_name = basename(path), ...)
+  sent <- httr2::req_headers(sent, Prefer = "wait=60")
+  analysis <- httr2::resp_body_json(httr2::req_perform(httr2::req_body_file(sent, path)))
+  while (analysis$state %in% c("queued", "running")) {
+    asked <- httr2::req_url_query(httr2::req_url_path_append(api, "analyses", analysis$id), wait = 60)
+    analysis <- httr2::resp_body_json(httr2::req_perform(asked))
+  }
+  if (analysis$state != "succeeded") stop(analysis$problem$fix)
+  results <- httr2::req_url_path_append(api, "analyses", analysis$id, "results.json")
+  httr2::resp_body_json(httr2::req_perform(results))
+}
+
+tabulate_time_above <- function(results) {
+  # Time at or above 30, 60 and 90 degrees, with the ends of the 95 % range (NA where there is none).
+  rows <- lapply(results$exposure$time_above, function(row) {
+    ends <- if (is.null(row$interval)) list(low = NA, high = NA) else row$interval
+    data.frame(threshold_deg = row$threshold_deg, percent = row$percent, low = ends$low, high = ends$high)
+  })
+  do.call(rbind, rows)
+}
+
+arguments <- commandArgs(trailingOnly = TRUE)
+if (length(arguments) >= 1) {
+  good <- usable(read_summary(arguments[1]))
+  print(good[, c("subject", "analysed_s", "time_above_60_percent", "verdict")])
+  print(nrow(read_periods(arguments[1])))
+}
+if (length(arguments) == 3) print(tabulate_time_above(analyse(arguments[2], arguments[3], subject = "S014")))

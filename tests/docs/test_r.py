@@ -1,0 +1,58 @@
+"""The script for R, as a person runs it beside a finished run and a server."""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.ways_in.servers import RunningServer
+from tests.ways_in.typed import read_table, run
+
+SCRIPT = Path(__file__).resolve().parents[2] / "docs" / "code" / "acromion.R"
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[RunningServer]:
+    running = RunningServer(tmp_path / "data", tmp_path / "server.log")
+    yield running
+    running.stop()
+
+
+@pytest.fixture(scope="module")
+def done(shift_gt3x: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of a recording of subject 007 and of a file that is none."""
+    folder = tmp_path_factory.mktemp("run")
+    shutil.copy(shift_gt3x, folder / "shift.gt3x")
+    (folder / "broken.gt3x").write_bytes(b"PK\x03\x04")
+    assert run("run", folder, "-o", folder / "out", "--subject", "007").exit_code == 1
+    return folder
+
+
+def ask_r(*words: str | Path) -> str:
+    if shutil.which("Rscript") is None:
+        pytest.skip("R is absent")
+    command = ["Rscript", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_the_tables_keep_codes_as_text_and_failed_recordings_out_of_the_means(done: Path) -> None:
+    told = "cat(nrow(all), all$subject[1], nrow(usable(all)))"
+    code = f'source("{SCRIPT}"); all <- read_summary("{done / "out"}"); {told}'
+
+    rows = read_table(done / "out" / "summary.csv")
+    assert ask_r("-e", code) == f"{len(rows)} 007 0"  # six minutes are poor
+
+
+def test_the_script_prints_the_figures_that_the_server_has(done: Path, server: RunningServer) -> None:
+    printed = ask_r(SCRIPT, done / "out", done / "shift.gt3x", server.address.rstrip("/"))
+
+    results = json.loads(next((done / "out").glob("shift*/results.json")).read_text("utf-8"))
+    shares = [row["percent"] for row in results["exposure"]["time_above"]]
+    lines = [line.split() for line in printed.splitlines()[-3:]]
+    assert [line[1] for line in lines] == ["30", "60", "90"]
+    assert [float(line[2]) for line in lines] == pytest.approx(shares, abs=1e-4)
