@@ -5,9 +5,10 @@ threads nor which of them is faster changes a row.
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import cycle
 
 import numpy as np
@@ -19,6 +20,7 @@ from fusion.readers.tables.layout import LinePiece
 THREADS = 2
 AHEAD = 3
 """Pieces that are read before the one whose rows are taken."""
+LARGE_BYTES = 1 << 14
 SHORTEST_NUMBER_BYTES = 2
 
 
@@ -91,13 +93,22 @@ def count_most_rows(lines: LinePiece, rules: Rules) -> int:
     return len(lines) // row_bytes + 1
 
 
+def _begin(threads: ThreadPoolExecutor, read: Callable[[], PlainRows], size_bytes: int) -> Future[PlainRows]:
+    """Have a piece read by a thread; a few lines take longer to hand over than to read."""
+    if size_bytes >= LARGE_BYTES:
+        return threads.submit(read)
+    done: Future[PlainRows] = Future()
+    done.set_result(read())
+    return done
+
+
 def read_plain_rows(pieces: Iterable[LinePiece], rules: Rules) -> Iterator[PlainRows]:
     """Read pieces by the plain path, some ahead of the one that is given."""
     rooms = cycle([_Room() for _ in range(AHEAD + 1)])
     running: deque[Future[PlainRows]] = deque()
     with ThreadPoolExecutor(THREADS) as threads:
         for lines in pieces:
-            running.append(threads.submit(next(rooms).read, lines, rules))
+            running.append(_begin(threads, partial(next(rooms).read, lines, rules), len(lines)))
             if len(running) > AHEAD:
                 yield running.popleft().result()
         while running:
