@@ -125,6 +125,41 @@ def test_blocks_of_alike_numbers_hold_the_floats_that_python_reads(
     assert np.array_equal(np.hstack([columns.acc, columns.gyr]), expected.astype(np.float32))
 
 
+PIECES = 40_000
+"""Rows that fill several of the pieces in which a table is read."""
+
+
+def write_pieces(stamped: bool) -> tuple[str, NDArray[np.float32]]:
+    """Write rows of which some are not plain, in the middle of pieces; give the text and its readings."""
+    milli = np.random.default_rng(4).integers(-9999, 9999, (PIECES, 6))
+    header = HEADER if stamped else HEADER.removeprefix("time_us,")
+    lines = [header]
+    for k, row in enumerate(milli.tolist()):
+        fields = [f"{value / 1e3:.3f}" for value in row]
+        if k % 9001 == 8000:
+            fields[2] = f'"{fields[2]}"'
+        lines.append(",".join([str(10_000 * k), *fields] if stamped else fields))
+    return "\n".join([*lines, ""]), (milli / 1e3).astype(np.float32)
+
+
+def test_rows_of_many_pieces_stand_in_the_order_of_their_lines() -> None:
+    text, readings = write_pieces(stamped=True)
+
+    columns = parse(text)
+
+    assert np.array_equal(columns.stamps, 10_000 * np.arange(PIECES))
+    assert np.array_equal(np.hstack([columns.acc, columns.gyr]), readings)
+
+
+def test_rows_without_time_are_numbered_across_pieces() -> None:
+    text, readings = write_pieces(stamped=False)
+
+    columns = parse(text)
+
+    assert np.array_equal(columns.stamps, np.arange(PIECES))
+    assert np.array_equal(np.hstack([columns.acc, columns.gyr]), readings)
+
+
 def test_a_return_inside_a_line_is_no_end_of_a_field() -> None:
     text = RESTING.replace("\n", "\r\n").replace("100000,0,1,", "100000,0\r1,")
 

@@ -27,6 +27,7 @@ from fusion.readers.tables.careful_path import (
     LAST_BAD_LINE,
     LINES,
     NUMERIC_TIME,
+    SAMPLES,
     STAMP,
     TALLY_PLACES,
     Destination,
@@ -43,9 +44,10 @@ from fusion.readers.tables.columns import (
     name_missing,
 )
 from fusion.readers.tables.dates import OffsetChange, StampWriter, flag_changes, rewrite_pieces
-from fusion.readers.tables.fast_path import SPARE_MARKS, Piece, parse_lines, parse_plain_lines
+from fusion.readers.tables.fast_path import parse_lines
 from fusion.readers.tables.header import CALENDAR, find_sensors
 from fusion.readers.tables.layout import TextLayout, drop_lines, read_line_pieces, read_text_pieces
+from fusion.readers.tables.plain_rows import PlainRows, read_plain_rows
 from fusion.readers.timebase.clock import datetime_at_us, format_offset, is_clock_set, trust_clock
 from fusion.readers.timebase.row_times import repair_row_times
 from fusion.recording import QualityFlag, flag_counts
@@ -213,7 +215,6 @@ def read_times(fields: Sequence[str], decimal: str) -> list[float]:
 
 EXCEL_ROWS = 1_048_576
 MAX_BAD_PART = 0.05
-SHORTEST_NUMBER_BYTES = 2
 FORECAST_BYTES = 1 << 18
 """After so many bytes the number of rows in the file is foreseen."""
 
@@ -280,28 +281,22 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
     columns = SampleColumns(source)
     tally = np.zeros(TALLY_PLACES, np.int64)
     rules = make_rules(plan)
-    row_bytes = SHORTEST_NUMBER_BYTES * sum(target != IGNORED for target in plan.targets)
-    marks = ends = np.empty(0, np.int32)
     done_bytes = 0
     has_reserved = False
     end = LastBytes()
     writer = StampWriter(layout.dates) if layout.dates and not layout.dates.is_iso else None
     pieces = _rewrite(end.watch(read_text_pieces(source)), layout, writer)
-    for piece in drop_lines(read_line_pieces(pieces), layout.first_line):
-        if len(marks) < len(piece) + SPARE_MARKS:
-            marks, ends = (np.empty(len(piece) + SPARE_MARKS, np.int32) for _ in range(2))
-        columns.make_room(len(piece) // row_bytes + 1)
-        destination = Destination(columns.acc, columns.gyr, columns.stamps, tally)
-        lines = Piece(piece.buffer, piece.first_byte, piece.stop_byte, marks, ends)
-        columns.rows, at = parse_plain_lines(lines, rules, destination, columns.rows)
-        if at < piece.stop_byte:
-            columns.rows = parse_lines(lines._replace(first_byte=at), rules, destination, columns.rows)
-        done_bytes += len(piece)
+    for plain in read_plain_rows(drop_lines(read_line_pieces(pieces), layout.first_line), rules):
+        columns.make_room(plain.most_rows)
+        _take_rows(plain, columns, tally, counts_rows=plan.stamp_kind == COUNTER)
+        if plain.rest is not None:
+            destination = Destination(columns.acc, columns.gyr, columns.stamps, tally)
+            columns.rows = parse_lines(plain.rest, rules, destination, columns.rows)
+        done_bytes += len(plain)
         if not has_reserved and done_bytes > FORECAST_BYTES:
             has_reserved = True
             columns.reserve(
-                round(1.02 * min(columns.rows * source.size_bytes / done_bytes, MOST_ROWS))
-                + len(piece) // row_bytes
+                round(1.02 * min(columns.rows * source.size_bytes / done_bytes, MOST_ROWS)) + plain.most_rows
             )
     columns.trim()
     if plan.unit.is_days:
@@ -310,6 +305,20 @@ def read_table(source: Source, plan: TablePlan) -> TableRows:
     rows = TableRows(plan, columns, tally, not end.is_whole, changes)
     _refuse_rows(rows)
     return rows if plan.stamp_kind == COUNTER else replace(rows, blank=drop_blank_rows(columns))
+
+
+def _take_rows(
+    plain: PlainRows, columns: SampleColumns, tally: NDArray[np.int64], *, counts_rows: bool
+) -> None:
+    """Put the plain rows of a piece behind those read before it."""
+    acc, gyr, stamps, found = plain.found
+    first, stop = columns.rows, columns.rows + len(stamps)
+    columns.acc[first:stop], columns.gyr[first:stop] = acc, gyr
+    columns.stamps[first:stop] = stamps
+    if counts_rows:
+        columns.stamps[first:stop] += tally[SAMPLES]
+    tally += found
+    columns.rows = stop
 
 
 def _rewrite(pieces: Iterable[bytes], layout: TextLayout, writer: StampWriter | None) -> Iterator[bytes]:
