@@ -242,8 +242,8 @@ def test_days_given_as_before_and_after_have_no_trend_of_their_own() -> None:
             "en",
             "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points.",
             (
-                "That is larger than the usual variation between two single days (5.5 points, by the published "
-                "deviation)."
+                "That is larger than the usual variation between two single days (5.5 points, by the "
+                "published deviation)."
             ),
             "Of the 2 later days 1 differs from the first by more.",
         ),
