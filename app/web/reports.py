@@ -47,9 +47,7 @@ def lay_way(report: str, way: Way, request: Request, language: Language) -> HTML
     head, end, body = report.partition("</head>")
     head = head.replace("style-src ", f"style-src 'sha256-{STYLE_HASH}' ", 1) + f"<style>{STYLE}</style>"
     whole = head + end + body.replace('<div class="sheet">', f'{bar}<div class="sheet">', 1)
-    return HTMLResponse(
-        whole, headers={"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"}
-    )
+    return HTMLResponse(whole, headers={"Content-Security-Policy": POLICY, "Cache-Control": "no-store"})
 
 
 def find_way(place: str, request: Request) -> Way:

@@ -241,7 +241,10 @@ def test_days_given_as_before_and_after_have_no_trend_of_their_own() -> None:
         (
             "en",
             "From 2 March 2026 (10.0 %) to 4 March 2026 (16.0 %): +6.0 points.",
-            "That is more than two single days differ anyway (5.5 points, by the published deviation).",
+            (
+                "That is larger than the usual variation between two single days (5.5 points, by the "
+                "published deviation)."
+            ),
             "Of the 2 later days 1 differs from the first by more.",
         ),
         (
@@ -409,7 +412,8 @@ def test_a_change_is_the_whole_answer() -> None:
 
     assert told == (
         "Right arm: mean time above 60° went from 11.0 % (2 days) to 5.0 % (1 day): −6.0 points. The change "
-        "is larger than these numbers of days differ anyway (least detectable: 4.8 points)."
+        "is larger than the usual variation between these numbers of days (minimal detectable change: "
+        "4.8 points)."
     )
 
 

@@ -165,7 +165,7 @@ def test_a_finished_recording_links_to_its_report_in_the_pages_language(
 
     page = client.get("/rows?lang=fr").text
 
-    assert f"/api/v1/analyses/{job.id}/report.html?lang=fr" in page
+    assert f"/analyses/{job.id}/report.html?lang=fr" in page
     assert "Rapport prêt" in page
 
 

@@ -199,6 +199,7 @@ def test_a_report_of_an_older_method_is_marked_and_analysed_again_by_one_click(
     file = write_recordings(tmp_path, "gt9x", 0.02, 23)[0].rename(tmp_path / "older.gt3x")
     analysis_id = finish(server, file, subject="S023")
     age_report(server, analysis_id)
+    page.set_viewport_size({"width": 1440, "height": 900})
     page.goto(f"{server.address}?group=older&lang=en")
     row = page.locator("#rows tbody.row")
     expect(row).to_have_count(1)
