@@ -133,6 +133,8 @@ MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
 HOUSE_LOOK_S = 1.0
+SOCKET_PREFIX = "unix:"
+"""Before the path of a socket in place of a host."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
@@ -178,8 +180,9 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
     check_certificate(settings)
-    check_exposure(settings, has_accounts=open_accounts(settings).exist())
     start_logging()
+    with translate_start_errors(settings):
+        check_exposure(settings, has_accounts=open_accounts(settings).exist())
     listener = listen(settings)
     try:
         with translate_start_errors(settings):
@@ -189,7 +192,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         listener.close()
         raise
     scheme = "https" if settings.tls_cert else "http"
-    address = f"{scheme}://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
+    address = f"{scheme}://{_write_place(settings, listener)}/"
     opened = address + _make_way_in(application.state.gate)
     pool = WorkerPool(settings)
     pool.start()
@@ -268,12 +271,13 @@ def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
     ------
     ForeignAddress
     """
-    if is_own_address(settings.host) and not settings.proxy:
+    is_own = is_own_address(settings.host)
+    if is_own and not settings.proxy and not settings.host.startswith(SOCKET_PREFIX):
         return
     needed = {
         "acromion account add": has_accounts,
         "--hosts": bool(settings.host_names),
-        "--tls-cert": bool(settings.tls_cert) or (bool(settings.proxy) and is_own_address(settings.host)),
+        "--tls-cert": bool(settings.tls_cert) or (bool(settings.proxy) and is_own),
     }
     missing = [name for name, is_there in needed.items() if not is_there]
     if missing:
@@ -283,7 +287,7 @@ def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
 def is_own_address(host: str) -> bool:
     """Tell whether only this computer reaches an address."""
     try:
-        return host == "localhost" or ip_address(host).is_loopback
+        return host == "localhost" or host.startswith(SOCKET_PREFIX) or ip_address(host).is_loopback
     except ValueError:
         return False
 
@@ -439,6 +443,8 @@ def listen(settings: Settings) -> socket.socket:
     ------
     PortTaken
     """
+    if settings.host.startswith(SOCKET_PREFIX):
+        return _listen_at_socket(Path(settings.host.removeprefix(SOCKET_PREFIX)), settings)
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     # asyncio sends answers at once (TCP_NODELAY) only where the protocol is named; else each waits 40 ms
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -446,6 +452,20 @@ def listen(settings: Settings) -> socket.socket:
     try:
         listener.bind((settings.host, settings.port))
         listener.listen(BACKLOG)  # so that whoever reads our address may connect at once
+    except OSError as error:
+        listener.close()
+        raise PortTaken(host=settings.host, port=settings.port) from error
+    return listener
+
+
+def _listen_at_socket(path: Path, settings: Settings) -> socket.socket:
+    """Listen at a socket of the file system, which its owner and group may open: a proxy's user."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        path.unlink(missing_ok=True)
+        listener.bind(str(path))
+        path.chmod(0o660)
+        listener.listen(BACKLOG)
     except OSError as error:
         listener.close()
         raise PortTaken(host=settings.host, port=settings.port) from error
@@ -484,5 +504,8 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-def _write_host(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
+def _write_place(settings: Settings, listener: socket.socket) -> str:
+    if settings.host.startswith(SOCKET_PREFIX):
+        return settings.host
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    return f"{host}:{listener.getsockname()[1]}"

@@ -180,7 +180,11 @@ def open_services(settings: Settings) -> Services:
     storage = open_storage(settings)
     storage.prepare()
     store = JobStore(settings.database_url)
-    store.check_belongs(storage.identify())
+    try:
+        store.check_belongs(storage.identify())
+    except BaseException:
+        store.close()
+        raise
     rows = (store.engine, store.reader)
     incoming = Incoming(settings.data_dir / "incoming")
     inspector = Inspector(settings, settings.data_dir / "inspections")
