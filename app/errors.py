@@ -318,6 +318,20 @@ class NotAllowed(AppError):
     outcome = Outcome(403, 2)
 
 
+class NotSignedIn(NotAllowed):
+    """Nobody known: no session, token or secret."""
+
+    code = "E-SIGN-IN"
+    outcome = Outcome(401, 2)
+
+
+class NotPermitted(NotAllowed):
+    """Known, but without the permission that this asks for."""
+
+    code = "E-PERMISSION"
+    fact_meanings = name_facts(permission=TERM)
+
+
 class ForeignOrigin(NotAllowed):
     """Another web site asks for a change."""
 
@@ -348,10 +362,10 @@ class ServerRefused(AppError):
 
 
 class ForeignAddress(ServerRefused):
-    """Only loopback is served until accounts exist."""
+    """An address that others reach, without what it needs: accounts, names of the host, TLS."""
 
     code = "E-HOST"
-    fact_meanings = name_facts(host="address")
+    fact_meanings = name_facts(host="address", missing="what keeps strangers out")
 
 
 class PortTaken(ServerRefused):

@@ -21,8 +21,12 @@ from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
+from app.access.gate import Gate
+from app.access.opening import open_accounts, open_gate
 from app.api.about import router as about_routes
+from app.api.access import CHECKED, Access
 from app.api.analyses import router as analysis_routes
+from app.api.analyses import run_to_end
 from app.api.batches import router as batch_routes
 from app.api.guard import SECURITY_HEADERS, Guard, make_timeout_protocol
 from app.api.health import router as health_routes
@@ -47,6 +51,7 @@ from app.errors import (
     DiskFull,
     ForeignAddress,
     NotHere,
+    NotSignedIn,
     PortTaken,
     RecordedProblem,
     ResultDamaged,
@@ -60,11 +65,12 @@ from app.jobs.database.connect import (
     find_database_file,
     translate_start_errors,
 )
+from app.jobs.organisations import find_organisations
 from app.jobs.processes.pool import WorkerPool
 from app.jobs.store import JobStore
 from app.logs import start_logging
-from app.services import Services, open_services
-from app.settings import Settings
+from app.services import Offices, Services, find_services, open_services
+from app.settings import OWN_ORGANISATION, Settings
 from app.storage.open import load_extra, open_storage
 from app.storage.permissions import make_folder, restrict_permissions
 from app.storage.store import FolderLock, check_folder
@@ -77,6 +83,8 @@ from app.web.example import router as example_routes
 from app.web.help import router as help_routes
 from app.web.library import router as library_routes
 from app.web.live import router as live_page
+from app.web.login import respond_with_login
+from app.web.login import router as login_routes
 from app.web.pairs import router as pair_pages
 from app.web.profile import router as profile_pages
 from app.web.recording.analysis import respond_with_page
@@ -120,11 +128,15 @@ PAGES = (
     asset_routes,
     validation_pages,
     live_page,
+    login_routes,
 )
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024
 GRACE_S = 3
 BACKLOG = 2048
+HOUSE_LOOK_S = 1.0
+SOCKET_PREFIX = "unix:"
+"""Before the path of a socket in place of a host."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
@@ -135,26 +147,26 @@ def create_app(settings: Settings) -> FastAPI:
     application = FastAPI(
         title="Acromion",
         version=software_version(),
-        openapi_url="/api/v1/openapi.json",
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
         generate_unique_id_function=_find_operation_id,
         lifespan=_live,
     )
-    application.state.services = open_services(settings)
-    for routes in ROUTES:
-        application.include_router(routes)
-    for pages in PAGES:
-        application.include_router(pages)
+    offices = application.state.offices = Offices(open_services(settings), prepare_house)
+    gate = application.state.gate = open_gate(settings)
+    for routes in (*ROUTES, *PAGES):
+        application.include_router(routes, dependencies=CHECKED)
     application.mount(find_assets(), Assets(directory=FOLDER))
     _add_error_handlers(application)
-    services: Services = application.state.services
-    application.add_middleware(Idempotency, responses=services.responses, respond=respond_to_error)
-    application.add_middleware(SideFiles, services=services)
+    application.add_middleware(Idempotency, respond=respond_to_error)
+    application.add_middleware(SideFiles)
+    application.add_middleware(Access, gate=gate, offices=offices, respond=respond_to_error)
     application.add_middleware(PlainText, respond=respond_to_error)
     application.add_middleware(
         Guard,
         respond=respond_to_error,
+        host_names=settings.host_names,
         min_rate_bytes_per_s=settings.min_body_rate_bytes_per_s,
         body_timeout_s=settings.body_patience_s,
     )
@@ -169,9 +181,10 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
     ForeignAddress, BadParameter, PortTaken, FolderTaken, FolderUnusable, DatabaseTooNew, DatabaseDamaged,
     DatabaseLocked, DatabaseAway, StoreAway, DiskFull, UnknownRecordings
     """
-    check_loopback(settings.host)
     check_certificate(settings)
     start_logging()
+    with translate_start_errors(settings):
+        check_exposure(settings, has_accounts=open_accounts(settings).exist())
     listener = listen(settings)
     try:
         with translate_start_errors(settings):
@@ -181,13 +194,16 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         listener.close()
         raise
     scheme = "https" if settings.tls_cert else "http"
-    address = f"{scheme}://{_write_host(settings.host)}:{listener.getsockname()[1]}/"
+    address = f"{scheme}://{_write_place(settings, listener)}/"
+    opened = address + _make_way_in(application.state.gate)
     pool = WorkerPool(settings)
     pool.start()
     watch = _watch_folder(application, settings)
     logger.info("Acromion is at %s (data in %s)", address, settings.data_dir)
+    if opened != address and not open_browser:
+        logger.info("open it once by %s", opened)
     if open_browser:
-        threading.Timer(1.0, webbrowser.open, (address,)).start()
+        threading.Timer(1.0, webbrowser.open, (opened,)).start()
     try:
         _Server(configure_server(application, settings)).run(sockets=[listener])
     finally:
@@ -196,10 +212,23 @@ def serve(settings: Settings, open_browser: bool = False) -> None:  # noqa: FBT0
         pool.stop()
 
 
+def _make_way_in(gate: Gate) -> str:
+    """Make the part of the address by which a browser gets in once; "" where none is needed."""
+    if gate.secret is None or gate.needs_accounts:
+        return ""
+    return f"login/once/{gate.secret.make_address()}"
+
+
+def find_own_services(application: FastAPI) -> Services:
+    """Give the services of the organisation "own"."""
+    offices: Offices = application.state.offices
+    return offices.own
+
+
 def _watch_folder(application: FastAPI, settings: Settings) -> FolderWatch | None:
     if settings.watch_dir is None:
         return None
-    services: Services = application.state.services
+    services = find_own_services(application)
     watch = FolderWatch(Intake(services.store, services.storage, settings), settings.watch_dir)
     watch.start()
     return watch
@@ -235,19 +264,34 @@ def _check_recordings(settings: Settings) -> None:
         store.close()
 
 
-def check_loopback(host: str) -> None:
-    """Refuse any address but this computer's own: there are no accounts yet.
+def check_exposure(settings: Settings, *, has_accounts: bool) -> None:
+    """Refuse an address that others reach where anything is missing that keeps strangers out.
+
+    A proxy on this computer reaches a loopback address or a socket; others reach it through the proxy.
 
     Raises
     ------
     ForeignAddress
     """
+    is_own = is_own_address(settings.host)
+    if is_own and not settings.proxy and not settings.host.startswith(SOCKET_PREFIX):
+        return
+    needed = {
+        "acromion account add": has_accounts,
+        "--hosts": bool(settings.host_names),
+        "--tls-cert": bool(settings.tls_cert) or (bool(settings.proxy) and is_own),
+    }
+    missing = [name for name, is_there in needed.items() if not is_there]
+    if missing:
+        raise ForeignAddress(host=settings.host, missing=", ".join(missing))
+
+
+def is_own_address(host: str) -> bool:
+    """Tell whether only this computer reaches an address."""
     try:
-        own = host == "localhost" or ip_address(host).is_loopback
+        return host == "localhost" or host.startswith(SOCKET_PREFIX) or ip_address(host).is_loopback
     except ValueError:
-        own = False
-    if not own:
-        raise ForeignAddress(host=host)
+        return False
 
 
 def check_certificate(settings: Settings) -> None:
@@ -280,11 +324,19 @@ def respond_to_error(request: Request, error: Exception) -> Response:
     if isinstance(refusal, WrongVerb):
         refusal = WrongVerb(method=request.method, allowed=", ".join(_find_methods(request)))
     path = request.url.path.removeprefix(request.scope.get("root_path", ""))
+    if isinstance(refusal, NotSignedIn) and _is_opened_by_person(request, path):
+        return respond_with_login(request)
     outside = path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     is_page = not outside or _is_read_by_person(request, refusal)
     response = respond_with_page(request, refusal) if is_page else respond_to_refusal(request, refusal)
     response.headers.update(SECURITY_HEADERS)  # the response to a bug does not pass the guard
     return response
+
+
+def _is_opened_by_person(request: Request, path: str) -> bool:
+    """Whether a browser opens a page or a file by itself."""
+    is_opened = "text/html" in request.headers.get("accept", "")
+    return request.method in ("GET", "HEAD") and is_opened and not path.startswith("/login")
 
 
 def _is_read_by_person(request: Request, refusal: Refusal) -> bool:
@@ -301,8 +353,7 @@ def _find_methods(request: Request) -> list[str]:
 
 def _translate_database_error(request: Request, error: DBAPIError) -> Refusal:
     """Tell apart a full disk, a damaged database, one that does not answer, and a bug."""
-    services: Services = request.app.state.services
-    refusal = classify_error(error, services.settings.database_url)
+    refusal = classify_error(error, find_services(request).settings.database_url)
     if refusal is None:
         return translate_error(request, error)
     if isinstance(refusal, DiskFull):
@@ -313,8 +364,50 @@ def _translate_database_error(request: Request, error: DBAPIError) -> Refusal:
 
 @asynccontextmanager
 async def _live(application: FastAPI) -> AsyncIterator[None]:
-    """Lock the folder while the server runs, and first repair what a crash has left."""
-    services: Services = application.state.services
+    """Look after every organisation while the server runs; first repair what a crash has left."""
+    offices: Offices = application.state.offices
+    try:
+        offices.prepare(OWN_ORGANISATION, offices.own)
+        house = asyncio.create_task(_keep_houses(offices))
+        try:
+            yield
+        finally:
+            house.cancel()
+            with suppress(asyncio.CancelledError):
+                await house
+            for services in offices.find_open().values():
+                if services.live.made is not None:
+                    await asyncio.to_thread(services.live.made.close)
+    finally:
+        offices.close()
+
+
+async def _keep_houses(offices: Offices) -> None:
+    """Keep house for every organisation, also for those that nobody has asked for since the start."""
+    kept: dict[str, asyncio.Task[None]] = {}
+    try:
+        while True:
+            for organisation, services in offices.find_open().items():
+                if organisation not in kept:
+                    kept[organisation] = asyncio.create_task(keep_house(services))
+            await asyncio.sleep(HOUSE_LOOK_S)
+            await run_to_end(_open_all, offices)
+    finally:
+        for task in kept.values():
+            task.cancel()
+        await asyncio.gather(*kept.values(), return_exceptions=True)
+
+
+def _open_all(offices: Offices) -> None:
+    for organisation in find_organisations(offices.own.settings, offices.own.store.reader):
+        try:
+            offices.find(organisation)
+        except (AppError, OSError, DBAPIError):
+            logger.exception("organisation %s cannot be opened; trying again", organisation)
+
+
+def prepare_house(services: Services) -> FolderLock:
+    """Lock the folder of an organisation, and repair what a crash has left."""
     lock = FolderLock(services.storage.root)
     try:
         reconcile(services)
@@ -322,18 +415,10 @@ async def _live(application: FastAPI) -> AsyncIterator[None]:
         services.pairs.sweep()
         services.responses.free_unfinished()
         _report_cut(services)
-        house = asyncio.create_task(keep_house(services))
-        try:
-            yield
-        finally:
-            house.cancel()
-            with suppress(asyncio.CancelledError):
-                await house
-            if services.live.made is not None:
-                await asyncio.to_thread(services.live.made.close)
-    finally:
+    except BaseException:
         lock.release()
-        services.store.close()
+        raise
+    return lock
 
 
 def _report_cut(services: Services) -> None:
@@ -360,6 +445,8 @@ def listen(settings: Settings) -> socket.socket:
     ------
     PortTaken
     """
+    if settings.host.startswith(SOCKET_PREFIX):
+        return _listen_at_socket(Path(settings.host.removeprefix(SOCKET_PREFIX)), settings)
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     # asyncio sends answers at once (TCP_NODELAY) only where the protocol is named; else each waits 40 ms
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -367,6 +454,20 @@ def listen(settings: Settings) -> socket.socket:
     try:
         listener.bind((settings.host, settings.port))
         listener.listen(BACKLOG)  # so that whoever reads our address may connect at once
+    except OSError as error:
+        listener.close()
+        raise PortTaken(host=settings.host, port=settings.port) from error
+    return listener
+
+
+def _listen_at_socket(path: Path, settings: Settings) -> socket.socket:
+    """Listen at a socket of the file system, which its owner and group may open: a proxy's user."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        path.unlink(missing_ok=True)
+        listener.bind(str(path))
+        path.chmod(0o660)
+        listener.listen(BACKLOG)
     except OSError as error:
         listener.close()
         raise PortTaken(host=settings.host, port=settings.port) from error
@@ -405,5 +506,8 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-def _write_host(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
+def _write_place(settings: Settings, listener: socket.socket) -> str:
+    if settings.host.startswith(SOCKET_PREFIX):
+        return settings.host
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    return f"{host}:{listener.getsockname()[1]}"

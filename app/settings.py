@@ -9,10 +9,19 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from app.request import Paper
 
 GIB = 1 << 30
+OWN_ORGANISATION = "own"
+"""The organisation of everything that was there before organisations were: folder and database as given."""
 
 
 def _build_database_url(known: dict[str, Any]) -> str:
     return f"sqlite:///{known['data_dir'] / 'acromion.sqlite3'}"
+
+
+def _build_own_database_url(url: str, folder: Path, organisation: str) -> str:
+    """Build the address of an organisation's database: a file, or a schema of the same server."""
+    if url.startswith("sqlite"):
+        return f"sqlite:///{folder / 'acromion.sqlite3'}"
+    return f"{url}{'&' if '?' in url else '?'}options=-csearch_path%3D{organisation}"
 
 
 class Settings(BaseSettings):
@@ -32,7 +41,15 @@ class Settings(BaseSettings):
         How workers learn of work: ``embedded`` polls the rows; ``procrastinate`` is notified by PostgreSQL,
         for workers on many machines.
     host, port
-        Where the server listens. Only loopback is served until accounts exist; port 0 takes a free one.
+        Where the server listens; port 0 takes a free one. Any address but this computer's own needs accounts,
+        ``hosts``, and TLS by ``tls_cert`` or ``proxy``.
+    hosts
+        Names by which the server may be asked for, with commas between; this computer's own always are.
+    proxy
+        The address from which a proxy on this computer, which ends TLS, forwards requests: ``127.0.0.1`` or
+        ``unix``. What it says of a client's address (the last of ``X-Forwarded-For``) is believed, no login.
+    no_secret
+        Whether anybody on this computer may use a server without accounts: a stated choice.
     tls_cert, tls_key
         Certificate (PEM, with its chain) and key for HTTPS; both or neither.
     workers
@@ -85,6 +102,9 @@ class Settings(BaseSettings):
     engine: Literal["embedded", "procrastinate"] = "embedded"
     host: str = "127.0.0.1"
     port: int = 8080
+    hosts: str = ""
+    proxy: str = ""
+    no_secret: bool = False
     tls_cert: Path | None = None
     tls_key: Path | None = None
     workers: int = 1
@@ -111,6 +131,26 @@ class Settings(BaseSettings):
     max_queued: int = 100_000
     upload_term_s: float = 24 * 3600.0
     trash_term_s: float = 30 * 24 * 3600.0
+
+    @property
+    def host_names(self) -> frozenset[str]:
+        """Names by which the server may be asked for, beside this computer's own."""
+        return frozenset(filter(None, (name.strip().lower() for name in self.hosts.split(","))))
+
+    def for_organisation(self, organisation: str) -> "Settings":
+        """Give the settings of one organisation: a folder, a database and a part of the bucket of its own."""
+        if organisation == OWN_ORGANISATION:
+            return self
+        place = f"organisations/{organisation}"
+        folder = self.data_dir / place
+        return self.model_copy(
+            update={
+                "data_dir": folder,
+                "database_url": _build_own_database_url(self.database_url, folder, organisation),
+                "object_store": f"{self.object_store.rstrip('/')}/{place}" if self.object_store else "",
+                "watch_dir": None,
+            }
+        )
 
     def as_environment(self) -> dict[str, str]:
         """Give every setting that was chosen, as a worker process reads it."""

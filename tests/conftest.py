@@ -17,6 +17,9 @@ from tests.swift import SwiftServer, find_programs
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
+# The servers of the tests ask for no secret; those of tests/app/access ask as every server does.
+os.environ["ACROMION_NO_SECRET"] = "1"
+
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 

@@ -53,7 +53,9 @@ class PostgresServer:
             end_all = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity"
             others = "pid <> pg_backend_pid() AND datname = current_database()"
             connection.execute(text(f"{end_all} WHERE {others}"))
-            connection.execute(text("DROP SCHEMA public CASCADE"))
+            schemas = text("SELECT nspname FROM pg_namespace WHERE nspname !~ '^pg_|^information_schema$'")
+            for name in connection.execute(schemas).scalars().all():
+                connection.execute(text(f'DROP SCHEMA "{name}" CASCADE'))
             connection.execute(text("CREATE SCHEMA public"))
         engine.dispose()
 

@@ -105,9 +105,14 @@ class Guard:
     """Refuses strangers and slow senders, and sets the security headers of every response."""
 
     def __init__(
-        self, app: ASGIApp, respond: Respond, min_rate_bytes_per_s: float, body_timeout_s: float
+        self,
+        app: ASGIApp,
+        respond: Respond,
+        min_rate_bytes_per_s: float,
+        body_timeout_s: float,
+        host_names: frozenset[str] = frozenset(),
     ) -> None:
-        self._app, self._respond = app, respond
+        self._app, self._respond, self._host_names = app, respond, LOOPBACK_NAMES | host_names
         self._min_rate_bytes_per_s, self._body_timeout_s = min_rate_bytes_per_s, body_timeout_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -120,7 +125,7 @@ class Guard:
             return
         request, sealed = Request(scope), _add_security_headers(send)
         try:
-            check_caller(request.method, request.headers)
+            check_caller(request.method, request.headers, self._host_names)
         except AppError as refusal:
             await self._respond(request, refusal)(scope, receive, sealed)
             return
@@ -135,7 +140,7 @@ class Guard:
     async def _guard_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a WebSocket of another site before it is accepted; browsers bind these to no origin."""
         try:
-            check_caller("POST", Headers(scope=scope))
+            check_caller("POST", Headers(scope=scope), self._host_names)
         except AppError:
             await send({"type": "websocket.close", "code": 1008})
             return
@@ -148,7 +153,7 @@ def takes_file(scope: Scope) -> bool:
     return path.removeprefix(scope.get("root_path", "")).startswith(FILE_PATHS)
 
 
-def check_caller(method: str, headers: Headers) -> None:
+def check_caller(method: str, headers: Headers, host_names: frozenset[str] = LOOPBACK_NAMES) -> None:
     """Refuse a name that is not ours (DNS rebinding), and changes asked for by another site.
 
     Raises
@@ -156,7 +161,7 @@ def check_caller(method: str, headers: Headers) -> None:
     ForeignHostName, ForeignOrigin
     """
     host = headers.get("host", "")
-    if _read_host_name(host) not in LOOPBACK_NAMES:
+    if _read_host_name(host) not in host_names:
         raise ForeignHostName(host=host[:100])
     if method in SAFE_METHODS:
         return

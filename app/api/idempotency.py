@@ -10,12 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from fastapi.concurrency import run_in_threadpool
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.access.subjects import MACHINE, Subject
+from app.api.access import SUBJECT
 from app.errors import AppError, KeyInUse, KeyReused, PurgedSince
 from app.jobs.idempotency import GONE, KeptResponse, ResponseStore
+from app.services import find_services
 
 LONGEST_KEY = 255
 PASSING = frozenset({408, 409, 423, 429})
@@ -26,8 +29,8 @@ Respond = Callable[[Request, AppError], Response]
 class Idempotency:
     """Middleware that keeps the responses of the routes."""
 
-    def __init__(self, app: ASGIApp, responses: ResponseStore, respond: Respond) -> None:
-        self._app, self._responses, self._respond = app, responses, respond
+    def __init__(self, app: ASGIApp, respond: Respond) -> None:
+        self._app, self._respond = app, respond
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Run the route, or repeat its kept response."""
@@ -36,9 +39,10 @@ class Idempotency:
             await self._app(scope, receive, send)
             return
         listener = _Listener(receive, send, _begin_fingerprint(scope))
-        known = await run_in_threadpool(self._responses.reserve, key)
+        responses = find_services(HTTPConnection(scope)).responses
+        known = await run_in_threadpool(responses.reserve, key)
         if known is None:
-            await self._run_first(key, scope, listener)
+            await self._run_first(key, responses, scope, listener)
         else:
             response = await self._repeat(known, scope, listener)
             await response(scope, receive, send)
@@ -53,16 +57,18 @@ class Idempotency:
             return self._respond(Request(scope), PurgedSince())
         return Response(known.body, known.status, dict(known.headers))
 
-    async def _run_first(self, key: str, scope: Scope, listener: "_Listener") -> None:
+    async def _run_first(
+        self, key: str, responses: ResponseStore, scope: Scope, listener: "_Listener"
+    ) -> None:
         kept = False
         try:
             await self._app(scope, listener.receive, listener.send)
             if listener.is_final:
-                await run_in_threadpool(self._responses.keep, key, listener.keep())
+                await run_in_threadpool(responses.keep, key, listener.keep())
                 kept = True
         finally:
             if not kept:
-                await run_in_threadpool(self._responses.free, key)
+                await run_in_threadpool(responses.free, key)
 
 
 @dataclass(slots=True)
@@ -110,11 +116,16 @@ async def _is_same(known: KeptResponse, listener: _Listener) -> bool:
 
 
 def _find_key(scope: Scope) -> str:
-    """Give the key of the kept response; "" where the client sent none."""
-    if scope["type"] != "http" or scope["method"] != "POST":
+    """Give the key of the kept response; "" where the client sent none, or is nobody known.
+
+    It is the asker's own: nobody is given the response of another, nor one that may no longer be had.
+    """
+    subject: Subject | None = scope.get(SUBJECT)
+    if scope["type"] != "http" or scope["method"] != "POST" or subject is None:
         return ""
     stated = dict(scope["headers"]).get(b"idempotency-key", b"")[:LONGEST_KEY]
-    return hashlib.sha256(stated).hexdigest() if stated else ""
+    who = "" if subject.id == MACHINE else f"{subject.id} {' '.join(sorted(subject.permissions))} "
+    return hashlib.sha256(who.encode() + stated).hexdigest() if stated else ""
 
 
 def _begin_fingerprint(scope: Scope) -> "hashlib._Hash":

@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from anyio import CapacityLimiter, to_thread
 from anyio.lowlevel import RunVar
@@ -29,7 +29,7 @@ from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
 from app.report.words.wording import Language
 from app.request import LONGEST_SUBJECT, ReportRequest, check_subject
-from app.services import Services, UsedLanguage, UsedServices
+from app.services import Services, UsedLanguage, UsedServices, find_services
 from app.storage.store import borrow_recording
 from fusion.conventions import ArmAxis, Side
 from fusion.errors import FusionError
@@ -169,7 +169,7 @@ def _name_wrong_part(error: Exception) -> BadParameter:
 
 
 async def _open(socket: WebSocket, first: Start | Resume, inbox: "Inbox") -> "RunningSession":
-    services = cast("Services", socket.app.state.services)
+    services = find_services(socket)
     if isinstance(first, Resume):
         hub = await run_in_threadpool(find_hub, services)
         return hub.get(first.session)

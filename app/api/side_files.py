@@ -4,11 +4,12 @@ import logging
 
 from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.guard import SAFE_METHODS
 from app.errors import AppError
-from app.services import Services
+from app.services import Services, find_services
 
 AT_ONCE = 20
 """Side files written before an answer goes out; housekeeping writes the rest of a large change."""
@@ -19,8 +20,8 @@ logger = logging.getLogger(__name__)
 class SideFiles:
     """Stands before the routes that change something."""
 
-    def __init__(self, app: ASGIApp, services: Services) -> None:
-        self._app, self._services = app, services
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer once the side files of what was changed are written."""
@@ -30,7 +31,7 @@ class SideFiles:
 
         async def send_after(message: Message) -> None:
             if message["type"] == "http.response.start" and message["status"] < 400:
-                await run_in_threadpool(write_side_files, self._services, AT_ONCE)
+                await run_in_threadpool(write_side_files, find_services(HTTPConnection(scope)), AT_ONCE)
             await send(message)
 
         await self._app(scope, receive, send_after)

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 def serve(
-    host: Annotated[str, typer.Option(help="Only this computer, until accounts exist.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(help="Any but this computer needs accounts, --hosts and TLS.")
+    ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535)] = 8080,
     data: Annotated[Path, typer.Option(metavar="DIR", help="Where recordings and reports are kept.")] = Path(
         "acromion-data"
@@ -37,6 +39,13 @@ def serve(
     ] = None,
     tls_cert: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Certificate of HTTPS.")] = None,
     tls_key: Annotated[Path | None, typer.Option(metavar="FILE.pem", help="Its key.")] = None,
+    hosts: Annotated[str, typer.Option(metavar="NAME,...", help="Names that the server answers to.")] = "",
+    proxy: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="A proxy of this computer that ends TLS: 127.0.0.1 or ::1.")
+    ] = "",
+    no_secret: Annotated[
+        bool, typer.Option("--no-secret", help="Without accounts, let everybody on this computer in.")
+    ] = False,
 ) -> None:
     """Serve the page and the API, with the workers that do the analyses."""
     from app.main import serve as serve_app  # noqa: PLC0415
@@ -44,8 +53,9 @@ def serve(
 
     try:
         settings = Settings(host=host, port=port, data_dir=data, workers=workers, watch_dir=watch)
-        if tls_cert or tls_key:
-            settings = settings.model_copy(update={"tls_cert": tls_cert, "tls_key": tls_key})
+        chosen = {"tls_cert": tls_cert, "tls_key": tls_key, "hosts": hosts, "proxy": proxy}
+        given = {name: value for name, value in (chosen | {"no_secret": no_secret}).items() if value}
+        settings = settings.model_copy(update=given)
         serve_app(settings, open_browser=open_)
     except AppError as refusal:
         print_problem("serve", refusal.code, refusal.facts, "en")

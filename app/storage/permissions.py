@@ -21,12 +21,13 @@ OUR_FOLDERS = frozenset(
         "fetched",
         "incoming",
         "inspections",
+        "organisations",
         "quarantine",
         "recordings",
         "uploads",
     }
 )
-OUR_FILES = frozenset({"server.id", "server.lock", "store.id"})
+OUR_FILES = frozenset({"secret", "server.id", "server.lock", "store.id"})
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

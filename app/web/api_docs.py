@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from fastapi import APIRouter, FastAPI, Request, Response
+from fastapi.responses import JSONResponse
 from markupsafe import Markup, escape
 
 from app.services import UsedLanguage
@@ -25,6 +26,12 @@ class Operation:
     parameters: tuple[tuple[str, str, Markup], ...]
     bodies: str
     answers: str
+
+
+@router.get("/api/v1/openapi.json")
+def give_openapi(request: Request) -> JSONResponse:
+    """Give the OpenAPI document."""
+    return JSONResponse(cast("FastAPI", request.app).openapi())
 
 
 @router.get("/api/v1/docs")

@@ -1,6 +1,8 @@
 """Who may ask, what every answer carries, and how errors look from outside."""
 
 import asyncio
+from pathlib import Path
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -11,7 +13,8 @@ from app.api.guard import _BodyWatch, takes_file
 from app.api.problems import respond_to_refusal
 from app.errors import FileTooLarge, ForeignAddress, SlowUpload
 from app.jobs.store import JobStore
-from app.main import check_loopback
+from app.main import check_exposure
+from app.settings import Settings
 
 CHANGES = ("/api/v1/analyze", "/api/v1/analyses/an_1/cancel", "/analyses/an_1/cancel")
 
@@ -130,14 +133,47 @@ def test_no_docs_page_loads_scripts_from_elsewhere(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.4", "::", "example.org", ""])
-def test_any_address_but_this_computers_is_refused(host: str) -> None:
+def test_an_address_that_others_reach_needs_accounts_names_and_tls(host: str) -> None:
+    with pytest.raises(ForeignAddress) as refused:
+        check_exposure(Settings(host=host), has_accounts=False)
+
+    assert refused.value.facts["missing"] == "acromion account add, --hosts, --tls-cert"
+
+
+@pytest.mark.parametrize(
+    ("given", "has_accounts", "missing"),
+    [
+        ({"hosts": "arm.example", "tls_cert": "c.pem"}, False, "acromion account add"),
+        ({"tls_cert": "c.pem"}, True, "--hosts"),
+        ({"hosts": "arm.example"}, True, "--tls-cert"),
+        ({"hosts": "arm.example", "proxy": "127.0.0.1"}, True, "--tls-cert"),
+    ],
+)
+def test_each_thing_that_is_missing_is_named(given: dict[str, Any], has_accounts: bool, missing: str) -> None:
+    with pytest.raises(ForeignAddress) as refused:
+        check_exposure(Settings(host="0.0.0.0", **given), has_accounts=has_accounts)
+
+    assert refused.value.facts["missing"] == missing
+
+
+def test_with_all_three_an_address_is_served_that_others_reach() -> None:
+    settings = Settings(host="0.0.0.0", hosts="arm.example", tls_cert=Path("c.pem"))
+
+    check_exposure(settings, has_accounts=True)
+
+
+def test_behind_a_proxy_on_this_computer_the_proxy_ends_tls() -> None:
+    check_exposure(Settings(hosts="arm.example", proxy="127.0.0.1"), has_accounts=True)
+
+
+def test_a_proxy_makes_a_server_need_accounts() -> None:
     with pytest.raises(ForeignAddress):
-        check_loopback(host)
+        check_exposure(Settings(hosts="arm.example", proxy="127.0.0.1"), has_accounts=False)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
 def test_this_computers_addresses_are_served(host: str) -> None:
-    check_loopback(host)
+    check_exposure(Settings(host=host), has_accounts=False)
 
 
 def test_readiness_tells_the_state_of_the_queue(client: TestClient) -> None:

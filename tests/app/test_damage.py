@@ -596,7 +596,7 @@ def test_an_answer_breaks_off_where_its_file_is_altered_on_the_way(
     client: TestClient, store: JobStore, storage: Storage, finish: Finish
 ) -> None:
     job = finish()
-    services: Services = cast("Any", client.app).state.services
+    services: Services = cast("Any", client.app).state.offices.own
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
     answer = serve_file(Request(scope), services, store.get(job.id), "results.json")
     sent: list[bytes] = []

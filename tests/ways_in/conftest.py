@@ -9,7 +9,7 @@ from fusion.simulation import write_recordings
 from tests.conftest import SHARED_DATA
 from tests.ways_in.servers import RunningServer
 
-StartServer = Callable[[], RunningServer]
+StartServer = Callable[..., RunningServer]
 
 
 @pytest.fixture(scope="session")
@@ -27,8 +27,8 @@ def start_server(tmp_path: Path) -> Iterator[StartServer]:
     """Start servers of one data folder; whatever still runs at the end is stopped."""
     started: list[RunningServer] = []
 
-    def start() -> RunningServer:
-        started.append(RunningServer(tmp_path / "data", tmp_path / "server.log"))
+    def start(**settings: str) -> RunningServer:
+        started.append(RunningServer(tmp_path / "data", tmp_path / "server.log", 1, **settings))
         return started[-1]
 
     yield start

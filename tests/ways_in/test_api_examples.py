@@ -21,14 +21,15 @@ EXAMPLES = dict(re.findall(r"```(sh|python|r)\n(.*?)```", PAGE, re.DOTALL))
 
 @pytest.fixture
 def example_folder(start_server: StartServer, recording: Path, tmp_path: Path) -> Path:
-    """A folder with a recording, and the address of a server in a file."""
+    """A folder with a recording, and in a file the address of a server that asks who comes."""
     (tmp_path / "shift.gt3x").write_bytes(recording.read_bytes())
-    (tmp_path / "address").write_text(start_server().address.rstrip("/"))
+    (tmp_path / "address").write_text(start_server(ACROMION_NO_SECRET="0").address.rstrip("/"))
     return tmp_path
 
 
 def run(command: list[str], folder: Path) -> str:
-    environment = os.environ | {"ACROMION": (folder / "address").read_text()}
+    secret = (folder / "data" / "secret").read_text()
+    environment = os.environ | {"ACROMION": (folder / "address").read_text(), "SECRET": secret}
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
     return ended.stdout
 

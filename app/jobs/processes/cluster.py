@@ -11,8 +11,8 @@ import asyncio
 import logging
 import os
 import signal
+import threading
 from dataclasses import replace
-from functools import partial
 
 from procrastinate import App, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
@@ -26,7 +26,7 @@ from app.jobs.children.fork_server import warm_up_and_wait
 from app.jobs.database.connect import connect, lock_tables
 from app.jobs.processes.leader import REVIVAL, Leader
 from app.jobs.processes.lease import WorkerHeartbeat
-from app.jobs.worker import TROUBLE_S, Bench, open_bench, reclaim_abandoned, run_next_patiently
+from app.jobs.worker import TROUBLE_S, Bench, Benches, open_bench, reclaim_abandoned, run_next_patiently
 from app.settings import Settings
 
 QUEUE, TASK = "analyses", "run_next"
@@ -81,32 +81,64 @@ def run_cluster_worker(
     bench = replace(open_bench(settings, make), revives=False)
     if heartbeat is not None:
         bench = replace(bench, heartbeat=heartbeat)
-    install(settings.database_url)
     warm_up_and_wait()
-    address = make_url(settings.database_url).set(drivername="postgresql")
-    connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
-    engine = App(connector=connector)
-    engine.task(name=TASK, queue=QUEUE)(partial(run_next_patiently, bench))
+    benches = Benches(bench)
     try:
-        asyncio.run(_work(bench, engine, parent_pid))
+        asyncio.run(_work(benches, parent_pid))
     finally:
-        bench.store.close()
+        benches.close()
 
 
-async def _work(bench: Bench, engine: App, parent_pid: int | None) -> None:
-    """Listen for jobs; start again when the database was away."""
+async def _work(benches: Benches, parent_pid: int | None) -> None:
+    """Listen for the jobs of every organisation, also of those that are made meanwhile."""
+    own, turn = benches.own, threading.Lock()
     for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(number, bench.stopping.set)
-    while not bench.stopping.is_set():
+        asyncio.get_running_loop().add_signal_handler(number, own.stopping.set)
+    listeners: dict[str, asyncio.Task[None]] = {}
+    try:
+        while not own.stopping.is_set():
+            for bench in await asyncio.to_thread(benches.find):
+                url = bench.settings.database_url
+                if url not in listeners:
+                    listeners[url] = asyncio.create_task(_listen_on(bench, turn))
+            if parent_pid is not None and os.getppid() != parent_pid:
+                own.stopping.set()
+            own.heartbeat.step()
+            await asyncio.sleep(0.2)
+    finally:
+        for listener in listeners.values():
+            listener.cancel()
+        await asyncio.gather(*listeners.values(), return_exceptions=True)
+
+
+async def _listen_on(bench: Bench, turn: threading.Lock) -> None:
+    """Listen for the jobs of one organisation; start again when the database was away."""
+    engine = _make_engine(bench, turn)
+    while True:
         try:
+            await asyncio.to_thread(install, bench.settings.database_url)
             async with engine.open_async():
-                await _listen(bench, engine, parent_pid)
-        except (ConnectorException, OSError):
+                await _listen(bench, engine)
+        except (ConnectorException, OperationalError, OSError):
             logger.exception("the database does not answer; listening again soon")
             await asyncio.sleep(TROUBLE_S)
 
 
-async def _listen(bench: Bench, engine: App, parent_pid: int | None) -> None:
+def _make_engine(bench: Bench, turn: threading.Lock) -> App:
+    """Make Procrastinate's application of an organisation; ``turn``: a worker does one job at a time."""
+
+    def run_in_turn() -> None:
+        with turn:
+            run_next_patiently(bench)
+
+    address = make_url(bench.settings.database_url).set(drivername="postgresql")
+    connector = PsycopgConnector(conninfo=address.render_as_string(hide_password=False))
+    engine = App(connector=connector)
+    engine.task(name=TASK, queue=QUEUE)(run_in_turn)
+    return engine
+
+
+async def _listen(bench: Bench, engine: App) -> None:
     listener = asyncio.create_task(
         engine.run_worker_async(
             queues=[QUEUE],
@@ -117,9 +149,7 @@ async def _listen(bench: Bench, engine: App, parent_pid: int | None) -> None:
         )
     )
     leader = Leader(bench.store.engine, REVIVAL, LEADER_SILENCE_S)
-    reviver = asyncio.create_task(_revive_for_ever(bench, engine, leader))
-    stop = asyncio.create_task(_wait_for_stop(bench, parent_pid))
-    tasks = (listener, reviver, stop)
+    tasks = (listener, asyncio.create_task(_revive_for_ever(bench, engine, leader)))
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -129,14 +159,6 @@ async def _listen(bench: Bench, engine: App, parent_pid: int | None) -> None:
         await asyncio.to_thread(leader.close)
     for task in done:
         task.result()
-
-
-async def _wait_for_stop(bench: Bench, parent_pid: int | None) -> None:
-    while not bench.stopping.is_set():
-        if parent_pid is not None and os.getppid() != parent_pid:
-            bench.stopping.set()
-        bench.heartbeat.step()
-        await asyncio.sleep(0.2)
 
 
 def revive_if_leading(bench: Bench, leader: Leader) -> bool:

@@ -13,6 +13,8 @@ from sqlalchemy.exc import OperationalError
 
 UPKEEP, REVIVAL = 0x6163726B, 0x61637276  # arbitrary numbers: whoever holds the advisory lock leads
 
+_KEYS = ":key, hashtext(current_schema())"
+"""Each organisation has a schema of its own, and a leader of its own."""
 _NOTICE_DEATH = text(
     "SELECT set_config(name, CASE name WHEN 'tcp_keepalives_count' THEN '3' ELSE '5' END, false) "
     "FROM pg_settings WHERE name LIKE 'tcp\\_keepalives\\_%'"
@@ -64,13 +66,13 @@ class Leader:
         connection, self._connection = self._connection, None
         with suppress(OperationalError):
             if not connection.invalidated:
-                connection.execute(text("SELECT pg_advisory_unlock(:key)").bindparams(key=self.lock))
+                connection.execute(text(f"SELECT pg_advisory_unlock({_KEYS})").bindparams(key=self.lock))
         connection.invalidate()
         connection.close()
 
     def _try_lock(self) -> Connection | None:
         connection = self.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-        lock = text("SELECT pg_try_advisory_lock(:key)").bindparams(key=self.lock)
+        lock = text(f"SELECT pg_try_advisory_lock({_KEYS})").bindparams(key=self.lock)
         if not connection.execute(lock).scalar_one():
             connection.close()
             return None

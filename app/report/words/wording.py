@@ -31,6 +31,7 @@ Part = Literal[
     "help",
     "operations",
     "live",
+    "access",
 ]
 Words = Mapping[str, Any]
 LANGUAGES: tuple[Language, ...] = ("en", "fr")

@@ -11,6 +11,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import BaseModel
 
+from app.api.access import may
 from app.api.problems import Refusal
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
@@ -445,11 +446,12 @@ def _find_trashed(request: Request) -> StoredRow | None:
 def respond_with_page(request: Request, error: Refusal) -> HTMLResponse:
     """Show a refusal as a page of its own; that of a damaged report offers to analyse again."""
     language = choose_language(request)
-    trashed = _find_trashed(request) if error.code == NotHere.code else None
+    may_read = may(request, "read")
+    trashed = _find_trashed(request) if may_read and error.code == NotHere.code else None
     if trashed is not None:
         return _show_trashed(trashed, request, language)
     values: dict[str, Any] = {"problem": describe_problem(error.code, error.facts, language)}
     values |= {"code": error.code, "damage": None}
-    if error.code == ResultDamaged.code:
+    if may_read and error.code == ResultDamaged.code:
         values["damage"] = build_damage(find_services(request), error.facts, language)
     return render_page(request, "error.html", language, values, find_outcome_of_code(error.code).status)

@@ -303,7 +303,7 @@ def test_a_server_that_stops_makes_recordings_of_its_sessions(settings: Settings
         asked = {"type": "start", "source": "recording", "recording": stored, "keeps": True}
         with connect(caller, **asked) as socket:
             read_until(socket, "update")
-        hub = find_hub(application.state.services)
+        hub = find_hub(application.state.offices.own)
 
     with TestClient(create_app(settings), base_url="http://localhost:8080") as caller:
         assert len(caller.get("/api/v1/recordings").json()["items"]) == 2
@@ -377,7 +377,7 @@ def test_while_paused_there_are_no_cues(client: TestClient, recording_id: str) -
 def test_a_cue_is_announced_to_the_webhooks_that_ask_for_it(
     client: TestClient, recording_id: str, store: JobStore
 ) -> None:
-    hooks = client.app.state.services.webhooks  # type: ignore[attr-defined]
+    hooks = client.app.state.offices.own.webhooks  # type: ignore[attr-defined]
     told = hooks.add("https://hooks.example/cues", ("live.cue",))
     hooks.add("https://hooks.example/ends", ("analysis.finished",))
 

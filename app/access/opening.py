@@ -1,0 +1,20 @@
+"""Opens what knows who may come in: the secret of the start, and the accounts."""
+
+from app.access.accounts import AccountStore
+from app.access.gate import Gate
+from app.access.secret import read_or_create_secret
+from app.settings import Settings
+from app.storage.permissions import make_folder
+
+
+def open_accounts(settings: Settings) -> AccountStore:
+    """Open the accounts of an installation; without any there is no file of them."""
+    return AccountStore(settings)
+
+
+def open_gate(settings: Settings) -> Gate:
+    """Open the gate of a server."""
+    if settings.no_secret:
+        return Gate(None, open_accounts(settings))
+    make_folder(settings.data_dir)
+    return Gate(read_or_create_secret(settings.data_dir), open_accounts(settings))

@@ -1,0 +1,193 @@
+"""The permission that each route asks for, in one table; a route without a line is refused, and fails a test.
+
+``public`` routes are answered to anybody. A WebSocket's method is written ``WS``.
+"""
+
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Literal
+
+from app.access.subjects import Permission
+
+Needed = Permission | Literal["public"]
+
+_ROUTES: Mapping[Needed, str] = {
+    "public": """
+        GET  /healthz
+        GET  /readyz
+        GET  /vendor/{name}
+        GET  /login
+        POST /login
+        GET  /login/once/{ticket}
+    """,
+    "own": """
+        POST /logout
+        GET  /api/v1/openapi.json
+        GET  /api/v1/docs
+        GET  /api/v1/formats
+        GET  /api/v1/dictionary
+        GET  /api/v1/problems/{code}
+        GET  /api/v1/version
+        GET  /help
+        GET  /help/poses
+        GET  /help/reading
+        GET  /help/export
+        GET  /problems/{code}
+        GET  /example
+        GET  /example/report.html
+        GET  /example/report.pdf
+    """,
+    "upload": """
+        OPTIONS /api/v1/uploads
+        OPTIONS /api/v1/uploads/{upload_id}
+        POST   /api/v1/uploads
+        POST   /api/v1/uploads/{upload_id}
+        GET    /api/v1/uploads/{upload_id}
+        PATCH  /api/v1/uploads/{upload_id}
+        DELETE /api/v1/uploads/{upload_id}
+        PUT    /api/v1/uploads/{upload_id}/words
+        PUT    /api/v1/uploads/{upload_id}/tail
+        GET    /api/v1/uploads/{upload_id}/inspection
+        POST   /api/v1/recordings
+        POST   /api/v1/analyze
+        PUT    /api/v1/analyze
+        POST   /api/v1/analyses
+        POST   /api/v1/analyses/{analysis_id}/cancel
+        POST   /api/v1/analyses/{analysis_id}/retry
+        POST   /api/v1/batches
+        POST   /api/v1/batches/{batch_id}/retry-failed
+        POST   /api/v1/validations
+        WS     /api/v1/live
+        POST   /analyses/{analysis_id}/cancel
+        POST   /analyses/{analysis_id}/retry
+        POST   /batches/{batch_id}/retry
+        POST   /sample
+        GET    /validations
+        POST   /validations
+        GET    /live
+    """,
+    "read": """
+        GET  /api/v1/recordings
+        GET  /api/v1/recordings/{recording_id}
+        GET  /api/v1/recordings/{recording_id}/inspection
+        GET  /api/v1/recordings/{recording_id}/periods
+        GET  /api/v1/analyses
+        GET  /api/v1/analyses/{analysis_id}
+        GET  /api/v1/analyses/{analysis_id}/events
+        GET  /api/v1/analyses/{analysis_id}/report.html
+        GET  /api/v1/analyses/{analysis_id}/report.pdf
+        GET  /api/v1/analyses/{analysis_id}/answer.txt
+        GET  /api/v1/analyses/{analysis_id}/settings.yaml
+        GET  /api/v1/batches/{batch_id}
+        GET  /api/v1/validations/{validation_id}
+        GET  /api/v1/columns
+        GET  /api/v1/columns/{header}
+        GET  /api/v1/columns/{header}/profile.json
+        GET  /api/v1/compare
+        GET  /api/v1/compare/{name}
+        GET  /api/v1/pair/{name}
+        GET  /api/v1/profile/{name}
+        GET  /api/v1/live/{session_id}/difference
+        GET  /
+        GET  /rows
+        GET  /analyses/{analysis_id}
+        GET  /analyses/{analysis_id}/curve
+        GET  /analyses/{analysis_id}/stillness
+        GET  /analyses/{analysis_id}/share
+        GET  /analyses/{analysis_id}/columns
+        GET  /batches
+        GET  /batches/{batch_id}
+        POST /library/views
+        POST /library/views/{view_id}/drop
+        GET  /trash
+        GET  /beside/{kind}
+        GET  /beside/{kind}/report.{form}
+        GET  /days
+        GET  /days/report.{form}
+        GET  /columns
+        GET  /validations/{validation_id}
+        GET  /validations/{validation_id}/curve
+        GET  /validations/{validation_id}/plot.svg
+    """,
+    "correct": """
+        PATCH  /api/v1/recordings/{recording_id}
+        DELETE /api/v1/recordings/{recording_id}
+        POST   /api/v1/recordings/{recording_id}/restore
+        PUT    /api/v1/recordings/{recording_id}/periods
+        PATCH  /api/v1/columns/{header}
+        DELETE /api/v1/columns/{header}
+        POST   /analyses/{analysis_id}/withdraw
+        POST   /analyses/{analysis_id}/again
+        POST   /analyses/{analysis_id}/pose
+        POST   /analyses/{analysis_id}/other-pose
+        POST   /analyses/{analysis_id}/diary
+        POST   /analyses/{analysis_id}/diary.csv
+        POST   /analyses/{analysis_id}/columns
+        POST   /analyses/{analysis_id}/columns/use
+        POST   /batches/{batch_id}/participants
+        POST   /library/acts/{act}
+        GET    /recordings/{recording_id}/delete
+        POST   /recordings/{recording_id}/delete
+        POST   /recordings/{recording_id}/restore
+        POST   /beside/compare/align
+        POST   /columns/{header}
+        POST   /columns/{header}/delete
+    """,
+    "release": """
+        POST /analyses/{analysis_id}/conclude
+    """,
+    "export": """
+        GET  /api/v1/analyses/{analysis_id}/results.json
+        GET  /api/v1/analyses/{analysis_id}/elevation.parquet
+        GET  /api/v1/analyses/{analysis_id}/fhir.json
+        GET  /api/v1/analyses/{analysis_id}/bundle.zip
+        GET  /api/v1/analyses/{analysis_id}/periods.csv
+        GET  /api/v1/analyses/{analysis_id}/elevation.csv.gz
+        GET  /api/v1/analyses/{analysis_id}/summary.csv
+        GET  /api/v1/analyses/{analysis_id}/summary_fr.csv
+        GET  /api/v1/analyses/{analysis_id}/summary.xlsx
+        GET  /api/v1/analyses/{analysis_id}/summary.parquet
+        GET  /api/v1/analyses/{analysis_id}/dictionary.csv
+        GET  /api/v1/analyses/{analysis_id}/redcap_import.csv
+        GET  /api/v1/analyses/{analysis_id}/redcap_dictionary.csv
+        GET  /api/v1/batches/{batch_id}/summary.csv
+        GET  /api/v1/batches/{batch_id}/problems.csv
+        GET  /api/v1/validations/{validation_id}/{name}
+        GET  /api/v1/compare/comparison.json
+        GET  /api/v1/pair/pair.json
+        GET  /api/v1/profile/profile.json
+        GET  /api/v1/profile/{name}.csv
+        GET  /library/{name}.csv
+        GET  /library/reports.zip
+        POST /library/acts/reports.zip
+        POST /library/acts/{name}.csv
+        GET  /days/{name}.csv
+        GET  /api/v1/webhooks
+        POST /api/v1/webhooks
+        DELETE /api/v1/webhooks/{webhook_id}
+    """,
+    "erase": """
+        GET  /recordings/{recording_id}/purge
+        POST /recordings/{recording_id}/purge
+    """,
+    "aggregate": "",
+    "people": "",
+    "trail": """
+        GET /metrics
+    """,
+}
+
+
+def _read_lines() -> Iterator[tuple[tuple[str, str], Needed]]:
+    for needed, lines in _ROUTES.items():
+        for line in filter(None, map(str.split, lines.splitlines())):
+            yield (line[0], line[1]), needed
+
+
+NEEDED: Mapping[tuple[str, str], Needed] = MappingProxyType(dict(_read_lines()))
+"""By method and path, as the route is declared."""
+
+
+def find_needed(method: str, path: str) -> Needed | None:
+    """Give what a route asks for; None for one that the table does not know."""
+    return NEEDED.get((method, path))

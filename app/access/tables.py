@@ -1,0 +1,89 @@
+"""The tables of the accounts of an installation, apart from the health data of its organisations."""
+
+from sqlalchemy import Column, Float, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Table, Text
+
+REVISION = "1"
+
+metadata = MetaData()
+
+organisations = Table(
+    "organisations",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("created_at", String(32), nullable=False),
+)
+
+people = Table(
+    "people",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("organisation", ForeignKey("organisations.id"), nullable=False),
+    Column("login", Text, nullable=False, unique=True),
+    Column("name", Text, nullable=False),
+    Column("roles", Text, nullable=False),
+    Column("password_hash", Text),
+    Column("totp_secret", LargeBinary),
+    Column("totp_step", Integer, nullable=False, server_default="0"),
+    Column("issuer", Text),
+    Column("issuer_subject", Text),
+    Column("created_at", String(32), nullable=False),
+    Column("ended_at", String(32)),
+    Index("people_by_issuer", "issuer", "issuer_subject", unique=True),
+)
+
+recovery_codes = Table(
+    "recovery_codes",
+    metadata,
+    Column("person_id", ForeignKey("people.id"), primary_key=True),
+    Column("hash", String(64), primary_key=True),
+)
+
+# A session is known by the SHA-256 of its cookie. Ages are kept by the clock of the server, in seconds.
+sessions = Table(
+    "sessions",
+    metadata,
+    Column("hash", String(64), primary_key=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False, index=True),
+    Column("began_s", Float, nullable=False),
+    Column("used_s", Float, nullable=False),
+    Column("confirmed_s", Float, nullable=False),
+)
+
+tokens = Table(
+    "tokens",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("hash", String(64), nullable=False, unique=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False, index=True),
+    Column("name", Text, nullable=False),
+    Column("permissions", Text, nullable=False),
+    Column("created_at", String(32), nullable=False),
+    Column("expires_s", Float, nullable=False),
+    Column("used_at", String(32)),
+    Column("ended_at", String(32)),
+)
+
+# Failed logins by what was tried: an account, an address, or a browser that logged in before.
+tries = Table(
+    "tries",
+    metadata,
+    Column("key", String(80), primary_key=True),
+    Column("failures", Integer, nullable=False),
+    Column("blocked_until_s", Float, nullable=False),
+)
+
+known_browsers = Table(
+    "known_browsers",
+    metadata,
+    Column("hash", String(64), primary_key=True),
+    Column("person_id", ForeignKey("people.id"), nullable=False, index=True),
+    Column("used_s", Float, nullable=False),
+)
+
+facts = Table(
+    "facts",
+    metadata,
+    Column("name", String(32), primary_key=True),
+    Column("value", Text, nullable=False),
+)

@@ -1,0 +1,18 @@
+"""Which organisations have a place of their own: folders beside the data, or schemas of the database."""
+
+from sqlalchemy import Engine, text
+
+from app.settings import Settings
+
+PREFIX = "org_"
+"""Every organisation's id but that of "own" begins so."""
+_SCHEMAS = text("SELECT nspname FROM pg_namespace WHERE starts_with(nspname, 'org_')")
+
+
+def find_organisations(settings: Settings, reader: Engine) -> tuple[str, ...]:
+    """Give every organisation but "own"; ``reader`` reads the database of "own"."""
+    if reader.dialect.name == "sqlite":
+        files = (settings.data_dir / "organisations").glob(f"{PREFIX}*/acromion.sqlite3")
+        return tuple(sorted(path.parent.name for path in files))
+    with reader.connect() as connection:
+        return tuple(sorted(connection.execute(_SCHEMAS).scalars()))
