@@ -122,10 +122,12 @@ def test_search_from_a_disk_finds_what_a_caveat_means_and_asks_no_other_host(
 
     page.set_viewport_size({"width": 1440, "height": 900})
     page.goto((site / "index.html").as_uri())
-    page.locator(".md-search__input").fill("W-GAP")
+    page.locator(".md-search__input").click()
+    expect(page.get_by_text("Type to start searching")).to_be_visible(timeout=60_000)
+    page.locator(".md-search__input").press_sequentially("W-GAP")
 
-    first = page.locator(".md-search-result__item").filter(has_text="What a code means").first
-    expect(first).to_contain_text("Holes in the recording", timeout=15_000)
+    first = page.locator(".md-search-result__item").first
+    expect(first).to_contain_text("W-GAP: Holes in the recording", timeout=60_000)
     assert [address for address in fetched if not address.startswith(("file:", "data:", "blob:"))] == []
 
 
