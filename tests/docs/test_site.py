@@ -9,6 +9,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, Request, expect
 
+import fusion
+
 GUIDE = ("start", "poses", "reading", "limits", "codes")
 LOADING = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src"}
 """What a browser fetches by itself; a link of ``rel="canonical"`` is none."""
@@ -92,6 +94,12 @@ def test_french_punctuation_has_its_no_break_spaces(site: Path) -> None:
 
     assert "Ce qu’il faut" in text
     assert re.findall(r"\w [;!?»]", text.split("</article>")[0]) == []
+
+
+def test_the_reference_holds_every_public_name(site: Path, read: dict[Path, PageReader]) -> None:
+    places = {place.rpartition(".")[2] for place in read[site / "code/reference.html"].places}
+
+    assert sorted(set(fusion.__all__) - places) == []
 
 
 def test_no_page_names_a_folder_of_the_machine_that_built_it(site: Path) -> None:
