@@ -29,7 +29,7 @@ from fusion.simulation import simulate_shift, write_shift
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
 PACKAGES = ("numpy", "scipy", "numba", "vqf", "ahrs", "imufusion", "pandas", "polars", "pyarrow")
-OURS = frozenset({"smoothed", "live", "published", "acromion", "acromion with SHA-256"})
+OURS = frozenset({"smoothed", "live", "acromion", "acromion with SHA-256"})
 READERS = ("acromion", "acromion with SHA-256", "pandas C", "polars", "pyarrow")
 ROUNDS = 3
 
@@ -90,11 +90,15 @@ def measure_broad(data: Path) -> Part:
     folder = data / "broad"
     if not list(folder.glob("*.npz")):
         return _lack(part, "the BROAD recordings (Laidig et al. 2021) as *.npz in broad/ of the data folder")
-    from benchmarks.validation.recorded import score_untouched  # noqa: PLC0415  needs the extra `bench`
+    # needs the extra `bench`
+    from benchmarks.validation.peers import run_madgwick, run_mahony  # noqa: PLC0415
+    from benchmarks.validation.recorded import load_both, score_all, score_untouched  # noqa: PLC0415
+
+    filters = {"ahrs Madgwick": run_madgwick, "ahrs Mahony": run_mahony}
 
     charts = []
     for rate in ("286 Hz", "100 Hz"):
-        scores = score_untouched(folder, rate)
+        scores = {**score_untouched(folder, rate), **score_all(load_both(folder)[rate], filters)}
         bars = (
             Bar(name, score.aligned_deg, f"as it comes {score.raw_deg:.2f}") for name, score in scores.items()
         )
@@ -194,9 +198,9 @@ sensor and its faults; the calibration pose is found, not told. No sensor worn b
 with a reference for the upper arm is among the data."""
 _TASKS = """\
 Five virtual people do the ten tasks of a published study, each five times; rigid arm, exact
-truth, simulated faults of the sensors. `published` is the algorithm of that study."""
+truth, simulated faults of the sensors. published is the algorithm of that study."""
 _FUSION = """\
-A simulated recording in memory. `smoothed`, `published` and `live` do the whole way to the
+A simulated recording in memory. smoothed, published and live do the whole way to the
 angle: still moments, calibration, fusion. The peers get arrays in their units and give
 quaternions. imufusion runs in its Python loop; it and ahrs (Madgwick, Mahony) run over 30
 s, scaled."""

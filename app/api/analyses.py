@@ -402,7 +402,7 @@ def get_bundle(analysis_id: str, request: Request, services: UsedServices) -> Re
     check_succeeded(job, "bundle.zip")
     names = [file.name for file in services.store.find_files(job.id) if file.name != DAY_NAME]
     files = {name: services.results.read(job, name) for name in names}
-    made = Made("the recording", _measure(files), json.loads(files.get("results.json", b"null")))
+    made = Made(_measure(files), json.loads(files.get("results.json", b"null")))
     body = pack_files({**files, CRATE: encode_crate([made], {})})
     return serve_bytes(request, services, job, "bundle.zip", body)
 

@@ -61,10 +61,10 @@ def _list_made(outcome: Outcome) -> Made:
     """List the files of one recording as they stand in its folder, without those of earlier versions."""
     task = outcome.task
     if outcome.code:
-        return Made(task.name, code=outcome.code)
+        return Made(code=outcome.code)
     files = sorted(path for path in task.folder.iterdir() if path.is_file())
     sizes = {f"{task.folder.name}/{path.name}": path.stat().st_size for path in files}
-    return Made(task.name, sizes, _read_results(outcome))
+    return Made(sizes, _read_results(outcome))
 
 
 def _encode_tables(

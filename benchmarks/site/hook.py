@@ -53,6 +53,9 @@ _TO_DOCS = re.compile(r"\]\(docs/")
 _FENCE_WORDS = re.compile(r"^(```\w+) [\w.]+$", re.MULTILINE)
 """What a test does with a block stands behind its language; mkdocs would not know the block."""
 
+_ROLE = re.compile(r":(?:func|data|class|mod|meth):(?=<code>)")
+"""What docstrings say before a name, for other tools."""
+
 _TEXT = re.compile(r"(?<=>)[^<>]+(?=<)")
 
 
@@ -92,6 +95,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Name the language of a page, for those who hear it; French has its spaces before punctuation."""
+    html = _ROLE.sub("", html)
     language = page.meta.get("words")
     if language == "fr":
         html = _TEXT.sub(lambda found: _set_french(found[0]), html)

@@ -21,7 +21,7 @@ RESULTS = (
 
 EXPORTS = (
     "summary.csv", "summary_fr.csv", "summary.xlsx", "summary.parquet",
-    "dictionary.csv", "redcap_import.csv", "redcap_dictionary.csv",
+    "dictionary.csv", "redcap_import.csv", "redcap_dictionary.csv", "datapackage.json",
 )  # fmt: skip
 
 

@@ -88,7 +88,7 @@ def test_every_wish_reaches_the_job(client: TestClient, store: JobStore) -> None
         ("slip_at", "noon"),
         ("rate_hz", "0"),
         ("rate_hz", "many"),
-        ("lang", "de"),
+        ("lang", "it"),
         ("subject", "x" * 101),
         ("subject", "a\nb"),
         ("sied", "left"),

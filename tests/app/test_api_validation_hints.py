@@ -22,7 +22,7 @@ ANALYZE = (
         ("/analyses?limit=0", "1 … 500"),
         ("/analyses?state=done", "queued, running, succeeded, failed, cancelled"),
         ("/analyses?sate=queued", "state, batch_id, recording_id, limit, cursor"),
-        ("/analyses/an_1/report.pdf?lang=de", "en, fr"),
+        ("/analyses/an_1/report.pdf?lang=it", "en, fr"),
         ("/recordings/rec_1/inspection?rate_hz=abc", "1 … 10000"),
         ("/recordings?trashed=perhaps", "true, false"),
     ],

@@ -9,6 +9,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, Request, expect
 
+import fusion
+
 GUIDE = ("start", "poses", "reading", "limits", "codes")
 LOADING = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src"}
 """What a browser fetches by itself; a link of ``rel="canonical"`` is none."""
@@ -94,6 +96,12 @@ def test_french_punctuation_has_its_no_break_spaces(site: Path) -> None:
     assert re.findall(r"\w [;!?»]", text.split("</article>")[0]) == []
 
 
+def test_the_reference_holds_every_public_name(site: Path, read: dict[Path, PageReader]) -> None:
+    places = {place.rpartition(".")[2] for place in read[site / "code/reference.html"].places}
+
+    assert sorted(set(fusion.__all__) - places) == []
+
+
 def test_no_page_names_a_folder_of_the_machine_that_built_it(site: Path) -> None:
     home = str(Path(__file__).resolve().parents[2])
 
@@ -122,10 +130,12 @@ def test_search_from_a_disk_finds_what_a_caveat_means_and_asks_no_other_host(
 
     page.set_viewport_size({"width": 1440, "height": 900})
     page.goto((site / "index.html").as_uri())
-    page.locator(".md-search__input").fill("W-GAP")
+    page.locator(".md-search__input").click()
+    expect(page.get_by_text("Type to start searching")).to_be_visible(timeout=60_000)
+    page.locator(".md-search__input").press_sequentially("W-GAP")
 
-    first = page.locator(".md-search-result__item").filter(has_text="What a code means").first
-    expect(first).to_contain_text("Holes in the recording", timeout=15_000)
+    first = page.locator(".md-search-result__item").first
+    expect(first).to_contain_text("W-GAP: Holes in the recording", timeout=60_000)
     assert [address for address in fetched if not address.startswith(("file:", "data:", "blob:"))] == []
 
 

@@ -68,10 +68,10 @@ def test_the_crate_names_what_was_done_with_each_recording(results: Path) -> Non
     actions = [crate.dereference(one.id) for one in crate.root_dataset["mentions"]]
 
     assert [(one["name"], one["actionStatus"].rpartition("/")[2]) for one in actions] == [
-        ("Analysis of Mme Tremblay.gt3x", "CompletedActionStatus"),
-        ("Analysis of empty.gt3x", "FailedActionStatus"),
-        ("Analysis of left.gt3x", "CompletedActionStatus"),
-        ("Analysis of other.gt3x", "CompletedActionStatus"),
+        ("Analysis of the recording in row 1 of summary.csv", "CompletedActionStatus"),
+        ("Analysis of the recording in row 2 of summary.csv", "FailedActionStatus"),
+        ("Analysis of the recording in row 3 of summary.csv", "CompletedActionStatus"),
+        ("Analysis of the recording in row 4 of summary.csv", "CompletedActionStatus"),
     ]
     assert {one["instrument"]["name"] for one in actions} == {"Acromion"}
 

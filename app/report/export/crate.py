@@ -1,8 +1,8 @@
 """Where results come from, for programs: an RO-Crate (Process Run), ``ro-crate-metadata.json``.
 
 Each recording is an action: Acromion (version, revision) made these files from a recording by these settings.
-A recording is named by the SHA-256 of its bytes (RFC 6920), never by its file's name, which may hold a
-person's. Shape: RO-Crate 1.1, Process Run Crate 0.5.
+A recording is named by the SHA-256 of its bytes (RFC 6920) and its row in ``summary.csv``; its file's name,
+which may hold a person's, stands only where a folder bears it. Shape: RO-Crate 1.1, Process Run Crate 0.5.
 """
 
 import base64
@@ -45,7 +45,6 @@ class Made:
     Of a recording that failed there is its ``code`` instead.
     """
 
-    name: str
     files: Mapping[str, int] = field(default_factory=dict)
     results: Results | None = None
     code: str | None = None
@@ -123,7 +122,7 @@ def _describe_action(rank: int, made: Made, ended_at: str) -> Entity:
     action: Entity = {
         "@id": f"#analysis-{rank}",
         "@type": "CreateAction",
-        "name": f"Analysis of {made.name}",
+        "name": f"Analysis of the recording in row {rank} of summary.csv",
         "instrument": {"@id": _SOFTWARE},
         **({"endTime": ended_at} if ended_at else {}),
     }
