@@ -257,7 +257,7 @@ aggregate_blocks = Table(
     "aggregate_blocks",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column("study_id", ForeignKey("batches.id"), nullable=False, index=True),
+    Column("study_id", String(32), nullable=False, index=True),
     Column("published_at", String(32), nullable=False),
     Column("figures", Text, nullable=False),
 )

@@ -1,6 +1,7 @@
 """Who did what: the trail, who asked, releases, holds, retention, published group figures.
 
-What is there goes to the organisation "own", which this database is; the trail begins with a line that says so.
+What is there goes to the organisation "own", which this database is: the trail begins with a line that says
+so.
 """
 
 import sqlalchemy as sa
@@ -24,7 +25,8 @@ def upgrade() -> None:
     _create_aggregate()
     connection = op.get_bind()
     number = connection.execute(sa.text("SELECT count(*) FROM recordings")).scalar_one()
-    known = {"organisation": "own", "recordings": int(number), "revision": down_revision}
+    known: dict[str, str | int] = {"organisation": "own", "recordings": int(number)}
+    known |= {"revision": down_revision}
     record(connection, "trail.began", other=known, who=AT_MACHINE)
 
 
@@ -80,7 +82,7 @@ def _create_aggregate() -> None:
     op.create_table(
         "aggregate_blocks",
         sa.Column("id", sa.String(32), primary_key=True),
-        sa.Column("study_id", sa.String(32), sa.ForeignKey("batches.id"), nullable=False),
+        sa.Column("study_id", sa.String(32), nullable=False),
         sa.Column("published_at", sa.String(32), nullable=False),
         sa.Column("figures", sa.Text(), nullable=False),
     )
