@@ -150,6 +150,10 @@ class RecordingStore(RowStore):
         query = select(recordings.c.sha256).where(recordings.c.sha256.in_(digests)).distinct()
         return self._read_ids(query)
 
+    def find_of_subject(self, subject: str) -> frozenset[str]:
+        """Give the ids of a subject's recordings of now, in the trash or not."""
+        return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
+
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
         """Change columns, unless the row has changed since this version.
 
