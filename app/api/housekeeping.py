@@ -21,7 +21,7 @@ from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload, OnHold
 from app.jobs.processes.leader import Leader
 from app.jobs.results import complete_headlines
-from app.jobs.trail import Act, record_alone
+from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
 from app.jobs.webhooks import Delivery
 from app.services import Services
 from app.upkeep.anchors import anchor_trail
@@ -118,6 +118,7 @@ def reconcile(services: Services) -> None:
         "recordings came back from quarantine: they have rows": restore_known(store, storage),
         "unknown entries moved into quarantine": quarantine_strange(storage, unknown),
         "attempts removed that do not count": attempts,
+        "results past their term removed": _finish_dropped(services),
         "old temporary files removed": _drop_temporary(services),
         "reports are newer than the database: stop, and run acromion recover": newer,
         "side files written": catch_up(store, storage),
@@ -135,6 +136,19 @@ def _finish_purges(services: Services, unknown: Unknown) -> None:
         except (AppError, OSError):
             logger.exception("the purge of %s is not done; the next start tries again", recording_id)
     finish_purges(services.storage, unknown)
+
+
+def _finish_dropped(services: Services) -> int:
+    """Remove the files of results whose rows retention deleted before a crash; gives their number."""
+    there = {analysis_id for analysis_id, _ in services.storage.find_attempts()}
+    strays = there - services.store.find_analyses()
+    if not strays:
+        return 0
+    lines = find_lines(services.store.reader, TrailQuestion(act="analysis.purged"))
+    dropped = strays & {line.analysis_id for line in lines}
+    for analysis_id in dropped:
+        services.storage.drop_analysis(analysis_id)
+    return len(dropped)
 
 
 def _drop_temporary(services: Services) -> int:
