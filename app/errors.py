@@ -249,6 +249,14 @@ class ForeignWebhook(AppError):
     fact_meanings = name_facts(url="address")
 
 
+class OnHold(AppError):
+    """The recording is on hold: nothing of it may be deleted for good."""
+
+    code = "E-HOLD"
+    outcome = Outcome(409, 3)
+    fact_meanings = name_facts(id="of the recording", why=TERM)
+
+
 class StaleVersion(AppError):
     """Somebody else has changed it meanwhile."""
 

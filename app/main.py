@@ -40,6 +40,7 @@ from app.api.plain_text import PlainText
 from app.api.problems import Refusal, respond_to_refusal, translate_error
 from app.api.recordings import router as recording_routes
 from app.api.side_files import SideFiles
+from app.api.trust import router as trust_routes
 from app.api.uploads import router as upload_routes
 from app.api.validations import router as validation_routes
 from app.api.webhooks import router as webhook_routes
@@ -95,6 +96,7 @@ from app.web.recording.day import router as day_routes
 from app.web.rendering import FOLDER, Assets, find_assets
 from app.web.rendering import router as asset_routes
 from app.web.reports import router as report_pages
+from app.web.trust import router as trust_pages
 from app.web.validations import router as validation_pages
 from fusion.errors import FusionError
 
@@ -110,6 +112,7 @@ ROUTES = (
     about_routes,
     health_routes,
     live_routes,
+    trust_routes,
 )
 PAGES = (
     page_routes,
@@ -129,6 +132,7 @@ PAGES = (
     validation_pages,
     live_page,
     login_routes,
+    trust_pages,
 )
 MAX_HEADER_BYTES = 64 * 1024
 MAX_LIVE_MESSAGE_BYTES = 256 * 1024

@@ -17,6 +17,9 @@ from app.jobs.batches import BatchStore
 from app.jobs.children.inspecting import Inspector
 from app.jobs.children.pairs import PairReports
 from app.jobs.database.connect import bring_up_to_date, check_writable, make_schema
+from app.jobs.governance.aggregate import AggregateStore
+from app.jobs.governance.releases import ReleaseStore
+from app.jobs.governance.retention import RetentionStore
 from app.jobs.idempotency import ResponseStore
 from app.jobs.library import SavedViews
 from app.jobs.mappings import MappingStore
@@ -173,6 +176,9 @@ class Services:
     cache: DecodedCache
     readiness: Readiness
     live: "Later[LiveHub]"
+    releases: ReleaseStore
+    retention: RetentionStore
+    aggregates: AggregateStore
 
 
 def open_services(settings: Settings) -> Services:
@@ -212,6 +218,9 @@ def open_services(settings: Settings) -> Services:
         cache=DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes),
         readiness=Readiness(store, storage, settings),
         live=Later(),
+        releases=ReleaseStore(*rows),
+        retention=RetentionStore(*rows),
+        aggregates=AggregateStore(*rows),
     )
 
 

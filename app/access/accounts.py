@@ -98,6 +98,22 @@ class AccountStore:
             raise NotHere(id=person_id)
         return _read_person(row)
 
+    def find_name(self, who: str) -> str:
+        """Give the name of a person, or of a token with its person's; "" where the account is gone."""
+        person, token = self.find_person_name(who), ""
+        if person and who.startswith("tok_"):
+            token = str(self._read_value(select(tokens.c.name).where(tokens.c.id == who)))
+        return f"{person} ({token})" if token else person
+
+    def find_person_name(self, who: str) -> str:
+        """Give the name of a person or of a token's person; "" where the account is gone."""
+        if not self.exist():
+            return ""
+        person_id: Any = who
+        if who.startswith("tok_"):
+            person_id = select(tokens.c.person_id).where(tokens.c.id == who).scalar_subquery()
+        return str(self._read_value(select(people.c.name).where(people.c.id == person_id)) or "")
+
     def begin_session(self, person_id: str) -> str:
         """Begin a session; gives the value of its cookie, of which only the digest is kept."""
         cookie, now_s = secrets.token_urlsafe(SESSION_BYTES), self._clock()

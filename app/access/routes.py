@@ -108,6 +108,10 @@ _ROUTES: Mapping[Needed, str] = {
         GET  /validations/{validation_id}
         GET  /validations/{validation_id}/curve
         GET  /validations/{validation_id}/plot.svg
+        GET  /api/v1/analyses/{analysis_id}/release
+        GET  /api/v1/recordings/{recording_id}/hold
+        GET  /api/v1/retention
+        GET  /retention
     """,
     "correct": """
         PATCH  /api/v1/recordings/{recording_id}
@@ -135,6 +139,9 @@ _ROUTES: Mapping[Needed, str] = {
     """,
     "release": """
         POST /analyses/{analysis_id}/conclude
+        POST /analyses/{analysis_id}/release
+        POST /api/v1/analyses/{analysis_id}/release
+        DELETE /api/v1/analyses/{analysis_id}/release
     """,
     "export": """
         GET  /api/v1/analyses/{analysis_id}/results.json
@@ -169,11 +176,24 @@ _ROUTES: Mapping[Needed, str] = {
     "erase": """
         GET  /recordings/{recording_id}/purge
         POST /recordings/{recording_id}/purge
+        POST /recordings/{recording_id}/hold
+        PUT    /api/v1/recordings/{recording_id}/hold
+        DELETE /api/v1/recordings/{recording_id}/hold
+        PUT  /api/v1/retention/{kind}
+        POST /retention
     """,
-    "aggregate": "",
+    "aggregate": """
+        GET /aggregate
+        GET /api/v1/studies/{study_id}/aggregate.json
+    """,
     "people": "",
     "trail": """
         GET /metrics
+        GET /trail
+        GET /api/v1/trail
+        GET /api/v1/trail/proof
+        GET /api/v1/trail/trail.csv
+        GET /api/v1/trail/trail.jsonl
     """,
 }
 

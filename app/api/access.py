@@ -19,7 +19,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from app.access.gate import Credentials, Gate
 from app.access.routes import find_needed
 from app.access.subjects import Permission, Subject
+from app.api.readings import KnownReadings, Recorder
 from app.errors import AppError, NotPermitted, NotSignedIn
+from app.jobs.trail import NOBODY, set_actor
 from app.services import SERVICES, Offices
 
 SESSION_COOKIE = "acromion_session"
@@ -28,7 +30,7 @@ SUBJECT = "acromion.subject"
 LOOK_S = 2.0
 """How often it is looked up whether the login of a lasting request still holds."""
 
-Respond = Callable[[Request, AppError], Response]
+Respond = Callable[[Request, Exception], Response]
 
 
 class Access:
@@ -36,6 +38,7 @@ class Access:
 
     def __init__(self, app: ASGIApp, gate: Gate, offices: Offices, respond: Respond) -> None:
         self._app, self._gate, self._offices, self._respond = app, gate, offices, respond
+        self._readings = KnownReadings()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Find the subject and its services, then hand the request on."""
@@ -50,6 +53,16 @@ class Access:
         except AppError as refusal:
             await self._refuse(scope, receive, send, refusal)
             return
+        set_actor(subject.id if subject else NOBODY)
+        recorder = Recorder(scope, send, self._readings)
+        try:
+            await self._run(subject, scope, receive, recorder.send)
+        except Exception:
+            if recorder.refusal is None:
+                raise
+            await self._refuse(scope, receive, send, recorder.refusal)
+
+    async def _run(self, subject: Subject | None, scope: Scope, receive: Receive, send: Send) -> None:
         if subject is None or not _lasts(scope):
             await self._app(scope, receive, send)
             return
@@ -58,7 +71,7 @@ class Access:
             await self._app(scope, receive, send)
             tasks.cancel_scope.cancel()
 
-    async def _refuse(self, scope: Scope, receive: Receive, send: Send, refusal: AppError) -> None:
+    async def _refuse(self, scope: Scope, receive: Receive, send: Send, refusal: Exception) -> None:
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
             return

@@ -340,6 +340,7 @@ class AnalysisView(BaseModel):
     batch_id: str | None = None
     replaced_by: str | None = None
     interruptions: int = 0
+    asked_by: str | None = None
     duplicate_of: str | None = None
     problem: ProblemView | None = None
 
@@ -380,6 +381,7 @@ def view_analysis(job: Job, language: Language) -> AnalysisView:
         progress=round(job.progress, 3),
         attempts=job.attempts,
         file_name=job.file_name,
+        asked_by=job.asked_by or None,
         size_bytes=job.size_bytes,
         sha256=job.sha256,
         settings=view_settings(job.request),

@@ -7,21 +7,24 @@ import asyncio
 import logging
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import anyio
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from app.api.analyses import run_to_end
 from app.api.recordings import forget_samples, purge_recording
 from app.api.side_files import write_side_files
 from app.api.uploads import drop_upload
 from app.delivery import LIMIT_S, Message, send_message
-from app.errors import AppError, LockedUpload
+from app.errors import AppError, LockedUpload, OnHold
 from app.jobs.processes.leader import Leader
 from app.jobs.results import complete_headlines
+from app.jobs.trail import Act, TrailQuestion, find_lines, record_alone
 from app.jobs.webhooks import Delivery
 from app.services import Services
+from app.upkeep.anchors import anchor_trail
 from app.upkeep.recover import (
     TEMPORARY_S,
     Unknown,
@@ -38,6 +41,7 @@ LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 HEADLINES_AT_ONCE = 20
 AGE_S = 60.0
+ANCHOR_S = 24 * 3600.0
 RESPONSE_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
 """After which the bytes of an upload without a row are removed: nobody can go on with it."""
@@ -50,15 +54,27 @@ logger = logging.getLogger(__name__)
 async def keep_house(services: Services) -> None:
     """Look after the server until it ends; where several serve, one of them does for all."""
     leader, sender = Leader(services.store.engine), WebhookSender(services)
+    await _anchor(services, "server.started")
     try:
         await _run_rounds(services, leader, sender)
     finally:
         await sender.stop()
         leader.close()
+        await asyncio.shield(_anchor(services, "server.stopped"))
+
+
+async def _anchor(services: Services, act: Act | None = None) -> None:
+    """Write the head of the trail down; trouble with that stops no server."""
+    try:
+        if act is not None:
+            await run_to_end(record_alone, services.store.engine, act)
+        await anchor_trail(services.settings, services.store.reader)
+    except SQLAlchemyError:
+        logger.exception("the trail cannot be read or written; the head is not written down")
 
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
-    looked_s = aged_s = time.monotonic()
+    looked_s = aged_s = anchored_s = time.monotonic()
     may_have_older = True  # rows of an earlier release: none comes while this one serves
     while True:
         await anyio.sleep(LOOK_S)
@@ -78,6 +94,9 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
             if now_s - aged_s > AGE_S:
                 await run_to_end(grow_older, services, now_s - aged_s)
                 aged_s = now_s
+            if now_s - anchored_s > ANCHOR_S:
+                await _anchor(services)
+                anchored_s = now_s
         except OperationalError:
             logger.exception("the database does not answer; trying again")
         except (AppError, OSError):
@@ -99,6 +118,7 @@ def reconcile(services: Services) -> None:
         "recordings came back from quarantine: they have rows": restore_known(store, storage),
         "unknown entries moved into quarantine": quarantine_strange(storage, unknown),
         "attempts removed that do not count": attempts,
+        "results past their term removed": _finish_dropped(services),
         "old temporary files removed": _drop_temporary(services),
         "reports are newer than the database: stop, and run acromion recover": newer,
         "side files written": catch_up(store, storage),
@@ -116,6 +136,19 @@ def _finish_purges(services: Services, unknown: Unknown) -> None:
         except (AppError, OSError):
             logger.exception("the purge of %s is not done; the next start tries again", recording_id)
     finish_purges(services.storage, unknown)
+
+
+def _finish_dropped(services: Services) -> int:
+    """Remove the files of results whose rows retention deleted before a crash; gives their number."""
+    there = {analysis_id for analysis_id, _ in services.storage.find_attempts()}
+    strays = there - services.store.find_analyses()
+    if not strays:
+        return 0
+    lines = find_lines(services.store.reader, TrailQuestion(act="analysis.purged"))
+    dropped = strays & {line.analysis_id for line in lines}
+    for analysis_id in dropped:
+        services.storage.drop_analysis(analysis_id)
+    return len(dropped)
 
 
 def _drop_temporary(services: Services) -> int:
@@ -192,8 +225,16 @@ def grow_older(services: Services, elapsed_s: float) -> None:
             drop_upload(services, services.uploads.get(upload_id))
         except LockedUpload:
             continue
-    for recording_id in services.recordings.age_trash(elapsed_s, settings.trash_term_s):
-        purge_recording(services, recording_id)
+    services.retention.add_running_time(elapsed_s)
+    trash_term_s = services.retention.find_trash_term_s(settings.trash_term_s)
+    due = services.recordings.age_trash(elapsed_s, trash_term_s)
+    for recording_id in (*due, *services.retention.find_due_recordings()):
+        with suppress(OnHold):  # put on hold since it was found
+            purge_recording(services, recording_id)
+    for analysis_id in services.retention.find_due_results():
+        if services.retention.drop_analysis(analysis_id):
+            services.storage.drop_analysis(analysis_id)
+    services.retention.shorten_trail()
     forget_samples(services)  # a child may have written some while its recording was being purged
     services.responses.age(elapsed_s, RESPONSE_TERM_S)
     services.storage.drop_temporary(TEMPORARY_S)

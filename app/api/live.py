@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from app.api.problems import PROBLEM_RESPONSES
 from app.errors import AppError, BadParameter, LiveSourceFailed
 from app.intake import Intake
+from app.jobs.trail import record
 from app.live.ports import WAIT_S, PushedPort, find_serial_ports
 from app.report.words.messages import describe_problem
 from app.report.words.subject import clean_text
@@ -201,7 +202,12 @@ def _start(services: Services, asked: Start, pushed: PushedPort) -> "RunningSess
         rules=tuple(parse_rule(f"{rule.kind}:{rule.angle_deg}:{rule.limit}") for rule in asked.cues),
         countdown_s=asked.countdown_s,
     )
-    return find_hub(services).start(_open_source(services, asked, pushed), request)
+    session = find_hub(services).start(_open_source(services, asked, pushed), request)
+    played = asked.recording if asked.source == "recording" else ""
+    engine = services.store.engine
+    with engine.begin() as connection:
+        record(connection, "live.started", played, other={"session": session.id})
+    return session
 
 
 def _read_subject(text: str) -> str:
@@ -393,6 +399,9 @@ class _Library:
         """Store the file and queue its analysis; give the id of the analysis."""
         wearer = ended.request.wearer
         analysis_id = take_in(self._services, ended.path, wearer.subject, wearer.side)
+        recording_id = self._services.store.find_recording(analysis_id)
+        with self._services.store.engine.begin() as connection:
+            record(connection, "live.ended", recording_id, analysis_id)
         if ended.request.rules:
             self._note_cues(self._services.store.get(analysis_id).recording_id, ended)
         return analysis_id

@@ -124,6 +124,7 @@ class RecordingView(BaseModel):
     period_count: int
     version: int
     state: Literal["stored", "trashed"]
+    hold: str | None = Field(None, description="Why it may not be deleted for good; null where it may.")
     created_at: str
     links: dict[str, str]
 
@@ -181,6 +182,7 @@ def view_recording(row: StoredRow) -> RecordingView:
         period_count=len(row.diary),
         version=row.version,
         state=row.state,
+        hold=row.hold or None,
         created_at=row.created_at,
         links=links | {"analyses": f"/api/v1/analyses?recording_id={row.id}"},
     )

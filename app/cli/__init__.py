@@ -17,6 +17,7 @@ from app.cli.live import live
 from app.cli.profile import profile
 from app.cli.run import collect, exposure, run
 from app.cli.samples import demo, simulate
+from app.cli.trust import hold, retention, trail
 
 app = typer.Typer(
     name="acromion",
@@ -29,9 +30,11 @@ app = typer.Typer(
 for command in (
     *(run, collect, export, exposure, pair, compare, profile, validate),
     *(live, demo, simulate, conformance, inspect, version),
-    *(serve, worker, backup, restore, recover, verify, doctor),
+    *(serve, worker, backup, restore, recover, verify, doctor, retention),
 ):
     app.command()(command)
+app.add_typer(trail, name="trail")
+app.add_typer(hold, name="hold")
 
 
 def main() -> None:

@@ -99,10 +99,12 @@ def backup(
 
     A damaged store is backed up, too: what is missing or damaged is listed, and the exit code is 1.
     """
-    from app.upkeep.backup import back_up  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.acts import record_command  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.backup import back_up  # noqa: PLC0415
 
-    settings = _find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = find_settings(data)
+    with refusals_printed(lang, settings):
+        record_command(settings, "store.backed_up")
         copied = back_up(settings, file)
     _print_copied(lang, "backup", copied, file=str(file))
 
@@ -118,8 +120,8 @@ def restore(
     """
     from app.upkeep.backup import restore as put_back  # noqa: PLC0415  the database, and only this needs it
 
-    settings = _find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = find_settings(data)
+    with refusals_printed(lang, settings):
         copied = put_back(settings, file)
     _print_copied(lang, "restore", copied, folder=str(settings.data_dir))
 
@@ -130,29 +132,29 @@ def verify(
     lang: LanguageOption = "en",
 ) -> None:
     """Read every file and compare it with what its row says."""
-    with _refusals_printed(lang, _find_settings(data)):
+    with refusals_printed(lang, find_settings(data)):
         number, faults = _verify_kept(data) if file is None else _verify_backup(file)
     _print_faults(lang, faults)
     if faults:
-        _print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
+        print_sentence(lang, "verify", "bad", faults=str(len(faults)), number=str(number))
         raise typer.Exit(Exit.SOME_FAILED)
-    _print_sentence(lang, "verify", "good", number=str(number))
+    print_sentence(lang, "verify", "good", number=str(number))
 
 
 def recover(data: DataOption = None, lang: LanguageOption = "en") -> None:
     """Bring back from the side files the recordings that the database has lost; rows that are there stay."""
     from app.upkeep.recover import recover as bring_back  # noqa: PLC0415  the database, and only this needs it
 
-    settings = _find_settings(data)
-    with _refusals_printed(lang, settings):
+    settings = find_settings(data)
+    with refusals_printed(lang, settings):
         done = bring_back(settings)
     for trouble in done.troubles:
-        _print_sentence(lang, "recover", trouble.finding, name=trouble.name)
+        print_sentence(lang, "recover", trouble.finding, name=trouble.name)
     counts = {"added": done.recordings, "trashed": done.trashed, "reports": done.reports, "known": done.known}
     facts = {name: str(number) for name, number in counts.items()}
-    _print_sentence(lang, "recover", "done", **facts)
+    print_sentence(lang, "recover", "done", **facts)
     if done.troubles:
-        _print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
+        print_sentence(lang, "recover", "bad", number=str(len(done.troubles)))
         raise typer.Exit(Exit.SOME_FAILED)
 
 
@@ -161,10 +163,10 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
     from app.upkeep.doctor import examine  # noqa: PLC0415  the database, and only this needs it
 
     words, healthy = load_wording(lang, "operations"), True
-    for found in examine(_find_settings(data)):
+    for found in examine(find_settings(data)):
         entry = words["check"][found.name]
         what, cure = fill(entry["what"], found.facts), fill(entry["cure"], found.facts)
-        _print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
+        print_sentence(lang, "doctor", "good" if found.healthy else "bad", what=what, cure=cure)
         healthy = healthy and found.healthy
     if not healthy:
         raise typer.Exit(Exit.SOME_FAILED)
@@ -172,10 +174,12 @@ def doctor(data: DataOption = None, lang: LanguageOption = "en") -> None:
 
 def _verify_kept(data: Path | None) -> "tuple[int, Sequence[Fault]]":
     from app.jobs.database.connect import check_whole  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.acts import record_command  # noqa: PLC0415
     from app.upkeep.verify import find_faults, find_kept  # noqa: PLC0415
 
-    settings = _find_settings(data)
+    settings = find_settings(data)
     check_whole(settings.database_url)
+    record_command(settings, "store.verified")
     kept = find_kept(settings)
     return len(kept), tuple(find_faults(settings, kept))
 
@@ -190,32 +194,34 @@ def _verify_backup(file: Path) -> "tuple[int, Sequence[Fault]]":
 def _print_copied(language: Language, command: str, copied: "Copied", **facts: str) -> None:
     """Print how many files were copied and which were not whole; exit 1 where there are any."""
     if not copied.faults:
-        _print_sentence(language, command, "done", number=str(copied.promised), **facts)
+        print_sentence(language, command, "done", number=str(copied.promised), **facts)
         return
     _print_faults(language, copied.faults)
     counts = {"number": str(copied.promised), "faults": str(len(copied.faults))}
-    _print_sentence(language, command, "not_whole", **counts, **facts)
+    print_sentence(language, command, "not_whole", **counts, **facts)
     raise typer.Exit(Exit.SOME_FAILED)
 
 
 def _print_faults(language: Language, faults: "Sequence[Fault]") -> None:
     for fault in faults:
-        _print_sentence(language, "verify", fault.finding, name=fault.name)
+        print_sentence(language, "verify", fault.finding, name=fault.name)
 
 
-def _find_settings(data: Path | None) -> "Settings":
+def find_settings(data: Path | None) -> "Settings":
+    """Give the settings of a data folder, else those of the environment."""
     from app.settings import Settings  # noqa: PLC0415
 
     return Settings() if data is None else Settings(data_dir=data)
 
 
-def _print_sentence(language: Language, command: str, sentence: str, /, **facts: str) -> None:
+def print_sentence(language: Language, command: str, sentence: str, /, **facts: str) -> None:
+    """Print a sentence of a command, filled in."""
     shown = {name: escape_controls(fact) for name, fact in facts.items()}
     typer.echo(fill(load_wording(language, "operations")[command][sentence], shown))
 
 
 @contextmanager
-def _refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
+def refusals_printed(language: Language, settings: "Settings") -> Iterator[None]:
     """Print a refusal in words, and end with its exit code."""
     from sqlalchemy.exc import SQLAlchemyError  # noqa: PLC0415  heavy, and only this needs it
 

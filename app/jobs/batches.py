@@ -13,6 +13,7 @@ from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_items, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
 from app.jobs.recordings import StoredRow
+from app.jobs.trail import record
 from app.jobs.versions import KEYS_PER_QUERY, identify_work, select_same
 from app.jobs.webhooks import announce_batch
 from app.request import ReportRequest
@@ -62,6 +63,7 @@ class BatchStore(RowStore):
             plain = [(recording.id, recording.sha256, request) for recording, request in wanted.values()]
             known |= dict(zip(wanted, enqueue_all(connection, plain, "api", batch_id), strict=True))
             _insert_items(connection, batch_id, [known[key] for key in asked])
+            record(connection, "batch.asked", other={"batch": batch_id, "items": len(asked)})
             announce_batch(connection, batch_id)
         return self.get(batch_id)
 
@@ -110,6 +112,7 @@ class BatchStore(RowStore):
             repeated = enqueue_all(connection, wanted, "api", batch_id)
             for job, again in zip(jobs, repeated, strict=True):
                 replace_job(connection, job.id, again)
+            record(connection, "batch.retried", other={"batch": batch_id, "items": len(jobs)})
         return len(jobs)
 
 

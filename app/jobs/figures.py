@@ -15,6 +15,7 @@ from sqlalchemy import Connection, Row, insert, select, update
 
 from app.jobs.database.tables import analyses, answers, recordings
 from app.jobs.queries import format_diary, read_diary
+from app.jobs.trail import record
 from app.request import ReportRequest
 
 DAY_STEPS = 60
@@ -42,6 +43,8 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
     if changed:
         grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
         connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
+        names = dict.fromkeys(changed, "adopted")
+        record(connection, "recording.changed", row.id, analysis_id, other=names)
 
 
 def _find_changed(connection: Connection, row: Row[Any], asked: ReportRequest) -> dict[str, object]:

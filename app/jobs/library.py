@@ -25,6 +25,7 @@ from app.jobs.queries import (
     select_jobs,
     sort_tags,
 )
+from app.jobs.trail import record
 from app.storage.store import Storage
 from fusion.conventions import METHOD_VERSION
 
@@ -350,12 +351,14 @@ class SavedViews(RowStore):
         with self._engine.begin() as connection:
             connection.execute(delete(saved_views).where(saved_views.c.name == name))
             connection.execute(insert(saved_views).values(row))
+            record(connection, "view.saved", other={"view": row["id"]})
         self.write_file()
 
     def drop(self, view_id: str) -> None:
         """Forget a view; one that is gone already stays gone."""
         with self._engine.begin() as connection:
-            connection.execute(delete(saved_views).where(saved_views.c.id == view_id))
+            if connection.execute(delete(saved_views).where(saved_views.c.id == view_id)).rowcount == 1:
+                record(connection, "view.dropped", other={"view": view_id})
         self.write_file()
 
     def write_file(self) -> None:

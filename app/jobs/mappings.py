@@ -14,6 +14,7 @@ from app.jobs.database.tables import analyses, column_mappings
 from app.jobs.job import Job, JobState
 from app.jobs.queries import RowStore, format_now, read_job, select_jobs
 from app.jobs.queue import enqueue_all, replace_job
+from app.jobs.trail import record
 from app.jobs.versions import identify_work, renumber
 from app.request import ReportRequest
 
@@ -51,6 +52,7 @@ class MappingStore(RowStore):
             row = {"header": header, "name": known or name, "profile": profile, "created_at": format_now()}
             confirmed = int(is_confirmed and not header.startswith(UNNAMED))
             connection.execute(insert(column_mappings).values(row | {"is_confirmed": confirmed}))
+            record(connection, "columns.named", other={"header": header})
         return self.get(header)
 
     def get(self, header: str) -> ColumnMapping:
@@ -87,7 +89,8 @@ class MappingStore(RowStore):
         if values:
             with self._engine.begin() as connection:
                 mine = update(column_mappings).where(column_mappings.c.header == header)
-                connection.execute(mine.values(values))
+                if connection.execute(mine.values(values)).rowcount == 1:
+                    record(connection, "columns.changed", other={"header": header})
         return self.get(header)
 
     def drop(self, header: str) -> None:
@@ -101,6 +104,7 @@ class MappingStore(RowStore):
             gone = delete(column_mappings).where(column_mappings.c.header == header)
             if connection.execute(gone).rowcount != 1:
                 raise NotHere(id=header)
+            record(connection, "columns.dropped", other={"header": header})
 
     def count_waiting(self, header: str) -> int:
         """Count the recordings with this header that could not be read and wait for their columns."""

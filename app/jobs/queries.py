@@ -6,9 +6,9 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Engine, Row, Select, func, select
+from sqlalchemy import Engine, Row, ScalarSelect, Select, func, select
 
-from app.jobs.database.tables import analyses, batch_items, recordings
+from app.jobs.database.tables import analyses, batch_items, recordings, running_time
 from app.jobs.job import Job, JobState
 from app.request import ReportRequest
 from fusion.diary import DiaryEntry
@@ -84,7 +84,13 @@ def read_job(row: Row[Any]) -> Job:
         replaced_by=row.replaced_by,
         put_backs=row.put_backs,
         interruptions=row.interruptions,
+        asked_by=row.asked_by or "",
     )
+
+
+def select_running_s() -> ScalarSelect[float]:
+    """Select how long the server has run in all: ages are counted in it, so that no clock deletes."""
+    return select(func.coalesce(func.max(running_time.c.running_s), 0.0)).scalar_subquery()
 
 
 def read_diary(text: str) -> tuple[DiaryEntry, ...]:

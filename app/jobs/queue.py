@@ -8,20 +8,26 @@ fair queueing: Goyal et al. 1996, with all jobs taken as equally long).
 
 import secrets
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, Update, exists, func, insert, select, update
 
 from app.jobs.database.tables import analyses, batch_items, recordings
 from app.jobs.job import TRANSITIONS, Claimer, JobState, find_sources
-from app.jobs.queries import format_now
+from app.jobs.queries import format_now, select_running_s
 from app.jobs.side_files import increment_revision, increment_revision_of
+from app.jobs.trail import Act, find_actor, record
 from app.jobs.versions import identify_work, number_versions
 from app.jobs.webhooks import announce_end
 from app.request import ReportRequest
 
 WayIn = Literal["web", "api"]
 PAGE_PRIORITY, SCRIPT_PRIORITY = 0, 1
+_ENDS: Mapping[JobState, Act] = {
+    JobState.SUCCEEDED: "analysis.succeeded",
+    JobState.FAILED: "analysis.failed",
+    JobState.CANCELLED: "analysis.cancelled",
+}
 
 
 def start_job(connection: Connection, analysis_id: str, claimer: Claimer) -> None:
@@ -56,9 +62,12 @@ def change_state(
     change = update(analyses).where(analyses.c.id == analysis_id, analyses.c.state.in_(find_sources(to)))
     if token is not None:
         change = change.where(analyses.c.token == token)
-    is_changed = update_one_row(connection, change.values({"state": to, **values}))
-    if is_changed and not TRANSITIONS[to]:
-        increment_revision_of(connection, analysis_id)
+    is_end = not TRANSITIONS[to]
+    clock = {"ended_s": select_running_s()} if is_end else {}
+    is_changed = update_one_row(connection, change.values({"state": to, **clock, **values}))
+    if is_changed and is_end:
+        recording_id = increment_revision_of(connection, analysis_id)
+        record(connection, _ENDS[to], recording_id, analysis_id)
         announce_end(connection, analysis_id, to)
     return is_changed
 
@@ -74,7 +83,8 @@ def replace_job(connection: Connection, analysis_id: str, again: str) -> None:
     connection.execute(update(analyses).where(analyses.c.id == analysis_id).values(replaced_by=again))
     mine = batch_items.c.analysis_id == analysis_id
     connection.execute(update(batch_items).where(mine).values(analysis_id=again))
-    increment_revision_of(connection, analysis_id)
+    recording_id = increment_revision_of(connection, analysis_id)
+    record(connection, "analysis.replaced", recording_id, analysis_id, other={"again": again})
 
 
 def update_one_row(connection: Connection, change: Update) -> bool:
@@ -118,13 +128,21 @@ def enqueue_all(
             "priority": PAGE_PRIORITY if way_in == "web" else SCRIPT_PRIORITY,
             "turn": first + place,
             "batch_id": batch_id,
+            "asked_by": find_actor(),
         }
         for place, ((recording_id, sha256, _), request) in enumerate(zip(items, requests, strict=True))
     ]
     if rows:
         connection.execute(insert(analyses), rows)
         increment_revision(connection, *(recording_id for recording_id, _, _ in items))
+    for row in rows:
+        _record_asked(connection, row)
     return [str(row["id"]) for row in rows]
+
+
+def _record_asked(connection: Connection, row: Mapping[str, Any]) -> None:
+    batch = {"batch": row["batch_id"]} if row["batch_id"] else {}
+    record(connection, "analysis.asked", row["recording_id"], row["id"], other=batch)
 
 
 def find_next(connection: Connection) -> str | None:

@@ -4,11 +4,11 @@ import json
 import secrets
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, Row, Select, delete, insert, select, tuple_, update
 
-from app.errors import NotHere, StaleVersion
+from app.errors import NotHere, OnHold, StaleVersion
 from app.jobs.database.tables import analyses, recordings, result_files, uploads
 from app.jobs.idempotency import drop_traces
 from app.jobs.job import JobState
@@ -23,14 +23,20 @@ from app.jobs.queries import (
     format_tags,
     read_diary,
     read_tags,
+    select_running_s,
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
 from app.jobs.studies import join_study
+from app.jobs.trail import Act, record
 from app.request import ReportRequest
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
 from fusion.diary import DiaryEntry
+
+HoldReason = Literal["legal", "complaint", "insurance", "study", "other"]
+"""Why a recording is kept whatever happens: codes, for the trail holds no sentence."""
+HOLD_REASONS: tuple[HoldReason, ...] = get_args(HoldReason)
 
 Place = tuple[str, str]
 """Where a page of a list ended: the moment it is ordered by and the id of its last row."""
@@ -52,7 +58,8 @@ class StoredRow:
     """A recording that was acknowledged.
 
     ``start`` is the device's clock at the first sample, ISO 8601, once it has been inspected. ``version``
-    grows with every change. ``duplicate_of`` names the oldest recording of the same bytes.
+    grows with every change. ``duplicate_of`` names the oldest recording of the same bytes. ``hold``: why
+    nothing of it may be deleted for good, as a code, and ``hold_by`` who said so; "" where it may.
     """
 
     id: str
@@ -66,6 +73,8 @@ class StoredRow:
     start: str | None
     inspection: Mapping[str, Any] | None
     diary: tuple[DiaryEntry, ...]
+    hold: str = ""
+    hold_by: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +150,10 @@ class RecordingStore(RowStore):
         query = select(recordings.c.sha256).where(recordings.c.sha256.in_(digests)).distinct()
         return self._read_ids(query)
 
+    def find_of_subject(self, subject: str) -> frozenset[str]:
+        """Give the ids of a subject's recordings of now, in the trash or not."""
+        return self._read_ids(select(recordings.c.id).where(recordings.c.subject == subject))
+
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:
         """Change columns, unless the row has changed since this version.
 
@@ -154,6 +167,8 @@ class RecordingStore(RowStore):
             if connection.execute(change.values(version=version + 1, **values)).rowcount != 1:
                 raise StaleVersion
             increment_revision(connection, recording_id)
+            changed = dict.fromkeys(values, "changed")
+            record(connection, "recording.changed", recording_id, other=changed)
         return self.get(recording_id)
 
     def describe(self, row: StoredRow, about: Description) -> StoredRow:
@@ -178,6 +193,7 @@ class RecordingStore(RowStore):
                 if tags != text:
                     grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
                     connection.execute(update(recordings).where(*mine).values(tags=tags, **grown))
+                    record(connection, "recording.tagged", recording_id)
                     changed += 1
         return changed
 
@@ -204,7 +220,7 @@ class RecordingStore(RowStore):
             # the analyses first, in the order in which an ending analysis takes its locks: no deadlock
             for analysis_id in connection.execute(mine.with_for_update()).scalars().all():
                 cancel_job(connection, analysis_id)
-            connection.execute(
+            gone = connection.execute(
                 update(recordings)
                 .where(recordings.c.id == recording_id, recordings.c.state == STORED)
                 .values(
@@ -214,27 +230,38 @@ class RecordingStore(RowStore):
                     revision=recordings.c.revision + 1,
                 )
             )
+            if gone.rowcount == 1:
+                record(connection, "recording.trashed", recording_id)
 
     def restore(self, recording_id: str) -> StoredRow:
         """Take a recording out of the trash."""
         self.get(recording_id, trashed=True)
         back = update(recordings).where(recordings.c.id == recording_id, recordings.c.state == TRASHED)
         with self._engine.begin() as connection:
-            connection.execute(back.values(state=STORED, trashed_s=None, version=recordings.c.version + 1))
+            changed = back.values(state=STORED, trashed_s=None, version=recordings.c.version + 1)
+            is_back = connection.execute(changed).rowcount == 1
             increment_revision(connection, recording_id)
+            if is_back:
+                record(connection, "recording.restored", recording_id)
         return self.get(recording_id)
 
     def begin_purge(self, recording_id: str) -> Purged:
         """Hide a recording and its references for good; gives the ids whose files are to be removed now.
 
         The rows go last (:meth:`end_purge`), so that an interrupted purge can continue.
+
+        Raises
+        ------
+        OnHold
         """
         with self._engine.begin() as connection:
+            _check_hold(connection, recording_id)
             mine = analyses.c.recording_id == recording_id
             of_it = tuple(connection.execute(select(analyses.c.id).where(mine)).scalars())
             files = (recording_id, *_find_references(connection, recording_id))
             gone = update(recordings).where(recordings.c.id.in_(files))
             connection.execute(gone.values(state=PURGING, revision=recordings.c.revision + 1))
+            record(connection, "recording.purging", recording_id)
         return Purged(of_it, files)
 
     def find_purging(self) -> tuple[str, ...]:
@@ -254,6 +281,7 @@ class RecordingStore(RowStore):
             files = (recording_id, *references)
             connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
             drop_traces(connection, {*gone, *files})
+            record(connection, "recording.purged", recording_id)
         self._empty_log()
 
     def _empty_log(self) -> None:
@@ -267,13 +295,62 @@ class RecordingStore(RowStore):
             connection.close()
 
     def age_trash(self, elapsed_s: float, term_s: float) -> tuple[str, ...]:
-        """Add elapsed time to everything in the trash; gives what has been there for the whole term."""
-        trashed = recordings.c.state == TRASHED
+        """Add elapsed time to everything in the trash; gives what has been there for the whole term.
+
+        What is on hold neither ages nor is given.
+        """
+        trashed = (recordings.c.state == TRASHED) & recordings.c.hold.is_(None)
         older = update(recordings).where(trashed).values(trashed_s=recordings.c.trashed_s + elapsed_s)
         with self._engine.begin() as connection:
             connection.execute(older)
             due = select(recordings.c.id).where(trashed, recordings.c.trashed_s >= term_s)
             return tuple(connection.execute(due).scalars())
+
+    def check_hold(self, recording_id: str) -> None:
+        """Check that a recording may be deleted for good.
+
+        Raises
+        ------
+        OnHold
+        """
+        with self._reader.connect() as connection:
+            _check_hold(connection, recording_id)
+
+    def hold(self, recording_id: str, reason: HoldReason, who: str) -> StoredRow:
+        """Put a recording on hold: nothing deletes it for good before it is let go.
+
+        Raises
+        ------
+        NotHere
+        """
+        return self._change_hold(recording_id, {"hold": reason, "hold_by": who}, "recording.held")
+
+    def let_go(self, recording_id: str) -> StoredRow:
+        """End the hold of a recording.
+
+        Raises
+        ------
+        NotHere
+        """
+        return self._change_hold(recording_id, {"hold": None, "hold_by": None}, "recording.let_go")
+
+    def _change_hold(self, recording_id: str, values: Mapping[str, str | None], act: Act) -> StoredRow:
+        mine = (recordings.c.id == recording_id, recordings.c.state.in_((STORED, TRASHED)))
+        with self._engine.begin() as connection:
+            if connection.execute(update(recordings).where(*mine).values(values)).rowcount != 1:
+                raise NotHere(id=recording_id)
+            increment_revision(connection, recording_id)
+            why = {"reason": values["hold"]} if values["hold"] else {}
+            record(connection, act, recording_id, other=why)
+        return self.get(recording_id, trashed=True)
+
+
+def _check_hold(connection: Connection, recording_id: str) -> None:
+    """Refuse a recording on hold, and lock its row: nobody puts it on hold until the transaction ends."""
+    query = select(recordings.c.hold).where(recordings.c.id == recording_id).with_for_update()
+    held = connection.execute(query).scalar()
+    if held is not None:
+        raise OnHold(id=recording_id, why=held)
 
 
 def _find_references(connection: Connection, recording_id: str) -> tuple[str, ...]:
@@ -293,8 +370,9 @@ def insert_recording(
         .limit(1)
     )
     row = asdict(stored) | {"state": state, "created_at": format_now()}
-    row |= {"duplicate_of": connection.execute(same).scalar_one_or_none()}
+    row |= {"duplicate_of": connection.execute(same).scalar_one_or_none(), "since_s": select_running_s()}
     connection.execute(insert(recordings).values(row | asdict(about)))
+    record(connection, "recording.stored", stored.id)
 
 
 def is_after(columns: tuple[Any, Any], place: Place) -> Any:
@@ -326,6 +404,8 @@ def _read_recording(row: Row[Any]) -> StoredRow:
         start=row.start,
         inspection=_read_inspection(row.inspection),
         diary=read_diary(row.diary),
+        hold=row.hold or "",
+        hold_by=row.hold_by or "",
     )
 
 
@@ -373,6 +453,7 @@ class UploadStore(RowStore):
         }
         with self._engine.begin() as connection:
             connection.execute(insert(uploads).values(row))
+            record(connection, "upload.began", other={"upload": str(row["id"])})
         return self.get(str(row["id"]))
 
     def get(self, upload_id: str) -> UploadRow:
@@ -409,6 +490,7 @@ class UploadStore(RowStore):
         mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
             connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
+            record(connection, "upload.described", other={"upload": upload_id})
         return self.get(upload_id)
 
     def finish(
@@ -431,6 +513,7 @@ class UploadStore(RowStore):
             change = update(uploads).where(*unfinished).values(recording_id=stored.id)
             if connection.execute(change).rowcount == 1:
                 insert_recording(connection, stored, row.about)
+                record(connection, "upload.stored", stored.id, other={"upload": row.id})
                 if request is not None and not _is_analysed_elsewhere(connection, stored):
                     analysis_id = enqueue(connection, (stored.id, stored.sha256), request, way_in)
                     if study:
@@ -441,7 +524,8 @@ class UploadStore(RowStore):
     def drop(self, upload_id: str) -> None:
         """Delete the row of an upload; the recording that it became stays."""
         with self._engine.begin() as connection:
-            connection.execute(delete(uploads).where(uploads.c.id == upload_id))
+            if connection.execute(delete(uploads).where(uploads.c.id == upload_id)).rowcount == 1:
+                record(connection, "upload.dropped", other={"upload": upload_id})
 
     def find_growing(self) -> frozenset[str]:
         """Give the id of every upload that is not a recording yet."""

@@ -9,6 +9,7 @@ from app.errors import NoSuchFile, NotFinished, ResultDamaged
 from app.jobs.figures import HeadlineFigures, read_headline
 from app.jobs.job import Job, JobState
 from app.jobs.store import JobStore
+from app.jobs.trail import touch
 from app.storage.store import ResultFile, Storage, borrow_result
 
 
@@ -30,6 +31,7 @@ class ResultReader:
         file = self.store.find_file(job.id, name)
         if file is None:
             raise NoSuchFile(name=name)
+        touch(job.recording_id, job.id)
         return file
 
     @contextmanager

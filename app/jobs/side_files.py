@@ -22,6 +22,7 @@ from app.jobs.database.tables import (
     batch_items,
     batches,
     recordings,
+    releases,
     result_files,
 )
 from app.jobs.job import TRANSITIONS, JobState
@@ -29,7 +30,7 @@ from app.jobs.queries import PURGING
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
 
 SCHEMA = "acromion.recording/1"
-TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, batches, batch_items)
+TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, releases, batches, batch_items)
 """The tables of a side file, in the order in which rows may be added."""
 
 Rows = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -84,12 +85,14 @@ def increment_revision(connection: Connection, *recording_ids: str) -> None:
         connection.execute(update(recordings).where(mine).values(revision=recordings.c.revision + 1))
 
 
-def increment_revision_of(connection: Connection, analysis_id: str) -> None:
-    """Increment the revision of the recording that an analysis belongs to."""
+def increment_revision_of(connection: Connection, analysis_id: str) -> str:
+    """Increment the revision of the recording of an analysis; gives it, "" where there is none."""
     query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
     recording_id = connection.execute(query).scalar()
-    if recording_id is not None:
-        increment_revision(connection, recording_id)
+    if recording_id is None:
+        return ""
+    increment_revision(connection, recording_id)
+    return str(recording_id)
 
 
 def read_side_rows(connection: Connection, recording_id: str) -> SideFile | None:
@@ -110,6 +113,7 @@ def read_side_rows(connection: Connection, recording_id: str) -> SideFile | None
         .where(result_files.c.analysis_id.in_(of_it))
         .order_by(result_files.c.analysis_id, result_files.c.name),
         "answers": select(answers).where(answers.c.analysis_id.in_(of_it)).order_by(answers.c.analysis_id),
+        "releases": select(releases).where(releases.c.analysis_id.in_(of_it)).order_by(releases.c.id),
         "batches": of_batches.order_by(batches.c.id),
         "batch_items": items.order_by(batch_items.c.batch_id, batch_items.c.place),
     }

@@ -28,6 +28,7 @@ from app.jobs.queue import (
 from app.jobs.recordings import Description, Place, insert_recording, is_after
 from app.jobs.side_files import increment_revision
 from app.jobs.studies import follow_recording, join_study
+from app.jobs.trail import record
 from app.jobs.versions import identify_work, renumber, select_same
 from app.request import ReportRequest
 from app.storage.store import ResultFile, StoredRecording
@@ -114,6 +115,8 @@ class JobStore(RowStore):
         """Queue what a person corrected on the page; every study of the recording goes on with it."""
         with self._engine.begin() as connection:
             analysis_id = enqueue(connection, recording, request, "web")
+            if request.conclusion is not None:
+                record(connection, "report.concluded", recording[0], analysis_id)
             follow_recording(connection, analysis_id)
         return self.get(analysis_id)
 
@@ -193,6 +196,8 @@ class JobStore(RowStore):
         with self._engine.begin() as connection:
             connection.execute(update(analyses).where(*mine).values(replaced_by=reports[0].id))
             increment_revision(connection, job.recording_id)
+            again = {"again": reports[0].id}
+            record(connection, "analysis.replaced", job.recording_id, job.id, other=again)
         return reports[0]
 
     def get(self, analysis_id: str) -> Job:
@@ -414,7 +419,10 @@ class JobStore(RowStore):
     def mark_purging(self, recording_id: str) -> None:
         """Mark that the purge of a recording had begun; the next start continues it."""
         mine = recordings.c.id == recording_id
-        self.run(update(recordings).where(mine).values(state=PURGING, revision=recordings.c.revision + 1))
+        gone = update(recordings).where(mine).values(state=PURGING, revision=recordings.c.revision + 1)
+        with self._engine.begin() as connection:
+            connection.execute(gone)
+            record(connection, "recording.purging", recording_id)
 
     def find_recording(self, analysis_id: str) -> str:
         """Give the recording of an analysis; "" where there is no such analysis."""

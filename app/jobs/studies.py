@@ -12,6 +12,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from app.jobs.database.tables import analyses, batch_items, batches
 from app.jobs.queries import format_now
 from app.jobs.side_files import increment_revision_of
+from app.jobs.trail import record
 
 
 def identify_study(name: str) -> str:
@@ -31,7 +32,8 @@ def join_study(connection: Connection, name: str, analysis_id: str) -> str:
         connection.execute(insert(batch_items).values(row))
         more = {"item_count": batches.c.item_count + 1}
         connection.execute(update(batches).where(batches.c.id == study_id).values(more))
-    increment_revision_of(connection, analysis_id)
+    recording_id = increment_revision_of(connection, analysis_id)
+    record(connection, "study.joined", recording_id, analysis_id, other={"study": study_id})
     return study_id
 
 

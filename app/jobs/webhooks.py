@@ -15,6 +15,7 @@ from app.errors import NotHere
 from app.jobs.database.tables import analyses, batch_items, batches, deliveries, webhooks
 from app.jobs.job import JobState
 from app.jobs.queries import RowStore, format_now, select_items
+from app.jobs.trail import record
 
 Event = Literal["analysis.finished", "batch.finished", "live.cue"]
 EVENTS: tuple[Event, ...] = get_args(Event)
@@ -56,6 +57,7 @@ class WebhookStore(RowStore):
         row = {"id": hook.id, "url": url, "events": json.dumps(events), "secret": secret}
         with self._engine.begin() as connection:
             connection.execute(insert(webhooks).values(row | {"created_at": hook.created_at}))
+            record(connection, "webhook.added", other={"webhook": hook.id})
         return hook
 
     def find_all(self) -> tuple[Webhook, ...]:
@@ -76,6 +78,7 @@ class WebhookStore(RowStore):
             connection.execute(delete(deliveries).where(deliveries.c.webhook_id == webhook_id))
             if connection.execute(delete(webhooks).where(webhooks.c.id == webhook_id)).rowcount != 1:
                 raise NotHere
+            record(connection, "webhook.dropped", other={"webhook": webhook_id})
 
     def announce_cue(self, data: dict[str, str]) -> None:
         """Write the deliveries for a cue of a live session, for those who asked for such events."""

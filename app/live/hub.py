@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextvars import copy_context
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -292,7 +293,9 @@ class LiveHub:
         path = self.folder / f"{prefix}-{session_id}.csv"
         recorder = Recorder(path, source.facts, request.wearer, request.rules)
         session = RunningSession(session_id, source, recorder, request)
-        thread = threading.Thread(target=session.run, args=(self.library,), name="live", daemon=True)
+        thread = threading.Thread(
+            target=copy_context().run, args=(session.run, self.library), name="live", daemon=True
+        )
         self._sessions[session_id], self._threads[session_id] = session, thread
         return session, thread
 

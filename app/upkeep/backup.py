@@ -29,8 +29,9 @@ from app.errors import BackupRefused, DatabaseTooNew, NotEmpty
 from app.jobs.database.connect import READ_ONLY, connect, create_tables, lock_tables, read_revision
 from app.jobs.database.dump import read_rows, reflect_tables, reset_row, write_all_rows
 from app.jobs.database.migrate import upgrade
-from app.jobs.database.tables import REVISION, facts, schema_revision, uploads
+from app.jobs.database.tables import REVISION, facts, schema_revision, trail, uploads
 from app.jobs.store import JobStore
+from app.jobs.trail import AT_MACHINE, record
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.permissions import FILE_MODE, create_file, make_folder
@@ -296,7 +297,7 @@ def restore(settings: Settings, path: Path) -> Copied:
 
 
 def _check_no_rows(connection: Connection) -> None:
-    """Refuse a database that holds any row, except the id of the store it belongs to."""
+    """Refuse a database that holds any row, except the id of its store and the trail of its starts."""
     found = read_revision(connection)
     if found is not None and found > REVISION:
         raise DatabaseTooNew(found=found, needed=REVISION)
@@ -304,7 +305,7 @@ def _check_no_rows(connection: Connection) -> None:
         if connection.dialect.name == "postgresql":  # a server that runs may not add a row after the count
             connection.execute(text(f'LOCK TABLE "{table.name}" IN ACCESS EXCLUSIVE MODE'))
         number = connection.execute(select(func.count()).select_from(table)).scalar_one()
-        if number and table.name != facts.name:
+        if number and table.name not in (facts.name, trail.name):  # a start has left its line
             raise NotEmpty(number=number, where=table.name)
 
 
@@ -368,6 +369,7 @@ def _restore_rows(connection: Connection, archive: zipfile.ZipFile, revision: st
             connection.execute(insert(table), kept)
     if revision != REVISION:
         upgrade(connection)
+    record(connection, "store.restored", who=AT_MACHINE)
 
 
 def _is_restored(table: str, row: Mapping[str, object]) -> bool:

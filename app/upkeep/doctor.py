@@ -17,10 +17,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.errors import AppError
 from app.jobs.database.connect import check_whole, connect, open_database, translate_start_errors
 from app.jobs.store import JobStore
+from app.jobs.trail import check_chain
 from app.report.render.html import find_template_folder
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.permissions import make_folder
+from app.upkeep.anchors import find_anchors, is_address
 from app.upkeep.recover import find_strange, find_unknown
 from app.upkeep.verify import find_faults, find_kept, measure_kept
 from fusion.numba_kernels import make_kernel_folder
@@ -55,6 +57,8 @@ def examine(settings: Settings) -> Iterator[Examination]:
         _examine_fonts,
         _examine_clock,
         _examine_memory,
+        _examine_trail,
+        _examine_anchor,
     )
     return (check(settings) for check in checks)
 
@@ -189,6 +193,28 @@ def _examine_memory(settings: Settings) -> Examination:
     return Examination(
         "memory", installed_bytes > needed_bytes, {"installed": f"{installed_bytes / GIB:.1f}"}
     )
+
+
+def _examine_trail(settings: Settings) -> Examination:
+    """Prove the chain of the trail, to the head that is written down where there is one."""
+    try:
+        with closing(JobStore(settings.database_url)) as store:
+            number, faults = check_chain(store.reader, find_anchors(settings) or ())
+    except (AppError, SQLAlchemyError, OSError):
+        return Examination("trail", healthy=True)  # the database has a check of its own
+    facts = {"number": str(number)}
+    if faults:
+        facts |= {"finding": faults[0].finding, "first": str(faults[0].first), "last": str(faults[0].last)}
+    return Examination("trail", not faults, facts)
+
+
+def _examine_anchor(settings: Settings) -> Examination:
+    """Say where the head of the trail is written down; without a place a cut end cannot be seen."""
+    anchor = settings.trail_anchor
+    if not anchor:
+        return Examination("trail_unanchored", healthy=True)
+    is_written = is_address(anchor) or Path(anchor).exists()
+    return Examination("trail_anchor", is_written, {"anchor": anchor})
 
 
 def _find_existing(folder: Path) -> Path:

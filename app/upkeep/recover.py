@@ -31,6 +31,7 @@ from app.jobs.side_files import (
     quarantine_side_file,
 )
 from app.jobs.store import JobStore
+from app.jobs.trail import AT_MACHINE, record_alone
 from app.settings import Settings
 from app.storage.open import open_storage
 from app.storage.store import SIDE_SUFFIX, FolderLock, Storage, format_recording_name, format_side_file_name
@@ -188,7 +189,9 @@ def recover(settings: Settings) -> Recovered:
         bring_up_to_date(settings.database_url, settings.data_dir / "backups")
         with closing(JobStore(settings.database_url)) as store:
             store.check_belongs(storage.identify())
-            return _recover(store, storage)
+            recovered = _recover(store, storage)
+            record_alone(store.engine, "store.recovered", {"added": recovered.recordings}, AT_MACHINE)
+            return recovered
     finally:
         lock.release()
 

@@ -11,11 +11,12 @@ from fastapi.responses import RedirectResponse, StreamingResponse
 
 from app.api.analyses import run_to_end
 from app.api.files import build_download_name
+from app.api.names import find_names
 from app.api.recordings import purge_recording
 from app.errors import BadParameter, NoSuchFile, NotFinished, ResultDamaged
 from app.jobs.job import Job, JobState
 from app.jobs.library import Library
-from app.jobs.recordings import RecordingFilter, StoredRow
+from app.jobs.recordings import HOLD_REASONS, RecordingFilter, StoredRow
 from app.jobs.store import JobFilter
 from app.report.export.columns import encode_summary, summarise_failure, summarise_results
 from app.report.export.csv import FRENCH_EXCEL, INTERNATIONAL, Origin, Row, encode_table
@@ -145,6 +146,7 @@ def ask_to_delete(
     """Say what goes before anything goes."""
     row = services.recordings.get(recording_id, trashed=True)
     values = _describe(services, row, language) | {"for_good": row.state == "trashed"}
+    values |= _describe_hold(request, row, language)
     return render_page(request, "delete.html", language, values)
 
 
@@ -155,6 +157,7 @@ def ask_to_purge(
     """Ask once more before a recording is deleted for good."""
     row = services.recordings.get(recording_id, trashed=True)
     values = _describe(services, row, language) | {"for_good": True}
+    values |= _describe_hold(request, row, language)
     return render_page(request, "delete.html", language, values)
 
 
@@ -168,6 +171,7 @@ def throw_away(recording_id: str, request: Request, services: UsedServices) -> R
 @router.post("/recordings/{recording_id}/purge")
 def delete_for_good(recording_id: str, request: Request, services: UsedServices) -> Response:
     """Delete a recording, its analyses and every file of them."""
+    services.recordings.check_hold(recording_id)
     services.recordings.trash(recording_id)
     purge_recording(services, recording_id)
     return RedirectResponse(f"{find_base(request)}/trash", status_code=303)
@@ -190,6 +194,11 @@ def show_trash(request: Request, services: UsedServices, language: UsedLanguage)
         "t": load_wording(language, "page")["trash"],
     }
     return render_page(request, "trash.html", language, values)
+
+
+def _describe_hold(request: Request, row: StoredRow, language: Language) -> dict[str, Any]:
+    held_by = find_names(request, [row.hold_by], language)[row.hold_by]
+    return {"tr": load_wording(language, "trail"), "hold_reasons": HOLD_REASONS, "held_by": held_by}
 
 
 def _describe(services: Services, row: StoredRow, language: Language) -> dict[str, Any]:

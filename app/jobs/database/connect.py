@@ -27,6 +27,7 @@ from app.errors import (
     DiskFull,
 )
 from app.jobs.database.tables import REVISION, analyses, metadata, schema_revision
+from app.jobs.trail import keep_trail, record
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
 from app.storage.store import check_folder, translate_folder_errors
@@ -88,7 +89,16 @@ def bring_up_to_date(url: str, backups: Path) -> Path | None:
 
 
 def connect(url: str) -> Engine:
-    """Give an engine whose commits outlast a power cut, and whose errors hold no subject code."""
+    """Give an engine whose commits outlast a power cut and take their lines of the trail with them.
+
+    Its errors hold no subject code.
+    """
+    engine = _connect(url)
+    keep_trail(engine)
+    return engine
+
+
+def _connect(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         timeout = {"connect_timeout": _CONNECT_TIMEOUT_S}
         return create_engine(
@@ -214,6 +224,7 @@ def _check_revision(connection: Connection) -> None:
         raise DatabaseTooOld(found=found or "0000", needed=REVISION)
     if found is None:
         create_tables(connection)
+        record(connection, "trail.began")
     elif found > REVISION:
         raise DatabaseTooNew(found=found, needed=REVISION)
 

@@ -14,7 +14,7 @@ from sqlalchemy import (
     Text,
 )
 
-REVISION = "0007"  # of these tables; a change of them comes with a migration in app/jobs/migrations
+REVISION = "0008"  # of these tables; a change of them comes with a migration in app/jobs/migrations
 
 metadata = MetaData()
 
@@ -41,6 +41,9 @@ recordings = Table(
     Column("diary", Text, nullable=False, server_default="[]"),
     Column("tags", Text, nullable=False, server_default="[]"),
     Column("trashed_s", Float),
+    Column("since_s", Float, nullable=False, server_default="0"),
+    Column("hold", String(32)),
+    Column("hold_by", String(40)),
     Column("revision", Integer, nullable=False, server_default="1"),
     Column("side_revision", Integer, nullable=False, server_default="0"),
     Index("recordings_by_age", "state", "created_at", "id"),
@@ -77,6 +80,8 @@ analyses = Table(
     Column("replaced_by", String(32)),
     Column("put_backs", Integer, nullable=False, server_default="0"),
     Column("interruptions", Integer, nullable=False, server_default="0"),
+    Column("asked_by", String(40)),
+    Column("ended_s", Float),
     Index("analyses_in_turn", "state", "priority", "turn", "created_at", "id"),
     Index("analyses_by_recording", "recording_id", "created_at", "id"),
     Index("analyses_by_age", "created_at", "id"),
@@ -191,6 +196,78 @@ saved_views = Table(
     Column("name", Text, nullable=False),
     Column("query", Text, nullable=False),
     Column("created_at", String(32), nullable=False),
+)
+
+# Every act of an organisation, chained (app/jobs/trail.py). No key leads to other tables: its lines stay.
+trail = Table(
+    "trail",
+    metadata,
+    Column("seq", BigInteger, primary_key=True, autoincrement=False),
+    Column("at", String(32), nullable=False),
+    Column("who", String(40), nullable=False),
+    Column("act", String(32), nullable=False),
+    Column("recording_id", String(32), nullable=False),
+    Column("analysis_id", String(32), nullable=False),
+    Column("other", Text, nullable=False),
+    Column("prev", String(64), nullable=False),
+    Column("hash", String(64), nullable=False),
+    Index("trail_by_recording", "recording_id", "seq"),
+    Index("trail_by_who", "who", "seq"),
+)
+
+# Heads of the trail with the running time of the server then: how old a part of it is, by no clock.
+trail_marks = Table(
+    "trail_marks",
+    metadata,
+    Column("seq", BigInteger, primary_key=True, autoincrement=False),
+    Column("since_s", Float, nullable=False),
+)
+
+# How long the server of this database has run in all; one row.
+running_time = Table(
+    "running_time",
+    metadata,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("running_s", Float, nullable=False),
+)
+
+# A report released under somebody's name, or taken back; the newest row of an analysis counts.
+releases = Table(
+    "releases",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("analysis_id", ForeignKey("analyses.id", ondelete="CASCADE"), nullable=False, index=True),
+    Column("who", String(40), nullable=False),
+    Column("at", String(32), nullable=False),
+    Column("method_version", String(16), nullable=False),
+    Column("report_id", String(64), nullable=False),
+    Column("is_taken_back", Integer, nullable=False, server_default="0"),
+)
+
+# How many days of the server's running time each kind is kept; a kind without a row is kept for good.
+retention = Table(
+    "retention",
+    metadata,
+    Column("kind", String(16), primary_key=True),
+    Column("days", Integer, nullable=False),
+)
+
+# Group figures of a study as they were published once (app/jobs/governance/aggregate.py).
+aggregate_blocks = Table(
+    "aggregate_blocks",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("study_id", String(32), nullable=False, index=True),
+    Column("published_at", String(32), nullable=False),
+    Column("figures", Text, nullable=False),
+)
+
+# The recordings of the people in each block: a person counts in one block of the organisation.
+aggregate_members = Table(
+    "aggregate_members",
+    metadata,
+    Column("recording_id", ForeignKey("recordings.id", ondelete="CASCADE"), primary_key=True),
+    Column("block_id", ForeignKey("aggregate_blocks.id"), nullable=False, index=True),
 )
 
 facts = Table(

@@ -32,6 +32,7 @@ Part = Literal[
     "operations",
     "live",
     "access",
+    "trail",
 ]
 Words = Mapping[str, Any]
 LANGUAGES: tuple[Language, ...] = ("en", "fr")

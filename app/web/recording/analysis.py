@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Annotated, Any
 
@@ -11,7 +11,8 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import BaseModel
 
-from app.api.access import may
+from app.api.access import find_subject, may
+from app.api.names import find_names, find_person_name
 from app.api.problems import Refusal
 from app.errors import NoSuchFile, NotHere, ResultDamaged, StoreDamaged, find_outcome_of_code
 from app.jobs.job import Job, JobState
@@ -37,6 +38,7 @@ from app.web.recording.day import add_changed, find_day
 from app.web.recording.day_views import DayClock, build_day, build_hours, list_axes
 from app.web.recording.page_one import read_page_one
 from app.web.rendering import find_base, render_page
+from app.web.trust import build_release
 from app.web.views import (
     Fact,
     JobRow,
@@ -69,6 +71,7 @@ class VersionRow:
     changed: str
     reason: str
     is_this: bool
+    who: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +106,9 @@ class History:
         return self.reports[0] if self.reports else None
 
 
-def build_versions(history: History, shown: Job, language: Language) -> tuple[VersionRow, ...]:
+def build_versions(
+    history: History, shown: Job, names: Mapping[str, str], language: Language
+) -> tuple[VersionRow, ...]:
     """Build the rows of the versions, the newest first; none where only ``shown`` exists.
 
     A version that was computed more than once is there once: the one that is shown, or else the newest.
@@ -112,7 +117,10 @@ def build_versions(history: History, shown: Job, language: Language) -> tuple[Ve
     found: dict[int, Job] = {}
     for job in first:
         found.setdefault(job.request.version, job)
-    rows = tuple(_build_version_row(found[number], shown, language) for number in sorted(found, reverse=True))
+    rows = tuple(
+        replace(_build_version_row(found[number], shown, language), who=names.get(found[number].asked_by, ""))
+        for number in sorted(found, reverse=True)
+    )
     return () if all(row.is_this for row in rows) else rows
 
 
@@ -393,16 +401,29 @@ def analysis(
         "is_of_sensors": job.problem_code == SeveralSensors.code,
         "offer": find_offer(services, job, str(job.problem_facts.get("header", "")), language),
         "changes": build_changes(services, history, job, seen.before, language),
-        "conclusion": build_conclusion(services, job, language),
+        **_build_names(request, services, job, history, language),
         "recording_id": job.recording_id,
         "source": describe_source(services, job, language),
-        "versions": build_versions(history, job, language),
         "failed": build_failed_row(history, job, language),
         "report": report if report is not None and report.id != job.id else None,
         **find_neighbours(services, request, job),
         **read_answer(services, job, asked, language),
     }
     return render_page(request, "analysis.html", language, values)
+
+
+def _build_names(
+    request: Request, services: Services, job: Job, history: History, language: Language
+) -> dict[str, Any]:
+    """Give what names people: who asked for each version, who concluded, who released the report."""
+    subject = find_subject(request)
+    names = find_names(request, (other.asked_by for other in history.jobs), language)
+    return {
+        "conclusion": build_conclusion(services, job, language, find_person_name(request, subject.id)),
+        "release": build_release(request, services, subject, job.id, language),
+        "versions": build_versions(history, job, names, language),
+        "tr": load_wording(language, "trail"),
+    }
 
 
 def _show_trashed(row: StoredRow, request: Request, language: Language) -> HTMLResponse:

@@ -8,6 +8,8 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 from starlette.status import HTTP_303_SEE_OTHER
 
+from app.api.access import UsedSubject
+from app.api.names import find_person_name
 from app.errors import BadParameter
 from app.jobs.job import Job, JobState
 from app.report.words.numbers import format_date
@@ -25,6 +27,7 @@ router = APIRouter(prefix="/analyses/{analysis_id}", include_in_schema=False)
 class ConclusionCard:
     """What the report says already, its date in words, and what the form holds.
 
+    ``own_name``: of the person logged in, "" where a name is typed.
     ``is_open``: the figures are this engine's; those of an earlier one may move, and are analysed first.
     """
 
@@ -33,17 +36,20 @@ class ConclusionCard:
     today: str
     most: int
     is_open: bool
+    own_name: str = ""
 
 
-def build_conclusion(services: Services, job: Job, language: Language) -> ConclusionCard | None:
-    """Give the card of a finished analysis; None for any other."""
+def build_conclusion(
+    services: Services, job: Job, language: Language, own_name: str = ""
+) -> ConclusionCard | None:
+    """Give the card of a finished analysis; None for any other. ``own_name``: of the person logged in."""
     if job.state is not JobState.SUCCEEDED or job.replaced_by is not None:
         return None
     said = job.request.conclusion
     when = format_date(date.fromisoformat(said.date), language) if said else ""
     same = services.store.find_same(job.sha256, job.request)
     is_open = any(one.id == job.id for one in same)
-    return ConclusionCard(said, when, date.today().isoformat(), LONGEST_CONCLUSION, is_open)  # noqa: DTZ011
+    return ConclusionCard(said, when, date.today().isoformat(), LONGEST_CONCLUSION, is_open, own_name)  # noqa: DTZ011
 
 
 def read_conclusion(form: Form) -> Conclusion:
@@ -66,9 +72,16 @@ def read_conclusion(form: Form) -> Conclusion:
 
 
 @router.post("/conclude")
-async def conclude(analysis_id: str, request: Request, services: UsedServices) -> Response:
-    """Make the next version of the report, with the conclusion; its figures are the same."""
-    concluded = read_conclusion(await read_form(request))
+async def conclude(
+    analysis_id: str, request: Request, services: UsedServices, subject: UsedSubject
+) -> Response:
+    """Make the next version of the report, with the conclusion; its figures are the same.
+
+    The name is that of the person logged in; at the machine it is typed.
+    """
+    form = dict(await read_form(request))
+    own_name = await run_in_threadpool(find_person_name, request, subject.id)
+    concluded = read_conclusion(form | ({"name": [own_name]} if own_name else {}))
     job = await run_in_threadpool(services.store.get, analysis_id)
     asked = replace(job.request, conclusion=concluded, reason="")
     again = await run_in_threadpool(services.store.add_correction, (job.recording_id, job.sha256), asked)

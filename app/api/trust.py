@@ -1,0 +1,256 @@
+"""Releases, holds, terms, group figures and the trail, for scripts."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import StreamingResponse
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from app.api.access import UsedSubject
+from app.api.problems import PROBLEM_RESPONSES
+from app.jobs.governance.aggregate import StudyGroup
+from app.jobs.governance.releases import Release
+from app.jobs.recordings import HoldReason
+from app.jobs.trail import TrailLine, TrailQuestion, check_chain, find_lines, parse_moment
+from app.report.export.csv import INTERNATIONAL, encode_table
+from app.services import Services, UsedServices
+from app.upkeep.anchors import find_anchors
+
+MOST_LINES = 500
+COLUMNS = ("seq", "at", "who", "act", "recording_id", "analysis_id", "other", "prev", "hash")
+
+router = APIRouter(prefix="/api/v1", responses=PROBLEM_RESPONSES)
+
+
+class ReleaseView(BaseModel):
+    """The release of a report; nulls where it is not released."""
+
+    analysis_id: str
+    released_by: str | None
+    released_at: str | None
+    method_version: str | None
+    report_id: str | None = Field(description="SHA-256 of the released results.")
+
+
+def view_release(analysis_id: str, found: Release | None) -> ReleaseView:
+    """Show a release."""
+    if found is None:
+        return ReleaseView(
+            analysis_id=analysis_id, released_by=None, released_at=None, method_version=None, report_id=None
+        )
+    return ReleaseView(
+        analysis_id=analysis_id,
+        released_by=found.who,
+        released_at=found.at,
+        method_version=found.method_version,
+        report_id=found.report_id,
+    )
+
+
+@router.get("/analyses/{analysis_id}/release", tags=["analyses"])
+def get_release(analysis_id: str, services: UsedServices) -> ReleaseView:
+    """Say who released a report, and when."""
+    job = services.store.get(analysis_id)
+    return view_release(job.id, services.releases.find(job.id))
+
+
+@router.post("/analyses/{analysis_id}/release", tags=["analyses"])
+def release_report(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
+    """Release a report under one's name. Its bytes stay; a later version is not released by it."""
+    job = services.store.get(analysis_id)
+    return view_release(job.id, services.releases.release(job, subject.id))
+
+
+@router.delete("/analyses/{analysis_id}/release", tags=["analyses"])
+def take_release_back(analysis_id: str, services: UsedServices, subject: UsedSubject) -> ReleaseView:
+    """Take a release back, by a further row."""
+    job = services.store.get(analysis_id)
+    return view_release(job.id, services.releases.take_back(job, subject.id))
+
+
+class HoldRequest(BaseModel):
+    """Why a recording is kept whatever happens."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    reason: HoldReason
+
+
+class HoldView(BaseModel):
+    """The hold of a recording; nulls where there is none."""
+
+    recording_id: str
+    reason: str | None
+    held_by: str | None
+
+
+@router.get("/recordings/{recording_id}/hold", tags=["recordings"])
+def get_hold(recording_id: str, services: UsedServices) -> HoldView:
+    """Say whether a recording is on hold."""
+    row = services.recordings.get(recording_id, trashed=True)
+    return HoldView(recording_id=row.id, reason=row.hold or None, held_by=row.hold_by or None)
+
+
+@router.put("/recordings/{recording_id}/hold", tags=["recordings"])
+def put_hold(recording_id: str, asked: HoldRequest, services: UsedServices, subject: UsedSubject) -> HoldView:
+    """Put a recording on hold: neither a person nor a term deletes it for good."""
+    services.recordings.hold(recording_id, asked.reason, subject.id)
+    return get_hold(recording_id, services)
+
+
+@router.delete("/recordings/{recording_id}/hold", tags=["recordings"])
+def end_hold(recording_id: str, services: UsedServices) -> HoldView:
+    """End the hold of a recording."""
+    services.recordings.let_go(recording_id)
+    return get_hold(recording_id, services)
+
+
+class TermView(BaseModel):
+    """How many days of the server's running time a kind is kept; null: for good."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    days: Annotated[int, Field(ge=1, le=36_500)] | None
+
+
+@router.get("/retention", tags=["recordings"])
+def get_terms(services: UsedServices) -> dict[str, int | None]:
+    """Give the term of each kind."""
+    return {str(kind): days for kind, days in services.retention.find_all().items()}
+
+
+@router.put("/retention/{kind}", tags=["recordings"])
+def put_term(kind: str, asked: TermView, services: UsedServices) -> dict[str, int | None]:
+    """Change the term of a kind: recordings, results, trash or trail."""
+    services.retention.put(kind, asked.days)
+    return get_terms(services)
+
+
+class BlockView(BaseModel):
+    """Means over at least five people; counts are rounded down to a multiple of five."""
+
+    published_at: str
+    people: int
+    recordings: int
+    time_above_60_percent: float
+    recorded_h: float
+
+
+class AggregateView(BaseModel):
+    """The published group figures of a study, the oldest first; none where fewer than five people count."""
+
+    study_id: str
+    blocks: list[BlockView]
+
+
+@router.get("/studies/{study_id}/aggregate.json", tags=["studies"])
+def get_aggregate(study_id: str, services: UsedServices) -> AggregateView:
+    """Give group figures of a study: never of fewer than five people."""
+    return view_group(services.aggregates.publish(study_id))
+
+
+def view_group(group: StudyGroup) -> AggregateView:
+    """Show the published blocks of a study."""
+    blocks = [
+        BlockView(**{name: value for name, value in asdict(one).items() if name != "id"})
+        for one in group.blocks
+    ]
+    return AggregateView(study_id=group.id, blocks=blocks)
+
+
+Moment = Annotated[str, AfterValidator(parse_moment)]
+
+
+class TrailQuery(BaseModel):
+    """Which lines are asked for. ``subject`` stands for its recordings of now; an erased one by its id."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str = ""
+    recording: str = ""
+    who: str = ""
+    act: str = ""
+    begin: Annotated[Moment, Field(alias="from", description="ISO 8601; without a zone UTC.")] = ""
+    end: Annotated[Moment, Field(alias="to")] = ""
+    before: Annotated[int, Field(ge=0)] = 0
+    lang: str | None = None
+
+
+def build_question(services: Services, asked: TrailQuery) -> TrailQuestion:
+    """Turn what is asked into what the lines hold: a subject code into ids of recordings."""
+    ids: frozenset[str] | None = None
+    if asked.recording:
+        ids = frozenset({asked.recording})
+    elif asked.subject:
+        ids = services.recordings.find_of_subject(asked.subject)
+    return TrailQuestion(ids, asked.who, asked.act, asked.begin, asked.end)
+
+
+class TrailView(BaseModel):
+    """Lines of the trail, the newest first; ``next_before`` asks for the next page, null ends."""
+
+    items: list[dict[str, str | int]]
+    next_before: int | None
+
+
+@router.get("/trail", tags=["trail"])
+def get_trail(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> TrailView:
+    """Answer who touched a subject, or what somebody did, between two moments."""
+    found = list(
+        find_lines(
+            services.store.reader, build_question(services, asked), before=asked.before, most=MOST_LINES
+        )
+    )
+    following = found[-1].seq if len(found) == MOST_LINES else None
+    return TrailView(items=[asdict(line) for line in found], next_before=following)
+
+
+class ProofView(BaseModel):
+    """The proof of the chain. ``is_anchored``: a head that was written down elsewhere was compared."""
+
+    lines: int
+    is_whole: bool
+    is_anchored: bool
+    faults: list[dict[str, str | int]]
+
+
+@router.get("/trail/proof", tags=["trail"])
+def get_proof(services: UsedServices) -> ProofView:
+    """Prove the chain: one line altered, one removed, or the end cut off is named."""
+    anchors = find_anchors(services.settings)
+    number, faults = check_chain(services.store.reader, anchors or ())
+    return ProofView(
+        lines=number,
+        is_whole=not faults,
+        is_anchored=anchors is not None,
+        faults=[asdict(fault) for fault in faults],
+    )
+
+
+@router.get("/trail/trail.csv", tags=["trail"])
+def export_csv(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> Response:
+    """Give the lines as a table."""
+    rows: list[Any] = [asdict(line) for line in find_export(services, asked)]
+    body = encode_table(COLUMNS, rows, INTERNATIONAL)
+    headers = {"Content-Disposition": 'attachment; filename="trail.csv"', "Cache-Control": "no-store"}
+    return Response(body, media_type="text/csv; charset=utf-8", headers=headers)
+
+
+@router.get("/trail/trail.jsonl", tags=["trail"])
+def export_lines(services: UsedServices, asked: Annotated[TrailQuery, Query()]) -> Response:
+    """Give the lines as JSON, one each."""
+
+    def write() -> Iterator[bytes]:
+        for line in find_export(services, asked):
+            yield json.dumps(asdict(line)).encode() + b"\n"
+
+    headers = {"Content-Disposition": 'attachment; filename="trail.jsonl"', "Cache-Control": "no-store"}
+    return StreamingResponse(write(), media_type="application/jsonl", headers=headers)
+
+
+def find_export(services: Services, asked: TrailQuery) -> Iterator[TrailLine]:
+    """Give every line that is asked for."""
+    return find_lines(services.store.reader, build_question(services, asked), before=asked.before)

@@ -1,0 +1,198 @@
+"""The commands of trust: the trail proved and asked, terms, holds."""
+
+import json
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.cli.admin import DataOption, LanguageOption, find_settings, print_sentence, refusals_printed
+from app.cli.output import Exit
+from app.errors import BadParameter
+from app.report.words.wording import Language, load_wording
+
+if TYPE_CHECKING:
+    from app.jobs.recordings import RecordingStore
+    from app.jobs.store import JobStore
+    from app.settings import Settings
+
+OrganisationOption = Annotated[str, typer.Option("--organisation", metavar="ID", help="Another than own.")]
+MOST_SHOWN = 1000
+
+trail = typer.Typer(help="Who did what: prove the trail, ask it, export it.", no_args_is_help=True)
+hold = typer.Typer(help="Keep a recording whatever happens.", no_args_is_help=True)
+
+
+@trail.command("verify")
+def verify_trail(
+    data: DataOption = None,
+    organisation: OrganisationOption = "own",
+    anchor: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Heads written down; else ACROMION_TRAIL_ANCHOR.")
+    ] = None,
+    lang: LanguageOption = "en",
+) -> None:
+    """Prove the chain: a line altered, a line removed or the end cut off is named."""
+    from app.jobs.trail import check_chain  # noqa: PLC0415  the database, and only this needs it
+    from app.upkeep.anchors import find_anchors  # noqa: PLC0415
+
+    settings = find_settings(data).for_organisation(organisation)
+    with _opened(lang, settings) as store:
+        anchors = find_anchors(settings, anchor)
+        number, faults = check_chain(store.reader, anchors or ())
+    for fault in faults:
+        print_sentence(lang, "trail", fault.finding, first=str(fault.first), last=str(fault.last))
+    if anchors is None:
+        print_sentence(lang, "trail", "unanchored")
+    if faults:
+        raise typer.Exit(Exit.SOME_FAILED)
+    print_sentence(lang, "trail", "whole", number=str(number))
+
+
+@trail.command("show")
+def show_trail(
+    subject: Annotated[str, typer.Option(help="Who touched this subject's recordings.")] = "",
+    recording: Annotated[str, typer.Option(metavar="ID", help="An erased one, too.")] = "",
+    who: Annotated[str, typer.Option(metavar="ID", help="What did this person, token or machine do.")] = "",
+    begin: Annotated[str, typer.Option("--from", metavar="TIME", help="ISO 8601; without a zone UTC.")] = "",
+    end: Annotated[str, typer.Option("--to", metavar="TIME")] = "",
+    form: Annotated[str, typer.Option(help="text, csv or jsonl; the last two give every line.")] = "text",
+    data: DataOption = None,
+    organisation: OrganisationOption = "own",
+    lang: LanguageOption = "en",
+) -> None:
+    """Answer who touched a subject, or what somebody did, between two moments; the newest first."""
+    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+    from app.jobs.trail import TrailQuestion, find_lines  # noqa: PLC0415
+
+    settings = find_settings(data).for_organisation(organisation)
+    with _opened(lang, settings) as store:
+        ids = frozenset({recording}) if recording else None
+        if subject and ids is None:
+            ids = RecordingStore(store.engine, store.reader).find_of_subject(subject)
+        question = TrailQuestion(ids, who, "", _read_moment(begin), _read_moment(end))
+        _record_asked(store)
+        _print_lines(
+            form, map(asdict, find_lines(store.reader, question, most=MOST_SHOWN * (form == "text"))), lang
+        )
+
+
+@hold.command("begin")
+def begin_hold(
+    recording: Annotated[str, typer.Argument(metavar="RECORDING")],
+    reason: Annotated[str, typer.Option(help="legal, complaint, insurance, study or other")] = "legal",
+    data: DataOption = None,
+    organisation: OrganisationOption = "own",
+    lang: LanguageOption = "en",
+) -> None:
+    """Put a recording on hold: nothing of it is deleted for good."""
+    from app.jobs.recordings import HOLD_REASONS  # noqa: PLC0415
+    from app.jobs.trail import AT_MACHINE  # noqa: PLC0415
+
+    with _opened_recordings(lang, find_settings(data).for_organisation(organisation)) as recordings:
+        code = next((one for one in HOLD_REASONS if one == reason), None)
+        if code is None:
+            raise BadParameter(name="reason", value=reason[:20], allowed=", ".join(HOLD_REASONS))
+        recordings.hold(recording, code, AT_MACHINE)
+    print_sentence(lang, "trail", "held", id=recording)
+
+
+@hold.command("end")
+def end_hold(
+    recording: Annotated[str, typer.Argument(metavar="RECORDING")],
+    data: DataOption = None,
+    organisation: OrganisationOption = "own",
+    lang: LanguageOption = "en",
+) -> None:
+    """End the hold of a recording."""
+    with _opened_recordings(lang, find_settings(data).for_organisation(organisation)) as recordings:
+        recordings.let_go(recording)
+    print_sentence(lang, "trail", "let_go", id=recording)
+
+
+def retention(
+    kind: Annotated[str, typer.Argument(metavar="[KIND]", help="recordings, results, trash, trail")] = "",
+    days: Annotated[str, typer.Argument(metavar="[DAYS]", help='Days of running time, or "never".')] = "",
+    data: DataOption = None,
+    organisation: OrganisationOption = "own",
+    lang: LanguageOption = "en",
+) -> None:
+    """Show how long each kind is kept, or change the term of one."""
+    from app.jobs.governance.retention import RetentionStore  # noqa: PLC0415
+
+    with _opened(lang, find_settings(data).for_organisation(organisation)) as store:
+        terms = RetentionStore(store.engine, store.reader)
+        if kind:
+            terms.put(kind, _read_days(days))
+        for name, number in terms.find_all().items():
+            sentence = "term" if number is not None else "for_good"
+            what = load_wording(lang, "trail")["terms"][name]
+            print_sentence(lang, "trail", sentence, what=what, days=str(number or ""))
+
+
+def _read_days(text: str) -> int | None:
+    if text == "never":
+        return None
+    if not text.isdecimal() or len(text) > 6:
+        raise BadParameter(name="days", value=text[:20], allowed="1, 2, 3 …, never")
+    return int(text)
+
+
+def _read_moment(text: str) -> str:
+    from app.jobs.trail import parse_moment  # noqa: PLC0415
+
+    try:
+        return parse_moment(text)
+    except ValueError:
+        raise BadParameter(name="time", value=text[:40], allowed="2026-11-23T07:00") from None
+
+
+def _record_asked(store: "JobStore") -> None:
+    from app.jobs.trail import record_alone  # noqa: PLC0415
+
+    record_alone(store.engine, "trail.read")
+
+
+def _print_lines(form: str, lines: Iterator[dict[str, str | int]], language: Language) -> None:
+    if form not in ("text", "csv", "jsonl"):
+        raise BadParameter(name="form", value=form[:20], allowed="text, csv, jsonl")
+    acts, names = load_wording(language, "trail")["act"], load_wording(language, "trail")["who"]
+    if form == "csv":
+        typer.echo("seq,at,who,act,recording_id,analysis_id,other,prev,hash")
+    for line in lines:
+        if form == "jsonl":
+            typer.echo(json.dumps(line))
+        elif form == "csv":
+            typer.echo(",".join(_quote(str(value)) for value in line.values()))
+        else:
+            who, act = str(line["who"]), str(line["act"])
+            about = (line["recording_id"], line["analysis_id"], line["other"])
+            parts = (line["seq"], line["at"], names.get(who, who), acts[act.replace(".", "_")], *about)
+            typer.echo("  ".join(map(str, parts)).rstrip())
+
+
+def _quote(value: str) -> str:
+    return '"' + value.replace('"', '""') + '"' if '"' in value or "," in value else value
+
+
+@contextmanager
+def _opened(language: Language, settings: "Settings") -> "Iterator[JobStore]":
+    """Open a database for whoever sits at the machine; refusals are printed."""
+    from app.jobs.store import JobStore  # noqa: PLC0415
+    from app.jobs.trail import AT_MACHINE, set_actor  # noqa: PLC0415
+
+    with refusals_printed(language, settings):
+        set_actor(AT_MACHINE)
+        with closing(JobStore(settings.database_url)) as store:
+            yield store
+
+
+@contextmanager
+def _opened_recordings(language: Language, settings: "Settings") -> "Iterator[RecordingStore]":
+    from app.jobs.recordings import RecordingStore  # noqa: PLC0415
+
+    with _opened(language, settings) as store:
+        yield RecordingStore(store.engine, store.reader)

@@ -1,0 +1,157 @@
+"""Retention: how long an organisation keeps each kind of data. Without a row a kind is kept for good.
+
+Ages are counted in the running time of the server, never by the clock: a clock that is put forward deletes
+nothing. What is on hold is not deleted.
+"""
+
+from collections.abc import Mapping
+from typing import Literal, get_args
+
+from sqlalchemy import ColumnElement, Connection, delete, func, insert, select, update
+
+from app.errors import BadParameter
+from app.jobs.database.tables import (
+    analyses,
+    answers,
+    recordings,
+    result_files,
+    retention,
+    running_time,
+    trail,
+    trail_marks,
+)
+from app.jobs.idempotency import drop_traces
+from app.jobs.job import TRANSITIONS, JobState
+from app.jobs.queries import STORED, RowStore, select_running_s
+from app.jobs.side_files import increment_revision
+from app.jobs.trail import record
+
+Kind = Literal["recordings", "results", "trash", "trail"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+DAY_S = 24 * 3600.0
+LONGEST_DAYS = 36_500
+MOST_AT_ONCE = 50
+
+
+class RetentionStore(RowStore):
+    """Rows of terms, and what has reached its term."""
+
+    def find_all(self) -> Mapping[Kind, int | None]:
+        """Give the days of each kind; None where it is kept for good."""
+        rows = {row.kind: int(row.days) for row in self._read_all(select(retention))}
+        return {kind: rows.get(kind) for kind in KINDS}
+
+    def put(self, kind: str, days: int | None) -> None:
+        """Change the term of a kind; None keeps it for good.
+
+        Raises
+        ------
+        BadParameter
+        """
+        if kind not in KINDS:
+            raise BadParameter(name="kind", value=kind[:20], allowed=", ".join(KINDS))
+        if days is not None and not 1 <= days <= LONGEST_DAYS:
+            raise BadParameter(name="days", value=str(days)[:20], allowed=f"1 … {LONGEST_DAYS}")
+        with self._engine.begin() as connection:
+            connection.execute(delete(retention).where(retention.c.kind == kind))
+            if days is not None:
+                connection.execute(insert(retention).values(kind=kind, days=days))
+            record(connection, "retention.changed", other={"kind": kind, "days": days or "for_good"})
+
+    def add_running_time(self, elapsed_s: float) -> None:
+        """Count running time, and mark the head of the trail once a day of it."""
+        with self._engine.begin() as connection:
+            longer = {"running_s": running_time.c.running_s + elapsed_s}
+            if connection.execute(update(running_time).values(longer)).rowcount == 0:
+                connection.execute(insert(running_time).values(id=1, running_s=elapsed_s))
+            _mark_trail(connection)
+
+    def find_due_recordings(self) -> tuple[str, ...]:
+        """Give recordings whose term has passed, a few at a time; none on hold."""
+        days = self.find_all()["recordings"]
+        if days is None:
+            return ()
+        is_old = select_running_s() - recordings.c.since_s >= days * DAY_S
+        query = select(recordings.c.id).where(
+            recordings.c.state == STORED, recordings.c.hold.is_(None), is_old
+        )
+        return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
+
+    def find_due_results(self) -> tuple[str, ...]:
+        """Give analyses whose term has passed since they ended, a few at a time; none of a held recording."""
+        days = self.find_all()["results"]
+        if days is None:
+            return ()
+        is_old = select_running_s() - func.coalesce(analyses.c.ended_s, 0.0) >= days * DAY_S
+        query = (
+            select(analyses.c.id)
+            .join(recordings, analyses.c.recording_id == recordings.c.id)
+            .where(recordings.c.hold.is_(None), recordings.c.state == STORED, is_old, _is_over())
+        )
+        return tuple(row.id for row in self._read_all(query.limit(MOST_AT_ONCE)))
+
+    def find_trash_term_s(self, otherwise_s: float) -> float:
+        """Give how long the trash is kept; ``otherwise_s`` where the organisation has not said."""
+        days = self.find_all()["trash"]
+        return otherwise_s if days is None else days * DAY_S
+
+    def drop_analysis(self, analysis_id: str) -> bool:
+        """Delete the rows of an analysis that is over; False where its recording is on hold by now.
+
+        Its files are to be removed after that: what no row names, a start puts into quarantine.
+        """
+        mine = analyses.c.id == analysis_id
+        held = (
+            select(recordings.c.id, recordings.c.hold)
+            .join(analyses, analyses.c.recording_id == recordings.c.id)
+            .where(mine, _is_over())
+        )
+        with self._engine.begin() as connection:
+            row = connection.execute(held.with_for_update(of=recordings)).one_or_none()
+            if row is None or row.hold is not None:
+                return False
+            connection.execute(delete(result_files).where(result_files.c.analysis_id == analysis_id))
+            connection.execute(delete(answers).where(answers.c.analysis_id == analysis_id))
+            connection.execute(delete(analyses).where(mine))
+            drop_traces(connection, {analysis_id})
+            increment_revision(connection, row.id)
+            record(connection, "analysis.purged", row.id, analysis_id)
+        return True
+
+    def shorten_trail(self) -> int:
+        """Delete the lines of the trail whose term has passed; gives how many.
+
+        A new line names the last that is gone, with its hash: the chain is proved from there. The newest
+        line always stays.
+        """
+        days = self.find_all()["trail"]
+        if days is None:
+            return 0
+        is_old = select_running_s() - trail_marks.c.since_s >= days * DAY_S
+        due = select(func.max(trail_marks.c.seq)).where(is_old)
+        with self._engine.begin() as connection:
+            until = connection.execute(due).scalar()
+            newest = connection.execute(select(func.max(trail.c.seq))).scalar()
+            last = connection.execute(select(trail.c.hash).where(trail.c.seq == until)).scalar()
+            if until is None or last is None or until >= newest:
+                return 0
+            gone = connection.execute(delete(trail).where(trail.c.seq <= until)).rowcount
+            connection.execute(delete(trail_marks).where(trail_marks.c.seq <= until))
+            record(connection, "trail.shortened", other={"until": int(until), "hash": last})
+        return int(gone)
+
+
+def _is_over() -> ColumnElement[bool]:
+    return analyses.c.state.in_([state for state in JobState if not TRANSITIONS[state]])
+
+
+def _mark_trail(connection: Connection) -> None:
+    """Mark the head where the last mark is a day of running time old; older lines are at least as old."""
+    now_s = float(connection.execute(select(select_running_s())).scalar_one())
+    last_s = connection.execute(select(func.max(trail_marks.c.since_s))).scalar()
+    head = connection.execute(select(func.max(trail.c.seq))).scalar()
+    if head is None or (last_s is not None and now_s - float(last_s) < DAY_S):
+        return
+    known = connection.execute(select(trail_marks.c.seq).where(trail_marks.c.seq == head)).scalar()
+    if known is None:
+        connection.execute(insert(trail_marks).values(seq=head, since_s=now_s))

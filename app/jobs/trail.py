@@ -1,0 +1,388 @@
+"""The trail: a line for every act on the data of an organisation, chained by SHA-256.
+
+A line stands in the commit of its act: :func:`record` notes it on the connection, and the engine writes what
+was noted when the transaction commits. The head of the chain is locked last, so that no deadlock comes of it;
+a rollback drops the lines with the act. A line holds ids and codes: no figure, name or subject code.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any, Literal, get_args
+
+from sqlalchemy import Connection, Engine, Select, event, insert, select, text
+
+from app.jobs.database.tables import analyses, trail
+
+Act = Literal[
+    "trail.began",
+    "trail.read",
+    "trail.exported",
+    "trail.shortened",
+    "server.started",
+    "server.stopped",
+    "store.backed_up",
+    "store.restored",
+    "store.recovered",
+    "store.verified",
+    "upload.began",
+    "upload.described",
+    "upload.stored",
+    "upload.dropped",
+    "recording.stored",
+    "recording.read",
+    "recording.changed",
+    "recording.tagged",
+    "recording.trashed",
+    "recording.restored",
+    "recording.purging",
+    "recording.purged",
+    "recording.held",
+    "recording.let_go",
+    "analysis.asked",
+    "analysis.succeeded",
+    "analysis.failed",
+    "analysis.cancelled",
+    "analysis.replaced",
+    "analysis.purged",
+    "report.read",
+    "report.concluded",
+    "report.released",
+    "report.taken_back",
+    "list.read",
+    "file.exported",
+    "aggregate.read",
+    "aggregate.published",
+    "study.joined",
+    "batch.asked",
+    "batch.retried",
+    "webhook.added",
+    "webhook.dropped",
+    "view.saved",
+    "view.dropped",
+    "columns.named",
+    "columns.changed",
+    "columns.dropped",
+    "live.started",
+    "live.ended",
+    "retention.changed",
+    "refused",
+    "organisation.added",
+    "person.added",
+    "person.changed",
+    "person.ended",
+    "people.read",
+    "login.succeeded",
+    "login.failed",
+    "login.ended",
+    "password.changed",
+    "second_factor.changed",
+    "token.added",
+    "token.ended",
+]
+ACTS: frozenset[str] = frozenset(get_args(Act))
+SYSTEM, AT_MACHINE, NOBODY = "system", "machine", "nobody"
+"""Who acts where no person or token does: workers and housekeeping, the command line, somebody unknown."""
+
+_LOCK = 0x74726C  # an arbitrary number: whoever holds this advisory lock writes the chain's next line
+_NOTED = "acromion.trail"
+_CODE = re.compile(r"[\w./:{}=+*-]{0,120}", re.ASCII)
+_GENESIS = ""
+
+_actor: ContextVar[str] = ContextVar("actor", default=SYSTEM)
+_touched: ContextVar[dict[str, str] | None] = ContextVar("touched", default=None)
+
+
+def set_actor(who: str) -> None:
+    """Set who acts in this task, and in the threads it starts."""
+    _actor.set(who)
+
+
+def find_actor() -> str:
+    """Give who acts here."""
+    return _actor.get()
+
+
+def begin_touching() -> dict[str, str]:
+    """Begin to collect the analyses whose files this task reads: recording by analysis."""
+    found: dict[str, str] = {}
+    _touched.set(found)
+    return found
+
+
+def touch(recording_id: str, analysis_id: str) -> None:
+    """Collect an analysis whose files are read now."""
+    found = _touched.get()
+    if found is not None:
+        found[analysis_id] = recording_id
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line that is not chained yet; ``other`` is JSON of further ids and codes."""
+
+    at: str
+    who: str
+    act: str
+    recording_id: str
+    analysis_id: str
+    other: str
+
+
+def record(  # noqa: PLR0913 - the columns of a line
+    connection: Connection,
+    act: Act,
+    recording_id: str = "",
+    analysis_id: str = "",
+    *,
+    other: Mapping[str, str | int] | None = None,
+    who: str | None = None,
+) -> None:
+    """Note an act; its line is written when the transaction of the connection commits.
+
+    Raises
+    ------
+    ValueError
+        The act is not on the list, or ``other`` holds more than ids and codes.
+    """
+    codes = {} if other is None else dict(other)
+    if act not in ACTS or not all(_CODE.fullmatch(str(code)) for code in codes.values()):
+        raise ValueError(act)
+    at = datetime.now(UTC).isoformat(timespec="microseconds")
+    written = json.dumps(codes, sort_keys=True) if codes else ""
+    line = Line(at, find_actor() if who is None else who, act, recording_id, analysis_id, written)
+    _find_noted(connection).append(line)
+
+
+def record_alone(
+    engine: Engine, act: Act, other: Mapping[str, str | int] | None = None, who: str | None = None
+) -> None:
+    """Write the line of an act that changes no row."""
+    with engine.begin() as connection:
+        record(connection, act, other=other, who=who)
+
+
+def record_readings(
+    engine: Engine, act: Act, read: Sequence[tuple[str, str]], other: Mapping[str, str | int]
+) -> None:
+    """Write a line for each recording or analysis that is read (recording and analysis id, "" where none)."""
+    with engine.begin() as connection:
+        for recording_id, analysis_id in read:
+            of_it = recording_id or _find_recording(connection, analysis_id)
+            known = analysis_id if of_it else ""
+            record(connection, act, recording_id=of_it, analysis_id=known, other=other)
+
+
+def keep_trail(engine: Engine) -> None:
+    """Let an engine write what was noted with each commit."""
+    event.listen(engine, "commit", _write_noted)
+    event.listen(engine, "rollback", _drop_noted)
+
+
+def _find_recording(connection: Connection, analysis_id: str) -> str:
+    query = select(analyses.c.recording_id).where(analyses.c.id == analysis_id)
+    return str(connection.execute(query).scalar() or "") if analysis_id else ""
+
+
+def _find_noted(connection: Connection) -> list[Line]:
+    """Give the lines noted in this transaction; those of another, which has not committed, are dropped."""
+    transaction = connection.get_transaction()
+    known = connection.info.get(_NOTED)
+    if known is None or known[0] is not transaction:
+        known = connection.info[_NOTED] = (transaction, [])
+    lines: list[Line] = known[1]
+    return lines
+
+
+def _drop_noted(connection: Connection) -> None:
+    connection.info.pop(_NOTED, None)
+
+
+def _write_noted(connection: Connection) -> None:
+    known = connection.info.pop(_NOTED, None)
+    if known is not None and known[0] is connection.get_transaction() and known[1]:
+        _append(connection, known[1])
+
+
+def _append(connection: Connection, lines: Iterable[Line]) -> None:
+    """Chain lines to the head, which is locked until the commit."""
+    if connection.dialect.name == "postgresql":
+        locked = text("SELECT pg_advisory_xact_lock(:key, hashtext(current_schema()))")
+        connection.execute(locked, {"key": _LOCK})
+    head = connection.execute(_select_head()).one_or_none()
+    seq, prev = (head.seq, head.hash) if head else (0, _GENESIS)
+    rows = []
+    for line in lines:
+        seq += 1
+        row = asdict(line) | {"seq": seq, "prev": prev}
+        prev = row["hash"] = hash_line(row)
+        rows.append(row)
+    connection.execute(insert(trail), rows)
+
+
+def _select_head() -> Select[Any]:
+    return select(trail.c.seq, trail.c.hash).order_by(trail.c.seq.desc()).limit(1)
+
+
+HASHED = ("seq", "at", "who", "act", "recording_id", "analysis_id", "other", "prev")
+
+
+def hash_line(row: Mapping[str, Any]) -> str:
+    """Give the SHA-256 of a line: of its columns in order, as JSON, with the hash of the line before."""
+    content = json.dumps([row[name] for name in HASHED], ensure_ascii=True, separators=(",", ":"))
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+# Proof: what was altered, removed or cut off.
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """The last line of a chain at some moment, as it was written down elsewhere."""
+
+    at: str
+    seq: int
+    hash: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrailFault:
+    """A fault of the chain: its kind, and the first and last line that it is about."""
+
+    finding: Literal["altered", "replaced", "removed", "cut", "not_anchored"]
+    first: int
+    last: int
+
+
+def read_head(reader: Engine) -> Head:
+    """Give the head of the chain; line 0 where there is none."""
+    query = select(trail.c.at, trail.c.seq, trail.c.hash).order_by(trail.c.seq.desc()).limit(1)
+    with reader.connect() as connection:
+        row = connection.execute(query).one_or_none()
+    return Head(row.at, row.seq, row.hash) if row else Head("", 0, _GENESIS)
+
+
+def check_chain(reader: Engine, anchors: Sequence[Head] = ()) -> tuple[int, tuple[TrailFault, ...]]:
+    """Read the whole trail; gives the number of its lines, and every fault.
+
+    A line that was altered does not have its hash; one that was written anew with its hash is not what the
+    next names; one that was removed leaves a gap. The end that was cut off shows only by ``anchors``.
+    """
+    with reader.connect() as connection:
+        start = _read_start(connection)
+        walk = _Walk(*start, {anchor.seq: anchor.hash for anchor in anchors})
+        rows = connection.execution_options(yield_per=1000).execute(select(trail).order_by(trail.c.seq))
+        for row in rows:
+            walk.step(row._asdict())
+    faults = walk.faults
+    last = max((anchor.seq for anchor in anchors), default=0)
+    if not walk.number and not last:
+        faults.append(TrailFault("removed", 1, 1))
+    if last > walk.seq:
+        faults.append(TrailFault("cut", walk.seq + 1, last))
+    return walk.number, tuple(faults)
+
+
+class _Walk:
+    """A walk along the chain, from the line before its first."""
+
+    def __init__(self, seq: int, prev: str, anchored: Mapping[int, str]) -> None:
+        self.seq, self.number = seq, 0
+        self.faults: list[TrailFault] = []
+        self._prev, self._anchored = prev, anchored
+
+    def step(self, row: Mapping[str, Any]) -> None:
+        seq = int(row["seq"])
+        if seq > self.seq + 1:
+            self.faults.append(TrailFault("removed", self.seq + 1, seq - 1))
+        elif row["prev"] != self._prev:
+            self.faults.append(TrailFault("replaced", self.seq, seq))
+        if hash_line(row) != row["hash"]:
+            self.faults.append(TrailFault("altered", seq, seq))
+        elif self._anchored.get(seq, row["hash"]) != row["hash"]:
+            self.faults.append(TrailFault("not_anchored", seq, seq))
+        self.seq, self._prev, self.number = seq, row["hash"], self.number + 1
+
+
+def _read_start(connection: Connection) -> tuple[int, str]:
+    """Give number and hash of the line before the first: retention says which it removed last."""
+    query = select(trail.c.other).where(trail.c.act == "trail.shortened").order_by(trail.c.seq.desc())
+    written = connection.execute(query.limit(1)).scalar()
+    if written is None:
+        return 0, _GENESIS
+    try:
+        found = json.loads(written)
+        return int(found["until"]), str(found["hash"])
+    except (ValueError, KeyError, TypeError):  # altered: its own line says so
+        return 0, _GENESIS
+
+
+# Questions: who touched a recording, what did somebody do.
+
+MOST_IDS = 500
+
+
+@dataclass(frozen=True, slots=True)
+class TrailQuestion:
+    """Which lines are asked for; what is left out lets any through.
+
+    ``begin`` and ``end`` are ISO 8601 in UTC; a line at ``end`` is left out. ``recording_ids``: None for any.
+    """
+
+    recording_ids: frozenset[str] | None = None
+    who: str = ""
+    act: str = ""
+    begin: str = ""
+    end: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TrailLine:
+    """A line of the trail as it is shown and exported."""
+
+    seq: int
+    at: str
+    who: str
+    act: str
+    recording_id: str
+    analysis_id: str
+    other: str
+    prev: str
+    hash: str
+
+
+def find_lines(
+    reader: Engine, asked: TrailQuestion, *, before: int = 0, most: int = 0
+) -> Iterator[TrailLine]:
+    """Give the lines that a question is about, the newest first; ``before`` goes on after a page of them."""
+    query = select(trail).order_by(trail.c.seq.desc())
+    equal = {"who": asked.who, "act": asked.act}
+    for name, value in equal.items():
+        query = query.where(trail.c[name] == value) if value else query
+    query = query.where(trail.c.at >= asked.begin) if asked.begin else query
+    query = query.where(trail.c.at < asked.end) if asked.end else query
+    query = query.where(trail.c.seq < before) if before else query
+    if asked.recording_ids is not None:
+        query = query.where(trail.c.recording_id.in_(sorted(asked.recording_ids)[:MOST_IDS]))
+    with reader.connect() as connection:
+        found = query.limit(most) if most else query
+        for row in connection.execution_options(yield_per=1000).execute(found):
+            yield TrailLine(**row._asdict())
+
+
+def parse_moment(text_: str) -> str:
+    """Read a moment of a question as the lines hold it, in UTC; without a zone it is UTC.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not text_:
+        return ""
+    moment = datetime.fromisoformat(text_)
+    known = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return known.astimezone(UTC).isoformat(timespec="microseconds")

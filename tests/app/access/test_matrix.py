@@ -1,0 +1,189 @@
+"""Every route, by everybody: who is nobody, elsewhere, of each role, or whose login is over."""
+
+import json
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import pytest
+from fastapi.testclient import TestClient
+from starlette.testclient import WebSocketDenialResponse
+from starlette.websockets import WebSocketDisconnect
+
+from app.access.routes import NEEDED
+from app.access.subjects import ROLES, Permission, collect_permissions
+from app.jobs.recordings import Description
+from app.request import ReportRequest
+from app.settings import Settings
+from tests.app.access.conftest import House
+
+REFUSED = (401, 403)
+UNKNOWN = {
+    "analysis_id": "an_00000000000000ff",
+    "validation_id": "an_00000000000000ff",
+    "recording_id": "rec_00000000000000ff",
+    "upload_id": "up_" + "0" * 28,
+    "batch_id": "ba_00000000000000ff",
+    "study_id": "ba_00000000000000ff",
+    "webhook_id": "wh_00000000000000ff",
+    "view_id": "view_00000000000000ff",
+    "header": "00000000000000ff",
+    "session_id": "nothere",
+}
+PLAIN = {"ticket": "x", "code": "E-404", "kind": "trash", "form": "pdf", "act": "tag", "name": "x"}
+SLOW = {("POST", "/sample"), ("GET", "/example/report.pdf"), ("GET", "/example/report.html")}
+"""What takes seconds to make; its refusals are tried like all others."""
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """Somebody who calls: the headers, and what is permitted; None where the server knows nobody."""
+
+    name: str
+    headers: Mapping[str, str]
+    permissions: frozenset[Permission] | None
+
+
+@pytest.fixture
+def visitors(house: House, settings: Settings) -> list[Visitor]:
+    found = [
+        Visitor("nobody", {}, None),
+        Visitor("expired session", house.log_in_too_long_ago("clinician", settings), None),
+    ]
+    revoked = house.add_token("clinician", "read", "export")
+    house.revoke(revoked)
+    found.append(Visitor("revoked token", {"Authorization": f"Bearer {revoked}"}, None))
+    reads = house.add_token("clinician", "read")
+    own: frozenset[Permission] = frozenset({"read"})
+    found.append(Visitor("token that reads", {"Authorization": f"Bearer {reads}"}, own))
+    of_roles = (Visitor(role, house.log_in(role), collect_permissions(frozenset({role}))) for role in ROLES)
+    return [*found, *of_roles]
+
+
+@pytest.fixture
+def known(house: House) -> dict[str, str]:
+    """Ids of things that are there, in the organisation "own"."""
+    services = house.services
+    upload = services.storage.open_upload(1_000_000)
+    upload.write(b"recording")
+    job = services.store.add(upload.keep(), ReportRequest("shift.gt3x", "W-1"), study="spring")
+    batch = services.batches.find_newest(1)[0].id
+    services.views.add("mine", "text=W")
+    services.mappings.put("00000000000000aa", "logger", "{}", is_confirmed=False)
+    ids = {
+        "analysis_id": job.id,
+        "validation_id": job.id,
+        "recording_id": job.recording_id,
+        "upload_id": services.uploads.open(10, "", Description("x")).id,
+        "batch_id": batch,
+        "study_id": batch,
+        "webhook_id": services.webhooks.add("https://example.org/", ("batch.finished",)).id,
+        "view_id": services.views.find_all()[0].id,
+        "header": "00000000000000aa",
+        "session_id": "nothere",
+    }
+    assert ids.keys() == UNKNOWN.keys()
+    return ids
+
+
+def fill(path: str, ids: Mapping[str, str]) -> str:
+    return re.sub(r"{(\w+)}", lambda found: {**ids, **PLAIN}[found[1]], path)
+
+
+def list_http() -> Iterator[tuple[str, str]]:
+    return (line for line in NEEDED if line[0] != "WS")
+
+
+def is_allowed(visitor: Visitor, method: str, path: str) -> bool:
+    needed = NEEDED[method, path]
+    return needed == "public" or (visitor.permissions is not None and needed in visitor.permissions)
+
+
+def expect(visitor: Visitor, method: str, path: str, status: int) -> bool:
+    """Tell whether a status is what the table of permissions says."""
+    if not is_allowed(visitor, method, path):
+        return status == (401 if visitor.permissions is None else 403)
+    is_own_refusal = path in ("/login", "/login/once/{ticket}")  # these ask for a secret of their own
+    return is_own_refusal or status not in REFUSED
+
+
+def test_every_route_answers_each_visitor_as_the_table_says(
+    caller: TestClient, visitors: list[Visitor], known: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong, count = [], 0
+    for method, path in list_http():
+        for visitor in visitors:
+            allowed = is_allowed(visitor, method, path)
+            if allowed and (method, path) in SLOW:
+                continue
+            address = fill(path, UNKNOWN if allowed else known)
+            status = caller.request(method, address, headers=dict(visitor.headers)).status_code
+            count += 1
+            if not expect(visitor, method, path, status):
+                wrong.append((method, path, visitor.name, status))
+
+    with capsys.disabled():
+        sys.stdout.write(f"\nmatrix of routes: {count} requests, {len(wrong)} wrong\n")
+    assert wrong == []
+    assert count > 1000
+
+
+def test_head_gives_nobody_more_than_get(
+    caller: TestClient, visitors: list[Visitor], known: dict[str, str]
+) -> None:
+    """No route takes HEAD: the answer is the same for all."""
+    seen = {
+        (visitor.name, caller.request("HEAD", fill(path, known), headers=dict(visitor.headers)).status_code)
+        for method, path in list_http()
+        if method == "GET" and "/vendor/" not in path
+        for visitor in visitors
+    }
+
+    assert {status for _, status in seen} == {405}
+
+
+def test_a_live_session_asks_for_the_permission_to_upload(house: House, visitors: list[Visitor]) -> None:
+    outcomes = {}
+    for visitor in visitors:
+        with TestClient(house.application, "http://localhost:8080") as client:
+            try:
+                with client.websocket_connect("/api/v1/live", headers=dict(visitor.headers)) as socket:
+                    socket.send_text("{}")
+                    outcomes[visitor.name] = json.loads(socket.receive_text())["type"]
+            except (WebSocketDisconnect, WebSocketDenialResponse):
+                outcomes[visitor.name] = "refused"
+
+    uploads = {visitor.name for visitor in visitors if "upload" in (visitor.permissions or ())}
+    assert outcomes == {
+        visitor.name: "problem" if visitor.name in uploads else "refused" for visitor in visitors
+    }
+
+
+def test_a_foreign_id_is_answered_as_an_unknown_one(
+    house: House, caller: TestClient, known: dict[str, str]
+) -> None:
+    other = dict(house.log_in("other"))
+    differ, count = [], 0
+    for method, path in list_http():
+        names = re.findall(r"{(\w+)}", path)
+        if not any(name in UNKNOWN for name in names):
+            continue
+        foreign, unknown = (
+            caller.request(method, fill(path, ids), headers=other) for ids in (known, UNKNOWN)
+        )
+        count += 1
+        if (foreign.status_code, _blank(foreign.text, known)) != (
+            unknown.status_code,
+            _blank(unknown.text, UNKNOWN),
+        ):
+            differ.append((method, path, foreign.status_code, unknown.status_code))
+
+    assert differ == []
+    assert count > 60
+
+
+def _blank(text: str, ids: Mapping[str, str]) -> str:
+    for one in sorted(set(ids.values()), key=len, reverse=True):
+        text = text.replace(one, "ID")
+    return re.sub(r'"reference[^,]*', "", text)
