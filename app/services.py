@@ -30,6 +30,7 @@ from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.incoming import Incoming, UploadSlots
 from app.storage.open import open_storage
+from app.storage.sealing import SealedStorage
 from app.storage.store import Storage, check_folder, read_or_create_id
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ class Services:
     """The database, the folders and the settings of this server."""
 
     store: JobStore
-    storage: Storage
+    storage: SealedStorage
     settings: Settings
     recordings: RecordingStore
     uploads: UploadStore
@@ -180,7 +181,7 @@ def open_services(settings: Settings) -> Services:
     store = JobStore(settings.database_url)
     store.check_belongs(storage.identify())
     rows = (store.engine, store.reader)
-    incoming = Incoming(settings.data_dir / "incoming")
+    incoming = Incoming(settings.data_dir / "incoming", storage.keys)
     inspector = Inspector(settings, settings.data_dir / "inspections")
     results = ResultReader(store, storage)
     incoming.prepare()

@@ -15,7 +15,7 @@ from sqlalchemy.exc import OperationalError
 from app.api.analyses import run_to_end
 from app.api.recordings import forget_samples, purge_recording
 from app.api.side_files import write_side_files
-from app.api.uploads import drop_upload
+from app.api.uploads import drop_upload, forget_unfinished
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload
 from app.jobs.processes.leader import Leader
@@ -119,8 +119,11 @@ def _finish_purges(services: Services, unknown: Unknown) -> None:
 
 
 def _drop_temporary(services: Services) -> int:
-    uploads = services.uploads
-    swept = services.incoming.sweep(uploads.find_growing(), uploads.find_known(), INCOMING_S)
+    uploads, swept = services.uploads, 0
+    for upload_id in services.incoming.find_stale(uploads.find_growing(), uploads.find_known(), INCOMING_S):
+        recording_id = services.incoming.find_recording_id(upload_id)
+        swept += services.incoming.sweep(upload_id)
+        forget_unfinished(services, recording_id)
     return swept + services.storage.drop_temporary(TEMPORARY_S)
 
 

@@ -136,9 +136,9 @@ class RecordingStore(RowStore):
         rows = self._read_all(query.order_by(*newest_first).limit(limit))
         return tuple(_read_recording(row) for row in rows)
 
-    def find_known(self, digests: Collection[str]) -> frozenset[str]:
-        """Give those of some SHA-256 that belong to a recording, in the trash or not."""
-        query = select(recordings.c.sha256).where(recordings.c.sha256.in_(digests)).distinct()
+    def find_known(self, recording_ids: Collection[str]) -> frozenset[str]:
+        """Give those of some ids that belong to a recording, in the trash or not."""
+        query = select(recordings.c.id).where(recordings.c.id.in_(recording_ids))
         return self._read_ids(query)
 
     def change(self, recording_id: str, version: int, values: Mapping[str, object]) -> StoredRow:

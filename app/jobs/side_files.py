@@ -8,12 +8,14 @@ closes. Where a side file and the rows differ, the rows count.
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection, Engine, Table, insert, select, update
 
+from app.errors import KeyGone
 from app.jobs.database.dump import reset_row
 from app.jobs.database.tables import (
     REVISION,
@@ -27,6 +29,8 @@ from app.jobs.database.tables import (
 from app.jobs.job import TRANSITIONS, JobState
 from app.jobs.queries import PURGING
 from app.storage.store import SIDE_SUFFIX, Storage, format_side_file_name
+
+logger = logging.getLogger(__name__)
 
 SCHEMA = "acromion.recording/1"
 TABLES: tuple[Table, ...] = (recordings, analyses, result_files, answers, batches, batch_items)
@@ -225,7 +229,10 @@ class SideWriter:
         if side is None:
             return True
         self._quarantine_newer(recording_id, side)
-        self.storage.write_small(format_side_file_name(recording_id), side.encode())
+        try:
+            self.storage.write_small(format_side_file_name(recording_id), side.encode())
+        except KeyGone:  # nothing of it can be read any more, nor written beside it
+            logger.warning("the key of %s is not here: its side file is not written", recording_id)
         mine = (recordings.c.id == recording_id, recordings.c.revision == side.revision)
         with self.engine.begin() as connection:
             written = update(recordings).where(*mine).values(side_revision=side.revision)

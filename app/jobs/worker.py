@@ -44,7 +44,8 @@ from app.settings import Settings
 from app.storage.decoded import DecodedCache
 from app.storage.known import KnownLogs
 from app.storage.open import load_extra, open_storage
-from app.storage.store import Storage, borrow_recording, borrow_result, check_folder
+from app.storage.sealing import SealedStorage
+from app.storage.store import borrow_recording, borrow_result, check_folder
 
 IDLE_S = 0.25
 TROUBLE_S = 2.0
@@ -60,7 +61,7 @@ class Bench:
     """Everything that a worker needs; ``make`` replaces the science where it is given."""
 
     store: JobStore
-    storage: Storage
+    storage: SealedStorage
     settings: Settings
     watch: LeaseWatch
     stopping: threading.Event
@@ -264,7 +265,8 @@ def _report_unless_stopping(
 def _choose_road(bench: Bench, job: Job) -> MakeReport:
     """Give the one road, with the digest that was just verified: the child need not compute it again."""
     digests = () if job.request.joined else (job.sha256,)
-    return bench.make or partial(load_and_make_report, known=KnownLogs(digests, bench.cache))
+    cache = bench.cache.of(bench.storage.find_key(job.recording_id))
+    return bench.make or partial(load_and_make_report, known=KnownLogs(digests, cache))
 
 
 @contextmanager
@@ -282,7 +284,7 @@ def _borrow_reference(bench: Bench, job: Job) -> Iterator[ReportRequest]:
 def _publish(bench: Bench, job: Job, token: str, outcome: Outcome) -> None:
     kept = False
     if isinstance(outcome, Finished):
-        bench.storage.keep_attempt(job.id, token)
+        bench.storage.keep_attempt(job.id, token, job.recording_id)
         won = bench.store.finish(job.id, token, outcome.files, _read_headline(bench, job.id, token, outcome))
         kept = won or bench.store.is_published(job.id, token)
     elif isinstance(outcome, Refused):

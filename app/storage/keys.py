@@ -31,7 +31,7 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 from app.errors import KeyFileMissing, KeyGone, KeyMismatch
 from app.settings import Settings
 from app.storage.permissions import create_file, make_folder
-from app.storage.store import sync_folder
+from app.storage.store import BrokenSeal, sync_folder, translate_disk_full
 
 KEY_BYTES, NONCE_BYTES, TAG_BYTES, FINGERPRINT_BYTES = 32, 12, 16, 8
 VERSION = b"\x01"
@@ -39,10 +39,6 @@ VERSION = b"\x01"
 ORGANISATION = "organisation"
 """The name, among the wrapped keys, of the fingerprint of the key that wrapped them."""
 KEY_FILE = "organisation.key"
-
-
-class BrokenSeal(ValueError):
-    """The bytes were altered, or sealed with another key or about something else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +146,7 @@ class FolderKeys:
         make_folder(self.folder)
         part = self.folder / f"{name}.{secrets.token_hex(8)}.part"
         try:
-            with create_file(part) as file:
+            with translate_disk_full(), create_file(part) as file:
                 file.write(wrapped)
                 file.flush()
                 os.fsync(file.fileno())
@@ -211,6 +207,15 @@ class KeyStore:
             if self._organisation is None:
                 self._organisation = self._load()
             return self._organisation
+
+    def check(self) -> None:
+        """Check that the organisation's key is there and the one that it was.
+
+        Raises
+        ------
+        KeyFileMissing, KeyMismatch
+        """
+        _ = self.organisation
 
     def new(self, recording_id: str) -> RecordingKey:
         """Make a key that is nowhere but in memory, until :meth:`keep`."""

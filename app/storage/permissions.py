@@ -21,12 +21,14 @@ OUR_FOLDERS = frozenset(
         "fetched",
         "incoming",
         "inspections",
+        "keys",
+        "opened",
         "quarantine",
         "recordings",
         "uploads",
     }
 )
-OUR_FILES = frozenset({"server.id", "server.lock", "store.id"})
+OUR_FILES = frozenset({"organisation.key", "server.id", "server.lock", "store.id"})
 DATABASE_ENDINGS = ("", "-wal", "-shm", "-journal")
 OUR_DATABASE = "acromion.sqlite3"
 

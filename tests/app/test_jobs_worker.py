@@ -449,7 +449,7 @@ def test_a_holder_beats_while_the_store_is_slow(
     job = add_job()
     road = SlowRoad(storage, store, way)
 
-    run_next(replace(bench(stand_ins.write_report, heartbeat_s=0.1), storage=cast("Storage", road)))
+    run_next(replace(bench(stand_ins.write_report, heartbeat_s=0.1), storage=cast("SealedStorage", road)))
 
     assert len(road.beats) == 3
     assert store.get(job.id).state is JobState.SUCCEEDED

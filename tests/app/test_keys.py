@@ -11,7 +11,8 @@ from app.errors import KeyFileMissing, KeyGone, KeyMismatch
 from app.jobs.database.connect import connect, open_database
 from app.jobs.database.dump import reflect_tables
 from app.settings import Settings
-from app.storage.keys import BrokenSeal, KeyStore, OrganisationKey, open_keys
+from app.storage.keys import KeyStore, OrganisationKey, open_keys
+from app.storage.store import BrokenSeal
 
 CANARY = b"a canary of thirty-two bytes, so"
 
