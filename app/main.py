@@ -226,7 +226,7 @@ def _check_recordings(settings: Settings) -> None:
     """Refuse to start over recordings that the database does not know."""
     storage = open_storage(settings)
     storage.prepare()
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     try:
         check_known(store, storage)
     finally:

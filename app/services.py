@@ -178,7 +178,7 @@ def open_services(settings: Settings) -> Services:
     """Open database and folders."""
     storage = open_storage(settings)
     storage.prepare()
-    store = JobStore(settings.database_url)
+    store = JobStore(settings)
     store.check_belongs(storage.identify())
     rows = (store.engine, store.reader)
     incoming = Incoming(settings.data_dir / "incoming", storage.keys)

@@ -18,6 +18,7 @@ from app.api.side_files import write_side_files
 from app.api.uploads import drop_upload, forget_unfinished
 from app.delivery import LIMIT_S, Message, send_message
 from app.errors import AppError, LockedUpload
+from app.jobs.database.seal_rows import seal_rows
 from app.jobs.processes.leader import Leader
 from app.jobs.results import complete_headlines
 from app.jobs.webhooks import Delivery
@@ -37,6 +38,7 @@ from app.upkeep.recover import (
 LOOK_S = 1.0
 SIDE_FILES_AT_ONCE = 200
 HEADLINES_AT_ONCE = 20
+ROWS_AT_ONCE = 200
 AGE_S = 60.0
 RESPONSE_TERM_S = 24 * 3600.0
 INCOMING_S = 24 * 3600.0
@@ -59,6 +61,7 @@ async def keep_house(services: Services) -> None:
 
 async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender") -> None:
     looked_s = aged_s = time.monotonic()
+    may_have_open = True  # words of an earlier release
     may_have_older = True  # rows of an earlier release: none comes while this one serves
     while True:
         await anyio.sleep(LOOK_S)
@@ -73,6 +76,8 @@ async def _run_rounds(services: Services, leader: Leader, sender: "WebhookSender
                     complete_headlines, services.store, services.results, HEADLINES_AT_ONCE
                 )
                 may_have_older = completed > 0
+            if may_have_open:
+                may_have_open = await run_to_end(seal_rows, services.store.engine, ROWS_AT_ONCE) > 0
             await sender.start_due(now_s - looked_s)
             looked_s = now_s
             if now_s - aged_s > AGE_S:

@@ -14,7 +14,7 @@ from typing import Any
 from sqlalchemy import Connection, Row, insert, select, update
 
 from app.jobs.database.tables import analyses, answers, recordings
-from app.jobs.queries import format_diary, read_diary
+from app.jobs.queries import format_diary, label_row, read_diary
 from app.request import ReportRequest
 
 DAY_STEPS = 60
@@ -41,7 +41,8 @@ def adopt_description(connection: Connection, analysis_id: str) -> None:
     changed = _find_changed(connection, row, asked)
     if changed:
         grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
-        connection.execute(update(recordings).where(recordings.c.id == row.id).values(changed | grown))
+        sealed = label_row(row.id, changed)
+        connection.execute(update(recordings).where(recordings.c.id == row.id).values(sealed | grown))
 
 
 def _find_changed(connection: Connection, row: Row[Any], asked: ReportRequest) -> dict[str, object]:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Row, Select, delete, insert, select, tuple_, update
 
 from app.errors import NotHere, StaleVersion
+from app.jobs.database.sealed_text import find_sealer
 from app.jobs.database.tables import analyses, recordings, result_files, uploads
 from app.jobs.idempotency import drop_traces
 from app.jobs.job import JobState
@@ -21,13 +22,16 @@ from app.jobs.queries import (
     format_diary,
     format_now,
     format_tags,
+    label_row,
     read_diary,
     read_tags,
 )
 from app.jobs.queue import WayIn, cancel_job, enqueue
 from app.jobs.side_files import increment_revision
 from app.jobs.studies import join_study
+from app.jobs.words import Words, build_places, find_index
 from app.request import ReportRequest
+from app.storage.labels import LABELS, Label
 from app.storage.store import StoredRecording
 from fusion.conventions import Side
 from fusion.diary import DiaryEntry
@@ -84,6 +88,11 @@ class RecordingFilter:
         """Order by start, where the filter bounds it; else by the time of storing."""
         return bool(self.begin or self.end)
 
+    def is_called(self, words: Words) -> bool:
+        """Tell whether a recording bears the subject and the name in people's own system."""
+        has_subject = self.subject in ("", words.subject)
+        return has_subject and self.external_id in ("", words.external_id)
+
     def place(self, row: StoredRow) -> Place:
         """Give the place of a row in the list."""
         return (row.start or "" if self.by_start else row.created_at), row.id
@@ -129,6 +138,9 @@ class RecordingStore(RowStore):
     ) -> tuple[StoredRow, ...]:
         """Give the newest recordings that the filter lets through, from ``after`` on."""
         query = _select_wanted(wanted)
+        if wanted.subject or wanted.external_id:
+            found = find_index(self._reader).find(wanted.is_called)
+            query = query.where(recordings.c.id.in_(select(build_places(self._reader, found).c.id)))
         moment = recordings.c.start if wanted.by_start else recordings.c.created_at
         if after is not None:
             query = query.where(is_after((moment, recordings.c.id), after))
@@ -151,7 +163,8 @@ class RecordingStore(RowStore):
         mine = (recordings.c.id == recording_id, recordings.c.version == version)
         change = update(recordings).where(*mine, recordings.c.state == STORED)
         with self._engine.begin() as connection:
-            if connection.execute(change.values(version=version + 1, **values)).rowcount != 1:
+            sealed = label_row(recording_id, values)
+            if connection.execute(change.values(version=version + 1, **sealed)).rowcount != 1:
                 raise StaleVersion
             increment_revision(connection, recording_id)
         return self.get(recording_id)
@@ -177,13 +190,16 @@ class RecordingStore(RowStore):
                 tags = format_tags({*read_tags(text), *added} - {taken})
                 if tags != text:
                     grown = {"version": recordings.c.version + 1, "revision": recordings.c.revision + 1}
-                    connection.execute(update(recordings).where(*mine).values(tags=tags, **grown))
+                    connection.execute(
+                        update(recordings).where(*mine).values(tags=Label(recording_id, tags), **grown)
+                    )
                     changed += 1
         return changed
 
     def keep_inspection(self, recording_id: str, found: Mapping[str, Any]) -> None:
         """Store what an inspection found; it follows from the bytes, so that no version guards it."""
-        values = {"inspection": json.dumps(dict(found)), "start": found.get("start")}
+        inspection = Label(recording_id, json.dumps(dict(found)))
+        values = {"inspection": inspection, "start": found.get("start")}
         with self._engine.begin() as connection:
             connection.execute(update(recordings).where(recordings.c.id == recording_id).values(values))
             increment_revision(connection, recording_id)
@@ -253,7 +269,8 @@ class RecordingStore(RowStore):
             connection.execute(delete(uploads).where(uploads.c.recording_id == recording_id))
             files = (recording_id, *references)
             connection.execute(delete(recordings).where(recordings.c.id.in_(files)))
-            drop_traces(connection, {*gone, *files})
+            emptied = drop_traces(connection, {*gone, *files})
+        find_sealer(self._engine).destroy(emptied)
         self._empty_log()
 
     def _empty_log(self) -> None:
@@ -294,7 +311,7 @@ def insert_recording(
     )
     row = asdict(stored) | {"state": state, "created_at": format_now()}
     row |= {"duplicate_of": connection.execute(same).scalar_one_or_none()}
-    connection.execute(insert(recordings).values(row | asdict(about)))
+    connection.execute(insert(recordings).values(row | label_row(stored.id, asdict(about))))
 
 
 def is_after(columns: tuple[Any, Any], place: Place) -> Any:
@@ -304,10 +321,8 @@ def is_after(columns: tuple[Any, Any], place: Place) -> Any:
 
 def _select_wanted(wanted: RecordingFilter) -> Select[Any]:
     query = select(recordings).where(recordings.c.state == (TRASHED if wanted.trashed else STORED))
-    named = {"subject": wanted.subject, "external_id": wanted.external_id, "sha256": wanted.sha256}
-    for name, value in named.items():
-        if value:
-            query = query.where(recordings.c[name] == value)
+    if wanted.sha256:
+        query = query.where(recordings.c.sha256 == wanted.sha256)
     if wanted.begin:
         query = query.where(recordings.c.start >= wanted.begin)
     return query.where(recordings.c.start < wanted.end) if wanted.end else query
@@ -366,10 +381,9 @@ class UploadStore(RowStore):
             "id": f"up_{secrets.token_hex(14)}",  # the column holds 32 characters; PostgreSQL enforces it
             "length_bytes": length_bytes,
             "offset_bytes": 0,
-            "metadata": metadata,
-            "description": json.dumps(asdict(about)),
             "idle_s": 0.0,
             "created_at": format_now(),
+            **_label_upload(LABELS, about, metadata),
         }
         with self._engine.begin() as connection:
             connection.execute(insert(uploads).values(row))
@@ -408,7 +422,7 @@ class UploadStore(RowStore):
         """Change what is said of an upload; one that is a recording by now stays as it is."""
         mine = update(uploads).where(uploads.c.id == upload_id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
-            connection.execute(mine.values(description=json.dumps(asdict(about)), metadata=metadata))
+            connection.execute(mine.values(_label_upload(LABELS, about, metadata)))
         return self.get(upload_id)
 
     def finish(
@@ -428,7 +442,8 @@ class UploadStore(RowStore):
         """
         unfinished = (uploads.c.id == row.id, uploads.c.recording_id.is_(None))
         with self._engine.begin() as connection:
-            change = update(uploads).where(*unfinished).values(recording_id=stored.id)
+            sealed = _label_upload(stored.id, row.about, row.metadata)
+            change = update(uploads).where(*unfinished).values(recording_id=stored.id, **sealed)
             if connection.execute(change).rowcount == 1:
                 insert_recording(connection, stored, row.about)
                 if request is not None and not _is_analysed_elsewhere(connection, stored):
@@ -457,6 +472,11 @@ class UploadStore(RowStore):
             connection.execute(update(uploads).values(idle_s=uploads.c.idle_s + elapsed_s))
             due = select(uploads.c.id).where(uploads.c.idle_s >= term_s)
             return tuple(connection.execute(due).scalars())
+
+
+def _label_upload(owner: str, about: Description, metadata: str) -> dict[str, Label]:
+    """Label what is said of an upload: it belongs to the organisation, then to the recording it became."""
+    return {"description": Label(owner, json.dumps(asdict(about))), "metadata": Label(owner, metadata)}
 
 
 def _is_analysed_elsewhere(connection: Connection, stored: StoredRecording) -> bool:

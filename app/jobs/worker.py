@@ -81,7 +81,7 @@ def open_bench(settings: Settings, make: MakeReport | None = None) -> Bench:
         storage = open_storage(settings)
         storage.prepare()
         check_folder(settings.data_dir)
-        store = JobStore(settings.database_url)
+        store = JobStore(settings)
         store.check_belongs(storage.identify())
     watch = LeaseWatch(identify_self(), settings.lease_s)
     cache = DecodedCache(settings.data_dir / "cache", settings.max_cache_bytes)

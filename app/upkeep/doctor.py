@@ -110,7 +110,7 @@ def _examine_store(settings: Settings) -> Examination:
 def _examine_recordings(settings: Settings) -> Examination:
     """Check that every stored recording has a row."""
     try:
-        with closing(JobStore(settings.database_url)) as store:
+        with closing(JobStore(settings)) as store:
             unknown = find_unknown(store, open_storage(settings)).recoverable
     except (AppError, SQLAlchemyError, OSError):
         return Examination("recordings", healthy=True)  # database and store have checks of their own

@@ -94,7 +94,7 @@ def storage(settings: Settings) -> SealedStorage:
 @pytest.fixture
 def store(settings: Settings) -> Iterator[JobStore]:
     """A real database."""
-    opened = JobStore(settings.database_url)
+    opened = JobStore(settings)
     yield opened
     opened.close()
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks up proces
 
 
 def queue_job(settings: Settings) -> tuple[JobStore, str]:
-    storage, store = open_storage(settings), JobStore(settings.database_url)
+    storage, store = open_storage(settings), JobStore(settings)
     storage.prepare()
     upload = storage.open_upload(100)
     upload.write(b"recording")
